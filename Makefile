@@ -1,0 +1,51 @@
+# Each target makes .venv and installs what it needs; nothing but Python 3.11 to 3.13 is assumed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+WORKERS ?= 2
+STUDY := runs/refractory-period-quick
+INSTALL := $(BIN)/pip install --quiet -c constraints.txt
+SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard native/*) neurotact/__init__.py
+
+# Where there is a compiler, a C++ error must not fall back silently to the slow reference.
+ifneq ($(shell command -v c++ || command -v g++ || command -v clang++),)
+export NEUROTACT_REQUIRE_NATIVE = 1
+endif
+
+.PHONY: study test lint bench clean
+
+study: $(VENV)/.installed
+	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
+
+test: $(VENV)/.test
+	$(BIN)/pytest
+
+lint: $(VENV)/.lint
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+bench: $(VENV)/.peers
+	$(BIN)/python benchmarks/rsnn_training.py
+	$(BIN)/python benchmarks/encoding.py
+
+# An editable install does not rebuild C++: the stamp does, whenever native/ changes.
+$(VENV)/.installed: $(SOURCES)
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(INSTALL) -e .
+	touch $@
+
+$(VENV)/.test: $(VENV)/.installed
+	$(INSTALL) -e '.[test]'
+	touch $@
+
+$(VENV)/.lint: $(VENV)/.test
+	$(INSTALL) -e '.[lint]'
+	touch $@
+
+$(VENV)/.peers: $(VENV)/.installed
+	$(INSTALL) -e '.[peers]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build runs
