@@ -1,0 +1,29 @@
+"""The one error that means: what you gave cannot be used, and this is how to mend it."""
+
+
+class InputError(ValueError):
+    """A spec, a file or a recording that neurotact cannot use.
+
+    The message is one sentence that names the thing and the fix; the command line prints it on one
+    line and leaves with exit code 2. Anything else that escapes is a fault of neurotact.
+
+    >>> raise InputError("sa1.t_ref_ms: must be >= 0; got -1 (encoders/sa1-ra1-lif.toml)")
+    Traceback (most recent call last):
+    neurotact.errors.InputError: sa1.t_ref_ms: must be >= 0; got -1 (encoders/sa1-ra1-lif.toml)
+    """
+
+
+def nearest(word: str, known: "list[str] | tuple[str, ...]") -> str:
+    """`; did you mean 'x'?` for the closest of `known`, else the list of them.
+
+    >>> nearest("hiden", ["hidden", "tau_mem_ms"])
+    "did you mean 'hidden'?"
+    >>> nearest("zzz", ["hidden", "tau_mem_ms"])
+    'known: hidden, tau_mem_ms'
+    """
+    from difflib import get_close_matches
+
+    close = get_close_matches(word, known, n=1, cutoff=0.5)
+    if close:
+        return f"did you mean '{close[0]}'?"
+    return "known: " + ", ".join(known)

@@ -1,0 +1,72 @@
+"""Files are written whole and then renamed, so that an interrupted run leaves no half of one."""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from neurotact.errors import InputError
+
+
+@contextmanager
+def whole(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; rename it to `path` when the block ends well.
+
+    If the block raises, `path` is as it was before and the temporary file is gone.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with whole(folder / "a.txt") as draft:
+    ...     _ = draft.write_text("done")
+    >>> (folder / "a.txt").read_text()
+    'done'
+    """
+    path = Path(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The draft keeps the suffix: matplotlib and others choose the format by it.
+        handle, name = tempfile.mkstemp(prefix=".draft-", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+    os.close(handle)
+    draft = Path(name)
+    try:
+        yield draft
+        umask = os.umask(0)
+        os.umask(umask)
+        draft.chmod(0o666 & ~umask)
+        draft.replace(path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write `text` (UTF-8, newlines as given) to `path`, whole or not at all."""
+    with whole(path) as draft:
+        draft.write_bytes(text.encode())
+
+
+def write_json(path: str | Path, value: Any) -> None:
+    """Write `value` as readable JSON; NaN and infinity are refused, since JSON has none."""
+    write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: str | Path) -> Any:
+    """Read a JSON file; InputError names the file when it is absent or not JSON."""
+    try:
+        return json.loads(existing(path).read_text())
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid JSON ({error}); restore the file or remove it") from error
+
+
+def existing(path: str | Path, what: str = "file") -> Path:
+    """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`)."""
+    path = Path(path)
+    if what == "folder" and not path.is_dir():
+        raise InputError(f"{path}: there is no such folder; check the path")
+    if what == "file" and not path.is_file():
+        raise InputError(f"{path}: there is no such file; check the path")
+    return path

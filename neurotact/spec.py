@@ -1,0 +1,211 @@
+"""Specs: TOML files that people read, copy and edit, loaded into frozen models.
+
+A spec is found by name (`sa1-ra1-lif`) among those that ship, or by path. Overrides are dotted keys
+relative to the spec (`sa1.t_ref_ms=5`). Whatever is wrong with one is an InputError that names the
+key and the file.
+"""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+import neurotact
+from neurotact.errors import InputError, nearest
+from neurotact.files import existing
+
+KINDS = ("encoders", "networks", "studies")
+
+
+class Spec(BaseModel):
+    """A frozen table of parameters that knows its keys and refuses any other."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    folder: ClassVar[str] = ""
+
+    def digest(self) -> str:
+        """Twelve hexadecimal digits that identify the content, independent of key order and comments.
+
+        >>> class Gain(Spec):
+        ...     gain: float = 1.0
+        >>> Gain().digest() == Gain(gain=1.0).digest() != Gain(gain=2.0).digest()
+        True
+        """
+        return digest(self.model_dump(mode="json"))
+
+
+SpecT = TypeVar("SpecT", bound=Spec)
+
+
+def digest(value: Any) -> str:
+    """Twelve hexadecimal digits that identify any JSON-like value."""
+    canonical = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+
+def specs_folder() -> Path:
+    """Where the shipped specs lie: inside an installed package, or beside it in a checkout."""
+    package = Path(neurotact.__file__).parent
+    inside = package / "specs"
+    return inside if inside.is_dir() else package.parent
+
+
+def shipped(kind: str) -> list[Path]:
+    """The shipped specs of a kind (`encoders`, `networks` or `studies`), by name."""
+    return sorted((specs_folder() / kind).glob("*.toml"))
+
+
+def find(kind: str, name: str | Path) -> Path:
+    """The file of a spec given by name or by path; InputError when there is none."""
+    if str(name).endswith(".toml") or "/" in str(name):
+        return existing(name)
+    path = specs_folder() / kind / f"{name}.toml"
+    if not path.is_file():
+        names = [p.stem for p in shipped(kind)]
+        raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), names)}")
+    return path
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The table in a TOML file; InputError when it does not parse."""
+    try:
+        return tomllib.loads(existing(path).read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not valid TOML ({error}); mend that line") from error
+
+
+def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | None = None) -> SpecT:
+    """Load the spec called `name` (or at that path) into `model`, after `overrides` of dotted keys."""
+    path = find(model.folder, name)
+    return build(model, override(read(path), overrides or {}), source=str(path))
+
+
+def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:
+    """Validate a table; InputError names the first wrong key, what it must be, and `source`."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        raise InputError(f"{_explain(model, error)} ({source})") from error
+
+
+def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of `table` with dotted keys replaced; missing tables on the way are made.
+
+    >>> override({"sa1": {"t_ref_ms": 1}}, {"sa1.t_ref_ms": 5})
+    {'sa1': {'t_ref_ms': 5}}
+    """
+    result = json.loads(json.dumps(table, default=str))
+    for dotted, value in overrides.items():
+        *path, last = dotted.split(".")
+        node = result
+        for key in path:
+            node = node.setdefault(key, {})
+            if not isinstance(node, dict):
+                raise InputError(f"{dotted}: '{key}' is a value, not a table; drop what follows it")
+        node[last] = value
+    return result
+
+
+def parse_assignments(assignments: list[str]) -> dict[str, Any]:
+    """`["sa1.t_ref_ms=5", "model=lif"]` as a table of dotted keys; values are read as TOML, else as text.
+
+    >>> parse_assignments(["sa1.t_ref_ms=5", "hidden=[20, 30]", "membrane=eq4"])
+    {'sa1.t_ref_ms': 5, 'hidden': [20, 30], 'membrane': 'eq4'}
+    """
+    parsed: dict[str, Any] = {}
+    for assignment in assignments:
+        key, equals, text = assignment.partition("=")
+        if not equals or not key.strip():
+            raise InputError(f"--set {assignment}: must read KEY=VALUE, as in sa1.t_ref_ms=5")
+        try:
+            parsed[key.strip()] = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            parsed[key.strip()] = text.strip()
+    return parsed
+
+
+def to_toml(table: Mapping[str, Any]) -> str:
+    """`table` as TOML text that `read` gives back equal; None values are left out.
+
+    >>> print(to_toml({"a": 1, "b": {"c": [1.5, "x"]}}), end="")
+    a = 1
+    <BLANKLINE>
+    [b]
+    c = [1.5, "x"]
+    """
+    return "\n".join(_toml_lines(table, ())).strip() + "\n"
+
+
+def _toml_lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
+    lines = [f"{_toml_key(k)} = {_toml_value(v)}" for k, v in table.items() if not _is_table(v) and v is not None]
+    for key, value in table.items():
+        here = (*path, _toml_key(key))
+        if isinstance(value, Mapping):
+            lines += ["", f"[{'.'.join(here)}]", *_toml_lines(value, here)]
+        elif _is_table(value):
+            for row in value:
+                lines += ["", f"[[{'.'.join(here)}]]", *_toml_lines(row, here)]
+    return lines
+
+
+def _is_table(value: Any) -> bool:
+    is_rows = isinstance(value, (list, tuple)) and len(value) > 0 and all(isinstance(v, Mapping) for v in value)
+    return isinstance(value, Mapping) or is_rows
+
+
+def _toml_key(key: str) -> str:
+    return key if key.replace("-", "").replace("_", "").isalnum() and key.isascii() else json.dumps(key)
+
+
+def _toml_value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_toml_key(k)} = {_toml_value(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)
+
+
+def _explain(model: type[BaseModel], error: ValidationError) -> str:
+    """The first complaint of pydantic, in the words of the spec."""
+    first = error.errors()[0]
+    path = [str(part) for part in first["loc"]]
+    key = ".".join(path) or "spec"
+    if first["type"] == "extra_forbidden":
+        known = _keys_at(model, path[:-1])
+        return f"{key}: unknown key; {nearest(path[-1], known)}"
+    if first["type"] == "missing":
+        return f"{key}: is missing; add it"
+    message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
+    for words, sign in (
+        ("greater than or equal to", ">="),
+        ("less than or equal to", "<="),
+        ("greater than", ">"),
+        ("less than", "<"),
+    ):
+        message = message.replace(words, sign)
+    given = first["input"]
+    return f"{key}: {message}" + ("" if isinstance(given, (dict, Mapping)) else f"; got {given!r}")
+
+
+def _keys_at(model: Any, path: list[str]) -> list[str]:
+    """The keys that a spec knows in the table at `path`, however deep models nest."""
+    for part in path:
+        if part.isdigit() or not hasattr(model, "model_fields"):
+            continue
+        field = model.model_fields.get(part)
+        model = next(iter(_models_in(field.annotation)), None) if field else None
+    return list(model.model_fields) if model is not None else []
+
+
+def _models_in(annotation: Any) -> list[Any]:
+    if hasattr(annotation, "model_fields"):
+        return [annotation]
+    return [model for part in getattr(annotation, "__args__", ()) for model in _models_in(part)]
