@@ -1,0 +1,1 @@
+"""Recordings, conditioning, windows and splits."""

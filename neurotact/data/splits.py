@@ -1,0 +1,63 @@
+"""Stratified splits of trials into training, validation and test."""
+
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+from sklearn.model_selection import train_test_split
+
+from neurotact.errors import InputError
+from neurotact.spec import Spec
+
+
+class SplitSpec(Spec):
+    """How trials are divided (70/15/15 in the texture paper)."""
+
+    validation: float = Field(default=0.15, gt=0, lt=1)
+    test: float = Field(default=0.15, gt=0, lt=1)
+    seed: int = Field(default=0, ge=0)
+
+    @model_validator(mode="after")
+    def _leaves_training_trials(self) -> "SplitSpec":
+        if self.validation + self.test >= 1:
+            raise ValueError("validation + test must be below 1, so that trials are left for training")
+        return self
+
+
+class Split(NamedTuple):
+    """Sorted indices of trials; together they are all trials, and none stands in two."""
+
+    train: np.ndarray
+    validation: np.ndarray
+    test: np.ndarray
+
+
+def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
+    """Divide trials at random within each class. Windows follow their trial, so none leaks across.
+
+    labels: a value a trial, `(trial,)`; pass class and condition joined to balance conditions too.
+    Raises InputError when a class has too few trials to stand on all three sides.
+
+    >>> split = split_trials(np.repeat([0, 1], 20), SplitSpec())
+    >>> [len(part) for part in split]
+    [28, 6, 6]
+    """
+    values, counts = np.unique(labels, return_counts=True)
+    needed = int(np.ceil(1 / min(spec.validation, spec.test)))
+    few = counts < 3
+    if few.any():
+        raise InputError(
+            f"split: class '{values[few][0]}' has {counts[few][0]} trial(s), too few to train, validate and test on; "
+            f"give at least 3 trials a class (about {needed} for the asked shares)"
+        )
+    n_trials = len(labels)
+    n_test, n_validation = (max(len(values), round(n_trials * share)) for share in (spec.test, spec.validation))
+    if n_test + n_validation + len(values) > n_trials:
+        raise InputError(
+            f"split: {n_trials} trials of {len(values)} classes are too few for the asked shares; add trials"
+        )
+    rest, test = train_test_split(np.arange(n_trials), test_size=n_test, stratify=labels, random_state=spec.seed)
+    train, validation = train_test_split(
+        rest, test_size=n_validation, stratify=labels[rest], random_state=spec.seed + 1
+    )
+    return Split(*(np.sort(part) for part in (train, validation, test)))

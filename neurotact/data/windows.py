@@ -1,0 +1,62 @@
+"""Windows of a trial, which remember the trial that they come from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from neurotact.errors import InputError
+from neurotact.spec import Spec
+
+
+class WindowSpec(Spec):
+    """Which stretches of each trial a network sees."""
+
+    length_ms: float = Field(default=150.0, gt=0)
+    start_ms: float = Field(default=0.0, ge=0)
+    """Skipped at the beginning of each trial, so that filters and membranes have settled."""
+    hop_ms: float | None = Field(default=None, gt=0)
+    """From one window's start to the next; the window's length when absent."""
+    per_trial: int | None = Field(default=None, ge=1)
+    """At most so many windows of a trial, the first ones; all that fit when absent."""
+
+
+@dataclass(frozen=True)
+class Windows:
+    """trial: index of each window's trial; start: its first step; n_steps: the length of all."""
+
+    trial: np.ndarray
+    start: np.ndarray
+    n_steps: int
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+
+def cut(trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec) -> Windows:
+    """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none.
+
+    >>> windows = cut(np.array([10, 7]), 1000.0, WindowSpec(length_ms=3, start_ms=1))
+    >>> windows.trial.tolist(), windows.start.tolist()
+    ([0, 0, 0, 1, 1], [1, 4, 7, 1, 4])
+    """
+    length, first = _steps(spec.length_ms, sampling_rate_Hz), _steps(spec.start_ms, sampling_rate_Hz)
+    hop = length if spec.hop_ms is None else _steps(spec.hop_ms, sampling_rate_Hz)
+    if length < 1 or hop < 1:
+        raise InputError(f"window: {spec.length_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it")
+    fitting = (np.asarray(trial_steps) - first - length) // hop + 1
+    if (fitting < 1).any():
+        short = int(np.argmin(fitting))
+        raise InputError(
+            f"window: trial {short} lasts {trial_steps[short] / sampling_rate_Hz:.3f} s, less than the "
+            f"{(spec.start_ms + spec.length_ms) / 1e3:.3f} s of start_ms + length_ms; shorten the window"
+        )
+    if spec.per_trial is not None:
+        fitting = np.minimum(fitting, spec.per_trial)
+    trial = np.repeat(np.arange(len(fitting)), fitting)
+    rank = np.arange(len(trial)) - np.repeat(np.cumsum(fitting) - fitting, fitting)
+    return Windows(trial, first + rank * hop, length)
+
+
+def _steps(duration_ms: float, sampling_rate_Hz: float) -> int:
+    return round(duration_ms * 1e-3 * sampling_rate_Hz)
