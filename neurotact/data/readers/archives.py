@@ -1,0 +1,62 @@
+"""Arrays out of NumPy .npz archives: never unpickled, and a damaged archive is named."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from neurotact.errors import InputError
+
+FLOAT32_MAX = np.finfo(np.float32).max
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """The arrays of an .npz archive by key; InputError when it is damaged, or holds pickled objects.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "touch.npz"
+    >>> np.savez(path, press=np.ones((4, 2)))
+    >>> {key: array.shape for key, array in read_arrays(path).items()}
+    {'press': (4, 2)}
+    """
+    if not zipfile.is_zipfile(path):
+        raise InputError(
+            f"{path}: is no .npz archive, or was cut off; save it with numpy.savez (pickles are never loaded)"
+        )
+    try:
+        # opened here, because np.load leaves a damaged file open
+        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
+            arrays = {key: archive[key] for key in archive.files}
+    except Exception as error:  # damaged bytes make zipfile, zlib and numpy raise nearly anything
+        if "Object arrays" in str(error):
+            raise InputError(
+                f"{path}: holds pickled Python objects, which are never loaded; save plain arrays of numbers"
+            ) from error
+        why = str(error).split("\n")[0][:80] or type(error).__name__
+        raise InputError(f"{path}: is a damaged .npz archive ({why}); save or copy it again") from error
+    foreign = [key for key, array in arrays.items() if not isinstance(array, np.ndarray)]
+    if foreign:
+        raise InputError(f"{path}: member {foreign[0]!r} is no NumPy array; save arrays only, with numpy.savez")
+    if not arrays:
+        raise InputError(f"{path}: holds no array; save at least one with numpy.savez")
+    return arrays
+
+
+def as_signal(array: np.ndarray, where: str) -> np.ndarray:
+    """`array` as a `(time, channel)` float32 signal; InputError, beginning with `where`, when it is none.
+
+    >>> as_signal(np.array([[1, 2]]), "touch.npz, key 'press'")
+    array([[1., 2.]], dtype=float32)
+    """
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"{where}: holds {array.dtype}, not numbers; save a (time, channel) array of real numbers")
+    if array.ndim != 2 or 0 in array.shape:
+        raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty")
+    fits = np.abs(array) <= FLOAT32_MAX if array.dtype.kind == "f" else np.ones(array.shape, dtype=bool)
+    if not fits.all():
+        sample, channel = np.argwhere(~fits)[0]
+        raise InputError(
+            f"{where}: sample {sample}, channel {channel} is {array[sample, channel]}; "
+            "repair the gap, or use another unit where float32 cannot hold it"
+        )
+    return array.astype(np.float32)

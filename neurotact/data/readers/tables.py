@@ -1,0 +1,132 @@
+"""Numbers out of delimited text: every cell a finite number, or the file, line and column that is not."""
+
+import csv
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from neurotact.errors import InputError
+
+FLOAT32_MAX = float(np.finfo(np.float32).max)
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
+
+
+def read_text(path: str | Path) -> str:
+    """The file's text, its line ends as `\\n`, without a byte-order mark; InputError if it is not UTF-8 text."""
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check that the file is there") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8 text again") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def split_header(text: str, path: str | Path) -> tuple[str, str]:
+    """The first line and the rest, for a published file, whose every line ends in a line break.
+
+    InputError when the last line does not end: the file was cut off, and its last number may be too.
+    """
+    if not text.endswith("\n"):
+        raise InputError(f"{path}: the last line does not end, so the file was cut off; copy or download it again")
+    head, _, body = text.partition("\n")
+    return head, body
+
+
+def cells(line: str, separator: str = ",") -> list[str]:
+    """The cells of one line, without quotes and surrounding spaces.
+
+    >>> cells('time, "felt, left",3')
+    ['time', 'felt, left', '3']
+    """
+    try:
+        row = next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [])
+    except csv.Error:
+        row = line.split(separator)
+    return [cell.strip() for cell in row]
+
+
+def is_value(cell: str) -> bool:
+    """Whether a cell holds a number, NaN and infinity counted, and so is no column name."""
+    return bool(NUMBER.fullmatch(cell) or NOT_FINITE.fullmatch(cell))
+
+
+def numbers(
+    text: str, path: str | Path, *, separator: str = ",", first_line: int = 1, names: Sequence[str] = ()
+) -> np.ndarray:
+    """The `(row, column)` float64 table in `text`, each value finite and within the range of float32.
+
+    first_line: the file's line on which `text` begins. names: of the columns; none given, the first row says
+    how many there are. Empty lines are allowed at the end only. InputError names `path`, line and column.
+
+    >>> numbers("1,2\\n3,4\\n", "a.csv")
+    array([[1., 2.],
+           [3., 4.]])
+    >>> numbers("1,2\\n3,x\\n", "a.csv", names=["left", "right"])
+    Traceback (most recent call last):
+    neurotact.errors.InputError: a.csv: line 2, column 2 (right) is 'x', not a number; write a number or drop the file
+    """
+    body = text.rstrip("\n")
+    if not body:
+        raise InputError(f"{path}: holds no row of numbers; record it again or drop the file")
+    values = _parse_at_once(body, separator)
+    right_width = values is not None and len(names) in (0, values.shape[1])
+    if values is None or not right_width or not (np.abs(values) <= FLOAT32_MAX).all():
+        return _parse_by_cell(body, path, separator, first_line, names)
+    return values
+
+
+def _parse_at_once(body: str, separator: str) -> np.ndarray | None:
+    """The table by pandas' C parser; None where `_parse_by_cell` has to look closer."""
+    if body.encode().translate(None, b"0123456789+-.eE \n" + separator.encode()):
+        return None  # other characters: the C parser would take 'true' for 1 and end a cell at a NUL
+    try:
+        table = pd.read_csv(
+            io.StringIO(body),
+            sep=separator,
+            header=None,
+            dtype="float64",
+            skip_blank_lines=False,
+            quoting=csv.QUOTE_NONE,
+            engine="c",
+        )
+    except (ValueError, OverflowError):
+        return None
+    return table.to_numpy()
+
+
+def _parse_by_cell(body: str, path: str | Path, separator: str, first_line: int, names: Sequence[str]) -> np.ndarray:
+    """What a valid table is; `_parse_at_once` is the same, faster, for tables without a fault."""
+    rows: list[list[float]] = []
+    width = len(names)
+    for line_number, line in enumerate(body.split("\n"), first_line):
+        row = cells(line, separator)
+        width = width or len(row)
+        if not any(row):
+            raise InputError(f"{path}: line {line_number} is empty; remove the line or drop the file")
+        if len(row) != width:
+            raise InputError(
+                f"{path}: line {line_number} has {len(row)} columns where {width} are expected; "
+                "give every line the same columns or drop the file"
+            )
+        for column, cell in enumerate(row):
+            if not (NUMBER.fullmatch(cell) and abs(float(cell)) <= FLOAT32_MAX):
+                name = f" ({names[column]})" if names else ""
+                raise InputError(f"{path}: line {line_number}, column {column + 1}{name} {_fault(cell)}")
+        rows.append([float(cell) for cell in row])
+    return np.array(rows)
+
+
+def _fault(cell: str) -> str:
+    if not cell:
+        return "is empty; write a number or drop the file"
+    if NOT_FINITE.fullmatch(cell):
+        return f"is {cell}; repair the gap or drop the file"
+    if NUMBER.fullmatch(cell):
+        return f"is {cell[:20]}, more than float32 holds; use another unit"
+    return f"is {cell[:20]!r}, not a number; write a number or drop the file"
