@@ -1,0 +1,1 @@
+"""From conditioned signals to the spikes of mechanoreceptors."""

@@ -1,0 +1,129 @@
+"""SA-I and RA-I afferents: LIF neurons driven by a taxel's signal and by its rate of change.
+
+Texture paper, Eqs. 1 to 3 and Tables II and III. SA-I feels `gain x`, RA-I feels `gain |dx/dt|`.
+"""
+
+from typing import Annotated, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from neurotact.errors import InputError
+from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
+from neurotact.spec import Spec
+
+
+class AfferentType(Spec):
+    """One population: an afferent of this type under each taxel."""
+
+    gain: float = Field(gt=0)
+    """Drive in mV, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
+    t_ref_ms: float = Field(default=1.0, ge=0)
+    """Refractory period."""
+
+
+class ConditioningSpec(Spec):
+    """What is done to a recording before it drives afferents, in this order."""
+
+    ema_cutoff_Hz: float | None = Field(default=None, gt=0)
+    """Cut-off of the exponential moving average; none when absent."""
+    resample_Hz: float | None = Field(default=None, gt=0)
+    """The encoder's clock; the recording's own rate when absent."""
+    baseline: Literal["none", "mean", "median", "first"] = "none"
+    """What is subtracted from each taxel of each trial."""
+    offset: tuple[float, ...] | None = None
+    """Standardisation, a taxel each: subtracted first (fitted on training trials by `neurotact calibrate`)."""
+    scale: tuple[Annotated[float, Field(gt=0)], ...] | None = None
+    """Standardisation, a taxel each: divided by afterwards."""
+    rectify: bool = False
+    """Take the absolute value at the end."""
+
+
+class AfferentSpec(Spec):
+    """An SA-I and an RA-I population over every taxel (`encoders/*.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["lif"] = "lif"
+    unit: str = "mV"
+    """The unit of the recordings that the encoder takes."""
+    v_rest_mV: float = -65.0
+    v_reset_mV: float = -65.0
+    v_threshold_mV: float = -55.0
+    tau_mem_ms: float = Field(default=10.0, gt=0)
+    conditioning: ConditioningSpec = ConditioningSpec()
+    sa1: AfferentType
+    ra1: AfferentType
+
+    @model_validator(mode="after")
+    def _can_fire(self) -> "AfferentSpec":
+        if self.v_threshold_mV <= max(self.v_rest_mV, self.v_reset_mV):
+            raise ValueError("v_threshold_mV must be above v_rest_mV and v_reset_mV, else the neuron never rests")
+        return self
+
+    def neuron(self, kind: AfferentType, sampling_rate_Hz: float) -> LIF:
+        """The neuron of a population on a clock."""
+        return LIF(
+            decay=decay_per_step(self.tau_mem_ms, sampling_rate_Hz),
+            refractory_steps=refractory_steps(kind.t_ref_ms, sampling_rate_Hz),
+            v_rest_mV=self.v_rest_mV,
+            v_reset_mV=self.v_reset_mV,
+            v_threshold_mV=self.v_threshold_mV,
+        )
+
+    def afferent_names(self, taxels: tuple[str, ...]) -> tuple[str, ...]:
+        """Names in the order of the encoder's output: SA-I of every taxel, then RA-I of every taxel."""
+        return tuple(f"{kind} {taxel}" for kind in ("SA-I", "RA-I") for taxel in taxels)
+
+
+class EncoderState(NamedTuple):
+    """What an encoder remembers between pieces: both populations and the signal's last sample, `(trial, taxel)`.
+
+    `last` is None before the first sample.
+    """
+
+    sa1: LIFState
+    ra1: LIFState
+    last: np.ndarray | None
+
+
+def encode(
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: AfferentSpec,
+    state: EncoderState | None = None,
+) -> tuple[np.ndarray, EncoderState]:
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
+
+    The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole. The
+    arithmetic is done in the signal's float type. At the very first sample the derivative is 0.
+
+    >>> spec = AfferentSpec(sa1=AfferentType(gain=3.2), ra1=AfferentType(gain=16.0))
+    >>> spikes, _ = encode(np.full((1, 200, 1), 10.0), 2000.0, spec)
+    >>> spikes.shape, spikes.sum(axis=1).tolist()
+    ((1, 200, 2), [[20, 0]])
+    """
+    signal = np.asarray(signal)
+    if signal.ndim != 3 or signal.dtype.kind != "f":
+        raise InputError(f"signal: must be a float array (trial, time, taxel); got {signal.dtype} {signal.shape}")
+    sa1, ra1 = (spec.neuron(kind, sampling_rate_Hz) for kind in (spec.sa1, spec.ra1))
+    if state is None:
+        state = _start(signal, sa1, ra1)
+    kind = signal.dtype.type
+    gain_sa1, gain_ra1 = kind(spec.sa1.gain), kind(spec.ra1.gain * sampling_rate_Hz * 1e-3)
+    n_trials, n_steps, n_taxels = signal.shape
+    spikes = np.empty((n_trials, n_steps, 2 * n_taxels), np.uint8)
+    for t in range(n_steps):
+        now = signal[:, t]
+        fired_sa1, state_sa1 = lif_step(sa1, gain_sa1 * now, state.sa1)
+        last = now if state.last is None else state.last
+        fired_ra1, state_ra1 = lif_step(ra1, gain_ra1 * np.abs(now - last), state.ra1)
+        spikes[:, t, :n_taxels], spikes[:, t, n_taxels:] = fired_sa1, fired_ra1
+        state = EncoderState(state_sa1, state_ra1, now)
+    return spikes, state
+
+
+def _start(signal: np.ndarray, sa1: LIF, ra1: LIF) -> EncoderState:
+    n_trials, _, n_taxels = signal.shape
+    resting_sa1, resting_ra1 = (lif_start(neuron, (n_trials, n_taxels), signal.dtype) for neuron in (sa1, ra1))
+    return EncoderState(resting_sa1, resting_ra1, None)

@@ -1,0 +1,191 @@
+"""The neurons: each differential equation stands here once, as a pure step from state to state.
+
+Afferents are leaky integrate-and-fire neurons stepped on numpy arrays; the neurons of networks are
+current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6.
+"""
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from neurotact.errors import InputError, nearest
+
+# --- afferent LIF -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LIF:
+    """A leaky integrate-and-fire neuron on a clock (texture paper, Eq. 1 and Table II).
+
+    While it is not refractory, `U <- U_inf + (U - U_inf) * decay` with `U_inf = v_rest + drive`: the exact
+    solution of `tau_mem dU/dt = -(U - v_rest) + drive` for a drive that is constant over a step.
+    `U >= v_threshold` spikes; then U stays at v_reset and drive is ignored for `refractory_steps` steps.
+    """
+
+    decay: float
+    """exp(-dt / tau_mem)."""
+    refractory_steps: int
+    v_rest_mV: float = -65.0
+    v_reset_mV: float = -65.0
+    v_threshold_mV: float = -55.0
+
+
+class LIFState(NamedTuple):
+    """Membrane potential in mV and the silent steps still to come, both of one shape."""
+
+    membrane_mV: np.ndarray
+    silent_steps: np.ndarray
+
+
+def lif_start(neuron: LIF, shape: tuple[int, ...], dtype: np.dtype) -> LIFState:
+    """The resting state of a group of neurons."""
+    return LIFState(np.full(shape, neuron.v_rest_mV, dtype), np.zeros(shape, np.int32))
+
+
+def lif_step(neuron: LIF, drive_mV: np.ndarray, state: LIFState) -> tuple[np.ndarray, LIFState]:
+    """One step: `(spikes, next state)`; spikes are boolean, of the drive's shape and float type.
+
+    >>> neuron = LIF(decay=0.5, refractory_steps=1)
+    >>> state = lif_start(neuron, (1,), np.dtype(float))
+    >>> spikes = []
+    >>> for _ in range(6):
+    ...     fired, state = lif_step(neuron, np.array([16.0]), state)
+    ...     spikes.append(int(fired[0]))
+    >>> spikes
+    [0, 1, 0, 0, 1, 0]
+    """
+    kind = drive_mV.dtype.type
+    target = kind(neuron.v_rest_mV) + drive_mV
+    membrane = target + (state.membrane_mV - target) * kind(neuron.decay)
+    awake = state.silent_steps == 0
+    membrane = np.where(awake, membrane, kind(neuron.v_reset_mV))
+    fired = awake & (membrane >= kind(neuron.v_threshold_mV))
+    silent = np.where(fired, np.int32(neuron.refractory_steps), np.maximum(state.silent_steps - 1, 0))
+    return fired, LIFState(np.where(fired, kind(neuron.v_reset_mV), membrane), silent.astype(np.int32))
+
+
+def lif_isi_steps(neuron: LIF, drive_mV: float) -> float:
+    """The inter-spike interval at constant drive, in steps; infinite below threshold.
+
+    `n + ceil((tau_mem / dt) ln(D / (D - (v_threshold - v_rest))))` for v_reset = v_rest.
+    """
+    gap = neuron.v_threshold_mV - neuron.v_rest_mV
+    if drive_mV <= gap:
+        return math.inf
+    start = neuron.v_reset_mV - neuron.v_rest_mV
+    steps = math.log((drive_mV - start) / (drive_mV - gap)) / -math.log(neuron.decay)
+    # At a whole number of steps the threshold is met, not passed: rounding must not add a step.
+    return neuron.refractory_steps + max(1, math.ceil(steps - 1e-9))
+
+
+def refractory_steps(t_ref_ms: float, sampling_rate_Hz: float) -> int:
+    """The silent steps of a refractory period, rounded up (with a warning) when not whole.
+
+    >>> refractory_steps(5.0, 2000.0)
+    10
+    """
+    steps = t_ref_ms * 1e-3 * sampling_rate_Hz
+    if abs(steps - round(steps)) <= 1e-9 * max(1.0, steps):
+        return round(steps)
+    rounded = math.ceil(steps)
+    warnings.warn(
+        f"t_ref of {t_ref_ms} ms is {steps:g} steps at {sampling_rate_Hz:g} Hz; {rounded} are taken", stacklevel=2
+    )
+    return rounded
+
+
+def decay_per_step(tau_ms: float, sampling_rate_Hz: float) -> float:
+    """exp(-dt / tau), the factor by which a leaky quantity falls in one step."""
+    return math.exp(-1e3 / (tau_ms * sampling_rate_Hz))
+
+
+# --- current-based LIF ------------------------------------------------------------------------------
+
+Membrane = Literal["eq4", "delayed", "immediate"]
+Reset = Literal["zero", "subtract", "hard"]
+Decay = Tensor | float
+SpikeFunction = Callable[[Tensor], Tensor]
+
+
+class CubaLIFState(NamedTuple):
+    """Synaptic current, membrane potential and transmitted spikes, each `(trial, neuron)`."""
+
+    current: Tensor
+    membrane: Tensor
+    spikes: Tensor
+
+
+@dataclass(frozen=True)
+class CubaLIF:
+    """A current-based LIF neuron (texture paper, Eqs. 4 to 6): which membrane, which reset.
+
+    membrane: `eq4` b(U[t] + I[t]) (texture paper), `delayed` b U[t] + I[t] (SpyTorch, the Braille study),
+        `immediate` b U[t] + I[t+1] (snnTorch, NIR), with b = exp(-dt / tau_mem).
+    reset: `zero` multiplies that sum by (1 - s[t]) (texture paper, snnTorch), `subtract` takes the threshold off
+        it, `hard` sets U[t] to 0 before it is formed (NIR, Loihi). The reset carries no gradient.
+
+    Step t transmits s[t] under `eq4` and `delayed`, and s[t+1] under `immediate`.
+    """
+
+    membrane: Membrane = "eq4"
+    reset: Reset = "zero"
+
+    def __post_init__(self) -> None:
+        for key, value, known in (("membrane", self.membrane, Membrane), ("reset", self.reset, Reset)):
+            if value not in get_args(known):
+                raise InputError(f"{key}: '{value}' is unknown; {nearest(value, get_args(known))}")
+
+
+def cuba_lif_start(n_trials: int, n_neurons: int, like: Tensor) -> CubaLIFState:
+    """The zero state, with the float type and device of `like`."""
+    zero = torch.zeros(n_trials, n_neurons, dtype=like.dtype, device=like.device)
+    return CubaLIFState(zero, zero, zero)
+
+
+def cuba_lif_step(
+    neuron: CubaLIF,
+    current: Tensor,
+    state: CubaLIFState,
+    beta: Decay,
+    threshold: Decay,
+    spike: SpikeFunction,
+) -> tuple[Tensor, CubaLIFState]:
+    """One step to the synaptic current `I[t+1]`: `(transmitted spikes, next state)`.
+
+    `spike` maps U - threshold to what is transmitted, with its surrogate gradient; the reset acts where
+    U > threshold, whatever is transmitted.
+
+    >>> from neurotact.networks.surrogate import FastSigmoid
+    >>> state = cuba_lif_start(1, 1, torch.zeros(1))
+    >>> sent = []
+    >>> for drive in (1.5, 0.0, 0.0):
+    ...     out, state = cuba_lif_step(CubaLIF(), torch.tensor([[drive]]), state, 0.9, 1.0, FastSigmoid(10.0))
+    ...     sent.append(out.item())
+    >>> sent
+    [0.0, 0.0, 1.0]
+    """
+    keep = (state.membrane <= threshold).to(current.dtype)
+    carried = state.membrane * keep if neuron.reset == "hard" else state.membrane
+    if neuron.membrane == "eq4":
+        membrane = beta * (carried + state.current)
+    elif neuron.membrane == "delayed":
+        membrane = beta * carried + state.current
+    else:
+        membrane = beta * carried + current
+    if neuron.reset == "zero":
+        membrane = membrane * keep
+    elif neuron.reset == "subtract":
+        membrane = membrane - (1 - keep) * _detached(threshold)
+    # The surrogates of snntorch give float32 whatever they are given.
+    following = CubaLIFState(current, membrane, spike(membrane - threshold).to(membrane.dtype))
+    return (following if neuron.membrane == "immediate" else state).spikes, following
+
+
+def _detached(value: Decay) -> Decay:
+    return value.detach() if isinstance(value, Tensor) else value
