@@ -1,0 +1,1 @@
+"""Recurrent spiking networks: definition, training, early exit, exchange."""

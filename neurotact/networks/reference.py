@@ -1,0 +1,55 @@
+"""The definition of the networks: plain PyTorch over a time loop, any device, float32 or float64."""
+
+import torch
+from torch import Tensor
+
+from neurotact.neurons import CubaLIF, CubaLIFState, Decay, SpikeFunction, cuba_lif_start, cuba_lif_step
+
+
+def cuba_lif_layer(
+    x: Tensor,
+    w: Tensor,
+    v: Tensor | None,
+    *,
+    alpha: Decay,
+    beta: Decay,
+    threshold: Decay,
+    neuron: CubaLIF,
+    spike: SpikeFunction,
+    state: CubaLIFState | None = None,
+    ordered: bool = False,
+) -> tuple[Tensor, CubaLIFState]:
+    """Run one layer over a window: `I[t+1] = alpha I[t] + x[t] w + s[t] v` (texture paper, Eq. 5).
+
+    x: spikes into the layer, `(trial, time, presynaptic)`, of the weights' float type.
+    w, v: weights `(presynaptic, postsynaptic)`; no `v`, no recurrence.
+    alpha, beta, threshold: numbers or tensors that broadcast over `(postsynaptic,)`.
+    ordered: add decay, then inputs, then recurrence in ascending order, as the native kernels do. A matrix
+        product changes its last bits with the batch; this does not.
+
+    Returns the transmitted spikes `(trial, time, postsynaptic)` and the state after the last step.
+    """
+    n_trials = x.shape[0]
+    if state is None:
+        state = cuba_lif_start(n_trials, w.shape[1], w)
+    transmitted = []
+    # unbind, not indexing: its gradient is one stack, where an index a step would cost steps squared.
+    for arriving in (x if ordered else x @ w).unbind(dim=1):
+        current = alpha * state.current
+        if ordered:
+            current = _add_ascending(current, arriving, w)
+            current = current if v is None else _add_ascending(current, state.spikes, v)
+        else:
+            current = current + arriving
+            current = current if v is None else torch.addmm(current, state.spikes, v)
+        spikes, state = cuba_lif_step(neuron, current, state, beta, threshold, spike)
+        transmitted.append(spikes)
+    if not transmitted:
+        return x.new_zeros(n_trials, 0, w.shape[1]), state
+    return torch.stack(transmitted, dim=1), state
+
+
+def _add_ascending(total: Tensor, spikes: Tensor, weights: Tensor) -> Tensor:
+    for j in range(weights.shape[0]):
+        total = total + spikes[:, j : j + 1] * weights[j]
+    return total

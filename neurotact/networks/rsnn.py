@@ -1,0 +1,170 @@
+"""The recurrent spiking network: one recurrent CUBA-LIF layer and a spiking readout.
+
+Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading study.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from neurotact.errors import InputError
+from neurotact.networks import kernels, native, reference
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.networks.kernels import Backend
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.surrogate import FastSigmoid
+from neurotact.neurons import CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
+
+
+class Counts(NamedTuple):
+    """Spikes a window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`."""
+
+    readout: Tensor
+    hidden: Tensor
+
+
+class Rasters(NamedTuple):
+    """Spikes each step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`."""
+
+    hidden: Tensor
+    readout: Tensor
+
+
+class Inference(NamedTuple):
+    """What a network decided and what it did for it, a row a trial.
+
+    labels: index of the largest readout count, ties to the lowest, `(trial,)` int64.
+    steps: steps that were simulated, `(trial,)` int64.
+    input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64.
+    readout: spikes of each readout neuron in those steps, `(trial, class)` int64.
+    """
+
+    labels: Tensor
+    steps: Tensor
+    input_spikes: Tensor
+    hidden_spikes: Tensor
+    readout: Tensor
+
+
+class RSNN(nn.Module):
+    """`n_inputs` afferents, `spec.hidden` recurrent neurons, `n_classes` readout neurons.
+
+    Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`. `alpha`, `beta` and `threshold` hold
+    one value for the hidden layer and one for the readout. Spikes come in as `(trial, time, afferent)` of any
+    type whose values are 0 and 1; `backend` chooses the implementation (see `kernels.use_native`).
+
+    >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
+    >>> spikes = (torch.rand(4, 300, 16) < 0.1).to(torch.uint8)
+    >>> net(spikes).readout.shape
+    torch.Size([4, 8])
+    """
+
+    def __init__(
+        self,
+        n_inputs: int,
+        n_classes: int,
+        spec: RSNNSpec,
+        sampling_rate_Hz: float,
+        *,
+        backend: Backend = "auto",
+        generator: torch.Generator | None = None,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        super().__init__()
+        self.spec = spec
+        self.sampling_rate_Hz = sampling_rate_Hz
+        self.backend: Backend = backend
+        self.neuron = CubaLIF(spec.membrane, spec.reset)
+        self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
+
+        def normal(rows: int, columns: int, deviation: float) -> nn.Parameter:
+            return nn.Parameter(torch.randn(rows, columns, generator=generator).to(dtype) * deviation)
+
+        forward, recurrent = spec.forward_weight_scale, spec.forward_weight_scale * spec.recurrent_weight_scale
+        self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
+        self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden))
+        self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
+        self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, sampling_rate_Hz), dtype)
+        self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, sampling_rate_Hz), dtype)
+        self.threshold = self._dynamics("threshold", 1.0, dtype)
+
+    def _dynamics(self, name: str, value: float, dtype: torch.dtype) -> nn.Parameter:
+        return nn.Parameter(torch.full((2,), value, dtype=dtype), requires_grad=name in self.spec.learn)
+
+    @property
+    def n_inputs(self) -> int:
+        return self.w_in.shape[0]
+
+    @property
+    def n_classes(self) -> int:
+        return self.w_out.shape[1]
+
+    def forward(self, spikes: Tensor) -> Counts:
+        """Spike counts over the whole window, for training."""
+        self._check(spikes)
+        if self._native():
+            return Counts(*native.rsnn_counts(spikes, self))
+        rasters = self.simulate(spikes)
+        return Counts(rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1))
+
+    def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
+        """Every spike of every neuron, by the reference implementation; differentiable."""
+        self._check(spikes)
+        hidden, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, ordered)
+        readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
+        return Rasters(hidden, readout)
+
+    @torch.no_grad()
+    def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
+        """Decide each trial, stopping its simulation where `rule` says so."""
+        self._check(spikes)
+        if self._native():
+            return Inference(*native.rsnn_infer(spikes, self, rule))
+        return self._infer_by_steps(spikes, rule)
+
+    def _infer_by_steps(self, spikes: Tensor, rule: ExitRule) -> Inference:
+        n_trials, n_steps, _ = spikes.shape
+        running = torch.arange(n_trials, device=spikes.device)
+        hidden = cuba_lif_start(n_trials, self.spec.hidden, self.w_in)
+        readout = cuba_lif_start(n_trials, self.n_classes, self.w_in)
+        leader = Leader.start(n_trials, self.n_classes, spikes.device)
+        labels, steps, sent_in, sent_hidden = (torch.zeros_like(running) for _ in range(4))
+        result = Inference(labels, steps, sent_in, sent_hidden, leader.counts.clone())
+        totals = torch.zeros(n_trials, 2, dtype=torch.int64, device=spikes.device)
+        for t in range(n_steps):
+            arriving = spikes[running, t : t + 1].to(self.w_in.dtype)
+            sent, hidden = self._layer(arriving, self.w_in, self.w_rec, 0, False, hidden)
+            decided, readout = self._layer(sent, self.w_out, None, 1, False, readout)
+            totals += torch.stack([arriving.sum(dim=(1, 2)), sent.sum(dim=(1, 2))], dim=1).to(torch.int64)
+            leader = leader.after(decided[:, 0].to(torch.int64))
+            done = leader.exits(rule) if t + 1 < n_steps else torch.ones_like(leader.index, dtype=torch.bool)
+            if done.any():
+                at = running[done]
+                result.labels[at], result.steps[at] = leader.index[done], t + 1
+                result.input_spikes[at], result.hidden_spikes[at] = totals[done].unbind(dim=1)
+                result.readout[at] = leader.counts[done]
+                on = ~done
+                running, totals, leader = running[on], totals[on], leader.select(on)
+                hidden, readout = (type(state)(*(part[on] for part in state)) for state in (hidden, readout))
+            if running.numel() == 0:
+                break
+        return result
+
+    def _layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int, ordered: bool, state=None):
+        return reference.cuba_lif_layer(
+            x, w, v, alpha=self.alpha[layer], beta=self.beta[layer], threshold=self.threshold[layer],
+            neuron=self.neuron, spike=self.spike, state=state, ordered=ordered,
+        )  # fmt: skip
+
+    def _native(self) -> bool:
+        # The kernels know the fast sigmoid alone; any other surrogate runs in the reference.
+        return isinstance(self.spike, FastSigmoid) and kernels.use_native(self.backend, self.w_in)
+
+    def _check(self, spikes: Tensor) -> None:
+        if spikes.ndim != 3 or spikes.shape[2] != self.n_inputs:
+            raise InputError(
+                f"spikes: have shape {tuple(spikes.shape)} where (trial, time, {self.n_inputs}) is expected; "
+                "train and run a network on the same afferents"
+            )

@@ -1,0 +1,45 @@
+"""What a network spec says (`networks/*.toml`)."""
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from neurotact.neurons import Membrane, Reset
+from neurotact.spec import Spec
+
+
+class TrainingSpec(Spec):
+    """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
+
+    learning_rate: float = Field(default=1e-3, gt=0)
+    batch: int = Field(default=128, ge=1)
+    epochs: int = Field(default=100, ge=1)
+    patience: int = Field(default=7, ge=1)
+    """Epochs without a better validation loss after which training stops."""
+    rate_penalty: float = Field(default=0.0015, ge=0)
+    """lambda1, on the mean over trials and hidden neurons of the spikes in a window."""
+    population_penalty: float = Field(default=0.0, ge=0)
+    """lambda2, on the mean over hidden neurons of the squared spike count of a batch."""
+
+
+class RSNNSpec(Spec):
+    """A recurrent spiking network with a spiking readout (texture paper, Fig. 1c and Eqs. 4 to 7)."""
+
+    folder: ClassVar[str] = "networks"
+
+    model: Literal["rsnn"] = "rsnn"
+    hidden: int = Field(default=30, ge=1, le=1024)
+    """Neurons in the recurrent layer."""
+    membrane: Membrane = "eq4"
+    reset: Reset = "zero"
+    tau_mem_ms: float = Field(default=20.0, gt=0)
+    tau_syn_ms: float = Field(default=10.0, gt=0)
+    surrogate_scale: float = Field(default=10.0, gt=0)
+    """lambda of the fast sigmoid."""
+    forward_weight_scale: float = Field(default=1.0, gt=0)
+    """g: w ~ N(0, (g / sqrt(fan-in))^2)."""
+    recurrent_weight_scale: float = Field(default=0.1, ge=0)
+    """r: v ~ N(0, (g r / sqrt(hidden))^2)."""
+    learn: tuple[Literal["alpha", "beta", "threshold"], ...] = ()
+    """Which dynamics are learned with the weights: one value for the hidden layer, one for the readout."""
+    training: TrainingSpec = TrainingSpec()

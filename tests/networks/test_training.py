@@ -1,0 +1,88 @@
+"""Training learns, stops, keeps the best weights, and repeats bit for bit from its seeds."""
+
+import pytest
+import torch
+
+from neurotact.errors import InputError
+from neurotact.networks.rsnn import RSNN, Counts
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import Examples, evaluate, loss, train
+
+
+def touches(n_trials, seed):
+    """Two classes that fire on different afferents."""
+    generator = torch.Generator().manual_seed(seed)
+    labels = torch.arange(n_trials) % 2
+    rates = torch.where(labels[:, None] == torch.tensor([[0, 0, 1, 1]]), 0.3, 0.02)
+    spikes = torch.rand(n_trials, 60, 4, generator=generator) < rates[:, None]
+    return Examples(spikes.to(torch.uint8), labels)
+
+
+def network(**training):
+    spec = RSNNSpec(hidden=10, training=TrainingSpec(**{"epochs": 12, "batch": 16, "learning_rate": 0.01} | training))
+    return RSNN(4, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(1))
+
+
+def fit(net, seed=2):
+    return train(net, touches(64, 0), touches(32, 1), generator=torch.Generator().manual_seed(seed))
+
+
+def test_two_separable_touches_are_learned():
+    net = network()
+    fit(net)
+    assert evaluate(net, touches(64, 9))[1] >= 0.95
+
+
+def test_the_same_seeds_give_the_same_weights_bit_for_bit():
+    first, second = network(), network()
+    assert fit(first) == fit(second)
+    for a, b in zip(first.parameters(), second.parameters(), strict=True):
+        assert torch.equal(a, b)
+
+
+def test_another_order_of_trials_gives_other_weights():
+    first, second = network(), network()
+    fit(first, seed=2), fit(second, seed=3)
+    assert not torch.equal(first.w_in, second.w_in)
+
+
+def test_the_network_keeps_the_weights_of_the_best_epoch():
+    net = network(learning_rate=0.3)
+    training = fit(net)
+    assert training.best.validation_loss == min(e.validation_loss for e in training.epochs)
+    assert evaluate(net, touches(32, 1))[0] == pytest.approx(training.best.validation_loss)
+
+
+def test_training_stops_after_patience_epochs_without_a_better_loss():
+    training = fit(network(learning_rate=0.5, epochs=100, patience=3))
+    assert len(training.epochs) < 100
+    assert training.epochs[-1].epoch == training.best.epoch + 3
+
+
+def test_the_loss_is_cross_entropy_and_two_rate_penalties():
+    counts = Counts(torch.tensor([[2.0, 0.0], [0.0, 0.0]]), torch.tensor([[3.0, 1.0], [1.0, 1.0]]))
+    spec = TrainingSpec(rate_penalty=0.1, population_penalty=0.01)
+    cross_entropy = (torch.log(1 + torch.exp(torch.tensor(-2.0))) + torch.log(torch.tensor(2.0))) / 2
+    # Mean hidden count 6 / 4; squared population counts (4^2 + 2^2) / 2.
+    expected = cross_entropy + 0.1 * 1.5 + 0.01 * 10
+    assert loss(counts, torch.tensor([0, 1]), spec).item() == pytest.approx(expected.item())
+
+
+@pytest.mark.parametrize("name", ["alpha", "beta", "threshold"])
+def test_learned_dynamics_move_and_stay_within_bounds(name):
+    spec = RSNNSpec(hidden=10, learn=(name,), training=TrainingSpec(epochs=3, batch=16, learning_rate=0.05))
+    net = RSNN(4, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(1))
+    before = getattr(net, name).detach().clone()
+    fit(net)
+    after = getattr(net, name).detach()
+    assert not torch.equal(before, after)
+    assert (after > 0).all()
+    assert name == "threshold" or (after <= 1).all()
+
+
+def test_weights_that_are_not_finite_are_refused():
+    net = network()
+    with torch.no_grad():
+        net.w_in.fill_(float("nan"))
+    with pytest.raises(InputError, match="not finite after epoch 1"):
+        fit(net)
