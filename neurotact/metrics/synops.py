@@ -1,0 +1,130 @@
+"""Synaptic operations (SOPs): each spike is one operation at every neuron that receives it.
+
+Texture paper, Eqs. 8 and 9, per projection: input to hidden, hidden to hidden, hidden to readout. The paper
+leaves open whether the recurrent fan-out counts, so both totals are given. Only steps that were simulated count.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from neurotact.errors import InputError
+
+COLUMNS = (
+    "trial",
+    "label",
+    "predicted",
+    "steps",
+    "input_spikes",
+    "hidden_spikes",
+    "sops_input",
+    "sops_recurrent",
+    "sops_readout",
+    "sops_total",
+    "sops_total_feedforward",
+)
+
+
+class Synops(NamedTuple):
+    """SOPs of each trial, `(trial,)` int64.
+
+    input: input to hidden; recurrent: hidden to hidden; readout: hidden to readout.
+    total: all three; total_feedforward: without the recurrent ones.
+    """
+
+    input: np.ndarray
+    recurrent: np.ndarray
+    readout: np.ndarray
+    total: np.ndarray
+    total_feedforward: np.ndarray
+
+
+def synops(input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int) -> Synops:
+    """SOPs of trials, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
+
+    input_spikes, hidden_spikes: spikes of each trial, summed over neurons and simulated steps, `(trial,)`.
+    n_hidden, n_readout: neurons that an input spike and a hidden spike reach.
+    Raises InputError for counts that are negative, not whole or of two shapes.
+
+    >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8).total.tolist()
+    [452]
+    """
+    sent, heard = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
+    if sent.shape != heard.shape:
+        raise InputError(f"synops: input spikes of {sent.size} trials but hidden spikes of {heard.size}")
+    if n_hidden < 1 or n_readout < 1:
+        raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
+    into_hidden, recurrent, into_readout = n_hidden * sent, n_hidden * heard, n_readout * heard
+    feedforward = into_hidden + into_readout
+    return Synops(into_hidden, recurrent, into_readout, feedforward + recurrent, feedforward)
+
+
+def to_table(
+    *,
+    labels: Sequence | np.ndarray,
+    predicted: Sequence | np.ndarray,
+    steps: np.ndarray,
+    input_spikes: np.ndarray,
+    hidden_spikes: np.ndarray,
+    n_hidden: int,
+    n_readout: int,
+    trials: np.ndarray | None = None,
+) -> pd.DataFrame:
+    """The SOP report: one row a trial, with the columns of `COLUMNS`.
+
+    labels, predicted: classes of each trial, names or indices alike, `(trial,)`.
+    steps: simulated steps of each trial; input_spikes, hidden_spikes: as for `synops`.
+    trials: numbers that name the trials; 0, 1, ... when absent.
+
+    >>> table = to_table(labels=["a"], predicted=["b"], steps=[300], input_spikes=[10], hidden_spikes=[4],
+    ...                  n_hidden=30, n_readout=8)
+    >>> table[["label", "predicted", "sops_input", "sops_recurrent", "sops_readout"]].values.tolist()
+    [['a', 'b', 300, 120, 32]]
+    """
+    operations = synops(input_spikes, hidden_spikes, n_hidden, n_readout)
+    n_trials = len(operations.total)
+    named = np.arange(n_trials) if trials is None else np.asarray(trials)
+    given = (named, np.asarray(labels), np.asarray(predicted), _counts(steps, "steps of"))
+    for what, values in zip(COLUMNS, given, strict=False):
+        if values.shape != (n_trials,):
+            raise InputError(f"synops: '{what}' has shape {values.shape} where ({n_trials},) is expected")
+    spikes = (_counts(input_spikes, "input"), _counts(hidden_spikes, "hidden"))
+    return pd.DataFrame(dict(zip(COLUMNS, (*given, *spikes, *operations), strict=True)))
+
+
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """Means of a SOP report for each class, in order of the labels, and for `all` trials in the last row.
+
+    Columns: label, trials (how many), accuracy, and the means of steps, spikes and SOPs.
+
+    >>> table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
+    ...                  hidden_spikes=[4, 0], n_hidden=30, n_readout=8)
+    >>> summary(table)[["label", "trials", "accuracy", "steps", "sops_total"]].values.tolist()
+    [['a', 1, 0.0, 300.0, 452.0], ['b', 1, 1.0, 100.0, 0.0], ['all', 2, 0.5, 200.0, 226.0]]
+    """
+    missing = [column for column in COLUMNS if column not in table]
+    if missing:
+        raise InputError(f"synops: the report lacks the column '{missing[0]}'; write it again with neurotact sops")
+    counted = list(COLUMNS[COLUMNS.index("steps") :])
+    parts = [*table.groupby("label", sort=True), ("all", table)]
+    rows = [
+        {
+            "label": str(label),
+            "trials": len(part),
+            "accuracy": (part["label"] == part["predicted"]).mean(),
+            **part[counted].mean().to_dict(),
+        }
+        for label, part in parts
+    ]
+    return pd.DataFrame(rows, columns=["label", "trials", "accuracy", *counted])
+
+
+def _counts(values: Sequence | np.ndarray, what: str) -> np.ndarray:
+    counts = np.asarray(values)
+    if counts.ndim != 1:
+        raise InputError(f"synops: {what} spikes have shape {counts.shape}; sum them to one number a trial")
+    if counts.size and not ((counts >= 0) & (counts == np.floor(counts))).all():
+        raise InputError(f"synops: {what} spikes must be whole numbers >= 0")
+    return counts.astype(np.int64)
