@@ -1,0 +1,138 @@
+"""Checkpoints: `weights.safetensors` and `network.json` in a folder, never pickle.
+
+The JSON names the weights by their SHA-256, so that a save that was cut off between the two files, a truncated
+file and a foreign one are all noticed on loading.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import safetensors.torch
+import torch
+from safetensors import SafetensorError
+from torch import Tensor
+
+from neurotact import __version__
+from neurotact.errors import InputError, nearest
+from neurotact.files import existing, read_json, whole, write_json
+from neurotact.networks.kernels import Backend
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.surrogate import FastSigmoid
+from neurotact.spec import build
+
+WEIGHTS = "weights.safetensors"
+NETWORK = "network.json"
+DTYPES = {"float32": torch.float32, "float64": torch.float64}
+KEYS = ("spec", "n_inputs", "n_classes", "sampling_rate_Hz", "dtype", "neurotact", "weights_sha256", "extra")
+
+
+def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = None) -> None:
+    """Write a network into `folder`, each file whole and then renamed.
+
+    extra: what else belongs to it, as JSON holds it: class names, training history, encoder spec.
+    Raises InputError for what JSON cannot hold and for a surrogate that the spec does not describe.
+
+    >>> import tempfile
+    >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
+    >>> folder = tempfile.mkdtemp()
+    >>> save(net, folder, {"best_epoch": 12})
+    >>> again, metadata = load(folder)
+    >>> torch.equal(again.w_rec, net.w_rec), metadata["extra"]
+    (True, {'best_epoch': 12})
+    """
+    dtype = next((name for name, known in DTYPES.items() if known == network.w_in.dtype), None)
+    if dtype is None:
+        raise InputError(f"network: weights are {network.w_in.dtype}; convert it to one of {', '.join(DTYPES)}")
+    if network.spike != FastSigmoid(network.spec.surrogate_scale):
+        raise InputError(
+            "network: its surrogate is not the one that its spec describes, so that a checkpoint would lose it; "
+            "set network.spike = FastSigmoid(network.spec.surrogate_scale) before saving"
+        )
+    extra = dict(extra or {})
+    try:
+        json.dumps(extra, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"extra: cannot be written as JSON ({error}); give numbers, text, lists and tables") from error
+    tensors = {name: t.detach().cpu().contiguous().clone() for name, t in network.state_dict().items()}
+    weights = safetensors.torch.save(tensors)
+    folder = Path(folder)
+    with whole(folder / WEIGHTS) as draft:
+        draft.write_bytes(weights)
+    values = (
+        network.spec.model_dump(mode="json"), network.n_inputs, network.n_classes, network.sampling_rate_Hz,
+        dtype, __version__, hashlib.sha256(weights).hexdigest(), extra,
+    )  # fmt: skip
+    write_json(folder / NETWORK, dict(zip(KEYS, values, strict=True)))
+
+
+def load(folder: str | Path, *, backend: Backend = "auto") -> tuple[RSNN, dict[str, Any]]:
+    """The network in `folder`, and all that `network.json` says; what `save` was given stands under `extra`.
+
+    Raises InputError, which names the file, for what is absent, truncated, altered or does not fit together.
+    """
+    folder = existing(folder, "folder")
+    metadata = _metadata(folder / NETWORK)
+    spec = build(RSNNSpec, metadata["spec"], source=str(folder / NETWORK))
+    weights = _weights(folder / WEIGHTS, metadata, spec)
+    network = RSNN(
+        metadata["n_inputs"],
+        metadata["n_classes"],
+        spec,
+        metadata["sampling_rate_Hz"],
+        backend=backend,
+        generator=torch.Generator(),  # the weights are replaced: leave the global generator alone
+        dtype=DTYPES[metadata["dtype"]],
+    )
+    network.load_state_dict(weights)
+    return network, metadata
+
+
+def _metadata(path: Path) -> dict[str, Any]:
+    table = read_json(path)
+    if not isinstance(table, dict):
+        raise InputError(f"{path}: is not a checkpoint's table; save the network again")
+    for key in KEYS:
+        if key not in table:
+            raise InputError(f"{path}: '{key}' is missing; save the network again")
+    for key in ("n_inputs", "n_classes"):
+        if type(table[key]) is not int or table[key] < 1:
+            raise InputError(f"{path}: {key} must be a whole number >= 1; got {table[key]!r}")
+    rate = table["sampling_rate_Hz"]
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate < float("inf"):
+        raise InputError(f"{path}: sampling_rate_Hz must be a positive number; got {rate!r}")
+    if str(table["dtype"]) not in DTYPES:
+        raise InputError(f"{path}: dtype {table['dtype']!r} is unknown; {nearest(str(table['dtype']), [*DTYPES])}")
+    if not isinstance(table["spec"], dict):
+        raise InputError(f"{path}: spec must be a table; got {table['spec']!r}")
+    return table
+
+
+def _weights(path: Path, metadata: dict[str, Any], spec: RSNNSpec) -> dict[str, Tensor]:
+    """The tensors, checked against the shapes that the metadata call for before anything is built."""
+    content = existing(path).read_bytes()
+    if hashlib.sha256(content).hexdigest() != metadata["weights_sha256"]:
+        raise InputError(f"{path}: is damaged, or not the file that {NETWORK} was saved with; save the network again")
+    try:
+        tensors = safetensors.torch.load(content)
+    except SafetensorError as error:
+        raise InputError(f"{path}: is not a safetensors file ({error}); save the network again") from error
+    n_inputs, n_classes, hidden = metadata["n_inputs"], metadata["n_classes"], spec.hidden
+    shapes = {"w_in": (n_inputs, hidden), "w_rec": (hidden, hidden), "w_out": (hidden, n_classes)}
+    shapes |= dict.fromkeys(("alpha", "beta", "threshold"), (2,))
+    for name in (*shapes, *tensors):
+        if name not in tensors:
+            raise InputError(f"{path}: '{name}' is missing; save the network again")
+        if name not in shapes:
+            raise InputError(f"{path}: '{name}' is unknown; {nearest(name, [*shapes])}")
+    for name, shape in shapes.items():
+        found = tensors[name]
+        if tuple(found.shape) != shape or found.dtype != DTYPES[metadata["dtype"]]:
+            raise InputError(
+                f"{path}: '{name}' is {tuple(found.shape)} {found.dtype} where {shape} {metadata['dtype']} is "
+                f"expected by {NETWORK}; save the network again"
+            )
+    return tensors

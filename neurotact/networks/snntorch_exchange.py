@@ -1,0 +1,247 @@
+"""Exchange of networks with snnTorch: Linear, RSynaptic, Linear, Synaptic, stepped over time.
+
+snnTorch's neurons are those with membrane `immediate` and reset `zero` or `subtract`; they clamp alpha and beta
+to [0, 1] and have a bias in every projection, which must be zero here. Weights are transposed on the way, because
+torch.nn.Linear keeps them as (postsynaptic, presynaptic).
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import cast
+
+import snntorch
+import torch
+from snntorch import surrogate
+from torch import Tensor, nn
+
+from neurotact.errors import InputError
+from neurotact.networks.kernels import Backend
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.surrogate import FastSigmoid
+from neurotact.neurons import Reset
+from neurotact.spec import build
+
+RESETS: tuple[Reset, ...] = ("zero", "subtract")
+DYNAMICS = ("alpha", "beta", "threshold")
+
+
+class SnnTorchNetwork(nn.Module):
+    """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
+
+    fc_in, hidden, fc_out, readout: Linear, RSynaptic, Linear, Synaptic.
+    """
+
+    def __init__(
+        self, fc_in: nn.Linear, hidden: snntorch.RSynaptic, fc_out: nn.Linear, readout: snntorch.Synaptic
+    ) -> None:
+        super().__init__()
+        self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
+
+    def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
+        """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero."""
+        rows, rasters = len(spikes), ([], [])
+        sent, syn, mem = (spikes.new_zeros(rows, self.fc_in.out_features, dtype=torch.float32) for _ in range(3))
+        syn_out, mem_out = (spikes.new_zeros(rows, self.fc_out.out_features, dtype=torch.float32) for _ in range(2))
+        for arriving in spikes.to(torch.float32).unbind(dim=1):
+            sent, syn, mem = self.hidden(self.fc_in(arriving), sent, syn, mem)
+            decided, syn_out, mem_out = self.readout(self.fc_out(sent), syn_out, mem_out)
+            rasters[0].append(sent)
+            rasters[1].append(decided)
+        return torch.stack(rasters[0], dim=1), torch.stack(rasters[1], dim=1)
+
+
+def to_snntorch(network: RSNN) -> SnnTorchNetwork:
+    """The same network, in snnTorch's neurons, with its own copy of the weights.
+
+    Raises InputError unless the network is float32, `immediate`, reset `zero` or `subtract`, alpha and beta in [0, 1].
+    In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
+
+    >>> net = RSNN(16, 8, RSNNSpec(hidden=20, membrane="immediate"), sampling_rate_Hz=2000.0)
+    >>> hidden, readout = to_snntorch(net)(torch.ones(2, 10, 16))
+    >>> readout.shape
+    torch.Size([2, 10, 8])
+    """
+    if network.spec.membrane != "immediate":
+        raise InputError(f"membrane: snnTorch has 'immediate' alone; got '{network.spec.membrane}'")
+    if network.spec.reset not in RESETS:
+        raise InputError(f"reset: snnTorch has 'zero' and 'subtract' alone; got '{network.spec.reset}'")
+    if network.w_in.dtype != torch.float32:
+        raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
+    _check_decays(network.alpha, network.beta)
+    spike = network.spike
+    slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
+
+    def dynamics(layer: int) -> dict:
+        values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
+        learned = {f"learn_{name}": name in network.spec.learn for name in values}
+        return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
+
+    # RSynaptic draws recurrent weights that are replaced at once: leave the global generator alone.
+    with torch.random.fork_rng(devices=[]):
+        hidden = snntorch.RSynaptic(linear_features=network.spec.hidden, **dynamics(0))
+    readout = snntorch.Synaptic(**dynamics(1))
+    _forget(hidden, readout)
+    recurrent = cast(nn.Linear, hidden.recurrent)
+    recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
+    recurrent.weight = nn.Parameter(network.w_rec.detach().t().contiguous())
+    made = SnnTorchNetwork(_linear(network.w_in), hidden, _linear(network.w_out), readout)
+    return made.to(network.w_in.device)
+
+
+def from_snntorch(
+    parts: nn.Module | Sequence[nn.Module], sampling_rate_Hz: float, *, backend: Backend = "auto"
+) -> RSNN:
+    """The RSNN with the weights of snnTorch's layers, which are copied.
+
+    parts: Linear, RSynaptic, Linear, Synaptic in this order, or a module that holds them, in the order in which
+        they were assigned to it.
+    sampling_rate_Hz: the clock on which alpha and beta were chosen: snnTorch knows none.
+
+    Raises InputError where neurotact's network has no place for something: a bias that is not zero, decays that
+    differ from neuron to neuron or lie outside [0, 1], another reset, inhibition, quantised states, graded spikes.
+    A surrogate that is a fast sigmoid becomes that of the spec; any other is kept as it is, for the reference.
+    The spec's time constants are the hidden layer's; `alpha` and `beta` hold both layers' exactly. What one layer
+    learns, both learn.
+
+    >>> net = RSNN(16, 8, RSNNSpec(hidden=20, membrane="immediate"), sampling_rate_Hz=2000.0)
+    >>> torch.equal(from_snntorch(to_snntorch(net), 2000.0).w_rec, net.w_rec)
+    True
+    """
+    if not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
+        raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
+    fc_in, hidden, fc_out, readout = _four(parts)
+    recurrent = getattr(hidden, "recurrent", None)
+    if not isinstance(recurrent, nn.Linear):
+        raise InputError("hidden: its recurrence is not all-to-all over a vector; build it with linear_features")
+    for name, linear in (("input", fc_in), ("recurrent", recurrent), ("readout", fc_out)):
+        if linear.bias is not None and linear.bias.any():
+            raise InputError(f"{name}: the projection has a bias that is not zero; train it with bias=False")
+        if linear.weight.dtype != torch.float32:
+            raise InputError(f"{name}: weights must be float32; got {linear.weight.dtype}")
+    _check_widths(fc_in, recurrent, fc_out)
+    for name, neuron in (("hidden", hidden), ("readout", readout)):
+        _check_neuron(name, neuron)
+    if hidden.reset_mechanism != readout.reset_mechanism:
+        raise InputError("reset: the hidden layer and the readout reset in two ways; give both the same")
+    alpha, beta, threshold = (
+        torch.stack([_one(getattr(neuron, name), name) for neuron in (hidden, readout)]) for name in DYNAMICS
+    )
+    _check_decays(alpha, beta)
+    scale = _fast_sigmoid_scale(hidden.spike_grad)
+    if scale != _fast_sigmoid_scale(readout.spike_grad):
+        raise InputError("spike_grad: the hidden layer and the readout have two surrogates; give both the same")
+    table = {
+        "hidden": fc_in.out_features,
+        "membrane": "immediate",
+        "reset": hidden.reset_mechanism,
+        "tau_mem_ms": _tau_ms(float(beta[0]), sampling_rate_Hz),
+        "tau_syn_ms": _tau_ms(float(alpha[0]), sampling_rate_Hz),
+        "learn": [name for name in DYNAMICS if _learned(name, hidden, readout)],
+        **({} if scale is None else {"surrogate_scale": scale}),
+    }
+    spec = build(RSNNSpec, table, source="snnTorch network")
+    network = RSNN(
+        fc_in.in_features, fc_out.out_features, spec, sampling_rate_Hz, backend=backend, generator=torch.Generator()
+    )
+    weights = (fc_in.weight.t(), recurrent.weight.t(), fc_out.weight.t(), alpha, beta, threshold)
+    names = ("w_in", "w_rec", "w_out", *DYNAMICS)
+    network.load_state_dict({name: value.detach() for name, value in zip(names, weights, strict=True)})
+    if scale is None:
+        network.spike = hidden.spike_grad
+    return network.to(fc_in.weight.device)
+
+
+def _linear(weight: Tensor) -> nn.Linear:
+    layer = nn.Linear(*weight.shape, bias=False, device="meta")
+    layer.weight = nn.Parameter(weight.detach().t().contiguous())
+    return layer
+
+
+def _forget(*neurons: nn.Module) -> None:
+    """Take neurons off the class-level list on which snnTorch keeps every neuron for ever."""
+    listed = snntorch.SpikingNeuron.instances
+    listed[:] = [neuron for neuron in listed if not any(neuron is mine for mine in neurons)]
+
+
+def _four(
+    parts: nn.Module | Sequence[nn.Module],
+) -> tuple[nn.Linear, snntorch.RSynaptic, nn.Linear, snntorch.Synaptic]:
+    found = list(_layers(parts)) if isinstance(parts, nn.Module) else list(parts)
+    kinds = (nn.Linear, snntorch.RSynaptic, nn.Linear, snntorch.Synaptic)
+    if len(found) != 4 or not all(type(part) is kind for part, kind in zip(found, kinds, strict=True)):
+        names = ", ".join(type(part).__name__ for part in found) or "nothing"
+        raise InputError(f"network: must be Linear, RSynaptic, Linear, Synaptic; found {names}")
+    return tuple(found)  # pyright: ignore[reportReturnType]
+
+
+def _layers(module: nn.Module) -> Iterator[nn.Module]:
+    """The modules that compute, in order; a neuron's own recurrent projection belongs to it."""
+    children = list(module.children())
+    if isinstance(module, snntorch.SpikingNeuron) or not children:
+        yield module
+        return
+    for child in children:
+        yield from _layers(child)
+
+
+def _check_widths(fc_in: nn.Linear, recurrent: nn.Linear, fc_out: nn.Linear) -> None:
+    n_hidden = fc_in.out_features
+    if (recurrent.in_features, recurrent.out_features, fc_out.in_features) != (n_hidden,) * 3:
+        raise InputError(
+            f"network: the input projection has {n_hidden} outputs, the recurrent one {recurrent.in_features} inputs "
+            f"and {recurrent.out_features} outputs, the readout one {fc_out.in_features} inputs; all must be equal"
+        )
+
+
+def _check_neuron(name: str, neuron: snntorch.RSynaptic | snntorch.Synaptic) -> None:
+    if neuron.reset_mechanism not in RESETS:
+        raise InputError(f"{name}: reset '{neuron.reset_mechanism}' is unknown here; known: {', '.join(RESETS)}")
+    odd = {
+        "inhibition": neuron.inhibition,
+        "state_quant": neuron.state_quant,
+        "reset_delay=False": not neuron.reset_delay,
+        "graded_spikes_factor": bool((neuron.graded_spikes_factor != 1).any()),
+    }
+    for what, is_set in odd.items():
+        if is_set:
+            raise InputError(f"{name}: {what} has no equal here; build the neuron without it")
+
+
+def _check_decays(alpha: Tensor, beta: Tensor) -> None:
+    for name, value in (("alpha", alpha), ("beta", beta)):
+        if not ((value >= 0) & (value <= 1)).all():
+            raise InputError(f"{name}: must lie in [0, 1], to which snnTorch clamps it; got {value.detach().tolist()}")
+
+
+def _one(value: Tensor, name: str) -> Tensor:
+    flat = value.detach().flatten().to(torch.float32)
+    if flat.numel() == 0 or not torch.isfinite(flat).all() or (flat != flat[0]).any():
+        raise InputError(f"{name}: must be one finite number a layer; got {value.detach().tolist()}")
+    return flat[0]
+
+
+def _learned(name: str, *neurons: nn.Module) -> bool:
+    return any(isinstance(getattr(neuron, name), nn.Parameter) for neuron in neurons)
+
+
+def _tau_ms(decay: float, sampling_rate_Hz: float) -> float:
+    """The time constant of a decay; for 0 and 1 one that gives them back when rounded."""
+    steps = 1e-17 if decay >= 1 else 800.0 if decay <= 0 else -math.log(decay)
+    return 1e3 / (steps * sampling_rate_Hz)
+
+
+def _fast_sigmoid_scale(spike: Callable[[Tensor], Tensor]) -> float | None:
+    """The scale of a surrogate, found by its slopes, where it is a fast sigmoid; else None."""
+    x = torch.tensor([-2.0, -0.3, 0.1, 1.0], dtype=torch.float64, requires_grad=True)
+    with torch.enable_grad():
+        total = spike(x).sum()
+        if not total.requires_grad:
+            return None
+        (slope,) = torch.autograd.grad(total, x)
+    if not (torch.isfinite(slope) & (slope > 0)).all():
+        return None
+    scales = (slope**-0.5 - 1) / x.detach().abs()
+    scale = float(f"{scales[3]:.12g}")
+    # A scale of 0 is the straight-through estimator.
+    return scale if scale > 0 and torch.allclose(scales, scales[3].expand(4), rtol=1e-6, atol=0) else None
