@@ -25,6 +25,8 @@ def whole(path: str | Path) -> Iterator[Path]:
     'done'
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: cannot be written, it is a folder; name a file")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         # The draft keeps the suffix: matplotlib and others choose the format by it.
@@ -57,9 +59,15 @@ def write_json(path: str | Path, value: Any) -> None:
 def read_json(path: str | Path) -> Any:
     """Read a JSON file; InputError names the file when it is absent or not JSON."""
     try:
-        return json.loads(existing(path).read_text())
+        return json.loads(existing(path).read_text(encoding="utf-8"))
     except ValueError as error:
         raise InputError(f"{path}: is not valid JSON ({error}); restore the file or remove it") from error
+
+
+def is_free(folder: str | Path) -> bool:
+    """Whether a run may be written there: nothing is there, or an empty folder."""
+    folder = Path(folder)
+    return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
 
 
 def existing(path: str | Path, what: str = "file") -> Path:

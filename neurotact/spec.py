@@ -73,7 +73,7 @@ def find(kind: str, name: str | Path) -> Path:
 def read(path: Path) -> dict[str, Any]:
     """The table in a TOML file; InputError when it does not parse."""
     try:
-        return tomllib.loads(existing(path).read_text())
+        return tomllib.loads(existing(path).read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not valid TOML ({error}); mend that line") from error
 
@@ -158,7 +158,7 @@ def _is_table(value: Any) -> bool:
 
 
 def _toml_key(key: str) -> str:
-    return key if key.replace("-", "").replace("_", "").isalnum() and key.isascii() else json.dumps(key)
+    return key if key.replace("-", "").replace("_", "").isalnum() and key.isascii() else _toml_value(key)
 
 
 def _toml_value(value: Any) -> str:
@@ -183,6 +183,8 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         return f"{key}: unknown key; {nearest(path[-1], known)}"
     if first["type"] == "missing":
         return f"{key}: is missing; add it"
+    if first["type"] in ("model_type", "dict_type"):
+        return f"{key}: must be a table; got {first['input']!r}"
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
     for words, sign in (
         ("greater than or equal to", ">="),

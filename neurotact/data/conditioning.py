@@ -109,7 +109,7 @@ def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     n_samples = signal.shape[-2]
     n_resampled = int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
     position = np.arange(n_resampled) * (rate_Hz / to_Hz)
-    before = np.minimum(position.astype(np.int64), max(n_samples - 2, 0))
+    before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)
     weight = (position - before).astype(signal.dtype)[:, None]
     left = np.take(signal, before, axis=-2)

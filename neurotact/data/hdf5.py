@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.recordings import Recordings, check_sampling_rate
+from neurotact.data.recordings import LABEL, Recordings, check_sampling_rate
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.files import existing, whole
@@ -112,8 +112,8 @@ def _load(path: str | Path, kind: str, command: str, read: Callable[[h5py.File],
             return read(file)
     except InputError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-        reason = str(error).splitlines()[0].strip("'\"")
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0].strip("'\"")
         raise InputError(
             f"{path}: cannot be read as {kind} ({reason}); write it again with neurotact {command}"
         ) from error
@@ -136,6 +136,8 @@ def _write_events(file: h5py.File, name: str, events: list[np.ndarray] | Any, ki
 def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
     group.attrs["columns"] = json.dumps([str(c) for c in table.columns])
     for column in table.columns:
+        if str(column) in ("", ".") or "/" in str(column) or "\0" in str(column):
+            raise InputError(f"condition {str(column)!r}: HDF5 cannot name a condition so; rename the column")
         values = table[column].to_numpy()
         is_number = np.issubdtype(values.dtype, np.number) or values.dtype == bool
         if is_number:
@@ -155,7 +157,13 @@ def _read_table(group: Any) -> pd.DataFrame:
 def _check_events(trains: SpikeTrains, path: str | Path) -> None:
     if not len(trains.steps) == len(trains.units) == len(trains.trial_steps) == len(trains.conditions):
         raise InputError(f"{path}: spikes, trial_steps and conditions differ in number of trials; write it again")
+    if LABEL not in trains.conditions:
+        raise InputError(f"{path}: the table of conditions has no column 'label'; add one class name a trial")
     for trial, (steps, units) in enumerate(zip(trains.steps, trains.units, strict=True)):
-        bad_steps = len(steps) and (steps.min() < 0 or steps.max() >= trains.trial_steps[trial])
-        if len(steps) != len(units) or bad_steps or (len(units) and units.max() >= len(trains.afferents)):
-            raise InputError(f"{path}: trial {trial} has spikes outside its time or its afferents; write it again")
+        in_order = (np.diff(steps) >= 0).all()
+        in_time = len(steps) == 0 or (steps[0] >= 0 and steps[-1] < trains.trial_steps[trial])
+        known = len(units) == len(steps) and ((units >= 0) & (units < len(trains.afferents))).all()
+        if not (in_order and in_time and known):
+            raise InputError(
+                f"{path}: trial {trial} has spikes out of order, or outside its time or its afferents; write it again"
+            )

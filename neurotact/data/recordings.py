@@ -42,14 +42,13 @@ class Recordings:
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, self.source or "recordings")
-        if not isinstance(self.signals, np.ndarray):
-            object.__setattr__(self, "signals", [_as_signal(s) for s in self.signals])
-        elif self.signals.dtype != np.float32:
-            object.__setattr__(self, "signals", self.signals.astype(np.float32))
+        given = self.signals
+        signals = _as_signal(given) if isinstance(given, np.ndarray) else [_as_signal(s) for s in given]
+        object.__setattr__(self, "signals", signals)
         if len(self.signals) == 0:
             raise InputError(f"{self.source or 'recordings'}: holds no trial; give at least one")
         if not self.channels:
-            n_channels = self.signals[0].shape[-1]
+            n_channels = signals[0].shape[-1] if signals[0].ndim else 0
             object.__setattr__(self, "channels", tuple(f"taxel{i + 1}" for i in range(n_channels)))
         self._check()
 
@@ -65,7 +64,7 @@ class Recordings:
         if list(self.conditions.index) != list(range(len(self.signals))):
             object.__setattr__(self, "conditions", self.conditions.reset_index(drop=True))
         for i, signal in enumerate(self.signals):
-            if signal.ndim != 2 or signal.shape[0] == 0:
+            if signal.ndim != 2 or signal.size == 0:
                 raise InputError(f"{where}: trial {i} has shape {signal.shape}; a trial is (time, channel), not empty")
             if signal.shape[1] != len(self.channels):
                 raise InputError(
@@ -146,6 +145,7 @@ def check_sampling_rate(rate_Hz: float, where: str) -> None:
 
 def _as_signal(signal: np.ndarray) -> np.ndarray:
     try:
-        return np.asarray(signal, dtype=np.float32)
+        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused as that
+            return np.asarray(signal, dtype=np.float32)
     except (TypeError, ValueError) as error:
         raise InputError(f"recordings: a signal is not a table of numbers ({error})") from error

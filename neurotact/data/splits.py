@@ -42,22 +42,28 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     >>> [len(part) for part in split]
     [28, 6, 6]
     """
+    labels = np.asarray(labels)
     values, counts = np.unique(labels, return_counts=True)
-    needed = int(np.ceil(1 / min(spec.validation, spec.test)))
-    few = counts < 3
-    if few.any():
-        raise InputError(
-            f"split: class '{values[few][0]}' has {counts[few][0]} trial(s), too few to train, validate and test on; "
-            f"give at least 3 trials a class (about {needed} for the asked shares)"
-        )
+    rarest = counts.argmin()
+    too_few = InputError(
+        f"split: class '{values[rarest]}' has {counts[rarest]} trial(s), too few to train, validate and test on; give "
+        f"at least 3 trials a class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for the asked shares)"
+    )
+    if counts[rarest] < 3:
+        raise too_few
     n_trials = len(labels)
     n_test, n_validation = (max(len(values), round(n_trials * share)) for share in (spec.test, spec.validation))
     if n_test + n_validation + len(values) > n_trials:
         raise InputError(
             f"split: {n_trials} trials of {len(values)} classes are too few for the asked shares; add trials"
         )
-    rest, test = train_test_split(np.arange(n_trials), test_size=n_test, stratify=labels, random_state=spec.seed)
-    train, validation = train_test_split(
-        rest, test_size=n_validation, stratify=labels[rest], random_state=spec.seed + 1
-    )
+    try:
+        rest, test = train_test_split(np.arange(n_trials), test_size=n_test, stratify=labels, random_state=spec.seed)
+        train, validation = train_test_split(
+            rest, test_size=n_validation, stratify=labels[rest], random_state=spec.seed + 1
+        )
+    except ValueError as error:  # the first split left a single trial of a class to the second
+        raise too_few from error
+    if any(len(np.unique(labels[side])) < len(values) for side in (train, validation, test)):
+        raise too_few
     return Split(*(np.sort(part) for part in (train, validation, test)))

@@ -33,29 +33,37 @@ class Windows:
         return len(self.trial)
 
 
-def cut(trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec) -> Windows:
+def cut(
+    trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec, trials: np.ndarray | None = None
+) -> Windows:
     """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none.
+
+    trials: numbers that name the trials; 0, 1, ... when absent.
 
     >>> windows = cut(np.array([10, 7]), 1000.0, WindowSpec(length_ms=3, start_ms=1))
     >>> windows.trial.tolist(), windows.start.tolist()
     ([0, 0, 0, 1, 1], [1, 4, 7, 1, 4])
     """
+    trials = np.arange(len(trial_steps)) if trials is None else trials
     length, first = _steps(spec.length_ms, sampling_rate_Hz), _steps(spec.start_ms, sampling_rate_Hz)
     hop = length if spec.hop_ms is None else _steps(spec.hop_ms, sampling_rate_Hz)
-    if length < 1 or hop < 1:
-        raise InputError(f"window: {spec.length_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it")
+    for key, n_steps, duration_ms in (("length_ms", length, spec.length_ms), ("hop_ms", hop, spec.hop_ms)):
+        if n_steps < 1:
+            raise InputError(
+                f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
+            )
     fitting = (np.asarray(trial_steps) - first - length) // hop + 1
     if (fitting < 1).any():
         short = int(np.argmin(fitting))
         raise InputError(
-            f"window: trial {short} lasts {trial_steps[short] / sampling_rate_Hz:.3f} s, less than the "
+            f"window: trial {trials[short]} lasts {trial_steps[short] / sampling_rate_Hz:.3f} s, less than the "
             f"{(spec.start_ms + spec.length_ms) / 1e3:.3f} s of start_ms + length_ms; shorten the window"
         )
     if spec.per_trial is not None:
         fitting = np.minimum(fitting, spec.per_trial)
     trial = np.repeat(np.arange(len(fitting)), fitting)
     rank = np.arange(len(trial)) - np.repeat(np.cumsum(fitting) - fitting, fitting)
-    return Windows(trial, first + rank * hop, length)
+    return Windows(trials[trial], first + rank * hop, length)
 
 
 def _steps(duration_ms: float, sampling_rate_Hz: float) -> int:

@@ -1,0 +1,201 @@
+"""Conditioning: each step against its closed form."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from neurotact.data.conditioning import condition, ema, ema_coefficient, fit_standardisation, resample
+from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
+
+RATES = st.sampled_from([35.6, 100.0, 1000.0, 2000.0])
+VALUES = st.floats(-1e3, 1e3, width=32)
+SIGNALS = st.tuples(st.integers(2, 40), st.integers(1, 3)).flatmap(lambda n: hnp.arrays(float, n, elements=VALUES))
+
+
+def skin(signals, rate_Hz=1000.0, unit="mV") -> Recordings:
+    table = pd.DataFrame({"label": [f"class{i % 2}" for i in range(len(signals))]})
+    return Recordings(signals, rate_Hz, unit, table, source="skin.h5")
+
+
+# --- exponential moving average ---------------------------------------------------------------------
+
+
+@given(st.floats(0.01, 0.99), VALUES)
+def test_the_ema_leaves_a_constant_alone(coefficient, level):
+    signal = np.full((50, 2), level)
+    np.testing.assert_allclose(ema(signal, coefficient), signal, rtol=1e-12, atol=1e-12)
+
+
+@given(st.floats(0.01, 0.99))
+def test_the_step_response_is_exponential(coefficient):
+    step = np.r_[0.0, np.ones(60)][:, None]
+    np.testing.assert_allclose(ema(step, coefficient)[:, 0], 1.0 - (1.0 - coefficient) ** np.arange(61), atol=1e-12)
+
+
+@given(st.floats(1.0, 50.0))
+def test_a_sine_at_the_cut_off_loses_3_db(cutoff_Hz):
+    rate_Hz = 2000.0
+    n_samples = round(40 * rate_Hz / cutoff_Hz)
+    sine = np.sin(2 * np.pi * cutoff_Hz * np.arange(n_samples) / rate_Hz)[:, None]
+    settled = ema(sine, ema_coefficient(cutoff_Hz, rate_Hz))[n_samples // 2 :]
+    assert 20 * np.log10(np.abs(settled).max()) == pytest.approx(-3.0, abs=0.15)
+
+
+@given(SIGNALS, st.floats(0.01, 0.99), st.data())
+def test_a_signal_smoothed_in_two_pieces_is_that_smoothed_whole(signal, coefficient, data):
+    at = data.draw(st.integers(1, len(signal) - 1))
+    first = ema(signal[:at], coefficient)
+    second = ema(signal[at:], coefficient, before=first[-1])
+    np.testing.assert_array_equal(np.concatenate([first, second]), ema(signal, coefficient))
+
+
+@given(SIGNALS, st.floats(0.01, 0.99))
+def test_the_ema_follows_its_recursion(signal, coefficient):
+    expected = [signal[0]]
+    for x in signal[1:]:
+        expected.append(expected[-1] + coefficient * (x - expected[-1]))
+    np.testing.assert_allclose(ema(signal, coefficient), expected, rtol=1e-9, atol=1e-9)
+
+
+@given(SIGNALS, st.floats(0.01, 0.99))
+def test_taxels_and_trials_are_smoothed_alone(one, coefficient):
+    stacked = np.stack([one, one[::-1]])
+    np.testing.assert_array_equal(ema(stacked, coefficient)[0], ema(one, coefficient))
+    np.testing.assert_array_equal(ema(stacked, coefficient)[..., :1], ema(stacked[..., :1], coefficient))
+
+
+def test_float32_stays_float32():
+    signal = np.random.default_rng(0).normal(size=(2, 40, 3)).astype(np.float32)
+    for changed in (ema(signal, 0.1), resample(signal, 100.0, 130.0)):
+        assert changed.dtype == np.float32
+
+
+@pytest.mark.parametrize("cutoff_Hz", [17.8, 30.0, 1000.0])
+def test_a_cut_off_at_or_above_nyquist_is_refused(cutoff_Hz):
+    with pytest.raises(InputError, match=r"ema_cutoff_Hz: .* is not below the Nyquist frequency of 17\.8 Hz"):
+        condition(skin([np.ones((9, 1))], 35.6), ema_cutoff_Hz=cutoff_Hz)
+
+
+# --- resampling -------------------------------------------------------------------------------------
+
+
+@given(SIGNALS, RATES)
+def test_resampling_at_the_same_rate_changes_nothing(signal, rate_Hz):
+    np.testing.assert_array_equal(resample(signal, rate_Hz, rate_Hz), signal)
+
+
+@given(st.integers(1, 200), RATES, RATES, VALUES, VALUES)
+def test_a_straight_line_stays_the_line(n_samples, rate_Hz, to_Hz, start, slope):
+    line = start + slope * np.arange(n_samples)[:, None] / rate_Hz
+    again = resample(line, rate_Hz, to_Hz)
+    np.testing.assert_allclose(again[:, 0], start + slope * np.arange(len(again)) / to_Hz, rtol=1e-9, atol=1e-7)
+
+
+@given(st.integers(1, 500), RATES, RATES)
+def test_the_last_sample_is_the_last_that_the_recording_reaches(n_samples, rate_Hz, to_Hz):
+    last_s = (len(resample(np.zeros((n_samples, 1)), rate_Hz, to_Hz)) - 1) / to_Hz
+    assert last_s <= (n_samples - 1) / rate_Hz + 1e-9
+    assert last_s + 1.0 / to_Hz > (n_samples - 1) / rate_Hz - 1e-9
+
+
+@given(SIGNALS, st.integers(1, 9))
+def test_a_whole_multiple_of_the_rate_keeps_every_sample(signal, times):
+    np.testing.assert_allclose(resample(signal, 100.0, 100.0 * times)[::times], signal, rtol=1e-9, atol=1e-9)
+
+
+def test_a_35_6_hz_skin_on_a_1_khz_clock_keeps_the_samples_of_common_instants():
+    signal = np.random.default_rng(1).normal(size=(357, 16))
+    again = resample(signal, 35.6, 1000.0)
+    assert len(again) == 10_001  # 356 intervals of 1 / 35.6 s are 10 s
+    np.testing.assert_allclose(again[::2500], signal[::89], atol=1e-10)  # 89 samples are 2.5 s
+
+
+@given(SIGNALS, RATES, RATES)
+def test_resampling_stays_between_the_extremes(signal, rate_Hz, to_Hz):
+    again = resample(signal, rate_Hz, to_Hz)
+    assert again.min() >= signal.min() - 1e-9
+    assert again.max() <= signal.max() + 1e-9
+
+
+def test_the_result_has_the_encoders_clock():
+    felt = condition(skin([np.ones((36, 2)), np.ones((9, 2))], 35.6), resample_Hz=1000.0)
+    assert felt.sampling_rate_Hz == 1000.0
+    assert [len(s) for s in felt.signals] == [984, 225]
+
+
+# --- baseline, standardisation, rectification -------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("baseline", "level"), [("mean", np.mean), ("median", np.median), ("first", lambda x, axis: x[0])]
+)
+def test_the_baseline_is_that_of_each_taxel_of_each_trial(baseline, level):
+    rng = np.random.default_rng(2)
+    trials = [rng.normal(5.0, 1.0, (n, 3)).astype(np.float32) for n in (8, 8)]
+    for signals in (trials, np.stack(trials)):
+        felt = condition(skin(signals), baseline=baseline)
+        for signal, original in zip(felt.signals, trials, strict=True):
+            np.testing.assert_allclose(signal, original - level(original, axis=0), atol=1e-5)
+
+
+@given(st.lists(SIGNALS.map(lambda s: s[:, :1]), min_size=1, max_size=4))
+def test_standardised_training_trials_have_mean_0_and_deviation_1(signals):
+    offset, scale = fit_standardisation(signals)
+    felt = (np.concatenate(signals) - offset) / scale
+    if np.concatenate(signals).std() > 1e-3:
+        assert felt.mean() == pytest.approx(0.0, abs=1e-6)
+        assert felt.std() == pytest.approx(1.0, rel=1e-6)
+
+
+@given(st.lists(st.integers(1, 9), min_size=1, max_size=4), VALUES)
+def test_a_taxel_that_never_moves_stays_silent(lengths, level):
+    offset, scale = fit_standardisation([np.full((n, 2), level) for n in lengths])
+    assert scale == (1.0, 1.0)
+    np.testing.assert_allclose(offset, level, rtol=1e-12)
+
+
+def test_other_trials_are_standardised_by_the_training_trials():
+    train, test = np.random.default_rng(3).normal([1.0, 50.0], [2.0, 5.0], (2, 4000, 2))
+    offset, scale = fit_standardisation([train])
+    felt = condition(skin([train, test]), offset=offset, scale=scale)
+    assert felt.unit == "sd"
+    np.testing.assert_allclose(felt.signals[0].mean(axis=0), 0.0, atol=1e-4)
+    np.testing.assert_allclose(felt.signals[0].std(axis=0), 1.0, atol=1e-4)
+    assert 1e-3 < np.abs(felt.signals[1].mean(axis=0)).max() < 0.1
+
+
+@pytest.mark.parametrize("values", [{"offset": [1.0]}, {"scale": [1.0] * 3}, {"offset": [0.0] * 2, "scale": [1.0]}])
+def test_offsets_of_another_sensor_are_refused(values):
+    with pytest.raises(InputError, match=r"skin\.h5: has 2 channels but the encoder's conditioning has [13] offsets"):
+        condition(skin([np.ones((9, 2))]), **values)
+
+
+def test_rectification_comes_last():
+    felt = condition(skin([np.array([[0.0], [2.0]])]), offset=[1.0], scale=[0.5], rectify=True)
+    assert felt.signals[0].ravel().tolist() == [2.0, 2.0]
+
+
+def test_smoothing_comes_before_resampling():
+    signal = np.random.default_rng(4).normal(size=(20, 2))
+    felt = condition(skin([signal], 100.0), ema_cutoff_Hz=10.0, resample_Hz=1000.0)
+    expected = resample(ema(signal.astype(np.float32), ema_coefficient(10.0, 100.0)), 100.0, 1000.0)
+    np.testing.assert_array_equal(felt.signals[0], expected)
+
+
+def test_nothing_asked_changes_nothing():
+    touch = skin([np.ones((9, 2)), np.zeros((4, 2))])
+    felt = condition(touch)
+    for one, other in zip(felt.signals, touch.signals, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_trials_stacked_or_listed_are_conditioned_alike():
+    signals = np.random.default_rng(5).normal(size=(3, 30, 2)).astype(np.float32)
+    options = {"ema_cutoff_Hz": 30.0, "resample_Hz": 1300.0, "baseline": "median", "rectify": True}
+    stacked, listed = condition(skin(signals), **options), condition(skin(list(signals)), **options)
+    for one, other in zip(stacked.signals, listed.signals, strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -1,0 +1,137 @@
+"""Recordings: what does not fit together is refused by trial, sample and taxel."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.data.recordings import Recordings, select_conditions
+from neurotact.errors import InputError
+
+RAGGED = [np.arange(8.0).reshape(4, 2), np.ones((6, 2)), np.zeros((1, 2))]
+
+
+def recordings(signals=RAGGED, labels=("silk", "felt", "silk"), **changes) -> Recordings:
+    table = pd.DataFrame({"label": list(labels), "force_N": [3, 6, 12][: len(labels)]})
+    return Recordings(**{"signals": signals, "sampling_rate_Hz": 2000.0, "unit": "mV", "conditions": table, **changes})
+
+
+def refused(message: str, **changes) -> None:
+    with pytest.raises(InputError) as refusal:
+        recordings(**changes)
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_trials_keep_their_lengths_and_become_float32():
+    touch = recordings()
+    assert [s.shape for s in touch.signals] == [(4, 2), (6, 2), (1, 2)]
+    assert {s.dtype for s in touch.signals} == {np.dtype(np.float32)}
+    assert recordings(signals=np.ones((3, 5, 2))).signals.dtype == np.float32  # ty: stacked
+
+
+def test_labels_index_the_sorted_classes():
+    touch = recordings()
+    assert touch.classes == ("felt", "silk")
+    assert touch.labels.tolist() == [1, 0, 1]
+
+
+def test_numbers_serve_as_labels():
+    touch = recordings(labels=(10, 9, 10))
+    assert touch.classes == ("10", "9")
+    assert touch.labels.tolist() == [0, 1, 0]
+
+
+def test_a_selection_by_mask_is_that_by_index():
+    for signals in (RAGGED, np.arange(30.0).reshape(3, 5, 2)):
+        touch = recordings(signals=signals)
+        by_mask, by_index = touch.select(np.array([True, False, True])), touch.select(np.array([0, 2]))
+        for one, other in zip(by_mask.signals, by_index.signals, strict=True):
+            np.testing.assert_array_equal(one, other)
+        pd.testing.assert_frame_equal(by_mask.conditions, by_index.conditions)
+        assert by_mask.conditions.force_N.tolist() == [3, 12]
+        assert by_mask.conditions.index.tolist() == [0, 1]
+
+
+@given(st.permutations(range(3)))
+def test_a_selection_keeps_signal_and_condition_together(order):
+    touch = recordings()
+    shuffled = touch.select(np.array(order))
+    for place, trial in enumerate(order):
+        np.testing.assert_array_equal(shuffled.signals[place], touch.signals[trial])
+        assert shuffled.conditions.force_N[place] == touch.conditions.force_N[trial]
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("V", 1e-3), ("mV", 1.0), ("uV", 1e3)])
+def test_volts_convert(unit, factor):
+    for signals in (RAGGED, np.arange(30.0).reshape(3, 5, 2)):
+        converted = recordings(signals=signals).to_unit(unit)
+        assert converted.unit == unit
+        for signal, original in zip(converted.signals, signals, strict=True):
+            np.testing.assert_allclose(signal, np.asarray(original) * factor, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "wanted"), [("count", "mV"), ("mV", "count"), ("mV", "N")])
+def test_other_units_do_not(unit, wanted):
+    touch = recordings(unit=unit, source="skin.h5")
+    with pytest.raises(InputError, match=f"skin.h5: signals are in '{unit}' but '{wanted}' is needed"):
+        touch.to_unit(wanted)
+
+
+@given(
+    trial=st.integers(0, 2), sample=st.integers(0, 4), taxel=st.integers(0, 1),
+    value=st.sampled_from([np.nan, np.inf, -np.inf, 1e300]), stacked=st.booleans(),
+)  # fmt: skip
+def test_nan_and_infinity_are_named_by_trial_sample_and_taxel(trial, sample, taxel, value, stacked):
+    signals = np.zeros((3, 5, 2))
+    signals[trial, sample, taxel] = value
+    refused(
+        f"skin.h5: trial {trial}, sample {sample}, taxel{taxel + 1} is NaN or infinite",
+        signals=signals if stacked else list(signals), source="skin.h5",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_a_rate_that_is_no_positive_number_is_refused(rate):
+    refused("sampling_rate_Hz must be a positive number", sampling_rate_Hz=rate)
+
+
+@pytest.mark.parametrize(
+    ("signals", "message"),
+    [
+        ([], "holds no trial"),
+        (np.zeros((0, 5, 2)), "holds no trial"),
+        ([np.ones((4, 2)), np.ones((4, 3)), np.ones((4, 2))], "trial 1 has 3 channels where 2 are expected"),
+        ([np.ones((4, 2)), np.ones((0, 2)), np.ones((4, 2))], "trial 1 has shape (0, 2)"),
+        (np.ones((3, 4)), "trial 0 has shape (4,)"),
+        (np.ones(3), "trial 0 has shape ()"),
+        ([1.0, 2.0, 3.0], "trial 0 has shape ()"),
+        (np.ones((3, 4, 0)), "trial 0 has shape (4, 0)"),
+        ([["felt"]] * 3, "a signal is not a table of numbers"),
+        ([[[1.0, 2.0], [3.0]]] * 3, "a signal is not a table of numbers"),
+    ],
+)
+def test_signals_that_are_no_trials_are_refused(signals, message):
+    refused(message, signals=signals)
+
+
+def test_conditions_have_a_label_and_a_row_a_trial():
+    refused("3 trials but 2 rows of conditions", labels=("felt", "silk"))
+    refused("has no column 'label'", conditions=pd.DataFrame({"lable": ["a", "b", "c"]}))
+
+
+def test_channels_are_named_once_each():
+    assert recordings(channels=("left", "right")).channels == ("left", "right")
+    refused("trial 0 has 2 channels where 1 are expected", channels=("left",))
+
+
+def test_conditions_are_selected_by_value_and_by_any_of_several():
+    table = recordings().conditions
+    assert select_conditions(table, {}).tolist() == [True] * 3
+    assert select_conditions(table, {"label": "silk", "force_N": [3, 6]}).tolist() == [True, False, False]
+    assert select_conditions(table, {"force_N": 3.0}).tolist() == [True, False, False]
+    with pytest.raises(InputError, match="there is no condition 'force'; did you mean 'force_N'"):
+        select_conditions(table, {"force": 3})
+    with pytest.raises(InputError, match="no trial has"):
+        select_conditions(table, {"force_N": 4})

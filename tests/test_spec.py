@@ -1,0 +1,220 @@
+"""Specs: text and tables are one thing in two forms, and whatever is wrong is named by key and file."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError
+from neurotact.networks.specs import RSNNSpec
+from neurotact.spec import build, digest, find, load, override, parse_assignments, read, shipped, to_toml
+
+WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+KEYS = (
+    st.sampled_from(["a", "t_ref_ms", "v1 mix", "a.b", "é", "\N{GRINNING FACE}", "", "\x7f", '"', "\\", "\n"]) | WORDS
+)
+NUMBERS = st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False, allow_infinity=False)
+TABLES = st.dictionaries(
+    KEYS,
+    st.recursive(
+        NUMBERS | WORDS,
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3),
+        max_leaves=8,
+    ),
+    max_size=4,
+)
+ENCODER = load(AfferentSpec, "sa1-ra1-lif").model_dump(mode="json", exclude_none=True)
+
+
+def refusal(model, table, source="my.toml") -> str:
+    with pytest.raises(InputError) as error:
+        build(model, table, source)
+    message = str(error.value)
+    assert "\n" not in message
+    assert message.endswith(f"({source})")
+    return message
+
+
+@given(TABLES)
+def test_a_table_written_as_toml_is_read_back_equal(tmp_path, table):
+    path = tmp_path / "table.toml"
+    path.write_bytes(to_toml(table).encode())
+    again = read(path)
+    assert again == table
+    assert _types(again) == _types(table)
+
+
+def _types(value):
+    """The type of each leaf: 1, 1.0 and true are equal in Python and not in TOML."""
+    if isinstance(value, dict):
+        return {key: _types(inner) for key, inner in value.items()}
+    return [_types(inner) for inner in value] if isinstance(value, list) else type(value)
+
+
+def test_infinity_and_nan_are_written_as_toml_has_them(tmp_path):
+    (tmp_path / "table.toml").write_text(to_toml({"a": [math.inf, -math.inf, math.nan]}))
+    high, low, none = read(tmp_path / "table.toml")["a"]
+    assert (high, low) == (math.inf, -math.inf)
+    assert math.isnan(none)
+
+
+def test_none_is_left_out():
+    assert to_toml({"a": None, "b": {"c": None, "d": 1}}) == "[b]\nd = 1\n"
+
+
+@given(TABLES)
+def test_the_digest_does_not_depend_on_the_order_of_keys(table):
+    def reverse(value):
+        return {k: reverse(v) for k, v in reversed(value.items())} if isinstance(value, dict) else value
+
+    assert digest(reverse(table)) == digest(table)
+
+
+def test_the_digest_of_a_spec_changes_with_any_value():
+    base = build(AfferentSpec, ENCODER, "a")
+    others = [{"tau_mem_ms": 11.0}, {"sa1.gain": 3.3}, {"conditioning.rectify": True}, {"conditioning.offset": [1.0]}]
+    digests = {build(AfferentSpec, override(ENCODER, other), "b").digest() for other in others}
+    assert len(digests | {base.digest()}) == len(others) + 1
+    assert build(AfferentSpec, override(ENCODER, {"tau_mem_ms": 10}), "c").digest() == base.digest()
+
+
+def test_an_override_changes_a_copy_and_nothing_else():
+    table = {"sa1": {"gain": 1.0, "t_ref_ms": 1.0}, "unit": "mV"}
+    assert override(table, {"sa1.t_ref_ms": 5, "ra1.gain": 2}) == {
+        "sa1": {"gain": 1.0, "t_ref_ms": 5}, "unit": "mV", "ra1": {"gain": 2}
+    }  # fmt: skip
+    assert table == {"sa1": {"gain": 1.0, "t_ref_ms": 1.0}, "unit": "mV"}
+
+
+def test_an_override_below_a_value_is_refused():
+    with pytest.raises(InputError, match=r"unit\.name: 'unit' is a value, not a table"):
+        override({"unit": "mV"}, {"unit.name": 1})
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("5", 5), ("5.0", 5.0), ("-1e3", -1000.0), ("true", True), ("[20, 30]", [20, 30]), ("eq4", "eq4"),
+        ('"5"', "5"), ("a=b", "a=b"), ("", ""), (" 7 ", 7), ("v1 mix", "v1 mix"), ("{a = 1}", {"a": 1}),
+    ],
+)  # fmt: skip
+def test_an_assignment_is_read_as_toml_else_as_text(text, value):
+    assert parse_assignments([f"key={text}"]) == {"key": value}
+
+
+@pytest.mark.parametrize("assignment", ["", "hidden", "=5", " =5", "hidden:5"])
+def test_an_assignment_without_key_or_value_is_refused(assignment):
+    with pytest.raises(InputError, match="must read KEY=VALUE"):
+        parse_assignments([assignment])
+
+
+def test_the_last_of_two_assignments_holds():
+    assert parse_assignments(["hidden=20", "hidden=30"]) == {"hidden": 30}
+
+
+@pytest.mark.parametrize(
+    ("model", "key", "meant"),
+    [
+        (AfferentSpec, "sa1.t_ref", "t_ref_ms"),
+        (AfferentSpec, "tau_mem", "tau_mem_ms"),
+        (AfferentSpec, "conditioning.ema_cutof_Hz", "ema_cutoff_Hz"),
+        (AfferentSpec, "sa2", "sa1"),
+        (RSNNSpec, "training.epoch", "epochs"),
+        (RSNNSpec, "hiden", "hidden"),
+    ],
+)
+def test_an_unknown_key_names_the_nearest(model, key, meant):
+    table = override(ENCODER if model is AfferentSpec else {}, {key: 1})
+    assert refusal(model, table).startswith(f"{key}: unknown key; did you mean '{meant}'?")
+
+
+def test_an_unknown_key_far_from_any_lists_them_all():
+    assert "sa1.zzzzz: unknown key; known: gain, t_ref_ms" in refusal(AfferentSpec, override(ENCODER, {"sa1.zzzzz": 1}))
+
+
+def test_a_missing_key_is_named():
+    table = {key: value for key, value in ENCODER.items() if key != "sa1"}
+    assert refusal(AfferentSpec, table) == "sa1: is missing; add it (my.toml)"
+
+
+BAD_NUMBERS = st.sampled_from([math.nan, math.inf, -math.inf]) | st.floats(max_value=-1e-300)
+NO_NUMBERS = st.sampled_from(["fast", "", [], [1.0], {}, {"ms": 1}])
+
+
+@pytest.mark.parametrize("key", ["sa1.t_ref_ms", "ra1.gain", "tau_mem_ms", "conditioning.resample_Hz"])
+@given(value=BAD_NUMBERS | NO_NUMBERS)
+def test_a_value_that_is_no_positive_number_is_refused_by_key_and_file(key, value):
+    assert refusal(AfferentSpec, override(ENCODER, {key: value})).startswith(key)
+
+
+@pytest.mark.parametrize("key", ["hidden", "training.epochs", "training.batch"])
+@given(value=BAD_NUMBERS | NO_NUMBERS | st.sampled_from([0, -1, 1.5]))
+def test_a_value_that_is_no_count_is_refused_by_key_and_file(key, value):
+    assert refusal(RSNNSpec, override({}, {key: value})).startswith(key)
+
+
+@pytest.mark.parametrize("key", ["model", "membrane", "reset"])
+@given(value=NUMBERS | WORDS | NO_NUMBERS)
+def test_a_choice_names_what_it_may_be(key, value):
+    if value not in ("eq4", "delayed", "immediate", "zero", "subtract", "hard", "rsnn"):
+        assert refusal(RSNNSpec, {key: value}).startswith(f"{key}: must be '")
+
+
+@pytest.mark.parametrize("value", [5, "sa1", [], True])
+def test_a_value_where_a_table_belongs_is_refused(value):
+    assert refusal(AfferentSpec, override(ENCODER, {"sa1": value})).startswith("sa1: must be a table; got")
+
+
+@pytest.mark.parametrize(
+    ("message", "key", "value"),
+    [
+        ("sa1.t_ref_ms: must be >= 0; got -1", "sa1.t_ref_ms", -1),
+        ("sa1.gain: must be > 0; got 0", "sa1.gain", 0),
+        ("tau_mem_ms: must be a finite number; got inf", "tau_mem_ms", math.inf),
+        ("v_threshold_mV must be above v_rest_mV", "v_threshold_mV", -70.0),
+        (
+            "conditioning.baseline: must be 'none', 'mean', 'median' or 'first'; got 'max'",
+            "conditioning.baseline",
+            "max",
+        ),
+        ("conditioning.scale.1: must be > 0; got 0", "conditioning.scale", [1.0, 0.0]),
+    ],
+)
+def test_a_refusal_says_what_a_value_must_be(message, key, value):
+    assert message in refusal(AfferentSpec, override(ENCODER, {key: value}))
+
+
+def test_a_spec_is_found_by_name_and_by_path(tmp_path):
+    path = find("encoders", "sa1-ra1-lif")
+    copy = tmp_path / "mine.toml"
+    copy.write_bytes(path.read_bytes())
+    assert path in shipped("encoders")
+    assert load(AfferentSpec, copy) == load(AfferentSpec, "sa1-ra1-lif") == load(AfferentSpec, path)
+
+
+def test_a_spec_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match="sa1-ra1-lf: there is no such spec in encoders; did you mean 'sa1-ra1-lif'"):
+        find("encoders", "sa1-ra1-lf")
+    with pytest.raises(InputError, match=r"mine\.toml: there is no such file"):
+        find("encoders", tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize("content", [b"a = ", b"[a", b"a = 1\na = 2", b"\xff", b"{}"])
+def test_text_that_is_no_toml_is_named(tmp_path, content):
+    (tmp_path / "mine.toml").write_bytes(content)
+    with pytest.raises(InputError, match=r"mine\.toml: is not valid TOML"):
+        load(AfferentSpec, tmp_path / "mine.toml")
+
+
+def test_a_wrong_value_in_a_file_is_named_with_the_file(tmp_path):
+    (tmp_path / "mine.toml").write_text(to_toml(override(ENCODER, {"sa1.t_ref_ms": -1})))
+    with pytest.raises(InputError, match=r"sa1\.t_ref_ms: must be >= 0; got -1 \(.*mine\.toml\)"):
+        load(AfferentSpec, tmp_path / "mine.toml")
+
+
+def test_a_spec_cannot_be_changed():
+    spec = load(AfferentSpec, "sa1-ra1-lif")
+    with pytest.raises(ValueError, match="frozen"):
+        spec.tau_mem_ms = 1.0
