@@ -1,0 +1,1 @@
+"""Sweeps over specs: cells, runner, calibration, claims, report."""
