@@ -8,6 +8,8 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
+from neurotact.backend import Backend, use_native
+from neurotact.encoders import native
 from neurotact.errors import InputError
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
@@ -92,11 +94,17 @@ def encode(
     sampling_rate_Hz: float,
     spec: AfferentSpec,
     state: EncoderState | None = None,
+    *,
+    out: np.ndarray | None = None,
+    backend: Backend = "auto",
 ) -> tuple[np.ndarray, EncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
 
     The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole. The
     arithmetic is done in the signal's float type. At the very first sample the derivative is 0.
+
+    out: an array of the result's shape to write to, so that encoding in a loop asks for no memory.
+    backend: which implementation runs; all give the same spikes.
 
     >>> spec = AfferentSpec(sa1=AfferentType(gain=3.2), ra1=AfferentType(gain=16.0))
     >>> spikes, _ = encode(np.full((1, 200, 1), 10.0), 2000.0, spec)
@@ -106,24 +114,37 @@ def encode(
     signal = np.asarray(signal)
     if signal.ndim != 3 or signal.dtype.kind != "f":
         raise InputError(f"signal: must be a float array (trial, time, taxel); got {signal.dtype} {signal.shape}")
-    sa1, ra1 = (spec.neuron(kind, sampling_rate_Hz) for kind in (spec.sa1, spec.ra1))
-    if state is None:
-        state = _start(signal, sa1, ra1)
-    kind = signal.dtype.type
-    gain_sa1, gain_ra1 = kind(spec.sa1.gain), kind(spec.ra1.gain * sampling_rate_Hz * 1e-3)
+    neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
+    # RA-I feels the change per ms; per sample it is this much.
+    gains = (spec.sa1.gain, spec.ra1.gain * sampling_rate_Hz * 1e-3)
+    state = _start(signal, neurons) if state is None else state
+    if use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64"):
+        spikes, populations, last = native.encode(signal, gains, neurons, (state.sa1, state.ra1), state.last, out)
+        return spikes, EncoderState(*populations, last)
+    return _encode_by_steps(signal, gains, neurons, state, out)
+
+
+def _encode_by_steps(
+    signal: np.ndarray,
+    gains: tuple[float, float],
+    neurons: tuple[LIF, LIF],
+    state: EncoderState,
+    out: np.ndarray | None,
+) -> tuple[np.ndarray, EncoderState]:
+    """The definition: a step at a time."""
+    gain_sa1, gain_ra1 = map(signal.dtype.type, gains)
     n_trials, n_steps, n_taxels = signal.shape
-    spikes = np.empty((n_trials, n_steps, 2 * n_taxels), np.uint8)
+    spikes = np.empty((n_trials, n_steps, 2 * n_taxels), np.uint8) if out is None else out
     for t in range(n_steps):
         now = signal[:, t]
-        fired_sa1, state_sa1 = lif_step(sa1, gain_sa1 * now, state.sa1)
         last = now if state.last is None else state.last
-        fired_ra1, state_ra1 = lif_step(ra1, gain_ra1 * np.abs(now - last), state.ra1)
-        spikes[:, t, :n_taxels], spikes[:, t, n_taxels:] = fired_sa1, fired_ra1
-        state = EncoderState(state_sa1, state_ra1, now)
+        spikes[:, t, :n_taxels], sa1 = lif_step(neurons[0], gain_sa1 * now, state.sa1)
+        spikes[:, t, n_taxels:], ra1 = lif_step(neurons[1], gain_ra1 * np.abs(now - last), state.ra1)
+        state = EncoderState(sa1, ra1, now)
     return spikes, state
 
 
-def _start(signal: np.ndarray, sa1: LIF, ra1: LIF) -> EncoderState:
-    n_trials, _, n_taxels = signal.shape
-    resting_sa1, resting_ra1 = (lif_start(neuron, (n_trials, n_taxels), signal.dtype) for neuron in (sa1, ra1))
-    return EncoderState(resting_sa1, resting_ra1, None)
+def _start(signal: np.ndarray, neurons: tuple[LIF, LIF]) -> EncoderState:
+    shape = (signal.shape[0], signal.shape[2])
+    sa1, ra1 = neurons
+    return EncoderState(lif_start(sa1, shape, signal.dtype), lif_start(ra1, shape, signal.dtype), None)

@@ -1,0 +1,63 @@
+"""The compiled encoder: from conditioned signals to spikes; what it computes is defined in `afferents.py`."""
+
+import math
+
+import numpy as np
+import torch
+
+from neurotact.backend import native
+from neurotact.errors import InputError
+from neurotact.neurons import LIF, LIFState
+
+
+def encode(
+    signal: np.ndarray,
+    gains: tuple[float, float],
+    neurons: tuple[LIF, LIF],
+    states: tuple[LIFState, LIFState],
+    last: np.ndarray | None,
+    out: np.ndarray | None = None,
+) -> tuple[np.ndarray, tuple[LIFState, LIFState], np.ndarray | None]:
+    """Spikes `(trial, time, 2 taxel)` uint8 of both populations, their next states, and the last sample.
+
+    signal: conditioned, `(trial, time, taxel)`, float32 or float64; the arithmetic is done in its type.
+    gains: SA-I drive in mV per unit; RA-I drive in mV per unit of change from one sample to the next.
+    neurons, states: of the SA-I and of the RA-I population; they differ in their refractory steps alone.
+    last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
+    out: an array of the result's shape to write to, so that encoding in a loop asks for no memory.
+    """
+    n_trials, n_steps, n_taxels = signal.shape
+    sa1, ra1 = neurons
+    if (sa1.decay, *_levels(sa1)) != (ra1.decay, *_levels(ra1)):
+        raise InputError("neurons: SA-I and RA-I may differ in refractory_steps alone; encode them apart")
+    if signal.strides[2] != signal.itemsize or any(s % signal.itemsize for s in signal.strides):
+        signal = np.ascontiguousarray(signal)
+    shape = (n_trials, n_steps, 2 * n_taxels)
+    if out is None:
+        out = np.empty(shape, np.uint8)
+    elif out.shape != shape or out.dtype != np.uint8 or not out.flags.c_contiguous or not out.flags.writeable:
+        raise InputError(f"out: must be a writable C-contiguous uint8 array {shape}; got {out.dtype} {out.shape}")
+    membranes = [np.array(state.membrane_mV, signal.dtype, order="C") for state in states]
+    silent = [np.array(state.silent_steps, np.int32, order="C") for state in states]
+    latest = np.zeros((n_trials, n_taxels), signal.dtype) if last is None else np.array(last, signal.dtype, order="C")
+    for array in (*membranes, *silent, latest):
+        if array.shape != (n_trials, n_taxels):
+            raise InputError(f"state: has shape {array.shape} where (trial, taxel) is {(n_trials, n_taxels)}")
+    itemsize = signal.itemsize
+    native.encode(  # pyright: ignore[reportOptionalMemberAccess]
+        signal.dtype == np.float64, n_trials, n_steps, n_taxels,
+        _at(signal), signal.strides[0] // itemsize, signal.strides[1] // itemsize,
+        *gains, sa1.decay, *_levels(sa1), sa1.refractory_steps, ra1.refractory_steps,
+        _at(membranes[0]), _at(membranes[1]), _at(latest), _at(silent[0]), _at(silent[1]),
+        last is not None, _at(out), torch.get_num_threads(),
+    )  # fmt: skip
+    following = tuple(LIFState(*parts) for parts in zip(membranes, silent, strict=True))
+    return out, (following[0], following[1]), last if n_steps == 0 else latest
+
+
+def _levels(neuron: LIF) -> tuple[float, float, float]:
+    return neuron.v_rest_mV, neuron.v_reset_mV, neuron.v_threshold_mV
+
+
+def _at(array: np.ndarray) -> int:
+    return array.ctypes.data if math.prod(array.shape) else 0
