@@ -1,0 +1,1 @@
+"""Event files, figures and exchange formats."""

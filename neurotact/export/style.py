@@ -1,0 +1,157 @@
+"""How everything looks that is drawn: colours, sizes, the words on an axis, and how a figure is saved."""
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
+from pathlib import Path
+from typing import Any, NamedTuple, ParamSpec
+
+import numpy as np
+from matplotlib import colormaps, rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurotact.errors import InputError
+from neurotact.files import whole
+
+P = ParamSpec("P")
+
+WIDTH_in = 7.2
+"""Two columns of a journal page."""
+SUFFIXES = (".png", ".svg", ".pdf")
+
+# The texture paper's Figs. 5 and 6: SA-I blue, RA-I orange, their sum green; tones that a colour-blind reader and a
+# grey print tell apart (after Okabe and Ito).
+SA, RA, TOTAL = "#0072B2", "#E06C00", "#009E73"
+INK, MUTED, PALE = "#1f1f1f", "#666666", "#d9d9d9"
+PAIR_AXIS = r"$t_\mathrm{ref}$ of RA-I & SA-I (ms)"
+SERIES = (
+    ("#0072B2", "o"),
+    ("#56B4E9", "s"),
+    ("#009E73", "^"),
+    ("#CC79A7", "D"),
+    ("#D55E00", "v"),
+    ("#1f1f1f", "P"),
+)
+"""Colour and marker of each series, for those that are told apart by both."""
+
+RC: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.0,
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 8.0,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.unicode_minus": True,
+    "axes.axisbelow": True,
+    "axes.prop_cycle": "cycler('color', ['#0072B2', '#E06C00', '#009E73', '#CC79A7', '#56B4E9', '#1f1f1f'])",
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "text.color": INK,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.6,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "path.simplify": False,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "neurotact",
+    "pdf.fonttype": 42,
+}
+
+
+class Drawn(NamedTuple):
+    """A figure of the report: its file's name, its title, what is seen, and its text for those who do not see it."""
+
+    name: str
+    title: str
+    figure: Figure
+    caption: str
+    alt: str
+
+
+def printed(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """A drawing function whose figure has the house style, whatever matplotlib is set to."""
+
+    @wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with rc_context(RC):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+def new_figure(height_in: float, width_in: float = WIDTH_in) -> Figure:
+    """An empty figure that lays itself out."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as its suffix says, whole or not at all; the same figure gives the same bytes.
+
+    Raises InputError for a suffix that is not .png, .svg or .pdf.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"{path}: figures are written as {', '.join(SUFFIXES)}; end the name with one of them")
+    undated: dict[str, Any] = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    with rc_context(RC), whole(path) as draft:
+        figure.savefig(draft, format=suffix[1:], dpi=200, metadata=undated[suffix])
+
+
+def add_legend(figure: Figure, panels: Iterable[Axes], ncols: int, **kwargs: Any) -> None:
+    """One legend above all panels, each of their labels once."""
+    found = [axes.get_legend_handles_labels() for axes in panels]
+    handles = {label: handle for both in found for handle, label in zip(*both, strict=True)}
+    figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=ncols, **kwargs)
+
+
+def name_ticks(axes: Axes, names: Sequence[str], at: Sequence[float] | np.ndarray | None = None) -> None:
+    """Name ticks of the x axis, at 0, 1, ... when not told where; aslant where the names are long."""
+    aslant: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 4 else {}
+    axes.set_xticks(np.arange(len(names)) if at is None else at, names, **aslant)
+
+
+def sequence(n: int) -> list[Any]:
+    """Colours of `n` steps of one quantity, from light to dark; one dark colour for a single step."""
+    return list(colormaps["viridis"](np.linspace(0.78, 0.02, n) if n > 1 else [0.3]))
+
+
+def series_style(index: int) -> dict[str, Any]:
+    """Colour and marker of the series at `index`, as keywords of a plot."""
+    colour, marker = SERIES[index % len(SERIES)]
+    return {"color": colour, "marker": marker}
+
+
+UNITS = {"mm_per_s": "mm/s", "per_s": "1/s"} | {unit: unit for unit in ("ms", "Hz", "mV", "mm", "N", "V", "s")}
+
+
+def quantity(column: str) -> tuple[str, str]:
+    """The name and the unit in a column's name; no unit where it holds none.
+
+    >>> quantity("force_N"), quantity("speed_mm_per_s"), quantity("fabric")
+    (('force', 'N'), ('speed', 'mm/s'), ('fabric', ''))
+    """
+    for suffix, unit in UNITS.items():
+        if column.endswith(f"_{suffix}"):
+            return column.removesuffix(f"_{suffix}").replace("_", " "), unit
+    return column.replace("_", " "), ""
+
+
+def in_unit(column: str, value: Any) -> str:
+    """A value as it is read beside its column's unit.
+
+    >>> in_unit("force_N", 12.0), in_unit("speed_mm_per_s", 8.6), in_unit("finger", "left")
+    ('12 N', '8.6 mm/s', 'left')
+    """
+    number = f"{value:g}" if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)
+    return f"{number} {quantity(column)[1]}".strip()
