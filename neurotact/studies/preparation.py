@@ -1,0 +1,187 @@
+"""What a study's cells share: its recordings, their split, the spike trains of every encoder it sweeps."""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from sklearn.linear_model import LogisticRegression
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+
+from neurotact.data import hdf5
+from neurotact.data.readers import fabricslide, pvdf_hardness
+from neurotact.data.recordings import LABEL, Recordings, select_conditions
+from neurotact.data.simulate import gratings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, SplitSpec, split_trials
+from neurotact.data.windows import WindowSpec, cut
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError
+from neurotact.files import read_json, whole, write_json
+from neurotact.metrics import spike_trains
+from neurotact.spec import build, digest
+from neurotact.studies.calibration import calibrate
+from neurotact.studies.encoding import encode_recordings
+from neurotact.studies.study import Cell, DatasetSpec
+
+READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
+
+
+def load_dataset(spec: DatasetSpec) -> Recordings:
+    """Simulate, read or load the recordings of a study."""
+    if spec.simulate is not None:
+        return gratings.simulate(build(gratings.GratingsSpec, spec.parameters, source="dataset.parameters"))
+    if spec.file is not None:
+        return hdf5.load_recordings(spec.file)
+    return READERS[spec.read or ""](expand(spec.path or ""))
+
+
+def expand(path: str) -> Path:
+    """`path` with `$NEUROTACT_DATA` replaced by its value, by default ../shared/data.
+
+    >>> from unittest.mock import patch
+    >>> with patch.dict(os.environ, NEUROTACT_DATA="/tactile"):
+    ...     str(expand("$NEUROTACT_DATA/fabricslide"))
+    '/tactile/fabricslide'
+    """
+    return Path(path.replace("$NEUROTACT_DATA", os.environ.get("NEUROTACT_DATA", "../shared/data")))
+
+
+def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec) -> Split:
+    """Split trials, balanced over the class and the `stratify` columns."""
+    strata = conditions[LABEL].astype(str)
+    for column in stratify:
+        if column not in conditions:
+            raise InputError(
+                f"dataset.stratify: there is no condition '{column}'; known: {', '.join(conditions.columns)}"
+            )
+        strata = strata + " " + conditions[column].astype(str)
+    return split_trials(strata.to_numpy(dtype=str), spec)
+
+
+def spikes_path(folder: Path, cell: Cell) -> Path:
+    return folder / "spikes" / f"{cell.spikes_name}.h5"
+
+
+def prepare(folder: Path, dataset: DatasetSpec, cells: list[Cell], linear_baseline: bool) -> None:
+    """Write what is missing of `folder/spikes`, the encoding tables beside it, and the linear baseline."""
+    missing = {cell.spikes_name: cell for cell in cells if not spikes_path(folder, cell).is_file()}
+    wants_baseline = linear_baseline and not (folder / "baseline.csv").is_file()
+    if not missing and not wants_baseline:
+        return
+    recordings = load_dataset(dataset)
+    _check_unchanged(folder, recordings)
+    calibrated: dict[str, AfferentSpec] = {}
+    for cell in missing.values():
+        trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
+        with whole(folder / "spikes" / f"{cell.spikes_name}.csv") as draft:
+            encoding_table(trains, cell, dataset.stratify).to_csv(draft, index=False)
+        hdf5.save_spikes(trains, spikes_path(folder, cell))
+    if wants_baseline:
+        subsets = {cell.dataset: cell.subset for cell in cells}
+        table = baseline_table(recordings, dataset, subsets, cells[0].window, cells[0].split)
+        with whole(folder / "baseline.csv") as draft:
+            table.to_csv(draft, index=False)
+
+
+def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:
+    """Firing of both populations for each class and condition, from the window's start to the trial's end.
+
+    Columns: the t_ref pair, label, the conditions in `by`, spikes_sa_per_s and spikes_ra_per_s (the whole population),
+    spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means): texture paper, Figs. 6 and 10.
+    """
+    rate_Hz = trains.sampling_rate_Hz
+    start = round(cell.window.start_ms * 1e-3 * rate_Hz)
+    if start >= trains.trial_steps.min():
+        raise InputError(
+            f"window.start_ms: {cell.window.start_ms:g} ms is past the end of trial {trains.trial_steps.argmin()}, "
+            f"which lasts {trains.trial_steps.min() / rate_Hz:.3f} s; lower it"
+        )
+    felt = spike_trains.events(
+        [steps[steps >= start] - start for steps in trains.steps],
+        [units[steps >= start] for steps, units in zip(trains.steps, trains.units, strict=True)],
+        trains.trial_steps - start,
+        len(trains.afferents),
+    )
+    rates = spike_trains.rates_Hz(felt, rate_Hz)
+    isis = spike_trains.isis_ms(felt, rate_Hz)
+    rows = []
+    columns = [LABEL, *by]
+    for _, group in trains.conditions.groupby(columns, sort=False):
+        trials = group.index.to_numpy()
+        row: dict[str, Any] = group.iloc[0][columns].to_dict()
+        for kind, is_kind in (("sa", trains.is_sa), ("ra", ~trains.is_sa)):
+            row[f"spikes_{kind}_per_s"] = rates[trials][:, is_kind].sum(axis=1).mean()
+            these = isis.isi_ms[np.isin(isis.trial, trials) & is_kind[isis.afferent]]
+            row[f"isi_{kind}_ms"] = these.mean() if len(these) else float("nan")
+        total = row["spikes_total_per_s"] = row["spikes_sa_per_s"] + row["spikes_ra_per_s"]
+        row["sa_share"] = row["spikes_sa_per_s"] / total if total else float("nan")
+        rows.append(row)
+    table = pd.DataFrame(rows)
+    table.insert(0, "t_ref_ra_ms", cell.encoder.ra1.t_ref_ms)
+    table.insert(1, "t_ref_sa_ms", cell.encoder.sa1.t_ref_ms)
+    return table
+
+
+def baseline_table(
+    recordings: Recordings, dataset: DatasetSpec, subsets: Mapping[str, dict], window: WindowSpec, split: SplitSpec
+) -> pd.DataFrame:
+    """Accuracy of logistic regression on each taxel's mean and deviation in the windows that the networks see."""
+    parts = split_conditions(recordings.conditions, dataset.stratify, split)
+    windows = cut(np.array([len(s) for s in recordings.signals]), recordings.sampling_rate_Hz, window)
+    pieces = [recordings.signals[t][s : s + windows.n_steps] for t, s in zip(windows.trial, windows.start, strict=True)]
+    features = np.array([np.concatenate([p.mean(axis=0), p.std(axis=0)]) for p in pieces])
+    labels = recordings.labels[windows.trial]
+    rows = []
+    for name, where in subsets.items():
+        inside = select_conditions(recordings.conditions, where)[windows.trial]
+        train, validation, test = (inside & np.isin(windows.trial, part) for part in parts)
+        model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
+        model.fit(features[train], labels[train])
+        majority = np.bincount(labels[train]).argmax()
+        rows.append(
+            {
+                "dataset": name,
+                "n_train": int(train.sum()),
+                "n_test": int(test.sum()),
+                "accuracy_validation": model.score(features[validation], labels[validation]),
+                "accuracy_test": model.score(features[test], labels[test]),
+                "chance": 1.0 / len(recordings.classes),
+                "majority_class": float((labels[test] == majority).mean()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> AfferentSpec:
+    """The cell's encoder, with gains fitted on the training trials where the study calibrates."""
+    if cell.calibrate is None:
+        return cell.encoder
+    key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump()])
+    if key not in calibrated:
+        train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
+        calibrated[key] = calibrate(recordings.select(train), cell.calibrate).encoder
+    fitted = calibrated[key]
+    populations = {
+        name: getattr(fitted, name).model_copy(update={"t_ref_ms": getattr(cell.encoder, name).t_ref_ms})
+        for name in ("sa1", "ra1")
+    }
+    return fitted.model_copy(update=populations)
+
+
+def _check_unchanged(folder: Path, recordings: Recordings) -> None:
+    """A resumed study must see the recordings that it began with."""
+    content = hashlib.sha256()
+    for signal in recordings.signals:
+        content.update(np.ascontiguousarray(signal).tobytes())
+    content.update(json.dumps(recordings.conditions.astype(str).values.tolist()).encode())
+    found = {"sha256": content.hexdigest(), "trials": len(recordings), "classes": list(recordings.classes)}
+    path = folder / "data.json"
+    if path.is_file() and read_json(path) != found:
+        raise InputError(f"{folder}: the recordings changed since this study began; run it into another folder")
+    write_json(path, found)

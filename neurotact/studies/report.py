@@ -1,0 +1,235 @@
+"""The report of a study: its figures and one HTML file that opens anywhere, offline."""
+
+from base64 import b64encode
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from neurotact.data.hdf5 import load_spikes
+from neurotact.export.network_figures import over_seeds
+from neurotact.export.style import Drawn, in_unit, quantity, save
+from neurotact.files import existing, read_json, write_text
+from neurotact.spec import to_toml
+from neurotact.studies import study as studies
+from neurotact.studies.cell import cell_folder
+from neurotact.studies.claims import Verdict, judge
+from neurotact.studies.preparation import spikes_path
+from neurotact.studies.report_encoding import encoding_drawings, name_classes
+from neurotact.studies.report_networks import network_drawings
+from neurotact.studies.study import StudySpec, cells, swept_columns
+
+DOWNLOADS = {
+    "results.csv": "one row a trained network",
+    "encoding.csv": "firing of both populations for each class and condition",
+    "baseline.csv": "the linear classifier",
+    "timings.csv": "time that each cell took",
+    "study.toml": "the study as it was run, every part whole",
+    "versions.json": "versions of what computed it",
+    "data.json": "the recordings' hash",
+}
+MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total"]
+
+
+class Table(NamedTuple):
+    """A table as text: what it shows, the heads of its columns, its rows, each headed by its first `n_heads` cells."""
+
+    caption: str
+    columns: list[str]
+    rows: list[list[str]]
+    n_heads: int = 0
+
+
+def write(study: StudySpec, folder: Path) -> Path:
+    """Draw the figures and write `report.html` from the tables of a run folder; the report's path.
+
+    Raises InputError when `results.csv` or `encoding.csv` is not there or a claim names a column that is not there.
+    """
+    results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept_columns(study))
+    encoding = with_pair(read_encoding(folder / "encoding.csv"))
+    figures = []
+    for drawn in drawings(study, folder, results, encoding):
+        for suffix in (".svg", ".png"):
+            save(drawn.figure, folder / "figures" / f"{drawn.name}{suffix}")
+            drawn.figure.set_layout_engine("none")  # Laid out once: quicker, and both files look the same.
+        figures.append(_shown(drawn, folder))
+    verdicts = [judge(claim, results, encoding) for claim in study.claims]
+    page = _template().render(
+        study=study,
+        n_done=len(results),
+        n_cells=len(list(cells(study))),
+        verdicts=verdicts,
+        tally=tally(verdicts),
+        figures=figures,
+        means=means_table(results),
+        everything=whole_table(results.drop(columns=["pair", "setting"])),
+        baseline=baseline_table(folder),
+        timing=timing_sentence(folder),
+        downloads={name: what for name, what in DOWNLOADS.items() if (folder / name).is_file()},
+        specs=_specs(study),
+        seeds=study.sweep.get("seed", [0]),
+        versions=_if_there(folder / "versions.json"),
+        data=_if_there(folder / "data.json"),
+    )
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
+
+
+def drawings(study: StudySpec, folder: Path, results: pd.DataFrame, encoding: pd.DataFrame) -> Iterator[Drawn]:
+    """The figures that these tables and this run folder allow, in the order of the report."""
+    done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
+    held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
+    trains = load_spikes(held) if held else None
+    classes = name_classes(encoding, trains.conditions if trains else None)
+    yield from encoding_drawings(study, trains, encoding, classes)
+    yield from network_drawings(study, folder, done, results, classes)
+
+
+def read_encoding(path: Path) -> pd.DataFrame:
+    """The encoding table; a class may be called "None", and an interval may be missing."""
+    missing = {"isi_sa_ms": [""], "isi_ra_ms": [""]}
+    return pd.read_csv(existing(path), dtype={"label": str}, keep_default_na=False, na_values=missing)
+
+
+def with_pair(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with the t_ref pair as the paper writes it, RA-I first, in the column `pair`.
+
+    >>> with_pair(pd.DataFrame({"t_ref_ra_ms": [1.0], "t_ref_sa_ms": [10.0]}))["pair"].tolist()
+    ['1&10']
+    """
+    periods = zip(table["t_ref_ra_ms"], table["t_ref_sa_ms"], strict=True)
+    return table.assign(pair=[f"{ra:g}&{sa:g}" for ra, sa in periods])
+
+
+def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
+    """The table with, in the column `setting`, the data set and what else was swept, in words.
+
+    >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0]})
+    >>> with_setting(rows, ["window.length_ms"])["setting"].tolist()
+    ['mixed, window.length 50 ms']
+    """
+    swept = [key for key in swept if key in results]
+    words = [
+        ", ".join([str(row["dataset"]), *(f"{quantity(key)[0]} {in_unit(key, row[key])}" for key in swept)])
+        for _, row in results.iterrows()
+    ]
+    return results.assign(setting=words)
+
+
+def tally(verdicts: list[Verdict]) -> str:
+    """How many claims hold, in words.
+
+    >>> tally([])
+    ''
+    """
+    if not verdicts:
+        return ""
+    judged = [verdict.reproduced for verdict in verdicts if verdict.reproduced is not None]
+    missing = len(verdicts) - len(judged)
+    return f"{sum(judged)} of {len(judged)} claims reproduced" + (f", {missing} not in this run" if missing else "")
+
+
+def means_table(results: pd.DataFrame) -> Table:
+    """Means over seeds ± SD of each network."""
+    measures = [measure for measure in MEASURES if measure in results]
+    heads = {
+        "accuracy_validation": "validation accuracy (%)",
+        "accuracy_test": "test accuracy (%)",
+        "sops_total": "SOPs",
+        "exit_accuracy": "accuracy with early exit (%)",
+        "exit_steps": "steps with early exit",
+        "exit_sops_total": "SOPs with early exit",
+    }
+    rows = [
+        [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seeds"])]
+        + [_spread(measure, row[measure], row[f"{measure}_sd"]) for measure in measures]
+        for _, row in over_seeds(results, measures).iterrows()
+    ]
+    columns = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seeds", *(heads[measure] for measure in measures)]
+    return Table("Means over seeds ± SD (n - 1)", columns, rows, n_heads=3)
+
+
+def whole_table(results: pd.DataFrame) -> Table:
+    """Every row and column of results.csv."""
+    rows = [[_number(value) for value in row] for row in results.itertuples(index=False)]
+    return Table("One row a trained network, as in results.csv", [str(c) for c in results.columns], rows)
+
+
+def baseline_table(folder: Path) -> Table | None:
+    """The linear baseline as text; None where the study has none."""
+    path = folder / "baseline.csv"
+    if not path.is_file():
+        return None
+    found = pd.read_csv(path)
+    shares = {"accuracy_validation", "accuracy_test", "chance", "majority_class"}
+    heads = [f"{c.replace('_', ' ')} (%)" if c in shares else c.replace("_", " ") for c in found.columns]
+    rows = [
+        [f"{100 * value:.1f}" if column in shares else _number(value) for column, value in row.items()]
+        for row in found.to_dict("records")
+    ]
+    caption = "Logistic regression on the mean and deviation of each taxel, on the same windows and the same split"
+    return Table(caption, heads, rows, n_heads=1)
+
+
+def timing_sentence(folder: Path) -> str:
+    """What the cells took, in words; nothing where timings.csv is not there."""
+    path = folder / "timings.csv"
+    if not path.is_file():
+        return ""
+    timings = pd.read_csv(path)
+    if timings.empty:
+        return ""
+    seconds, epochs = timings["seconds"], timings["epochs"]
+    return (
+        f"{len(timings)} cells took {_duration(seconds.sum())} of worker time: {seconds.median():.1f} s in the median, "
+        f"{seconds.max():.1f} s at most, for {epochs.min():.0f} to {epochs.max():.0f} epochs of training each."
+    )
+
+
+def _shown(drawn: Drawn, folder: Path) -> dict[str, Any]:
+    """What the page needs of a figure; the picture itself goes into the page."""
+    svg = (folder / "figures" / f"{drawn.name}.svg").read_bytes()
+    width = round(96 * drawn.figure.get_figwidth())
+    source = f"data:image/svg+xml;base64,{b64encode(svg).decode()}"
+    return {"source": source, "width": width, **{k: getattr(drawn, k) for k in ("name", "title", "caption", "alt")}}
+
+
+def _template():
+    environment = Environment(
+        loader=PackageLoader("neurotact.studies", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html.jinja")
+
+
+def _specs(study: StudySpec) -> dict[str, str]:
+    """The study's parts as TOML; the whole of it is the first."""
+    parts = {name: getattr(study, name).model_dump(mode="json", exclude_none=True) for name in studies.PARTS}
+    return {"Whole study": studies.to_toml(study), **{name.capitalize(): to_toml(part) for name, part in parts.items()}}
+
+
+def _if_there(path: Path) -> dict[str, Any]:
+    return read_json(path) if path.is_file() else {}
+
+
+def _spread(measure: str, mean: float, sd: float) -> str:
+    if pd.isna(mean):
+        return "-"
+    scale, digits = (100.0, 1) if "accuracy" in measure else (1.0, 0)
+    mean_text = f"{scale * mean:,.{digits}f}"
+    return mean_text if pd.isna(sd) else f"{mean_text} ± {scale * sd:,.{digits}f}"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"

@@ -1,0 +1,215 @@
+"""A study: a spec that names an encoder, a network and a data set, and what to sweep; its cells.
+
+A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study holds them whole, so that a run folder
+says all that was run. A cell is one combination of the swept values, with everything that decides its numbers.
+"""
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from neurotact import spec as specs
+from neurotact.data.simulate.gratings import GratingsSpec
+from neurotact.data.splits import SplitSpec
+from neurotact.data.windows import WindowSpec
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError, nearest
+from neurotact.networks.specs import RSNNSpec
+from neurotact.spec import Spec
+from neurotact.studies.claims import Claim
+
+PARTS: dict[str, type[Spec]] = {"encoder": AfferentSpec, "network": RSNNSpec}
+JOIN = " & "
+
+
+class DatasetSpec(Spec):
+    """Where a study's recordings come from, and which parts of them it looks at."""
+
+    simulate: Literal["gratings"] | None = None
+    parameters: dict[str, Any] = {}
+    """Of the simulation, by the keys of its spec."""
+    read: Literal["fabricslide", "pvdf-hardness"] | None = None
+    file: str | None = None
+    """An HDF5 file of recordings."""
+    path: str | None = None
+    """The folder to read; `$NEUROTACT_DATA` stands for its value, by default ../shared/data."""
+    subsets: dict[str, dict[str, Any]] = {"all": {}}
+    """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
+    stratify: tuple[str, ...] = ()
+    """Conditions balanced in the split besides the class."""
+
+    @model_validator(mode="after")
+    def _has_one_source(self) -> "DatasetSpec":
+        if sum(source is not None for source in (self.simulate, self.read, self.file)) != 1:
+            raise ValueError("give one of simulate, read and file")
+        if self.read is not None and self.path is None:
+            raise ValueError("read needs path, the folder of the published data")
+        return self
+
+    def identity(self) -> dict[str, Any]:
+        """What decides the recordings, wherever the files lie on this machine."""
+        return {"simulate": self.simulate, "parameters": self.parameters, "read": self.read, "stratify": self.stratify}
+
+
+class EarlyExitSpec(Spec):
+    """How the one patience of a network is chosen on validation trials."""
+
+    tolerance: float = Field(default=0.01, ge=0, lt=1)
+    """Accuracy that may be lost on the validation trials."""
+
+
+class StudySpec(Spec):
+    """A study with its encoder and network whole (`studies/*.toml` once resolved)."""
+
+    folder: ClassVar[str] = "studies"
+
+    title: str
+    about: str = ""
+    dataset: DatasetSpec
+    calibrate: bool = False
+    """Fit the encoder's standardisation and gains on the training trials (as `neurotact calibrate` does)."""
+    window: WindowSpec = WindowSpec()
+    split: SplitSpec = SplitSpec()
+    early_exit: EarlyExitSpec = EarlyExitSpec()
+    linear_baseline: bool = False
+    """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
+    encoder: AfferentSpec
+    network: RSNNSpec
+    sweep: dict[str, list[Any]]
+    """Values of each axis; an axis is `dataset`, `seed`, a dotted key, or several keys joined by ` & `."""
+    claims: tuple[Claim, ...] = ()
+
+    @model_validator(mode="after")
+    def _sweeps_known_subsets(self) -> "StudySpec":
+        for axis, values in self.sweep.items():
+            if not values:
+                raise ValueError(f"sweep of '{axis}' has no value")
+            if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
+                raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+        known = list(self.dataset.subsets)
+        for name in self.sweep.get("dataset", []):
+            if name not in known:
+                raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
+        if not all(isinstance(seed, int) and seed >= 0 for seed in self.sweep.get("seed", [])):
+            raise ValueError("sweep.seed must be whole numbers >= 0")
+        return self
+
+
+class Cell(Spec):
+    """One training: everything that decides its numbers, and nothing of where files lie."""
+
+    source: dict[str, Any]
+    dataset: str
+    subset: dict[str, Any]
+    seed: int
+    calibrate: AfferentSpec | None = None
+    """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
+    window: WindowSpec
+    split: SplitSpec
+    early_exit: EarlyExitSpec
+    encoder: AfferentSpec
+    network: RSNNSpec
+
+    @property
+    def seeds(self) -> tuple[int, int]:
+        """Seeds of the initial weights and of the order of trials, drawn from the cell's content."""
+        content = specs.digest(self.model_dump(mode="json"))
+        return int(content[:6], 16), int(content[6:], 16)
+
+    @property
+    def spikes_name(self) -> str:
+        """The digest of what decides the cell's spike trains."""
+        content = self.model_dump(mode="json", include={"source", "encoder", "calibrate"})
+        return specs.digest([content, self.split.model_dump() if self.calibrate else None])
+
+
+def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False) -> StudySpec:
+    """Load a study file with its parts whole.
+
+    overrides: dotted keys that name the part first, such as `network.hidden`; a swept key stops being swept.
+    quick: apply the file's `[quick]` table of overrides first.
+    """
+    path = specs.find(StudySpec.folder, name)
+    table = specs.read(path)
+    quick_overrides = table.pop("quick", {})
+    overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
+    overrides = {**_pop_set(table), **overrides}
+    for part, model in PARTS.items():
+        if isinstance(table.get(part), str):
+            table[part] = _whole(specs.load(model, _beside(path, table[part])))
+    table = specs.override(table, _unswept(table.setdefault("sweep", {}), overrides, path))
+    study = specs.build(StudySpec, table, source=str(path))
+    if study.dataset.simulate is not None:
+        specs.build(GratingsSpec, study.dataset.parameters, source=f"dataset.parameters of {path}")
+    list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
+    return study
+
+
+def to_toml(study: StudySpec) -> str:
+    """The resolved study as TOML that `resolve` reads back equal."""
+    return specs.to_toml(_whole(study))
+
+
+def cells(study: StudySpec) -> Iterator[Cell]:
+    """The cells in the order of the sweep: the first axis is the slowest."""
+    axes = list(study.sweep)
+    base = {
+        "source": study.dataset.identity(),
+        "calibrate": _whole(study.encoder) if study.calibrate else None,
+        "seed": 0,
+        **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder", "network")},
+    }
+    for point in product(*study.sweep.values()):
+        chosen: dict[str, Any] = {"dataset": next(iter(study.dataset.subsets))}
+        for axis, value in zip(axes, point, strict=True):
+            keys = axis.split(JOIN)
+            chosen |= dict(zip(keys, value if len(keys) > 1 else [value], strict=True))
+        chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
+        yield specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
+
+
+def swept_columns(study: StudySpec) -> list[str]:
+    """Swept keys that the standard columns of results.csv do not show, such as `window.length_ms`."""
+    shown = {"dataset", "seed", "network.hidden", "encoder.ra1.t_ref_ms", "encoder.sa1.t_ref_ms"}
+    return [key for axis in study.sweep for key in axis.split(JOIN) if key not in shown]
+
+
+def value_at(cell: Cell, dotted: str) -> Any:
+    """The value of a dotted key in a cell."""
+    value: Any = cell
+    for name in dotted.split("."):
+        value = getattr(value, name)
+    return value
+
+
+def _unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Turn overrides of swept keys into sweeps of one value; return the other overrides."""
+    others = {}
+    for key, value in overrides.items():
+        joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
+        if joint:
+            raise InputError(f"--set {key}: is swept as '{joint[0]}'; set that sweep in a copy of {path.name} instead")
+        if key.startswith("sweep."):
+            sweep[key.removeprefix("sweep.")] = value
+        elif key in sweep:
+            sweep[key] = [value]
+        else:
+            others[key] = value
+    return others
+
+
+def _pop_set(table: dict[str, Any]) -> dict[str, Any]:
+    """A study's own `[set]` table: what it changes in its parts."""
+    return table.pop("set", {})
+
+
+def _whole(spec: Spec) -> dict[str, Any]:
+    return spec.model_dump(mode="json", exclude_none=True)
+
+
+def _beside(study: Path, name: str) -> str | Path:
+    """A part given by a relative path lies beside the study that names it."""
+    return study.parent / name if name.endswith(".toml") else name

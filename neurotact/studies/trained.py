@@ -1,0 +1,209 @@
+"""A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
+
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+from pydantic import Field
+from sklearn.metrics import confusion_matrix
+
+from neurotact.data import hdf5
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, SplitSpec
+from neurotact.data.windows import Windows, WindowSpec, cut
+from neurotact.errors import InputError
+from neurotact.files import whole
+from neurotact.metrics import synops
+from neurotact.networks import checkpoint
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit_choice import validated_rule
+from neurotact.networks.kernels import Backend
+from neurotact.networks.rsnn import RSNN, Inference
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.training import Epoch, Examples, Training, train
+from neurotact.spec import Spec, build
+from neurotact.studies.preparation import split_conditions
+
+
+class Task(Spec):
+    """What a network is trained and tested on: which trials, which windows, which sides of the split."""
+
+    window: WindowSpec = WindowSpec()
+    split: SplitSpec = SplitSpec()
+    stratify: tuple[str, ...] = ()
+    subset: dict[str, Any] = {}
+    exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
+
+
+class Sides(NamedTuple):
+    """Windows for training, validation and test."""
+
+    train: Examples
+    validation: Examples
+    test: Examples
+
+
+class Trained(NamedTuple):
+    """A network, how its training went, and the exit rule that its validation trials chose."""
+
+    network: RSNN
+    training: Training
+    rule: ExitRule
+
+
+def sides_of(trains: SpikeTrains, task: Task) -> Sides:
+    """The windows of each side of the split, within the trials that the task's subset selects."""
+    inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
+    split: Split = split_conditions(trains.conditions, task.stratify, task.split)
+    return Sides(*(examples_of(trains, np.intersect1d(side, inside), task.window)[0] for side in split))
+
+
+def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
+    """The windows of some trials, which keep the classes of all; the windows name trials of `trains`."""
+    windows = cut(trains.trial_steps[trials], trains.sampling_rate_Hz, window, trials)
+    labels = torch.from_numpy(trains.labels[windows.trial])
+    return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
+
+
+def fit(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    *,
+    device: str = "cpu",
+    backend: Backend = "auto",
+    progress=None,
+) -> tuple[Trained, Sides]:
+    """Train a network; the two seeds (initial weights, order of trials) fix every number."""
+    sides = sides_of(trains, task)
+    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+    network = RSNN(
+        len(trains.afferents), len(trains.classes), spec, trains.sampling_rate_Hz, backend=backend, generator=weights
+    ).to(device)
+    training = train(network, sides.train, sides.validation, generator=order, progress=progress)
+    validation = sides.validation
+    rasters = torch.cat([network.simulate(part.to(device)).readout for part in validation.spikes.split(1024)])
+    return Trained(network, training, validated_rule(rasters, validation.labels.to(device), task.exit_tolerance)), sides
+
+
+def save(trained: Trained, folder: Path, trains: SpikeTrains, spikes_path: Path, task: Task) -> None:
+    """Write the network with its task, its exit rule and its training log into `folder`."""
+    extra = {
+        "classes": list(trains.classes),
+        "encoder": dict(trains.encoder),
+        "spikes": os.path.relpath(spikes_path, folder),
+        "task": task.model_dump(mode="json"),
+        "exit_patience": trained.rule.patience,
+        "best_epoch": trained.training.best.epoch,
+    }
+    with whole(folder / "training.csv") as draft:
+        pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)).to_csv(draft, index=False)
+    checkpoint.save(trained.network, folder, extra)
+
+
+class Restored(NamedTuple):
+    """A network read back from its folder."""
+
+    network: RSNN
+    task: Task
+    rule: ExitRule
+    classes: tuple[str, ...]
+    spikes_path: Path
+
+
+def restore(folder: Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
+    """Read what `save` wrote; InputError names the file that is absent or damaged."""
+    network, metadata = checkpoint.load(folder, backend=backend)
+    extra = metadata["extra"]
+    missing = [key for key in ("task", "classes", "spikes", "exit_patience") if key not in extra]
+    if missing:
+        raise InputError(f"{folder}: network.json lacks '{missing[0]}'; make the network with neurotact train")
+    task = build(Task, extra["task"], source=str(folder / checkpoint.NETWORK))
+    rule = ExitRule(extra["exit_patience"], from_first_spike=True)
+    return Restored(network.to(device), task, rule, tuple(extra["classes"]), folder / extra["spikes"])
+
+
+def infer(
+    restored: Restored, trains: SpikeTrains, trials: np.ndarray | None = None, *, early_exit: bool
+) -> pd.DataFrame:
+    """Decide every window of some trials (all when none are named): the SOP report, one row a window.
+
+    Columns: those of `synops.to_table`, with class names in `label` and `predicted`.
+    """
+    unknown = sorted(set(trains.classes) - set(restored.classes))
+    if unknown:
+        raise InputError(f"spikes: class '{unknown[0]}' is none that the network knows ({', '.join(restored.classes)})")
+    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
+        raise InputError(
+            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
+            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
+        )
+    chosen = np.arange(len(trains)) if trials is None else trials
+    examples, windows = examples_of(trains, chosen, restored.task.window)
+    network = restored.network
+    result = network.infer(examples.spikes.to(network.w_in.device), restored.rule if early_exit else FULL_WINDOW)
+    labels, steps, sent, heard = (part.cpu().numpy() for part in result[:4])
+    return synops.to_table(
+        labels=np.array(trains.classes)[trains.labels[windows.trial]],
+        predicted=np.array(restored.classes)[labels],
+        steps=steps,
+        input_spikes=sent,
+        hidden_spikes=heard,
+        n_hidden=network.spec.hidden,
+        n_readout=network.n_classes,
+        trials=windows.trial,
+    )
+
+
+def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
+    """The trials that the network was neither trained nor validated on."""
+    inside = np.flatnonzero(select_conditions(trains.conditions, restored.task.subset))
+    return np.intersect1d(split_conditions(trains.conditions, restored.task.stratify, restored.task.split).test, inside)
+
+
+def load_spikes_of(restored: Restored) -> SpikeTrains:
+    """The spikes that the network was trained on."""
+    return hdf5.load_spikes(restored.spikes_path)
+
+
+def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, Any]:
+    """Accuracy, SOPs and early exit on the test windows, and the confusion matrix.
+
+    SOPs, spikes and steps are means over windows.
+    """
+    network = trained.network
+    spikes = test.spikes.to(network.w_in.device)
+    full, early = network.infer(spikes), network.infer(spikes, trained.rule)
+    cost, exit_cost = _synops(full, network), _synops(early, network)
+    sent = test.spikes.sum(dim=(0, 1)).numpy() / len(test.labels)
+    steps = early.steps.double()
+    row = {
+        "accuracy_validation": trained.training.best.validation_accuracy,
+        "accuracy_test": _accuracy(full, test),
+        **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
+        "spikes_sa": float(sent[is_sa].sum()),
+        "spikes_ra": float(sent[~is_sa].sum()),
+        "exit_steps": float(steps.mean()),
+        "exit_accuracy": _accuracy(early, test),
+        "exit_sops_total": float(exit_cost.total.mean()),
+        "exit_steps_sd": float(steps.std(correction=0)),
+        "exit_patience": trained.rule.patience,
+        "window_steps": test.spikes.shape[1],
+        "epochs": len(trained.training.epochs),
+    }
+    matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
+    return {"row": row, "confusion": matrix.tolist()}
+
+
+def _synops(inference: Inference, network: RSNN) -> synops.Synops:
+    counts = (inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
+    return synops.synops(*counts, n_hidden=network.spec.hidden, n_readout=network.n_classes)
+
+
+def _accuracy(inference: Inference, examples: Examples) -> float:
+    return float((inference.labels.cpu() == examples.labels).double().mean())

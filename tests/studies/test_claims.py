@@ -1,0 +1,69 @@
+"""Claims are judged by their rule, and say when a run does not hold their cells."""
+
+import pandas as pd
+import pytest
+from pydantic import ValidationError
+
+from neurotact.errors import InputError
+from neurotact.studies.claims import Claim, judge
+
+RESULTS = pd.DataFrame(
+    {
+        "pair": ["1&1", "1&1", "5&5", "5&5"],
+        "hidden": [20, 30, 20, 30],
+        "seed": [0, 0, 0, 0],
+        "accuracy_test": [0.80, 0.90, 0.70, 0.84],
+        "sops_total": [100.0, 200.0, 80.0, 140.0],
+    }
+)
+PAIRS = ({"pair": "5&5"}, {"pair": "1&1"})
+
+
+def claim(kind, measure="accuracy_test", **rest):
+    return Claim(name="c", source="Fig. 0", published="p", kind=kind, measure=measure, **rest)
+
+
+def verdict(one):
+    return judge(one, RESULTS, RESULTS)
+
+
+def test_a_level_is_the_mean_of_the_selected_rows():
+    assert verdict(claim("value", where=PAIRS[1], value=0.85, tolerance=0.001)).reproduced
+    assert not verdict(claim("value", where=PAIRS[1], value=0.88, tolerance=0.001)).reproduced
+
+
+def test_best_over_takes_the_largest_mean_and_names_it():
+    best = verdict(claim("at_least", where=PAIRS[1], best_over=("hidden",), value=0.9))
+    assert best.reproduced
+    assert best.ours.endswith("hidden = 30")
+
+
+def test_a_relative_change_is_formed_for_each_size_and_then_averaged():
+    change = claim("change", "sops_total", where=PAIRS[0], against=PAIRS[1], relative=True, value=-0.25, tolerance=1e-9)
+    assert verdict(change).reproduced  # (-20 % and -30 %) / 2
+    assert verdict(change).ours == "-0.250 ± 0.050"
+
+
+def test_an_absolute_change_is_in_the_measures_unit():
+    assert verdict(claim("change", where=PAIRS[0], against=PAIRS[1], value=-0.08, tolerance=1e-9)).reproduced
+
+
+def test_an_order_falls_and_allows_ties():
+    assert verdict(claim("order", order=[[PAIRS[1]], [PAIRS[0]]])).reproduced
+    assert not verdict(claim("order", order=[[PAIRS[0]], [PAIRS[1]]])).reproduced
+    assert verdict(claim("order", order=[[PAIRS[0]], [PAIRS[0]]])).reproduced
+
+
+def test_a_run_without_the_cells_gives_no_verdict():
+    assert verdict(claim("at_least", where={"pair": "10&10"}, value=0.1)).reproduced is None
+
+
+def test_an_unknown_column_is_refused_by_its_nearest():
+    with pytest.raises(InputError, match="did you mean 'accuracy_test'"):
+        verdict(claim("at_least", "accuracy_tset", value=0.1))
+
+
+@pytest.mark.parametrize("kind", ["value", "change", "order", "at_least"])
+def test_a_claim_without_what_its_kind_needs_is_refused(kind):
+    with pytest.raises(ValidationError, match="needs"):
+        claim(kind)

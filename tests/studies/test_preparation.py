@@ -1,0 +1,44 @@
+"""What a study's cells share: the table of firing, and what it cannot be made of."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
+from neurotact.studies import study
+from neurotact.studies.encoding import encode_recordings
+from neurotact.studies.preparation import encoding_table, split_conditions
+
+CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
+
+
+def trains_of(seconds):
+    signals = np.full((4, round(seconds * 2000), 2), 8.0) * np.sin(np.arange(round(seconds * 2000)) / 40.0)[:, None]
+    table = pd.DataFrame({"label": ["felt", "felt", "silk", "silk"], "force_N": [3, 6, 3, 6]})
+    return encode_recordings(Recordings(signals, 2000.0, "mV", table), CELL.encoder)
+
+
+def test_the_table_of_firing_has_a_row_a_class_and_condition():
+    trains = trains_of(0.5)
+    table = encoding_table(trains, CELL, ["force_N"])
+    assert table[["label", "force_N"]].values.tolist() == [["felt", 3], ["felt", 6], ["silk", 3], ["silk", 6]]
+    felt = [
+        np.isin(u, np.flatnonzero(trains.is_sa)) & (s >= 100) for s, u in zip(trains.steps, trains.units, strict=True)
+    ]
+    np.testing.assert_allclose(table.spikes_sa_per_s, [inside.sum() / 0.45 for inside in felt])
+    np.testing.assert_allclose(table.spikes_total_per_s, table.spikes_sa_per_s + table.spikes_ra_per_s)
+
+
+def test_a_window_that_starts_past_the_end_is_refused():
+    with pytest.raises(InputError, match=r"window\.start_ms: 50 ms is past the end of trial 0, which lasts 0\.040 s"):
+        encoding_table(trains_of(0.04), CELL, [])
+
+
+def test_a_split_is_balanced_over_the_conditions_it_is_told():
+    table = pd.DataFrame({"label": ["felt", "silk"] * 40, "force_N": [3, 3, 6, 6] * 20})
+    for side in split_conditions(table, ["force_N"], CELL.split):
+        counts = table.iloc[side].value_counts()
+        assert counts.max() == counts.min()
+    with pytest.raises(InputError, match="there is no condition 'force'; known: label, force_N"):
+        split_conditions(table, ["force"], CELL.split)

@@ -1,0 +1,76 @@
+"""A study file becomes cells: every combination, each with its own seeds, whatever the file's form."""
+
+from pathlib import Path
+
+import pytest
+
+from neurotact.errors import InputError
+from neurotact.studies import study
+
+TINY = Path(__file__).parent / "tiny.toml"
+
+
+def resolve(**overrides):
+    return study.resolve(TINY, {key.replace("__", "."): value for key, value in overrides.items()})
+
+
+def test_cells_are_every_combination_in_the_order_of_the_sweep():
+    points = [
+        (c.encoder.ra1.t_ref_ms, c.encoder.sa1.t_ref_ms, c.network.hidden, c.seed) for c in study.cells(resolve())
+    ]
+    assert points == [(ra, sa, n, seed) for ra, sa in ((1, 1), (5, 10)) for n in (4, 6) for seed in (0, 1)]
+
+
+def test_a_resolved_study_reads_back_equal(tmp_path):
+    whole = resolve()
+    (tmp_path / "study.toml").write_text(study.to_toml(whole))
+    assert study.resolve(tmp_path / "study.toml") == whole
+
+
+def test_the_files_own_set_table_changes_its_parts():
+    assert resolve().network.training.epochs == 3
+
+
+def test_an_override_of_a_swept_key_ends_its_sweep():
+    assert {c.network.hidden for c in study.cells(resolve(network__hidden=9))} == {9}
+
+
+def test_quick_is_a_smaller_sweep_and_gives_way_to_overrides():
+    assert {c.network.hidden for c in study.cells(study.resolve(TINY, quick=True))} == {4}
+    larger = study.resolve(TINY, {"network.hidden": 7}, quick=True)
+    assert {c.network.hidden for c in study.cells(larger)} == {7}
+
+
+def test_cells_differ_in_seeds_and_folders():
+    cells = list(study.cells(resolve()))
+    assert len({c.seeds for c in cells}) == len({c.digest() for c in cells}) == len(cells)
+
+
+def test_a_cell_stays_itself_when_the_sweep_grows():
+    """A cell is named by its own content, so that a larger sweep finds the cells of a smaller one done."""
+    small = {c.digest() for c in study.cells(resolve(sweep__seed=[0]))}
+    assert small < {c.digest() for c in study.cells(resolve(sweep__seed=[0, 1, 2]))}
+
+
+def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
+    assert len({c.spikes_name for c in study.cells(resolve())}) == 2
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"network.hiden": 3}, "network.hiden: unknown key; did you mean 'hidden'?"),
+        ({"encoder.tau_mem_ms": -1}, "encoder.tau_mem_ms: must be > 0; got -1"),
+        ({"sweep.network.hidden": [20, 0]}, "network.hidden: must be >= 1; got 0"),
+        ({"sweep.dataset": ["v3"]}, "'v3' is no subset"),
+        ({"sweep.seed": []}, "sweep of 'seed' has no value"),
+        ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
+        ({"encoder.sa1.t_ref_ms": 5}, "is swept as 'encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms'"),
+        ({"dataset.simulate": "rocks"}, "dataset.simulate: must be 'gratings'"),
+        ({"dataset.file": "x.h5"}, "give one of simulate, read and file"),
+    ],
+)
+def test_a_wrong_value_is_refused_before_anything_runs(overrides, message):
+    with pytest.raises(InputError) as refusal:
+        study.resolve(TINY, overrides)
+    assert message in str(refusal.value)
