@@ -1,0 +1,401 @@
+"""The command line: it parses, calls and prints."""
+
+import logging
+import sys
+import warnings
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+import torch
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from neurotact import __version__, files, spec
+from neurotact.data import hdf5
+from neurotact.data.readers import fabricslide, folder, pvdf_hardness
+from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.gratings import GratingsSpec, simulate
+from neurotact.data.splits import SplitSpec
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError, nearest
+from neurotact.export import raster as rasters
+from neurotact.export.calibration_figure import draw_calibration
+from neurotact.export.style import save as save_figure
+from neurotact.metrics import synops
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.training import Epoch
+from neurotact.progress import track
+from neurotact.studies import calibration, preparation, runner, study, trained
+from neurotact.studies.encoding import encode_recordings
+from neurotact.studies.trained import Task
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+simulate_app = typer.Typer(help="Simulate an experiment.")
+import_app = typer.Typer(help="Read recordings as they were published into one HDF5 file.")
+study_app = typer.Typer(help="Run, resume and report studies.")
+app.add_typer(simulate_app, name="simulate")
+app.add_typer(import_app, name="import")
+app.add_typer(study_app, name="study")
+console = Console(soft_wrap=True, highlight=False)
+INTERRUPTED = 130
+SHOWN = ["label", "trials", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+"""What of a SOP summary fits a terminal; the files hold all of it."""
+
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the spec; may be repeated.")
+]
+OutFile = Annotated[Path, typer.Option("-o", "--out", dir_okay=False, help="The file to write.")]
+OutFolder = Annotated[Path, typer.Option("-o", "--out", help="The folder to write.")]
+EncoderOption = Annotated[str, typer.Option(help="Name or path of an encoder spec.")]
+DeviceOption = Annotated[str, typer.Option(help="A torch device: cpu, cuda, cuda:1, mps.")]
+WorkersOption = Annotated[int, typer.Option(min=1, help="Processes; the results are the same for any number.")]
+Seed = Annotated[int, typer.Option(min=0, help="Fixes every number.")]
+
+
+def main() -> None:
+    """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
+    logging.basicConfig(level=logging.WARNING, format="neurotact: %(message)s")
+    warnings.showwarning = lambda message, *_: _say(message)
+    try:
+        code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
+    except InputError as error:
+        _say(error)
+        sys.exit(2)
+    except typer.TyperException as error:
+        _say(f"{error.format_message().rstrip('.')}; see {_command_of(error)} --help")
+        sys.exit(2)
+    if code == INTERRUPTED:  # Typer makes this of Ctrl-C
+        _say("interrupted")
+    sys.exit(code or 0)
+
+
+def _say(what: object) -> None:
+    """One line on stderr."""
+    print(f"neurotact: {' '.join(str(what).split())}", file=sys.stderr)
+
+
+def _command_of(error: typer.TyperException) -> str:
+    context = getattr(error, "ctx", None)
+    return context.command_path if context else "neurotact"
+
+
+@app.callback(invoke_without_command=True)
+def _root(version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    """Spiking touch: taxel signals to mechanoreceptor spikes to a decision, and what each saving costs."""
+    if version:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command("list")
+def list_specs() -> None:
+    """List the specs that ship: encoders, networks, studies."""
+    for kind in spec.KINDS:
+        table = Table("name", "about", title=kind, title_justify="left", box=None)
+        for path in spec.shipped(kind):
+            table.add_row(path.stem, path.read_text(encoding="utf-8").splitlines()[0].lstrip("# "))
+        console.print(table)
+
+
+@app.command()
+def show(name: Annotated[str, typer.Argument(help="Name or path of a spec.")]) -> None:
+    """Print a spec, with the comments that give its sources."""
+    print(_find_any(name).read_text(encoding="utf-8"), end="")
+
+
+@app.command()
+def copy(
+    name: Annotated[str, typer.Argument(help="Name of a spec.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; NAME.toml here when absent.")] = None,
+) -> None:
+    """Copy a spec here, to be edited and given by its path."""
+    source = _find_any(name)
+    target = out or Path(source.name)
+    if target.exists():
+        raise InputError(f"{target}: is there already; remove it or choose another place with -o")
+    files.write_text(target, source.read_text(encoding="utf-8"))
+    print(target)
+
+
+@simulate_app.command("gratings")
+def simulate_gratings(out: OutFile, set_: SetOption = None) -> None:
+    """Simulate a PVDF finger sliding over eight gratings (texture paper)."""
+    what = spec.build(GratingsSpec, spec.override({}, spec.parse_assignments(set_ or [])), source="simulate gratings")
+    with track("simulate", what.n_trials) as advance:
+        done = 0
+
+        def step(now: int, _total: int) -> None:
+            nonlocal done
+            advance(now - done, "")
+            done = now
+
+        recordings = simulate(what, step)
+    _save_recordings(recordings, out)
+
+
+@import_app.command("fabricslide")
+def import_fabricslide(source: Path, out: OutFile) -> None:
+    """FabricSlide: 7 fabrics under a 16-taxel finger (Wang et al. 2022), a folder of CSV files."""
+    _save_recordings(fabricslide.read(source), out)
+
+
+@import_app.command("pvdf-hardness")
+def import_pvdf_hardness(source: Path, out: OutFile) -> None:
+    """A P(VDF-TrFE) patch pressed on five cubes: the published .lvm folders, or a folder of cube*.npz."""
+    _save_recordings(pvdf_hardness.read(source), out)
+
+
+@import_app.command("folder")
+def import_folder(
+    source: Path,
+    out: OutFile,
+    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples a second.")],
+    unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
+) -> None:
+    """Any recordings: a sub-folder a class, holding CSV or NPZ files, a row a sample and a column a taxel."""
+    _save_recordings(folder.read(source, sampling_rate_hz, unit), out)
+
+
+@app.command()
+def calibrate(
+    recordings: Path,
+    out: OutFile,
+    encoder: EncoderOption = "sa1-ra1-lif",
+    set_: SetOption = None,
+    split_seed: Annotated[int, typer.Option(min=0, help="Of the split; only its training trials are looked at.")] = 0,
+    stratify: Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
+) -> None:
+    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
+    data = hdf5.load_recordings(recordings)
+    split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
+    rule = calibration.CalibrationRule()
+    with track("calibrate", rule.candidates) as advance:
+        found = calibration.calibrate(data.select(split.train), _load_encoder(encoder, set_), advance, rule)
+    trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
+    comment = f"# Calibrated from {encoder} on the {trials}.\n"
+    files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
+    if figure:
+        save_figure(draw_calibration(found.table, found.isi), figure)
+    print(f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}")
+
+
+@app.command()
+def encode(recordings: Path, out: OutFile, encoder: EncoderOption = "sa1-ra1-lif", set_: SetOption = None) -> None:
+    """Turn whole trials into the spikes of SA-I and RA-I afferents."""
+    data = hdf5.load_recordings(recordings)
+    what = _load_encoder(encoder, set_)
+    with track("encode", len(data)) as advance:
+        trains = encode_recordings(data, what, lambda n: advance(n, ""))
+    hdf5.save_spikes(trains, out)
+    spikes = sum(map(len, trains.steps))
+    seconds = trains.trial_steps.sum() / trains.sampling_rate_Hz
+    print(f"{out}: {len(trains)} trials, {spikes} spikes of {len(trains.afferents)} afferents in {seconds:.1f} s")
+
+
+@app.command()
+def raster(
+    spikes: Path,
+    out: OutFile,
+    trial: Annotated[int, typer.Option(min=0, help="Which trial to draw.")] = 0,
+    start_s: Annotated[float, typer.Option("--start-s", min=0, help="Beginning of the stretch.")] = 0.0,
+    stop_s: Annotated[float | None, typer.Option("--stop-s", help="Its end; the trial's end when absent.")] = None,
+    recordings: Annotated[Path | None, typer.Option(help="The recordings, when they moved since encoding.")] = None,
+) -> None:
+    """Draw a trial's spikes with the signal above (.png, .svg, .pdf), or write all events (.csv)."""
+    trains = hdf5.load_spikes(spikes)
+    if trial >= len(trains):
+        raise InputError(f"--trial {trial}: {spikes} holds trials 0 to {len(trains) - 1}; choose one of them")
+    if out.suffix == ".csv":
+        rasters.write_events(trains, out)
+    else:
+        data = _recordings_of(trains.source, recordings)
+        if data is not None and len(data) != len(trains):
+            raise InputError(
+                f"{data.source}: holds {len(data)} trials but {spikes} {len(trains)}; "
+                "name the recordings that were encoded with --recordings"
+            )
+        signal = None if data is None else (data.signals[trial], data.sampling_rate_Hz, data.unit)
+        rasters.write_raster(trains, trial, out, signal=signal, start_s=start_s, stop_s=stop_s)
+    print(out)
+
+
+@app.command("train")
+def train_command(
+    spikes: Path,
+    out: OutFolder,
+    network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "rsnn",
+    set_: SetOption = None,
+    window_ms: Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")] = 150.0,
+    start_ms: Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")] = 0.0,
+    hop_ms: Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")] = None,
+    per_trial: Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")] = None,
+    stratify: Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")] = None,
+    split_seed: Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")] = 0,
+    tolerance: Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")] = 0.01,
+    seed: Seed = 0,
+    device: DeviceOption = "cpu",
+) -> None:
+    """Train a network on windows of spike trains; the best on validation is kept."""
+    if not files.is_free(out):
+        raise InputError(f"{out}: is there already and not empty; choose another folder or remove it")
+    trains = hdf5.load_spikes(spikes)
+    what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
+    table = {
+        "window": {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial},
+        "split": {"seed": split_seed},
+        "stratify": stratify or [],
+        "exit_tolerance": tolerance,
+    }
+    task = spec.build(Task, table, source="train")
+    with track("train", what.training.epochs) as advance:
+        fitted, sides = trained.fit(
+            trains, what, task, (seed, seed + 1), device=_device(device), progress=lambda e: advance(1, _line(e))
+        )
+    trained.save(fitted, out, trains, spikes, task)
+    result = trained.measure(fitted, sides.test, trains.is_sa)
+    files.write_json(out / "result.json", result)
+    _print_row(f"{out}: test of {len(sides.test.labels)} windows", result["row"])
+
+
+@app.command()
+def infer(
+    run: Path,
+    spikes: Path,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Also write each window's decision as CSV.")] = None,
+    early_exit: Annotated[
+        bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
+    ] = False,
+    device: DeviceOption = "cpu",
+) -> None:
+    """Classify every window of spike trains with a trained network, and count what it cost."""
+    restored = trained.restore(run, device=_device(device))
+    table = trained.infer(restored, hdf5.load_spikes(spikes), early_exit=early_exit)
+    if out:
+        _write_table(table, out)
+    _print_table(synops.summary(table)[SHOWN])
+
+
+@app.command()
+def sops(
+    run: Path,
+    out: OutFile,
+    spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
+    early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
+) -> None:
+    """Write the synaptic operations of each test window of a trained network (.csv or .json)."""
+    restored = trained.restore(run)
+    trains = hdf5.load_spikes(spikes or restored.spikes_path)
+    table = trained.infer(restored, trains, trained.test_trials(restored, trains), early_exit=early_exit)
+    _write_table(table, out)
+    _print_table(synops.summary(table)[SHOWN])
+
+
+@study_app.command("run")
+def study_run(
+    name: Annotated[str, typer.Argument(help="Name or path of a study spec.")],
+    out: OutFolder,
+    quick: Annotated[bool, typer.Option("--quick", help="A smaller sweep of the same kind.")] = False,
+    set_: SetOption = None,
+    workers: WorkersOption = 2,
+) -> None:
+    """Run a study: every cell of its sweep, the tables, the figures, the report."""
+    _run_study(study.resolve(name, spec.parse_assignments(set_ or []), quick=quick), out, workers)
+
+
+@study_app.command("resume")
+def study_resume(folder: Path, workers: WorkersOption = 2) -> None:
+    """Go on with a study that was interrupted."""
+    _run_study(runner.load(folder), folder, workers)
+
+
+@study_app.command("report")
+def study_report(folder: Path) -> None:
+    """Write the tables, figures and report again from the cells that are done."""
+    print(runner.finish(runner.load(folder), folder))
+
+
+def _run_study(what: study.StudySpec, out: Path, workers: int) -> None:
+    try:
+        print(runner.run(what, out, workers))
+    except KeyboardInterrupt:
+        _say(f"interrupted; go on with: neurotact study resume {out}")
+        sys.exit(INTERRUPTED)
+
+
+def _find_any(name: str) -> Path:
+    """A spec of any kind; a name that stands in several kinds is refused."""
+    if name.endswith(".toml") or "/" in name:
+        return files.existing(name)
+    known = [path for kind in spec.KINDS for path in spec.shipped(kind)]
+    found = [path for path in known if path.stem == name]
+    if not found:
+        raise InputError(f"{name}: there is no such spec; {nearest(name, [path.stem for path in known])}")
+    return found[0]
+
+
+def _load_encoder(name: str, assignments: list[str] | None) -> AfferentSpec:
+    return spec.load(AfferentSpec, name, spec.parse_assignments(assignments or []))
+
+
+def _save_recordings(recordings: Recordings, out: Path) -> None:
+    hdf5.save_recordings(recordings, out)
+    seconds = sum(map(len, recordings.signals)) / recordings.sampling_rate_Hz
+    print(
+        f"{out}: {len(recordings)} trials of {len(recordings.classes)} classes, {recordings.n_channels} taxels, "
+        f"{seconds:.1f} s at {recordings.sampling_rate_Hz:g} Hz, in {recordings.unit}"
+    )
+
+
+def _recordings_of(source: str, given: Path | None) -> Recordings | None:
+    path = given or Path(source or ".")
+    if given or path.is_file():
+        return hdf5.load_recordings(path)
+    _say(f"the signal is left out: {source or 'its recordings'} is not there; name it with --recordings")
+    return None
+
+
+def _device(name: str) -> str:
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(
+            f"--device {name}: torch cannot use it here ({str(error).splitlines()[0]}); try cpu"
+        ) from error
+    return name
+
+
+def _line(epoch: Epoch) -> str:
+    return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"
+
+
+def _write_table(table: pd.DataFrame, out: Path) -> None:
+    writers = {
+        ".csv": lambda p: table.to_csv(p, index=False),
+        ".json": lambda p: table.to_json(p, orient="records", indent=2),
+    }
+    if out.suffix not in writers:
+        raise InputError(f"{out}: cannot be written as '{out.suffix}'; known: {', '.join(writers)}")
+    with files.whole(out) as draft:
+        writers[out.suffix](draft)
+
+
+def _print_row(title: str, row: dict[str, Any]) -> None:
+    table = Table(title=title, title_justify="left", show_header=False, box=None)
+    for key, value in row.items():
+        table.add_row(key, _shown(value))
+    console.print(table)
+
+
+def _print_table(frame: pd.DataFrame) -> None:
+    table = Table(*map(str, frame.columns), box=None)
+    for row in frame.itertuples(index=False):
+        table.add_row(*map(_shown, row))
+    console.print(table)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, (float, np.floating)) else str(value)

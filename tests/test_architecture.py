@@ -1,0 +1,83 @@
+"""Imports go one way, and nothing reads a pickle."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import neurotact
+
+PACKAGE = Path(neurotact.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+FLOORS = (
+    ("errors",),
+    ("files", "progress", "backend"),
+    ("spec", "neurons"),
+    ("data", "encoders", "networks", "baselines", "metrics"),
+    ("export",),
+    ("studies",),
+    ("cli",),
+)
+FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
+PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
+
+each_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Dotted names of all that a module imports, wherever in it the import stands."""
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: imports are absolute"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def part_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def parts_used(path: Path) -> set[str]:
+    """Which parts of neurotact a module imports; the package itself (`neurotact.__version__`) is no part."""
+    names = [name.split(".") for name in imported(path)]
+    return {name[1] for name in names if name[0] == "neurotact" and len(name) > 1 and not name[1].startswith("_")}
+
+
+def test_every_part_has_its_floor():
+    parts = {part_of(path) for path in MODULES} - {"__init__"}
+    assert parts <= set(FLOOR)
+
+
+@each_module
+def test_a_module_imports_from_lower_floors_alone(path):
+    part = part_of(path)
+    if part == "__init__":
+        assert not parts_used(path)
+        return
+    same_or_higher = {used for used in parts_used(path) if used != part and FLOOR[used] >= FLOOR[part]}
+    assert not same_or_higher
+
+
+@each_module
+def test_nothing_reads_or_writes_a_pickle(path):
+    assert not PICKLES & {name.split(".")[0] for name in imported(path)}
+    for call in (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)):
+        called = ast.unparse(call.func)
+        assert called not in ("torch.load", "torch.save"), f"{path}, line {call.lineno}: {called} is a pickle"
+        assert "pickle" not in called.rpartition(".")[2], f"{path}, line {call.lineno}: {called}"
+        if called in ("np.load", "numpy.load"):
+            given = {word.arg: ast.unparse(word.value) for word in call.keywords}
+            assert given.get("allow_pickle") == "False", (
+                f"{path}, line {call.lineno}: np.load without allow_pickle=False"
+            )
+
+
+@each_module
+def test_a_module_says_what_it_is(path):
+    assert ast.get_docstring(tree_of(path))

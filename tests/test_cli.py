@@ -1,0 +1,588 @@
+"""The command as a user types it: what it writes, and one line with exit code 2 for what it cannot use."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact import __version__, cli, spec
+from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
+from neurotact.data.recordings import Recordings
+
+ROOT = Path(__file__).parents[1]
+RATE_Hz = 1000.0
+N_TRIALS, N_TAXELS, SECONDS = 24, 2, 0.3
+QUICK = ("--set", "training.epochs=2", "--set", "hidden=6", "--window-ms", "100")
+
+
+@pytest.fixture
+def neurotact(monkeypatch, capsys):
+    """Run the command line in this process: `neurotact("encode", path, ...)` gives (exit code, stdout, stderr)."""
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["neurotact", *map(str, words)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return (int(end.value.code or 0), *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def refused(neurotact):
+    """Run a command that must end with exit code 2 and exactly one line on stderr that holds all the given words."""
+
+    def run(words: tuple, *expected: object) -> str:
+        code, out, err = neurotact(*words)
+        assert code == 2, out + err
+        assert not out
+        assert err.endswith("\n")
+        assert err.count("\n") == 1
+        assert err.startswith("neurotact: ")
+        for piece in expected:
+            assert str(piece) in err
+        return err
+
+    return run
+
+
+def touch(n_trials=N_TRIALS, n_taxels=N_TAXELS, seconds=SECONDS, rate_Hz=RATE_Hz, unit="mV") -> Recordings:
+    """Sines of two frequencies, told apart easily."""
+    time_s = np.arange(round(seconds * rate_Hz)) / rate_Hz
+    rng = np.random.default_rng(0)
+    signals = np.empty((n_trials, len(time_s), n_taxels))
+    for trial in range(n_trials):
+        phase = rng.random() * 2 * np.pi
+        signals[trial] = 12 * np.sin(2 * np.pi * (8, 30)[trial % 2] * time_s + phase)[:, None]
+    labels = [("coarse", "fine")[i % 2] for i in range(n_trials)]
+    forces_N = [(3, 6)[i // 2 % 2] for i in range(n_trials)]
+    return Recordings(signals, rate_Hz, unit, pd.DataFrame({"label": labels, "force_N": forces_N}))
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory) -> Path:
+    """A folder with touch.h5, spikes.h5 and a trained network in run/, made by the command itself."""
+    folder = tmp_path_factory.mktemp("made")
+    save_recordings(touch(), folder / "touch.h5")
+    for words in (
+        ("encode", folder / "touch.h5", "-o", folder / "spikes.h5"),
+        ("train", folder / "spikes.h5", "-o", folder / "run", *QUICK, "--start-ms", 50, "--stratify", "force_N"),
+    ):
+        done = typed(*words, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def typed(*words: object, cwd: Path) -> subprocess.CompletedProcess:
+    """The command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", "from neurotact.cli import main; main()", *map(str, words)],
+        cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+# --- what it does -----------------------------------------------------------------------------------
+
+
+def test_simulated_recordings_become_spikes(neurotact, tmp_path):
+    options = ("--set", "trials=1", "--set", "duration_s=0.2", "--set", "forces_N=[12]", "--set", "seed=3")
+    code, out, _ = neurotact("simulate", "gratings", *options, "-o", tmp_path / "gratings.h5")
+    assert (code, out) == (0, f"{tmp_path}/gratings.h5: 16 trials of 8 classes, 8 taxels, 3.2 s at 2000 Hz, in mV\n")
+    code, out, _ = neurotact("encode", tmp_path / "gratings.h5", "-o", tmp_path / "spikes.h5")
+    assert code == 0
+    trains = load_spikes(tmp_path / "spikes.h5")
+    n_spikes = sum(map(len, trains.steps))
+    assert out == f"{tmp_path}/spikes.h5: 16 trials, {n_spikes} spikes of 16 afferents in 3.2 s\n"
+    assert n_spikes > 0
+
+
+def test_a_folder_is_imported(neurotact, tmp_path):
+    for label in ("felt", "silk"):
+        (tmp_path / "in" / label).mkdir(parents=True)
+        (tmp_path / "in" / label / "a.csv").write_text("left,right\n1,2\n3,4\n5,6\n")
+    words = ("import", "folder", tmp_path / "in", "--sampling-rate-Hz", 3, "--unit", "V", "-o", tmp_path / "out.h5")
+    code, out, _ = neurotact(*words)
+    assert (code, out) == (0, f"{tmp_path}/out.h5: 2 trials of 2 classes, 2 taxels, 2.0 s at 3 Hz, in V\n")
+    assert load_recordings(tmp_path / "out.h5").channels == ("left", "right")
+
+
+def test_a_longer_refractory_period_gives_fewer_spikes(neurotact, made, tmp_path):
+    counts = []
+    for t_ref_ms in (1, 5, 20):
+        out = tmp_path / f"{t_ref_ms}.h5"
+        words = ("--set", f"sa1.t_ref_ms={t_ref_ms}", "--set", f"ra1.t_ref_ms={t_ref_ms}", "-o", out)
+        assert neurotact("encode", made / "touch.h5", *words)[0] == 0
+        trains = load_spikes(out)
+        assert trains.encoder["sa1"]["t_ref_ms"] == t_ref_ms
+        counts.append(sum(map(len, trains.steps)))
+    assert counts[0] > counts[1] > counts[2] > 0
+
+
+def test_calibration_writes_an_encoder_for_this_sensor(neurotact, made, tmp_path):
+    mine = tmp_path / "mine.toml"
+    code, out, _ = neurotact("calibrate", made / "touch.h5", "--stratify", "force_N", "-o", mine)
+    assert code == 0
+    assert out.startswith(f"{mine}: sa1.gain = ")
+    assert neurotact("encode", made / "touch.h5", "--encoder", mine, "-o", tmp_path / "spikes.h5")[0] == 0
+    assert sum(map(len, load_spikes(tmp_path / "spikes.h5").steps)) > 0
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")])
+def test_a_raster_is_drawn(neurotact, made, tmp_path, suffix, magic):
+    out = tmp_path / f"raster{suffix}"
+    words = ("raster", made / "spikes.h5", "-o", out, "--trial", 1, "--start-s", 0.05, "--stop-s", 0.2)
+    assert neurotact(*words) == (0, f"{out}\n", "")
+    assert out.read_bytes().startswith(magic)
+
+
+def test_a_raster_without_its_recordings_says_so(neurotact, made, tmp_path):
+    with h5py.File(tmp_path / "moved.h5", "w") as target, h5py.File(made / "spikes.h5") as source:
+        for name in source:
+            source.copy(name, target)
+        target.attrs.update({**source.attrs, "source": "gone.h5"})
+    code, _, err = neurotact("raster", tmp_path / "moved.h5", "-o", tmp_path / "raster.svg")
+    assert code == 0
+    assert err == "neurotact: the signal is left out: gone.h5 is not there; name it with --recordings\n"
+
+
+def test_events_are_written_as_a_table(neurotact, made, tmp_path):
+    assert neurotact("raster", made / "spikes.h5", "-o", tmp_path / "events.csv")[0] == 0
+    table, trains = pd.read_csv(tmp_path / "events.csv"), load_spikes(made / "spikes.h5")
+    assert list(table) == ["trial", "afferent", "type", "time_s"]
+    assert len(table) == sum(map(len, trains.steps))
+    assert set(table.type) == {"SA-I", "RA-I"}
+    first = table[table.trial == 1].time_s.to_numpy()
+    np.testing.assert_allclose(first, trains.steps[1] / RATE_Hz, atol=1e-12)
+
+
+def test_training_leaves_a_network_with_its_log_and_its_result(made):
+    names = {path.name for path in (made / "run").iterdir()}
+    assert names >= {"network.json", "weights.safetensors", "training.csv", "result.json"}
+    assert len(pd.read_csv(made / "run" / "training.csv")) == 2
+
+
+def test_the_same_seed_trains_the_same_network(neurotact, made, tmp_path):
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "again", *QUICK, "--seed", 1)[0] == 0
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "same", *QUICK, "--seed", 1)[0] == 0
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "other", *QUICK, "--seed", 2)[0] == 0
+    again, same, other = ((tmp_path / n / "weights.safetensors").read_bytes() for n in ("again", "same", "other"))
+    assert again == same != other
+
+
+@pytest.mark.parametrize("early_exit", [(), ("--early-exit",)])
+def test_inference_decides_every_window(neurotact, made, tmp_path, early_exit):
+    code, out, _ = neurotact("infer", made / "run", made / "spikes.h5", "-o", tmp_path / "labels.csv", *early_exit)
+    assert code == 0
+    assert out.split()[:4] == ["label", "trials", "accuracy", "steps"]
+    table = pd.read_csv(tmp_path / "labels.csv")
+    assert len(table) == N_TRIALS * 2  # two windows of 100 ms after 50 ms of 300 ms
+    assert set(table.label) == {"coarse", "fine"}
+    assert (table.steps == 100).all() or early_exit
+    assert (table.sops_total == table.sops_input + table.sops_recurrent + table.sops_readout).all()
+
+
+def test_early_exit_never_costs_more(neurotact, made, tmp_path):
+    for name, words in (("full", ()), ("early", ("--early-exit",))):
+        assert neurotact("sops", made / "run", "-o", tmp_path / f"{name}.csv", *words)[0] == 0
+    full, early = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("full", "early"))
+    assert full.trial.tolist() == early.trial.tolist()
+    assert (early.steps <= full.steps).all()
+    assert (early.sops_total <= full.sops_total).all()
+
+
+def test_the_sops_are_those_of_the_test_trials(neurotact, made, tmp_path):
+    assert neurotact("sops", made / "run", "-o", tmp_path / "sops.json")[0] == 0
+    table = pd.read_json(tmp_path / "sops.json")
+    assert table.trial.nunique() == 4  # 15 % of 24
+    assert (table.sops_input == 6 * table.input_spikes).all()
+
+
+def test_specs_are_listed_shown_and_copied(neurotact, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = neurotact("list")
+    assert (code, err) == (0, "")
+    for path in (path for kind in spec.KINDS for path in spec.shipped(kind)):
+        assert path.stem in out
+        assert neurotact("show", path.stem) == (0, path.read_text(), "")
+    assert neurotact("copy", "sa1-ra1-lif") == (0, "sa1-ra1-lif.toml\n", "")
+    assert Path("sa1-ra1-lif.toml").read_text() == spec.find("encoders", "sa1-ra1-lif").read_text()
+    assert neurotact("show", "./sa1-ra1-lif.toml")[0] == 0
+
+
+def test_a_copied_spec_serves_where_a_name_does(neurotact, made, tmp_path):
+    copied = tmp_path / "mine.toml"
+    assert neurotact("copy", "sa1-ra1-lif", "-o", copied)[0] == 0
+    assert neurotact("encode", made / "touch.h5", "--encoder", copied, "-o", tmp_path / "spikes.h5")[0] == 0
+    one, other = load_spikes(tmp_path / "spikes.h5"), load_spikes(made / "spikes.h5")
+    assert all((a == b).all() for a, b in zip(one.steps, other.steps, strict=True))
+
+
+COMMANDS = [
+    (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"), ("import",),
+    ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
+    ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
+    ("study", "report"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_command_has_help(neurotact, words):
+    code, out, err = neurotact(*words, "--help")
+    assert (code, err) == (0, "")
+    assert out.startswith(f"Usage: {' '.join(('neurotact', *words))} ")
+    assert "--help" in out
+
+
+def test_nothing_typed_is_help(neurotact):
+    assert neurotact() == neurotact("--help")
+
+
+def test_the_version_is_that_of_the_package(neurotact):
+    assert neurotact("--version") == (0, f"{__version__}\n", "")
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_rounded_refractory_period_is_said_in_one_line(neurotact, made, tmp_path):
+    words = ("encode", made / "touch.h5", "-o", tmp_path / "s.h5", "--set", "sa1.t_ref_ms=0.3")
+    code, _, err = neurotact(*words)
+    assert code == 0
+    assert "neurotact: t_ref of 0.3 ms is 0.3 steps at 1000 Hz; 1 are taken" in err.splitlines()
+
+
+def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "encode_recordings", interrupted)
+    assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fault_of_ours_is_not_hidden(monkeypatch, made, tmp_path):
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(cli, "encode_recordings", broken)
+    monkeypatch.setattr(sys, "argv", ["neurotact", "encode", str(made / "touch.h5"), "-o", str(tmp_path / "s.h5")])
+    with pytest.raises(ZeroDivisionError):
+        cli.main()
+
+
+# --- what it refuses --------------------------------------------------------------------------------
+
+
+def test_a_refusal_as_a_user_meets_it(made):
+    done = typed("encode", "touch.h5", "--set", "sa1.t_ref_ms=-1", "-o", "s.h5", cwd=made)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    encoder = spec.find("encoders", "sa1-ra1-lif")
+    assert done.stderr == f"neurotact: sa1.t_ref_ms: must be >= 0; got -1 ({encoder})\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("encod",), ("No such command 'encod'", "did you mean 'encode'", "neurotact --help")),
+        (("study",), ("Missing command", "neurotact study --help")),
+        (("study", "rum"), ("'run'", "neurotact study --help")),
+        (("encode",), ("Missing argument 'recordings'", "neurotact encode --help")),
+        (("encode", "x.h5"), ("Missing option '-o' / '--out'", "neurotact encode --help")),
+        (("encode", "x.h5", "-o"), ("'-o' requires an argument", "neurotact")),
+        (("encode", "x.h5", "-o", "y.h5", "--encodr", "z"), ("--encodr", "--encoder")),
+        (("train", "x.h5", "-o", "y", "--window-ms", "long"), ("--window-ms", "number", "neurotact train --help")),
+        (("train", "x.h5", "-o", "y", "--seed", "-1"), ("--seed", "greater than or equal to 0")),
+        (("raster", "x.h5", "-o", "y.png", "--trial", "1.5"), ("--trial", "integer")),
+        (("study", "run", "x", "-o", "y", "--workers", "0"), ("--workers", "greater than or equal to 1")),
+        (("import", "folder", ".", "-o", "y.h5", "--unit", "mV"), ("Missing option '--sampling-rate-Hz'",)),
+    ],
+)
+def test_a_wrong_command_line_is_one_line_that_names_the_help(refused, words, expected):
+    line = refused(words).lower()
+    assert all(piece.lower() in line for piece in expected)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "expected"),
+    [
+        ("sa1.t_ref=5", "sa1.t_ref: unknown key; did you mean 't_ref_ms'?"),
+        ("sa3.t_ref_ms=5", "sa3: unknown key; did you mean 'sa1'?"),
+        ("sa1.t_ref_ms=-1", "sa1.t_ref_ms: must be >= 0; got -1"),
+        ("sa1.t_ref_ms=nan", "sa1.t_ref_ms: must be a finite number; got nan"),
+        ("sa1.t_ref_ms=soon", "sa1.t_ref_ms: must be a valid number"),
+        ("sa1=5", "sa1: must be a table; got 5"),
+        ("sa1.t_ref_ms", "--set sa1.t_ref_ms: must read KEY=VALUE"),
+        ("unit.name=mV", "unit.name: 'unit' is a value, not a table"),
+        ("unit=V", None),
+        ("unit=N", "signals are in 'mV' but 'N' is needed"),
+        ("conditioning.ema_cutoff_Hz=500", "ema_cutoff_Hz: 500 Hz is not below the Nyquist frequency of 500 Hz"),
+        ("conditioning.offset=[1, 2, 3]", "touch.h5: has 2 channels but the encoder's conditioning has 3 offsets"),
+    ],
+)
+def test_a_wrong_key_or_value_is_named(neurotact, refused, made, tmp_path, assignment, expected):
+    words = ("encode", made / "touch.h5", "--set", assignment, "-o", tmp_path / "s.h5")
+    if expected is None:
+        assert neurotact(*words)[0] == 0
+        return
+    refused(words, expected)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_key_in_a_file_is_named_with_the_file(refused, made, tmp_path):
+    mine = tmp_path / "mine.toml"
+    text = spec.find("encoders", "sa1-ra1-lif").read_text()
+    words = ("encode", made / "touch.h5", "--encoder", mine, "-o", tmp_path / "s.h5")
+    for change, expected in (
+        (("t_ref_ms", "tref_ms"), "sa1.tref_ms: unknown key; did you mean 't_ref_ms'?"),
+        (("t_ref_ms = 1.0", "t_ref_ms = -1.0"), "sa1.t_ref_ms: must be >= 0; got -1.0"),
+        (("gain = 3.2", "gain = inf"), "sa1.gain: must be a finite number"),
+        (("gain = 3.2", "gain = "), "is not valid TOML"),
+    ):
+        mine.write_text(text.replace(*change))
+        refused(words, expected, mine)
+
+
+def test_a_spec_that_is_not_there_is_named(refused, made, tmp_path):
+    out = ("-o", tmp_path / "out")
+    refused(("encode", made / "touch.h5", "--encoder", "sa1-ra1-lf", *out), "sa1-ra1-lf", "did you mean 'sa1-ra1-lif'?")
+    refused(("train", made / "spikes.h5", "--network", "rsn", *out), "rsn", "did you mean 'rsnn'?")
+    refused(("study", "run", "refractory", *out), "refractory", "did you mean 'refractory-period'?")
+    refused(("show", "sa1-ra1-lf"), "sa1-ra1-lf: there is no such spec", "did you mean 'sa1-ra1-lif'?")
+    refused(("show", tmp_path / "mine.toml"), "mine.toml: there is no such file")
+    refused(("train", made / "spikes.h5", "--network", tmp_path / "a.toml", *out), "a.toml: there is no such file")
+
+
+def test_a_copy_overwrites_nothing(refused, tmp_path):
+    (tmp_path / "mine.toml").write_text("precious")
+    refused(("copy", "rsnn", "-o", tmp_path / "mine.toml"), "mine.toml: is there already")
+    assert (tmp_path / "mine.toml").read_text() == "precious"
+
+
+def test_a_file_that_is_not_there_is_named(refused, made, tmp_path):
+    out, absent = ("-o", tmp_path / "out.csv"), tmp_path / "absent"
+    for words in (
+        ("encode", absent, *out), ("train", absent, *out), ("raster", absent, *out), ("infer", made / "run", absent),
+        ("infer", absent, made / "spikes.h5"), ("sops", absent, *out), ("calibrate", absent, *out),
+        ("sops", made / "run", "--spikes", absent, *out), ("import", "fabricslide", absent, *out),
+        ("import", "pvdf-hardness", absent, *out), ("study", "resume", absent), ("study", "report", absent),
+        ("import", "folder", absent, *out, "--sampling-rate-Hz", 9, "--unit", "V"),
+        ("raster", made / "spikes.h5", "--recordings", absent, "-o", tmp_path / "r.png"),
+    ):  # fmt: skip
+        refused(words, "absent: there is no such f")  # file or folder
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_damaged_file_is_named(refused, made, tmp_path):
+    for name, words in (
+        ("touch.h5", ("encode", tmp_path / "touch.h5", "-o", tmp_path / "out")),
+        ("spikes.h5", ("train", tmp_path / "spikes.h5", "-o", tmp_path / "out")),
+    ):
+        content = (made / name).read_bytes()
+        for damaged in (content[: len(content) // 2], content[:-1], b"", b"label,force_N\n"):
+            (tmp_path / name).write_bytes(damaged)
+            refused(words, f"{tmp_path / name}: cannot be read as", "write it again with neurotact")
+
+
+def test_a_file_of_another_kind_is_named(refused, made, tmp_path):
+    refused(("encode", made / "spikes.h5", "-o", tmp_path / "s.h5"), "spikes.h5: holds spikes, not recordings")
+    refused(("train", made / "touch.h5", "-o", tmp_path / "run"), "touch.h5: holds recordings, not spikes")
+    refused(("infer", tmp_path, made / "spikes.h5"), "network.json: there is no such file")
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a,b\n1,2\n3\n", "line 3 has 1 columns where 2 are expected"),
+        ("", "holds no row"),
+        ("a,b\n", "holds no row"),
+        ("a,b\n1,nan\n", "line 2, column 2 (b) is nan"),
+        ("a,b\n1,inf\n", "line 2, column 2 (b) is inf"),
+        ("a,b\n1,wet\n", "line 2, column 2 (b) is 'wet'"),
+    ],
+)
+def test_a_csv_that_cannot_be_read_is_named_by_line_and_column(refused, tmp_path, text, expected):
+    (tmp_path / "in" / "felt").mkdir(parents=True)
+    (tmp_path / "in" / "felt" / "a.csv").write_text(text)
+    words = ("import", "folder", tmp_path / "in", "--sampling-rate-Hz", 100, "--unit", "mV", "-o", tmp_path / "o.h5")
+    refused(words, "felt/a.csv: ", expected)
+
+
+@pytest.mark.parametrize("rate", ["0", "-5", "nan", "inf"])
+def test_a_wrong_rate_is_refused(refused, tmp_path, rate):
+    words = ("import", "folder", tmp_path, "--sampling-rate-Hz", rate, "--unit", "mV", "-o", tmp_path / "o.h5")
+    refused(words, "sampling_rate_Hz must be a positive number")
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_signal_that_is_no_number_is_named(refused, tmp_path, value):
+    save_recordings(touch(), tmp_path / "touch.h5")
+    with h5py.File(tmp_path / "touch.h5", "a") as file:
+        file["signals/values"][310, 1] = value
+    words = ("encode", tmp_path / "touch.h5", "-o", tmp_path / "s.h5")
+    refused(words, "touch.h5: trial 1, sample 10, taxel2 is NaN or infinite")
+
+
+def test_spikes_of_another_sensor_or_clock_are_refused(neurotact, refused, made, tmp_path):
+    for name, changes, expected in (
+        ("wide", {"n_taxels": 3}, ("spikes: have shape", "(trial, time, 4) is expected")),
+        ("fast", {"rate_Hz": 2000.0}, ("sampled at 2000 Hz", "trained at 1000 Hz")),
+        ("short", {"seconds": 0.1}, ("trial 0 lasts 0.100 s", "0.150 s of start_ms + length_ms")),
+    ):
+        save_recordings(touch(**changes), tmp_path / f"{name}.h5")
+        spikes = tmp_path / f"{name}-spikes.h5"
+        assert neurotact("encode", tmp_path / f"{name}.h5", "-o", spikes)[0] == 0
+        refused(("infer", made / "run", spikes), *expected)
+
+
+def test_classes_that_the_network_does_not_know_are_refused(neurotact, refused, made, tmp_path):
+    other = touch()
+    table = other.conditions.replace("fine", "smooth")
+    save_recordings(Recordings(other.signals, RATE_Hz, "mV", table), tmp_path / "other.h5")
+    assert neurotact("encode", tmp_path / "other.h5", "-o", tmp_path / "spikes.h5")[0] == 0
+    refused(("infer", made / "run", tmp_path / "spikes.h5"), "class 'smooth' is none that the network knows")
+
+
+def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
+    save_recordings(touch(n_trials=4), tmp_path / "few.h5")
+    words = ("raster", made / "spikes.h5", "--recordings", tmp_path / "few.h5", "-o", tmp_path / "r.png")
+    refused(words, "few.h5: holds 4 trials but", "--recordings")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("--window-ms", 1000), ("lasts 0.300 s, less than the 1.000 s", "shorten the window")),
+        (("--window-ms", 0.1), ("window.length_ms: 0.1 ms is less than one step",)),
+        (("--window-ms", -5), ("window.length_ms: must be > 0; got -5",)),
+        (("--start-ms", 290), ("lasts 0.300 s, less than the 0.440 s of start_ms + length_ms",)),
+        (("--per-trial", 0), ("window.per_trial: must be >= 1; got 0",)),
+        (("--tolerance", -1), ("exit_tolerance: must be >= 0; got -1",)),
+        (("--tolerance", "nan"), ("exit_tolerance: must be a finite number",)),
+        (("--stratify", "force"), ("there is no condition 'force'", "force_N")),
+        (("--device", "tpu9"), ("--device tpu9: torch cannot use it here", "try cpu")),
+        (("--device", "cuda:99"), ("--device cuda:99: torch cannot use it here", "try cpu")),
+        (("--set", "hiden=5"), ("hiden: unknown key; did you mean 'hidden'?", "rsnn.toml")),
+        (("--set", "hidden=0"), ("hidden: must be >= 1; got 0", "rsnn.toml")),
+        (("--set", "reset=none"), ("reset: must be 'zero', 'subtract' or 'hard'; got 'none'",)),
+    ],
+)  # fmt: skip
+def test_a_training_that_cannot_be_is_refused(refused, made, tmp_path, words, expected):
+    refused(("train", made / "spikes.h5", "-o", tmp_path / "run", *words), *expected)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_class_with_too_few_trials_is_named(neurotact, refused, tmp_path):
+    save_recordings(touch(n_trials=5), tmp_path / "few.h5")
+    assert neurotact("encode", tmp_path / "few.h5", "-o", tmp_path / "spikes.h5")[0] == 0
+    words = ("train", tmp_path / "spikes.h5", "-o", tmp_path / "run")
+    refused(words, "split: class 'fine' has 2 trial(s), too few", "at least 3 trials a class")
+
+
+def test_an_output_folder_that_is_not_free_is_left_alone(refused, made, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.txt").write_text("precious")
+    for place in (tmp_path / "full", tmp_path / "full" / "thesis.txt"):
+        refused(("train", made / "spikes.h5", "-o", place), f"{place}: is there already and not empty")
+        refused(("study", "run", "refractory-period", "-o", place), f"{place}: is not empty and holds no study")
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
+
+
+def test_a_folder_in_place_of_a_file_is_named(refused, made, tmp_path):
+    refused(("encode", made / "touch.h5", "-o", tmp_path), "'-o' / '--out'", f"'{tmp_path}' is a directory")
+
+
+def test_a_figure_of_an_unknown_kind_is_named(refused, made, tmp_path):
+    refused(("raster", made / "spikes.h5", "-o", tmp_path / "r.bmp"), "r.bmp", ".png", ".csv")
+    refused(("sops", made / "run", "-o", tmp_path / "sops.xls"), "sops.xls", ".csv")
+    refused(("infer", made / "run", made / "spikes.h5", "-o", tmp_path / "i.xls"), "i.xls", ".csv")
+
+
+def test_a_trial_or_a_stretch_that_is_not_there_is_named(refused, made, tmp_path):
+    words = ("raster", made / "spikes.h5", "-o", tmp_path / "r.png")
+    refused((*words, "--trial", N_TRIALS), f"--trial {N_TRIALS}", f"0 to {N_TRIALS - 1}")
+    refused((*words, "--start-s", 9), "start 9 s must be >= 0 and before the end at 0.3 s")
+
+
+@pytest.mark.parametrize("name", ["network.json", "weights.safetensors"])
+def test_a_damaged_network_is_named(refused, made, tmp_path, name):
+    for path in (made / "run").iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / name).write_bytes((made / "run" / name).read_bytes()[:-9])
+    refused(("infer", tmp_path, made / "spikes.h5"), f"{tmp_path / name}: is ")
+    (tmp_path / name).unlink()
+    refused(("infer", tmp_path, made / "spikes.h5"), f"{tmp_path / name}: there is no such file")
+
+
+# --- studies ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("assignment", "expected"),
+    [
+        ("network.hiden=5", "network.hiden: unknown key; did you mean 'hidden'?"),
+        ("encoder.sa1.gain=-1", "encoder.sa1.gain: must be > 0; got -1"),
+        ("network.hidden=0", "network.hidden: must be >= 1; got 0"),
+        ("network=5", "network: must be a table; got 5"),
+        ("seed=-1", "sweep.seed must be whole numbers >= 0"),
+        ("dataset=v3", "'v3' is no subset"),
+        ("sweep.dataset=[[1]]", "'[1]' is no subset"),
+        ("sweep.seed=[]", "sweep of 'seed' has no value"),
+        ("sweep.seed=3", "sweep.seed: must be a valid list"),
+        ("sweep=3", "sweep: must be a table; got 3"),
+        ("encoder.sa1.t_ref_ms=5", "is swept as"),
+        ("dataset.parameters.trails=5", "trails: unknown key; did you mean 'trials'?"),
+        ("dataset.parameters.noise_mV_rms=nan", "noise_mV_rms: must be a finite number"),
+        ("dataset.simulate=felt", "dataset.simulate: must be 'gratings'"),
+        ("dataset.subsets=3", "dataset.subsets: must be a table; got 3"),
+        ("window.length_ms=0", "window.length_ms: must be > 0; got 0"),
+        ("split.test=0.9", "split: validation + test must be below 1"),
+        ("quick=3", "quick: unknown key"),
+        ("titel=x", "titel: unknown key; did you mean 'title'?"),
+    ],
+)
+def test_a_wrong_study_is_refused_before_anything_runs(refused, tmp_path, assignment, expected):
+    words = ("study", "run", "refractory-period", "--quick", "--set", assignment, "-o", tmp_path / "run")
+    refused(words, expected)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (("[quick]", "[quik]"), "quik: unknown key"),
+        (("[dataset]", "sweep = 3\n[dataset]"), "is not valid TOML"),
+        (('encoder = "sa1-ra1-lif"', 'encoder = "sa1"'), "sa1: there is no such spec in encoders"),
+        (('network = "rsnn"', 'network = "mine.toml"'), "mine.toml: there is no such file"),
+        (('encoder = "sa1-ra1-lif"', ""), "encoder: is missing"),
+        (("[window]", "[windows]"), "windows: unknown key; did you mean 'window'?"),
+        (("[1, 1], [1, 5]", "[1, 1], [1]"), "needs a list of 2 values for each point"),
+        (("[1, 1], [1, 5]", "[1, 1], [1, -5]"), "encoder.sa1.t_ref_ms: must be >= 0; got -5"),
+        (('"network.hidden" =', '"network.hiden" ='), "network.hiden: unknown key; did you mean 'hidden'?"),
+    ],
+)
+def test_a_wrong_study_file_is_refused_before_anything_runs(refused, tmp_path, change, expected):
+    text = spec.find("studies", "refractory-period").read_text()
+    assert change[0] in text
+    (tmp_path / "study.toml").write_text(text.replace(*change))
+    refused(("study", "run", tmp_path / "study.toml", "-o", tmp_path / "run"), expected)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
+    from neurotact.studies import runner, study
+
+    runner._claim(tmp_path / "run", study.resolve("refractory-period", quick=True))
+    words = ("study", "run", "refractory-period", "-o", tmp_path / "run")
+    refused(words, f"{tmp_path / 'run'}: already holds another study; choose another folder or remove it")
+
+
+def test_a_folder_without_a_study_cannot_be_resumed(refused, tmp_path):
+    for command in ("resume", "report"):
+        refused(("study", command, tmp_path), f"{tmp_path}: holds no study; start one with neurotact study run")
+    (tmp_path / "study.toml").write_text("title = 3")
+    refused(("study", "resume", tmp_path), f"{tmp_path / 'study.toml'}")

@@ -1,0 +1,94 @@
+"""Every shipped spec loads, builds and says what it is; so does what the README names."""
+
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+from neurotact import spec
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.studies import study
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = [path for kind in spec.KINDS for path in spec.shipped(kind)]
+of_kind = {kind: [path.stem for path in spec.shipped(kind)] for kind in spec.KINDS}
+
+
+def test_there_is_a_spec_of_every_kind():
+    assert all(of_kind.values())
+
+
+def test_a_name_stands_for_one_spec():
+    names = [path.stem for path in SHIPPED]
+    assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_a_spec_begins_with_a_line_about_it(path):
+    assert re.match(r"# \S.{10,}", path.read_text(encoding="utf-8").splitlines()[0])
+
+
+@pytest.mark.parametrize("name", of_kind["encoders"])
+def test_an_encoder_builds_its_neurons(name):
+    encoder = spec.load(AfferentSpec, name)
+    for population in (encoder.sa1, encoder.ra1):
+        assert encoder.neuron(population, 1000.0).refractory_steps >= 0
+
+
+@pytest.mark.parametrize("name", of_kind["networks"])
+def test_a_network_builds_and_runs(name):
+    network = RSNN(16, 8, spec.load(RSNNSpec, name), 2000.0, backend="reference")
+    assert network(torch.zeros(2, 10, 16)).readout.shape == (2, 8)
+
+
+@pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
+@pytest.mark.parametrize("name", of_kind["studies"])
+def test_a_study_has_cells_that_differ(name, quick):
+    what = study.resolve(name, quick=quick)
+    digests = [cell.digest() for cell in study.cells(what)]
+    assert len(set(digests)) == len(digests) > 1
+
+
+@pytest.mark.parametrize("name", of_kind["studies"])
+def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name):
+    full, quick = study.resolve(name), study.resolve(name, quick=True)
+    assert len(list(study.cells(quick))) < len(list(study.cells(full)))
+    assert list(quick.sweep) == list(full.sweep)
+    for axis, values in quick.sweep.items():
+        assert all(value in full.sweep[axis] for value in values)
+
+
+@pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
+@pytest.mark.parametrize("name", of_kind["studies"])
+def test_a_resolved_study_reads_back_equal(name, quick, tmp_path):
+    what = study.resolve(name, quick=quick)
+    (tmp_path / "study.toml").write_text(study.to_toml(what), encoding="utf-8")
+    assert study.resolve(tmp_path / "study.toml") == what
+
+
+@pytest.mark.parametrize(("model", "names"), [(AfferentSpec, of_kind["encoders"]), (RSNNSpec, of_kind["networks"])])
+def test_a_spec_written_out_reads_back_equal(model, names, tmp_path):
+    for name in names:
+        loaded = spec.load(model, name)
+        text = spec.to_toml(loaded.model_dump(mode="json", exclude_none=True))
+        (tmp_path / f"{name}.toml").write_text(text, encoding="utf-8")
+        assert spec.load(model, tmp_path / f"{name}.toml") == loaded
+
+
+def test_the_paths_that_the_readme_names_are_there():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    named = re.findall(
+        r"(?<![\w./-])((?:neurotact|encoders|networks|studies|tests|native|benchmarks|docs)/[\w./-]*\w/?)", text
+    )
+    missing = [path for path in named if not (ROOT / path).exists()]
+    assert not missing
+
+
+def test_the_specs_that_the_readme_names_are_shipped():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    commands = re.findall(r"neurotact (?:show|copy|study run) ([\w-]+)|--(?:encoder|network) ([\w-]+)(?![\w.-])", text)
+    named = {one or other for one, other in commands}
+    assert named <= {path.stem for path in SHIPPED}
