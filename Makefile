@@ -17,10 +17,10 @@ endif
 study: $(VENV)/.installed
 	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
 
-test: $(VENV)/.test
-	$(BIN)/pytest
+test: $(VENV)/.installed
+	$(BIN)/pytest -n 2
 
-lint: $(VENV)/.lint
+lint: $(VENV)/.linters
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
@@ -29,22 +29,21 @@ bench: $(VENV)/.peers
 	$(BIN)/python benchmarks/rsnn_training.py
 	$(BIN)/python benchmarks/encoding.py
 
-# An editable install does not rebuild C++: the stamp does, whenever native/ changes.
+# One install for all, since each would compile the kernels anew. An editable install does not rebuild C++: the
+# stamp does, whenever native/ changes.
 $(VENV)/.installed: $(SOURCES)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(INSTALL) -e .
-	touch $@
-
-$(VENV)/.test: $(VENV)/.installed
 	$(INSTALL) -e '.[test]'
 	touch $@
 
-$(VENV)/.lint: $(VENV)/.test
-	$(INSTALL) -e '.[lint]'
+$(VENV)/.linters: $(VENV)/.installed
+	$(INSTALL) ruff pyright
 	touch $@
 
+# Norse and SpikingJelly ask for torchvision, which they do not need here.
 $(VENV)/.peers: $(VENV)/.installed
-	$(INSTALL) -e '.[peers]'
+	$(INSTALL) jax jaxlib brian2 cython
+	$(INSTALL) --no-deps norse spikingjelly
 	touch $@
 
 clean:
