@@ -1,0 +1,133 @@
+// Afferent LIF neurons, from conditioned signals to spikes (neurotact/encoders/afferents.py, neurons.lif_step).
+#include <omp.h>
+
+#include "dispatch.hpp"
+#include "simd.hpp"
+
+namespace neurotact::NT_ISA {
+namespace {
+
+constexpr int kLanes = 8;  // taxels side by side
+
+// U <- U_inf + (U - U_inf) decay with U_inf = v_rest + drive; U >= v_threshold spikes, and then U stays at v_reset
+// for `silent_steps` steps.
+template <class T>
+struct Population {
+    typename VectorOf<T, kLanes>::type membrane;
+    typename VectorOf<int32_t, kLanes>::type silent;
+};
+
+template <class T>
+struct Constants {
+    typename VectorOf<T, kLanes>::type gain, decay, v_rest, v_reset, v_threshold;
+    typename VectorOf<int32_t, kLanes>::type silent_steps;
+};
+
+template <class T>
+NT_INLINE uint64_t lif_step(Population<T>& p, typename VectorOf<T, kLanes>::type drive, const Constants<T>& c) {
+    using V = typename VectorOf<T, kLanes>::type;
+    using Bits = typename VectorOf<typename IntegerFor<T>::type, kLanes>::type;
+    using Ints = typename VectorOf<int32_t, kLanes>::type;
+    using Bytes = typename VectorOf<uint8_t, kLanes>::type;
+    const V target = c.v_rest + drive;
+    const V moved = target + (p.membrane - target) * c.decay;
+    const Ints awake32 = p.silent == 0;
+    const Bits awake = __builtin_convertvector(awake32, Bits);
+    const V membrane = awake ? moved : c.v_reset;
+    const Bits fired = awake & (membrane >= c.v_threshold);
+    const Ints fired32 = __builtin_convertvector(fired, Ints);
+    p.membrane = fired ? c.v_reset : membrane;
+    p.silent = fired32 ? c.silent_steps : (awake32 ? p.silent : p.silent - 1);
+    const Bytes ones = __builtin_convertvector(fired32 & 1, Bytes);
+    uint64_t eight;
+    std::memcpy(&eight, &ones, 8);
+    return eight;
+}
+
+// What one trial brings to the loop over time.
+template <class T>
+struct Strand {
+    Population<T> slow{}, rapid{};
+    typename VectorOf<T, kLanes>::type last{};
+    const T* signal;
+    uint8_t* spikes;
+
+    Strand(const Encoding<T>& e, int64_t trial, int first, int count)
+        : signal(e.signal + trial * e.trial_stride + first), spikes(e.spikes + trial * e.steps * 2 * e.taxels + first) {
+        const int64_t at = trial * e.taxels + first;
+        std::memcpy(&slow.membrane, e.sa_membrane + at, count * sizeof(T));
+        std::memcpy(&rapid.membrane, e.ra_membrane + at, count * sizeof(T));
+        std::memcpy(&slow.silent, e.sa_silent_left + at, count * sizeof(int32_t));
+        std::memcpy(&rapid.silent, e.ra_silent_left + at, count * sizeof(int32_t));
+        if (e.steps) std::memcpy(&last, e.has_last ? e.last + at : signal, count * sizeof(T));
+    }
+    void finish(const Encoding<T>& e, int64_t trial, int first, int count) const {
+        const int64_t at = trial * e.taxels + first;
+        std::memcpy(e.sa_membrane + at, &slow.membrane, count * sizeof(T));
+        std::memcpy(e.ra_membrane + at, &rapid.membrane, count * sizeof(T));
+        std::memcpy(e.sa_silent_left + at, &slow.silent, count * sizeof(int32_t));
+        std::memcpy(e.ra_silent_left + at, &rapid.silent, count * sizeof(int32_t));
+        if (e.steps) std::memcpy(e.last + at, &last, count * sizeof(T));
+    }
+    NT_INLINE void step(const Constants<T>& sa, const Constants<T>& ra, int64_t time_stride, int taxels, int count) {
+        using V = typename VectorOf<T, kLanes>::type;
+        using Bits = typename VectorOf<typename IntegerFor<T>::type, kLanes>::type;
+        V now{};
+        std::memcpy(&now, signal, count * sizeof(T));
+        const V rate = (V)((Bits)(now - last) & ~(Bits)(-V{}));
+        const uint64_t sa_fired = lif_step(slow, sa.gain * now, sa), ra_fired = lif_step(rapid, ra.gain * rate, ra);
+        last = now;
+        std::memcpy(spikes, &sa_fired, count);
+        std::memcpy(spikes + taxels, &ra_fired, count);
+        signal += time_stride;
+        spikes += 2 * taxels;
+    }
+};
+
+// `N` trials side by side: a step waits for the one before it, and another trial's fills the gap.
+template <class T, int N>
+void encode_lanes(const Encoding<T>& e, int64_t trial, int first, int count) {
+    using V = typename VectorOf<T, kLanes>::type;
+    const auto fill = [](T value) __attribute__((always_inline)) { return V{} + value; };
+    Constants<T> sa{fill(e.sa_gain), fill(e.decay), fill(e.v_rest), fill(e.v_reset), fill(e.v_threshold), {}};
+    Constants<T> ra = sa;
+    ra.gain = fill(e.ra_gain);
+    sa.silent_steps += e.sa_silent;
+    ra.silent_steps += e.ra_silent;
+    if constexpr (N == 1) {
+        Strand<T> strand(e, trial, first, count);
+        for (int64_t t = 0; t < e.steps; t++) strand.step(sa, ra, e.time_stride, e.taxels, count);
+        strand.finish(e, trial, first, count);
+    } else {
+        Strand<T> one(e, trial, first, kLanes), two(e, trial + 1, first, kLanes);
+        for (int64_t t = 0; t < e.steps; t++) {
+            one.step(sa, ra, e.time_stride, e.taxels, kLanes);
+            two.step(sa, ra, e.time_stride, e.taxels, kLanes);
+        }
+        one.finish(e, trial, first, kLanes);
+        two.finish(e, trial + 1, first, kLanes);
+    }
+}
+
+}  // namespace
+
+template <class T>
+void encode(const Encoding<T>& e) {
+    const int groups = (e.taxels + kLanes - 1) / kLanes;
+    const int64_t pairs = (e.trials + 1) / 2;
+#pragma omp parallel for num_threads(e.threads) schedule(dynamic, 4) collapse(2)
+    for (int64_t pair = 0; pair < pairs; pair++)
+        for (int group = 0; group < groups; group++) {
+            const int first = group * kLanes, left = e.taxels - first;
+            if (left >= kLanes && 2 * pair + 1 < e.trials) {
+                encode_lanes<T, 2>(e, 2 * pair, first, kLanes);
+            } else {
+                for (int64_t trial = 2 * pair; trial < 2 * pair + 2 && trial < e.trials; trial++)
+                    encode_lanes<T, 1>(e, trial, first, left < kLanes ? left : kLanes);
+            }
+        }
+}
+
+template void encode<NT_REAL>(const Encoding<NT_REAL>&);
+
+}  // namespace neurotact::NT_ISA

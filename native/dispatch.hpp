@@ -1,0 +1,65 @@
+// One table of kernels per instruction set and float type; one of them is chosen when the module loads.
+#pragma once
+
+#include <type_traits>
+
+#include "kernels.hpp"
+
+namespace neurotact {
+
+// Calls `run` with membrane and reset as compile-time constants.
+template <class Run>
+inline __attribute__((always_inline)) void with_variant(Membrane membrane, Reset reset, const Run& run) {
+    const auto with_reset = [&](auto m) __attribute__((always_inline)) {
+        switch (reset) {
+            case Reset::zero: return run(m, std::integral_constant<Reset, Reset::zero>());
+            case Reset::subtract: return run(m, std::integral_constant<Reset, Reset::subtract>());
+            case Reset::hard: return run(m, std::integral_constant<Reset, Reset::hard>());
+        }
+    };
+    switch (membrane) {
+        case Membrane::eq4: return with_reset(std::integral_constant<Membrane, Membrane::eq4>());
+        case Membrane::delayed: return with_reset(std::integral_constant<Membrane, Membrane::delayed>());
+        case Membrane::immediate: return with_reset(std::integral_constant<Membrane, Membrane::immediate>());
+    }
+}
+
+#define NT_DECLARE_KERNELS(ISA)                                                                      \
+    namespace ISA {                                                                                  \
+    template <class T>                                                                               \
+    bool wide_forward(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);              \
+    template <class T>                                                                               \
+    void wide_backward(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);           \
+    template <class T>                                                                               \
+    bool small_forward(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);             \
+    template <class T>                                                                               \
+    void small_backward(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);          \
+    template <class T>                                                                               \
+    bool infer(const Net<T>&, const Layout&, const ExitRule&, const Decisions&);                     \
+    template <class T>                                                                               \
+    void encode(const Encoding<T>&);                                                                 \
+    }
+NT_DECLARE_KERNELS(avx512)
+NT_DECLARE_KERNELS(avx2)
+NT_DECLARE_KERNELS(plain)
+#undef NT_DECLARE_KERNELS
+
+// False from a forward pass or an inference: the input held a value that is neither 0 nor 1.
+template <class T>
+struct Kernels {
+    bool (*wide_forward)(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);
+    void (*wide_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
+    bool (*small_forward)(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);
+    void (*small_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
+    bool (*infer)(const Net<T>&, const Layout&, const ExitRule&, const Decisions&);
+    void (*encode)(const Encoding<T>&);
+};
+
+enum class Isa : int { plain, avx2, avx512 };
+Isa widest_isa();         // what the processor can
+Isa current_isa();        // what is used: the widest, or what NEUROTACT_ISA or set_isa asked for
+void set_isa(Isa isa);
+template <class T>
+const Kernels<T>& kernels();
+
+}  // namespace neurotact

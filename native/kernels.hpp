@@ -1,0 +1,114 @@
+// What the kernels take: plain structures of sizes and addresses, the same for every instruction set.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+namespace neurotact {
+
+enum class Membrane : int { eq4, delayed, immediate };
+enum class Reset : int { zero, subtract, hard };
+
+// Spikes (trial, time, neuron) where the caller keeps them; neighbouring neurons lie side by side.
+struct SpikesIn {
+    enum Kind : int { byte = 1, real32 = 4, real64 = 8 };
+    const void* data;
+    Kind kind;
+    int64_t trial_stride, time_stride;  // in elements
+};
+
+struct Sizes {
+    int64_t trials, steps;
+    int inputs, hidden, classes;  // classes = 0: a single layer
+};
+
+// alpha, beta and threshold of one layer: one value for all its neurons (stride 0) or one each (stride 1).
+template <class T>
+struct Dynamics {
+    const T *alpha, *beta, *threshold;
+    int stride;
+};
+
+// A network: one layer, recurrent where w_rec is given, and a readout where classes > 0.
+// Weights lie (presynaptic, postsynaptic), without gaps.
+template <class T>
+struct Net {
+    Sizes sizes;
+    SpikesIn spikes;
+    Membrane membrane;
+    Reset reset;
+    const T *w_in, *w_rec, *w_out;
+    Dynamics<T> hidden, readout;
+    T scale;  // lambda of the surrogate
+    int threads;
+};
+
+// Sums over the window, or the window itself; null where not wanted.
+template <class T>
+struct Outputs {
+    T* readout;  // (trial, class) counts
+    T* hidden;   // (trial, hidden) counts
+    T* raster;   // (trial, time, hidden) of 0 and 1
+};
+
+// dL/d(output) in, dL/d(parameter) out; null where not given or not wanted.
+template <class T>
+struct Gradients {
+    const T *readout, *hidden, *raster;
+    T *w_in, *w_rec, *w_out;
+    T* spikes;    // (trial, time, input)
+    T* dynamics;  // alpha, beta, threshold of every hidden neuron, then of every readout neuron
+};
+
+// What training remembers of the forward pass, trial after trial, step after step (see tape_bytes). Row t holds
+// U[t+1], I[t+1] and s[t+1].
+template <class T>
+struct Tape {
+    T *membrane, *readout_membrane;  // (trial, time, pitch)
+    T *current, *readout_current;    // the same, only where alpha or beta is learned
+    uint64_t *inputs, *spikes;       // (trial, time, words)
+};
+
+// How a network is laid out: neurons padded to whole vectors.
+struct Layout {
+    int hidden_pitch, readout_pitch;
+    bool small;  // the register kernel of small_net.cpp; else wide_net.cpp
+};
+Layout layout_of(const Sizes& sizes, bool recurrent, bool learned_dynamics_or_inputs);
+
+// Exit when the leading class has stood for more than `patience` steps; negative: never.
+struct ExitRule {
+    int64_t patience;
+    bool from_first_spike;
+};
+
+// A row a trial; see networks/rsnn.py, Inference.
+struct Decisions {
+    int64_t *labels, *steps, *input_spikes, *hidden_spikes;
+    int64_t* readout;  // (trial, class)
+};
+
+// A population of afferent LIF neurons driven by conditioned signals; see encoders/afferents.py.
+template <class T>
+struct Encoding {
+    int64_t trials, steps;
+    int taxels;
+    const T* signal;                            // (trial, time, taxel), neighbouring taxels side by side
+    int64_t trial_stride, time_stride;          // in elements
+    T sa_gain, ra_gain;                         // mV per unit; mV per (unit per step)
+    T decay, v_rest, v_reset, v_threshold;
+    int32_t sa_silent, ra_silent;               // refractory steps
+    T *sa_membrane, *ra_membrane, *last;        // state in and out, (trial, taxel)
+    int32_t *sa_silent_left, *ra_silent_left;   // likewise
+    bool has_last;                              // false: the first derivative is 0
+    uint8_t* spikes;                            // (trial, time, 2 taxel)
+    int threads;
+};
+
+// At most so many partial sums of gradients.
+constexpr int kWideGroups = 16, kSmallGroups = 64;
+
+constexpr int64_t words(int neurons) { return (neurons + 63) / 64; }
+constexpr int round_up(int n, int multiple) { return (n + multiple - 1) / multiple * multiple; }
+
+}  // namespace neurotact

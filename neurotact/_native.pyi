@@ -1,0 +1,39 @@
+"""Compiled kernels of neurotact (native/module.cpp). Addresses point at dense tensors on the CPU; 0 is none."""
+
+from torch import Tensor
+
+class Shape:
+    """Sizes, neuron and layout of a network, made once and used for every call."""
+
+def make_shape(
+    inputs: int, hidden: int, classes: int, membrane: int, reset: int, scale: float, recurrent: bool, per_neuron: bool,
+    keep_currents: bool, with_inputs: bool, /,
+) -> Shape: ...
+def tape_bytes(shape: Shape, is_double: bool, trials: int, steps: int, /) -> int: ...
+def new_tape(shape: Shape, is_double: bool, trials: int, steps: int, /) -> Tensor: ...
+def forward(
+    shape: Shape, is_double: bool, trials: int, steps: int, spikes: int, spike_kind: int, trial_stride: int,
+    time_stride: int, w_in: int, w_rec: int, w_out: int, alpha: int, beta: int, threshold: int, tape: int, readout: int,
+    hidden: int, raster: int, threads: int, /,
+) -> bool: ...
+def backward(
+    shape: Shape, is_double: bool, trials: int, steps: int, tape: int, w_in: int, w_rec: int, w_out: int, alpha: int,
+    beta: int, threshold: int, g_readout: int, g_hidden: int, g_raster: int, g_w_in: int, g_w_rec: int, g_w_out: int,
+    g_spikes: int, g_dynamics: int, threads: int, /,
+) -> None: ...
+def infer(
+    shape: Shape, is_double: bool, trials: int, steps: int, spikes: int, spike_kind: int, trial_stride: int,
+    time_stride: int, w_in: int, w_rec: int, w_out: int, alpha: int, beta: int, threshold: int, patience: int,
+    from_first_spike: bool, labels: int, steps_out: int, input_spikes: int, hidden_spikes: int, readout: int,
+    threads: int, /,
+) -> bool: ...
+def encode(
+    is_double: bool, trials: int, steps: int, taxels: int, signal: int, trial_stride: int, time_stride: int,
+    sa_gain: float, ra_gain: float, decay: float, v_rest: float, v_reset: float, v_threshold: float, sa_silent: int,
+    ra_silent: int, sa_membrane: int, ra_membrane: int, last: int, sa_silent_left: int, ra_silent_left: int,
+    has_last: bool, spikes: int, threads: int, /,
+) -> None: ...
+def free_spare_blocks() -> None: ...
+def isa() -> str: ...
+def widest_isa() -> str: ...
+def set_isa(name: str, /) -> None: ...

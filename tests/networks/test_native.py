@@ -1,0 +1,353 @@
+"""The compiled kernels against the definition: spikes to the last bit, gradients to rounding, any thread count."""
+
+from typing import get_args
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from neurotact.errors import InputError
+from neurotact.networks import native, reference
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.networks.layer import cuba_lif_layer
+from neurotact.networks.rsnn import RSNN, Inference, Rasters
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.surrogate import FastSigmoid
+from neurotact.neurons import CubaLIF, Membrane, Reset
+
+pytestmark = pytest.mark.skipif(native.native is None, reason="the kernels are not compiled here")
+
+VARIANTS = [(membrane, reset) for membrane in get_args(Membrane) for reset in get_args(Reset)]
+TOLERANCE = {torch.float32: 1e-4, torch.float64: 1e-9}
+LEARNED = ("alpha", "beta", "threshold")
+each_variant = pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
+dtypes = st.sampled_from([torch.float32, torch.float64])
+isas = st.sampled_from(native.isas() if native.native else ["plain"])
+
+
+@pytest.fixture(autouse=True)
+def _as_before():
+    threads = torch.get_num_threads()
+    yield
+    torch.set_num_threads(threads)
+    native.set_isa(native.isas()[-1])
+
+
+def network(n_in=5, hidden=20, classes=3, seed=0, dtype=torch.float32, backend="native", **spec) -> RSNN:
+    """A network that spikes in earnest: about every fifth step, in both layers."""
+    table = {"hidden": hidden, "forward_weight_scale": 6.0, "recurrent_weight_scale": 0.3, **spec}
+    generator = torch.Generator().manual_seed(seed)
+    net = RSNN(n_in, classes, RSNNSpec(**table), 400.0, backend=backend, generator=generator, dtype=dtype)
+    with torch.no_grad():
+        net.threshold.copy_(torch.tensor([1.0, 0.7]))
+        net.alpha.copy_(torch.tensor([0.75, 0.8]))
+    return net
+
+
+def spikes(n_trials=4, n_steps=30, n_in=5, density=0.3, seed=1) -> Tensor:
+    return (torch.rand(n_trials, n_steps, n_in, generator=torch.Generator().manual_seed(seed)) < density).to(
+        torch.uint8
+    )
+
+
+def farthest(given: Tensor, wanted: Tensor) -> float:
+    """The largest difference, relative to the largest value."""
+    if wanted.numel() == 0:
+        return 0.0
+    return ((given - wanted).abs().max() / wanted.abs().max().clamp(min=1e-30)).item()
+
+
+def gradients(outputs: tuple[Tensor, ...], inputs: list[Tensor], seed: int = 3) -> tuple[Tensor, ...]:
+    generator = torch.Generator().manual_seed(seed)
+    total = torch.zeros(()) + sum(
+        (out * torch.randn(out.shape, generator=generator, dtype=out.dtype)).sum() for out in outputs
+    )
+    if not total.requires_grad:  # the reference, over a window too short for a gradient
+        return tuple(map(torch.zeros_like, inputs))
+    return torch.autograd.grad(total, inputs, allow_unused=True, materialize_grads=True)
+
+
+def compare(net: RSNN, x: Tensor, with_inputs: bool = False, tolerance: float | None = None) -> Rasters:
+    """Counts equal to the last bit and gradients within tolerance; returns the reference's rasters."""
+    ours, theirs = ([x.to(net.w_in.dtype).requires_grad_()] if with_inputs else [] for _ in range(2))
+    parameters = [p for p in net.parameters() if p.requires_grad]
+    rasters = net.simulate(*theirs or [x], ordered=True)
+    wanted = rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1)
+    counts = net(*ours or [x])
+    assert torch.equal(counts.readout, wanted[0])
+    assert torch.equal(counts.hidden, wanted[1])
+    if x.shape[0] and x.shape[1]:
+        limit = TOLERANCE[net.w_in.dtype] if tolerance is None else tolerance
+        pairs = zip(gradients(counts, parameters + ours), gradients(wanted, parameters + theirs), strict=True)
+        assert max(farthest(a, b) for a, b in pairs) <= limit
+    return Rasters(*(raster.detach() for raster in rasters))
+
+
+def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
+    """What `_infer_by_steps` says, from the rasters of the whole window."""
+    n_trials, n_steps, _ = x.shape
+    leader = Leader.start(n_trials, rasters.readout.shape[2], x.device)
+    labels, steps = torch.zeros(2, n_trials, dtype=torch.int64)
+    running = torch.ones(n_trials, dtype=torch.bool)
+    for t in range(n_steps):
+        leader = leader.after(rasters.readout[:, t].to(torch.int64))
+        done = running & (leader.exits(rule) | torch.tensor(t + 1 == n_steps))
+        labels[done], steps[done] = leader.index[done], t + 1
+        running &= ~done
+    seen = (torch.arange(n_steps) < steps[:, None])[..., None]
+    sums = [(part * seen).sum(dim=(1, 2)).to(torch.int64) for part in (x, rasters.hidden)]
+    return Inference(labels, steps, *sums, (rasters.readout * seen).sum(dim=1).to(torch.int64))
+
+
+# --- parity of the fused network ---------------------------------------------------------------------
+
+
+@each_variant
+@given(
+    sizes=st.tuples(st.integers(1, 80), st.integers(1, 80), st.integers(1, 20)),
+    window=st.tuples(st.integers(0, 5), st.integers(0, 25)),
+    density=st.sampled_from([0.0, 0.05, 0.3, 1.0]),
+    dtype=dtypes,
+    isa=isas,
+    n_threads=st.integers(1, 4),
+    learns=st.booleans(),
+    with_inputs=st.booleans(),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=12)
+def test_counts_and_gradients_are_the_reference_s(
+    membrane, reset, sizes, window, density, dtype, isa, n_threads, learns, with_inputs, seed
+):
+    n_in, hidden, classes = sizes
+    net = network(n_in, hidden, classes, seed, dtype, membrane=membrane, reset=reset, learn=LEARNED if learns else ())
+    native.set_isa(isa)
+    torch.set_num_threads(n_threads)
+    # A scalar's gradient is one sum of many signs: in float32 both sides round it by more than a weight's.
+    compare(net, spikes(*window, n_in, density, seed), with_inputs, 2e-3 if learns and dtype == torch.float32 else None)
+
+
+@pytest.mark.parametrize("hidden", [64, 65, 128, 200])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_wide_layers_agree(hidden, dtype):
+    compare(network(70, hidden, 27, dtype=dtype), spikes(19, 40, 70, 0.1))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("membrane", get_args(Membrane))
+def test_the_widest_layer_agrees(membrane):
+    compare(network(130, 1024, 1000, membrane=membrane), spikes(17, 20, 130, 0.1))
+
+
+@each_variant
+def test_a_negative_threshold_is_no_special_case(membrane, reset):
+    net = network(membrane=membrane, reset=reset, learn=LEARNED, dtype=torch.float64)
+    with torch.no_grad():
+        net.threshold.copy_(torch.tensor([-0.1, -0.2]))
+    compare(net, spikes(5, 12))
+
+
+@given(
+    kind=st.sampled_from(["strided", "time first", "bool", "int64", "float32", "float64", "sliced"]),
+    seed=st.integers(0, 9),
+)
+@settings(max_examples=15)
+def test_any_layout_and_type_of_spikes(kind, seed):
+    x = spikes(6, 20, 10, seed=seed)
+    taken = {
+        "strided": lambda: x.repeat_interleave(2, dim=2)[..., ::2],
+        "time first": lambda: x.transpose(0, 1).contiguous().transpose(0, 1),
+        "sliced": lambda: torch.cat([x, x], dim=1)[:, 20:],
+        "bool": x.bool, "int64": x.long, "float32": x.float, "float64": x.double,
+    }[kind]()  # fmt: skip
+    net = network(10)
+    assert all(map(torch.equal, net(taken), net(x)))
+    assert all(map(torch.equal, net.infer(taken), net.infer(x)))
+
+
+@pytest.mark.parametrize("value", [2, 0.5, -1.0, float("nan")])
+def test_spikes_other_than_0_and_1_are_refused(value):
+    net, x = network(), spikes().to(torch.uint8 if value == 2 else torch.float32)
+    x[2, 3, 4] = value
+    with pytest.raises(InputError, match="other than 0 and 1"):
+        net(x)
+    with pytest.raises(InputError, match="other than 0 and 1"):
+        net.infer(x)
+
+
+# --- what training needs -----------------------------------------------------------------------------
+
+
+def trained(n_threads: int, hidden: int, isa: str, steps: int = 100) -> list[Tensor]:
+    torch.set_num_threads(n_threads)
+    native.set_isa(isa)
+    net, x = network(6, hidden, 4), spikes(37, 40, 6)
+    labels = torch.arange(37) % 4
+    optimiser = torch.optim.Adam(net.parameters(), lr=1e-2)
+    for _ in range(steps):
+        optimiser.zero_grad()
+        counts = net(x)
+        loss = torch.nn.functional.cross_entropy(counts.readout, labels) + 1e-3 * counts.hidden.mean()
+        loss.backward()
+        optimiser.step()
+    return [p.detach().clone() for p in net.parameters()]
+
+
+@pytest.mark.parametrize("hidden", [20, 70])
+def test_a_hundred_adam_steps_give_the_same_weights_on_any_thread_count_and_instruction_set(hidden):
+    wanted = trained(1, hidden, native.isas()[-1])
+    assert all(map(torch.equal, trained(2, hidden, native.isas()[-1]), wanted))
+    assert all(map(torch.equal, trained(1, hidden, native.isas()[0]), wanted))
+
+
+def test_an_unused_output_has_no_gradient():
+    net, x = network(), spikes()
+    (alone,) = torch.autograd.grad(net(x).readout.sum(), [net.w_in])
+    counts = net(x)
+    (both,) = torch.autograd.grad(counts.readout.sum() + 0 * counts.hidden.sum(), [net.w_in])
+    assert torch.equal(alone, both)
+
+
+def test_a_retained_graph_gives_its_gradient_again():
+    net, x = network(), spikes()
+    total = net(x).readout.sum()
+    first = torch.autograd.grad(total, [net.w_in], retain_graph=True)
+    net(spikes(seed=7)).readout.sum().backward()
+    assert torch.equal(*first, *torch.autograd.grad(total, [net.w_in]))
+
+
+def test_the_tape_is_what_the_docs_say():
+    net = network(70, 20, 4)
+    shape = native._shape(
+        70, 20, 4, net.neuron, 10.0, recurrent=True, per_neuron=False, keep_currents=False, with_inputs=False
+    )
+    # A membrane for each of 32 + 8 padded neurons, two words of input and one of hidden spikes, a trial and step.
+    assert native.native.tape_bytes(shape, False, 128, 300) == 128 * 300 * (4 * (32 + 8) + 8 * (2 + 1))
+
+
+@pytest.mark.parametrize("membrane", get_args(Membrane))
+def test_gradients_follow_finite_differences_between_spikes(membrane):
+    """Where no spike changes, dL/dU comes from the readout's surrogate alone: a small step moves U as dU/dw says."""
+    torch.manual_seed(0)
+    x = spikes(3, 15, 4).double()
+    w = (0.2 * torch.randn(4, 6, dtype=torch.float64)).requires_grad_()  # too weak to spike
+    kept = {"alpha": 0.8, "beta": 0.9, "neuron": CubaLIF(membrane)}
+
+    def membranes(weights: Tensor) -> Tensor:
+        """The sum of a smooth function of U whose slope is the surrogate's: x / (1 + scale |x|)."""
+        smooth = lambda u: u / (1 + 10.0 * u.abs())  # noqa: E731
+        return reference.cuba_lif_layer(x, weights, None, threshold=1.0, spike=smooth, **kept)[0].sum()
+
+    (grad,) = torch.autograd.grad(cuba_lif_layer(x, w, backend="native", **kept).sum(), [w])
+    for i, j in ((0, 0), (3, 5), (2, 1)):
+        step = torch.zeros_like(w)
+        step[i, j] = 1e-6
+        difference = (membranes(w.detach() + step) - membranes(w.detach() - step)) / 2e-6
+        assert difference.item() == pytest.approx(grad[i, j].item(), rel=1e-5)
+
+
+# --- inference ---------------------------------------------------------------------------------------
+
+
+@each_variant
+@given(
+    sizes=st.tuples(st.integers(1, 70), st.integers(1, 70), st.integers(1, 70)),
+    window=st.tuples(st.integers(0, 5), st.integers(1, 30)),
+    rule=st.sampled_from([FULL_WINDOW, ExitRule(1), ExitRule(4), ExitRule(4, from_first_spike=True), ExitRule(99)]),
+    dtype=dtypes,
+    isa=isas,
+    n_threads=st.integers(1, 4),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=10)
+def test_inference_is_the_reference_s(membrane, reset, sizes, window, rule, dtype, isa, n_threads, seed):
+    n_in, hidden, classes = sizes
+    net = network(n_in, hidden, classes, seed, dtype, membrane=membrane, reset=reset)
+    x = spikes(*window, n_in, seed=seed)
+    native.set_isa(isa)
+    torch.set_num_threads(n_threads)
+    with torch.no_grad():
+        wanted = decide(x, net.simulate(x, ordered=True), rule)
+    assert all(map(torch.equal, net.infer(x, rule), wanted))
+
+
+def test_inference_of_an_empty_window():
+    inference = network().infer(spikes(3, 0))
+    assert inference.steps.tolist() == inference.labels.tolist() == [0, 0, 0]
+    assert inference.readout.tolist() == [[0, 0, 0]] * 3
+
+
+# --- a layer -----------------------------------------------------------------------------------------
+
+
+@each_variant
+@given(
+    sizes=st.tuples(st.integers(1, 70), st.integers(1, 70)),
+    window=st.tuples(st.integers(1, 5), st.integers(1, 25)),
+    recurrent=st.booleans(),
+    per_neuron=st.booleans(),
+    dtype=dtypes,
+    isa=isas,
+    n_threads=st.integers(1, 4),
+    seed=st.integers(0, 99),
+)
+@settings(max_examples=10)
+def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, seed):
+    n_in, n_out = sizes
+    native.set_isa(isa)
+    torch.set_num_threads(n_threads)
+    generator = torch.Generator().manual_seed(seed)
+
+    def between(low: float, high: float, *shape: int) -> Tensor:
+        return (low + (high - low) * torch.rand(shape, generator=generator, dtype=dtype)).requires_grad_()
+
+    x = spikes(*window, n_in, seed=seed).to(dtype).requires_grad_()
+    w, v = between(-0.5, 1.0, n_in, n_out), between(-0.3, 0.2, n_out, n_out) if recurrent else None
+    shape = (n_out,) if per_neuron else ()
+    dynamics = {"alpha": between(0.5, 0.9, *shape), "beta": between(0.7, 0.95, *shape)}
+    dynamics["threshold"] = between(0.7, 1.2, *shape)
+    neuron = CubaLIF(membrane, reset)
+    ours = cuba_lif_layer(x, w, v, neuron=neuron, backend="native", **dynamics)
+    wanted, _ = reference.cuba_lif_layer(x, w, v, neuron=neuron, spike=FastSigmoid(10.0), ordered=True, **dynamics)
+    assert torch.equal(ours, wanted)
+    inputs = [t for t in (x, w, v, *dynamics.values()) if t is not None]
+    limits = [TOLERANCE[dtype]] * (len(inputs) - 3) + [2e-3 if dtype == torch.float32 else 1e-9] * 3
+    pairs = zip(gradients((ours,), inputs), gradients((wanted,), inputs), strict=True)
+    assert all(farthest(a, b) <= limit for (a, b), limit in zip(pairs, limits, strict=True))
+
+
+def test_two_layers_are_the_fused_network():
+    net, x = network(dtype=torch.float64), spikes()
+    layer = {"neuron": net.neuron, "backend": "native"}
+    hidden, out = (
+        dict(zip(LEARNED, (net.alpha[k].detach(), net.beta[k].detach(), net.threshold[k].detach()), strict=True))
+        for k in (0, 1)
+    )
+    sent = cuba_lif_layer(x, net.w_in, net.w_rec, **hidden, **layer)
+    decided = cuba_lif_layer(sent, net.w_out, **out, **layer)
+    composed, fused = (decided.sum(dim=1), sent.sum(dim=1)), net(x)
+    assert all(map(torch.equal, composed, fused))
+    weights = [net.w_in, net.w_rec, net.w_out]
+    pairs = zip(gradients(composed, weights), gradients(tuple(fused), weights), strict=True)
+    assert max(farthest(a, b) for a, b in pairs) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"w": torch.zeros(5)}, "w: has shape"),
+        ({"x": torch.zeros(2, 3, 4)}, "x: has shape"),
+        ({"v": torch.zeros(3, 4)}, "v: has shape"),
+        ({"alpha": torch.zeros(2)}, "alpha: has shape"),
+    ],
+)
+def test_a_layer_names_what_does_not_fit(change, message):
+    call = {"x": spikes(), "w": torch.zeros(5, 3), "alpha": 0.9, "beta": 0.9} | change
+    with pytest.raises(InputError, match=message):
+        cuba_lif_layer(**call)
+
+
+def test_a_set_that_the_processor_lacks_is_refused():
+    with pytest.raises(ValueError, match="unknown"):
+        native.set_isa("sse9")
