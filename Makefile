@@ -27,7 +27,7 @@ lint: $(VENV)/.linters
 
 bench: $(VENV)/.peers
 	$(BIN)/python benchmarks/rsnn_training.py
-	$(BIN)/python benchmarks/encoding.py
+	NEUROTACT_BRIAN2_PYTHON=$(VENV)-brian2/bin/python $(BIN)/python benchmarks/encoding.py
 
 # One install for all, since each would compile the kernels anew. An editable install does not rebuild C++: the
 # stamp does, whenever native/ changes.
@@ -40,11 +40,13 @@ $(VENV)/.linters: $(VENV)/.installed
 	$(INSTALL) ruff pyright
 	touch $@
 
-# Norse and SpikingJelly ask for torchvision, which they do not need here.
+# Norse and SpikingJelly ask for torchvision, which they do not need here; Brian2 needs an older numpy than ours.
 $(VENV)/.peers: $(VENV)/.installed
-	$(INSTALL) jax jaxlib brian2 cython
-	$(INSTALL) --no-deps norse spikingjelly
+	$(INSTALL) jax
+	$(BIN)/pip install --quiet --no-deps norse nir nirtorch spikingjelly loguru
+	$(PYTHON) -m venv $(VENV)-brian2
+	$(VENV)-brian2/bin/pip install --quiet brian2 'numpy<2' 'setuptools<82' cython
 	touch $@
 
 clean:
-	rm -rf $(VENV) build runs
+	rm -rf $(VENV) $(VENV)-brian2 build runs
