@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from neurotact.data.columns import in_unit
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export.raster import name_populations, paint_events
 from neurotact.export.style import (
@@ -21,7 +22,6 @@ from neurotact.export.style import (
     SA,
     TOTAL,
     add_legend,
-    in_unit,
     name_ticks,
     new_figure,
     printed,

@@ -9,9 +9,10 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from neurotact.data.columns import in_unit
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.export.style import RA, SA, in_unit, new_figure, printed, save
+from neurotact.export.style import RA, SA, new_figure, printed, save
 from neurotact.files import whole
 
 ROW_in = 0.15

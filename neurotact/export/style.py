@@ -130,28 +130,3 @@ def series_style(index: int) -> dict[str, Any]:
     """Colour and marker of the series at `index`, as keywords of a plot."""
     colour, marker = SERIES[index % len(SERIES)]
     return {"color": colour, "marker": marker}
-
-
-UNITS = {"mm_per_s": "mm/s", "per_s": "1/s"} | {unit: unit for unit in ("ms", "Hz", "mV", "mm", "N", "V", "s")}
-
-
-def quantity(column: str) -> tuple[str, str]:
-    """The name and the unit in a column's name; no unit where it holds none.
-
-    >>> quantity("force_N"), quantity("speed_mm_per_s"), quantity("fabric")
-    (('force', 'N'), ('speed', 'mm/s'), ('fabric', ''))
-    """
-    for suffix, unit in UNITS.items():
-        if column.endswith(f"_{suffix}"):
-            return column.removesuffix(f"_{suffix}").replace("_", " "), unit
-    return column.replace("_", " "), ""
-
-
-def in_unit(column: str, value: Any) -> str:
-    """A value as it is read beside its column's unit.
-
-    >>> in_unit("force_N", 12.0), in_unit("speed_mm_per_s", 8.6), in_unit("finger", "left")
-    ('12 N', '8.6 mm/s', 'left')
-    """
-    number = f"{value:g}" if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)
-    return f"{number} {quantity(column)[1]}".strip()

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import pandas as pd
 from pydantic import model_validator
 
+from neurotact.data.columns import in_unit, name_of, quantity
 from neurotact.data.recordings import select_conditions
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
@@ -51,18 +52,26 @@ class Claim(Spec):
 
     @property
     def rule(self) -> str:
-        """The rule in words."""
-        at = f", at {_words(self.where)}" if self.where else ""
+        """The rule as a sentence; the column that it reads stands in parentheses.
+
+        >>> Claim(name="n", source="s", published="p", kind="at_least", measure="accuracy_test", value=0.9,
+        ...       where={"pair": "1&1"}, best_over=("hidden",)).rule
+        'The mean of test accuracy (accuracy_test) is at least 0.9 for t_ref 1&1 ms, at the best N'
+        """
+        what = f"{'Every value' if self.each else 'The mean'} of {name_of(self.measure)} ({self.measure})"
         if self.kind == "order":
-            places = [" and ".join(map(_words, place)) for place in self.order]
-            return f"{self.measure} falls along {' > '.join(places)}{at}"
+            return f"{what} falls, ties allowed, along {_chain(self.order)}{_for(self.where)}"
         if self.kind == "change":
-            what = f"{'relative ' if self.relative else ''}change of {self.measure}"
-            return f"{what} from {_words(self.against)} to {_words(self.where)}: {self.value} ± {self.tolerance}"
-        bounds = {"value": f"{self.value} ± {self.tolerance}", "at_least": f">= {self.value}"}
-        bound = bounds.get(self.kind, f"<= {self.value}")
-        best = f", best over {' and '.join(self.best_over)}" if self.best_over else ""
-        return f"{'every' if self.each else 'mean'} {self.measure}{at}{best}: {bound}"
+            shared = {key: value for key, value in self.where.items() if self.against.get(key) == value}
+            before, after = (
+                _words({key: value for key, value in side.items() if key not in shared})
+                for side in (self.against, self.where)
+            )
+            by = f"{'the share ' if self.relative else ''}{self.value} ± {self.tolerance}"
+            return f"{what} changes by {by} from {before} to {after}{_for(shared)}"
+        bounds = {"value": f"{self.value} ± {self.tolerance}", "at_least": f"at least {self.value}"}
+        best = f", at the best {' and '.join(map(_axis, self.best_over))}" if self.best_over else ""
+        return f"{what} is {bounds.get(self.kind, f'at most {self.value}')}{_for(self.where)}{best}"
 
 
 class Verdict(NamedTuple):
@@ -128,6 +137,8 @@ def _judge_level(claim: Claim, table: pd.DataFrame) -> Verdict:
     if claim.best_over:
         means = rows.groupby(list(claim.best_over))[claim.measure].mean()
         ours, best = float(means.max()), f" at {', '.join(claim.best_over)} = {means.idxmax()}"
+        if len(means) == 1:
+            best += f", the only {'size' if claim.best_over == ('hidden',) else 'one'} run"
     elif claim.each:
         ours = float(measured.min() if claim.kind == "at_least" else measured.max())
     else:
@@ -162,11 +173,33 @@ def _judge_order(claim: Claim, table: pd.DataFrame) -> Verdict:
     return Verdict(claim, shown, falls)
 
 
+def _for(where: dict[str, Any]) -> str:
+    return f" for {_words(where)}" if where else ""
+
+
+def _chain(order: tuple[tuple[dict[str, Any], ...], ...]) -> str:
+    """The places of an order; the words that all of them share stand once."""
+    pairs_alone = all(set(where) == {"pair"} for place in order for where in place)
+    places = [" and ".join(where["pair"] if pairs_alone else _words(where) for where in place) for place in order]
+    return f"t_ref {' > '.join(places)} ms" if pairs_alone else " > ".join(places)
+
+
 def _words(where: dict[str, Any]) -> str:
-    return ", ".join(_word(value) if key == "pair" else f"{key} {_word(value)}" for key, value in where.items())
+    return ", ".join(_word(column, value) for column, value in where.items())
 
 
-def _word(value: Any) -> str:
+def _word(column: str, value: Any) -> str:
+    """A condition as it is read in a rule; several values of one condition are alternatives."""
     if isinstance(value, (list, tuple)):
-        return " or ".join(map(_word, value))
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value)
+        value = " or ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in value)
+    if column == "pair":
+        return f"t_ref {value} ms"
+    known = {"label": "class", "dataset": "data set", "hidden": "N ="}
+    if column in known:
+        return f"{known[column]} {value}"
+    name, unit = quantity(column)
+    return in_unit(column, value) if unit else f"{name} {value}"
+
+
+def _axis(column: str) -> str:
+    return {"hidden": "N", "pair": "t_ref pair"}.get(column, quantity(column)[0])

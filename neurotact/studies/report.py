@@ -8,21 +8,30 @@ from typing import Any, NamedTuple
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from neurotact.data.columns import in_unit, quantity
 from neurotact.data.hdf5 import load_spikes
+from neurotact.data.spikes import SpikeTrains
+from neurotact.export.encoding_figures import Classes
 from neurotact.export.network_figures import over_seeds
-from neurotact.export.style import Drawn, in_unit, quantity, save
+from neurotact.export.style import Drawn, save
+from neurotact.export.tables import write_table
 from neurotact.files import existing, read_json, write_text
 from neurotact.spec import to_toml
+from neurotact.studies import report_cells, report_page
 from neurotact.studies import study as studies
 from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.report_encoding import encoding_drawings, name_classes
 from neurotact.studies.report_networks import network_drawings
-from neurotact.studies.study import StudySpec, cells, swept_columns
+from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
 
 DOWNLOADS = {
     "results.csv": "one row a trained network",
+    "results.json": "the same",
+    "sops.csv": "the SOP report: what each network's decisions cost, and with early exit",
+    "sops.json": "the same",
+    "sops.md": "the same, to be read",
     "encoding.csv": "firing of both populations for each class and condition",
     "baseline.csv": "the linear classifier",
     "timings.csv": "time that each cell took",
@@ -31,6 +40,27 @@ DOWNLOADS = {
     "data.json": "the recordings' hash",
 }
 MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total"]
+
+
+NETWORK_COLUMNS = {
+    "setting": "data set",
+    "pair": "t_ref RA-I & SA-I (ms)",
+    "hidden": "N",
+    "seed": "seed",
+    "accuracy_validation": "validation accuracy (%)",
+    "accuracy_test": "test accuracy (%)",
+    "sops_total": "SOPs",
+    "exit_accuracy": "accuracy with early exit (%)",
+    "exit_steps": "steps with early exit",
+    "exit_sops_total": "SOPs with early exit",
+}
+
+
+class Entry(NamedTuple):
+    """A cell of a table that can be sorted: what is read, and what it is sorted by."""
+
+    text: str
+    value: str | float
 
 
 class Table(NamedTuple):
@@ -43,18 +73,26 @@ class Table(NamedTuple):
 
 
 def write(study: StudySpec, folder: Path) -> Path:
-    """Draw the figures and write `report.html` from the tables of a run folder; the report's path.
+    """Write `report.html`, its figures, `results.json` and the SOP report from what a run left; the page's path.
 
     Raises InputError when `results.csv` or `encoding.csv` is not there or a claim names a column that is not there.
     """
-    results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept_columns(study))
+    swept = swept_columns(study)
+    results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept)
     encoding = with_pair(read_encoding(folder / "encoding.csv"))
+    done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
+    trains = _first_spikes(folder, done)
+    classes = name_classes(encoding, trains.conditions if trains else None)
     figures = []
-    for drawn in drawings(study, folder, results, encoding):
+    for drawn in drawings(study, folder, done, results, encoding, trains, classes):
         for suffix in (".svg", ".png"):
             save(drawn.figure, folder / "figures" / f"{drawn.name}{suffix}")
             drawn.figure.set_layout_engine("none")  # Laid out once: quicker, and both files look the same.
         figures.append(_shown(drawn, folder))
+    found = report_cells.cell_details(folder, done, classes)
+    details = found if len(found) == len(results) else [{} for _ in range(len(results))]
+    write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
+    report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
     verdicts = [judge(claim, results, encoding) for claim in study.claims]
     page = _template().render(
         study=study,
@@ -63,26 +101,35 @@ def write(study: StudySpec, folder: Path) -> Path:
         verdicts=verdicts,
         tally=tally(verdicts),
         figures=figures,
+        networks=networks_table(results),
+        network_heads=list(NETWORK_COLUMNS.values()),
+        settings=list(dict.fromkeys(results["setting"])),
         means=means_table(results),
-        everything=whole_table(results.drop(columns=["pair", "setting"])),
         baseline=baseline_table(folder),
         timing=timing_sentence(folder),
-        downloads={name: what for name, what in DOWNLOADS.items() if (folder / name).is_file()},
+        downloads=[
+            (name, what, _inline(folder / name)) for name, what in DOWNLOADS.items() if (folder / name).is_file()
+        ],
         specs=_specs(study),
         seeds=study.sweep.get("seed", [0]),
         versions=_if_there(folder / "versions.json"),
         data=_if_there(folder / "data.json"),
+        page=report_page.parts(report_cells.page_data(results, details, classes)),
     )
     write_text(folder / "report.html", page)
     return folder / "report.html"
 
 
-def drawings(study: StudySpec, folder: Path, results: pd.DataFrame, encoding: pd.DataFrame) -> Iterator[Drawn]:
+def drawings(
+    study: StudySpec,
+    folder: Path,
+    done: list[Cell],
+    results: pd.DataFrame,
+    encoding: pd.DataFrame,
+    trains: SpikeTrains | None,
+    classes: Classes,
+) -> Iterator[Drawn]:
     """The figures that these tables and this run folder allow, in the order of the report."""
-    done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
-    held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
-    trains = load_spikes(held) if held else None
-    classes = name_classes(encoding, trains.conditions if trains else None)
     yield from encoding_drawings(study, trains, encoding, classes)
     yield from network_drawings(study, folder, done, results, classes)
 
@@ -134,27 +181,25 @@ def tally(verdicts: list[Verdict]) -> str:
 def means_table(results: pd.DataFrame) -> Table:
     """Means over seeds ± SD of each network."""
     measures = [measure for measure in MEASURES if measure in results]
-    heads = {
-        "accuracy_validation": "validation accuracy (%)",
-        "accuracy_test": "test accuracy (%)",
-        "sops_total": "SOPs",
-        "exit_accuracy": "accuracy with early exit (%)",
-        "exit_steps": "steps with early exit",
-        "exit_sops_total": "SOPs with early exit",
-    }
     rows = [
         [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seeds"])]
         + [_spread(measure, row[measure], row[f"{measure}_sd"]) for measure in measures]
         for _, row in over_seeds(results, measures).iterrows()
     ]
-    columns = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seeds", *(heads[measure] for measure in measures)]
+    columns = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seeds", *(NETWORK_COLUMNS[measure] for measure in measures)]
     return Table("Means over seeds ± SD (n - 1)", columns, rows, n_heads=3)
 
 
-def whole_table(results: pd.DataFrame) -> Table:
-    """Every row and column of results.csv."""
-    rows = [[_number(value) for value in row] for row in results.itertuples(index=False)]
-    return Table("One row a trained network, as in results.csv", [str(c) for c in results.columns], rows)
+def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
+    """A row a trained network, of the columns of `NETWORK_COLUMNS`."""
+    order = results[["t_ref_ra_ms", "t_ref_sa_ms"]].apply(tuple, axis=1).rank(method="dense")
+    return [
+        [
+            Entry(_entry(column, row[column]), int(order[index]) if column == "pair" else _plain(row[column]))
+            for column in NETWORK_COLUMNS
+        ]
+        for index, row in results.iterrows()
+    ]
 
 
 def baseline_table(folder: Path) -> Table | None:
@@ -196,6 +241,17 @@ def _shown(drawn: Drawn, folder: Path) -> dict[str, Any]:
     return {"source": source, "width": width, **{k: getattr(drawn, k) for k in ("name", "title", "caption", "alt")}}
 
 
+def _inline(path: Path) -> str:
+    """A file as a link that works wherever the page goes."""
+    kinds = {".csv": "text/csv", ".json": "application/json", ".md": "text/markdown", ".toml": "application/toml"}
+    return f"data:{kinds[path.suffix]};base64,{b64encode(path.read_bytes()).decode()}"
+
+
+def _first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
+    held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
+    return load_spikes(held) if held else None
+
+
 def _template():
     environment = Environment(
         loader=PackageLoader("neurotact.studies", "."),
@@ -223,6 +279,19 @@ def _spread(measure: str, mean: float, sd: float) -> str:
     scale, digits = (100.0, 1) if "accuracy" in measure else (1.0, 0)
     mean_text = f"{scale * mean:,.{digits}f}"
     return mean_text if pd.isna(sd) else f"{mean_text} ± {scale * sd:,.{digits}f}"
+
+
+def _entry(column: str, value: Any) -> str:
+    if column in MEASURES:
+        return _spread(column, value, float("nan"))
+    return str(value)
+
+
+def _plain(value: Any) -> str | float:
+    """What a table is sorted by; nothing where a number is missing."""
+    if isinstance(value, str):
+        return value
+    return "" if pd.isna(value) else float(value)
 
 
 def _number(value: Any) -> str:

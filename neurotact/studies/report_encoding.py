@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.data.columns import in_unit
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export import encoding_figures
 from neurotact.export.encoding_figures import Classes
-from neurotact.export.style import Drawn, in_unit
+from neurotact.export.style import Drawn
 from neurotact.studies.study import StudySpec
 
 MOST_ROWS = 3

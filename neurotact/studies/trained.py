@@ -192,6 +192,7 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
         "exit_accuracy": _accuracy(early, test),
         "exit_sops_total": float(exit_cost.total.mean()),
         "exit_steps_sd": float(steps.std(correction=0)),
+        **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
         "window_steps": test.spikes.shape[1],
         "epochs": len(trained.training.epochs),

@@ -38,6 +38,40 @@ def test_best_over_takes_the_largest_mean_and_names_it():
     assert best.ours.endswith("hidden = 30")
 
 
+def test_the_best_of_one_size_says_that_it_is_the_only_one():
+    one_size = RESULTS[RESULTS["hidden"] == 30]
+    best = judge(claim("at_least", where=PAIRS[1], best_over=("hidden",), value=0.9), one_size, one_size)
+    assert best.ours == "0.9 at hidden = 30, the only size run"
+
+
+def test_a_rule_reads_as_a_sentence_and_names_its_column():
+    falls = claim(
+        "order",
+        "spikes_sa_per_s",
+        where={"pair": "1&1", "label": ["P4.0", "P2.0"]},
+        order=[[{"force_N": 12.0}], [{"force_N": 3.0}]],
+    )
+    assert falls.rule == (
+        "The mean of SA-I spikes per second (spikes_sa_per_s) falls, ties allowed, along 12 N > 3 N "
+        "for t_ref 1&1 ms, class P4.0 or P2.0"
+    )
+    changes = claim(
+        "change",
+        where={**PAIRS[0], "dataset": "mixed"},
+        against={**PAIRS[1], "dataset": "mixed"},
+        value=-0.1,
+        tolerance=0.02,
+    )
+    assert changes.rule == (
+        "The mean of test accuracy (accuracy_test) changes by -0.1 ± 0.02 from t_ref 1&1 ms to t_ref 5&5 ms "
+        "for data set mixed"
+    )
+
+
+def test_an_order_of_pairs_names_what_they_are_once():
+    assert claim("order", order=[[PAIRS[1]], [PAIRS[0], {"pair": "1&10"}]]).rule.endswith("t_ref 1&1 > 5&5 and 1&10 ms")
+
+
 def test_a_relative_change_is_formed_for_each_size_and_then_averaged():
     change = claim("change", "sops_total", where=PAIRS[0], against=PAIRS[1], relative=True, value=-0.25, tolerance=1e-9)
     assert verdict(change).reproduced  # (-20 % and -30 %) / 2

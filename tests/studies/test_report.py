@@ -1,19 +1,26 @@
 """The report shows what a run holds, says what it lacks, and asks nothing of the network."""
 
+import json
 import re
-import shutil
-import subprocess
+from base64 import b64decode
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+import torch
+from browser import browser
 from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 
+from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
+from neurotact.files import read_json
 from neurotact.spec import load
-from neurotact.studies import report, study
+from neurotact.studies import report, study, trained
+from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Claim
+from neurotact.studies.report_cells import SOPS_COLUMNS
 from neurotact.studies.study import StudySpec
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -48,11 +55,12 @@ def make_study(**changes) -> StudySpec:
 
 
 class Page(HTMLParser):
-    """What a test asks of a page: its links, pictures, heads of tables and text."""
+    """What a test asks of a page: its links, pictures, heads of tables, text, and the data of its script."""
 
     def __init__(self, path: Path):
         super().__init__()
         self.links, self.images, self.heads, self.ids, self.text = [], [], [], [], ""
+        self.downloads, self.handlers, self.json, self._in_script = {}, [], "", None
         self.feed(path.read_text())
 
     def handle_starttag(self, tag, attrs):
@@ -63,9 +71,19 @@ class Page(HTMLParser):
             self.images.append(given)
         if tag == "th":
             self.heads.append(given.get("scope"))
+        if "download" in given:
+            self.downloads[given["download"]] = given["href"]
+        self.handlers += [name for name in given if name.startswith("on")]
+        self._in_script = given.get("id", "") if tag == "script" else None
+
+    def handle_endtag(self, tag):
+        self._in_script = None if tag == "script" else self._in_script
 
     def handle_data(self, data):
-        self.text += data
+        if self._in_script == "study-data":
+            self.json += data
+        elif self._in_script is None:
+            self.text += data
 
 
 @pytest.fixture(scope="module")
@@ -181,23 +199,141 @@ def test_a_folder_without_results_is_refused(tmp_path):
         report.write(make_study(), tmp_path)
 
 
+def test_texts_are_downloaded_from_the_page_itself(written):
+    downloads = Page(written).downloads
+    for name in ("results.csv", "results.json", "sops.csv", "sops.json", "sops.md", "encoding.csv", "study.toml"):
+        kind, _, content = downloads[name].partition(";base64,")
+        assert kind.startswith("data:")
+        assert b64decode(content) == (written.parent / name).read_bytes()
+
+
+def test_results_as_json_are_those_of_the_csv(written):
+    table = pd.read_csv(written.parent / "results.csv")
+    assert read_json(written.parent / "results.json") == table.to_dict("records")
+
+
+def test_the_sop_report_is_the_same_in_three_forms_and_adds_up(written):
+    table = pd.read_csv(written.parent / "sops.csv")
+    assert list(table.columns) == ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *SOPS_COLUMNS]
+    assert len(table) == 24
+    assert read_json(written.parent / "sops.json") == table.to_dict("records")
+    assert (written.parent / "sops.md").read_text().count("\n|") == 26
+    assert np.allclose(table.sops_total, table.sops_input + table.sops_recurrent + table.sops_readout)
+    assert (table.exit_sops_input < table.sops_input.max()).all()
+
+
+def test_the_page_knows_of_each_cell_what_its_network_does(written):
+    """One cell by hand: its raster is the network's."""
+    data = json.loads(Page(written).json)
+    cells = list(study.cells(make_study()))
+    assert [cell["row"]["seed"] for cell in data["cells"]] == [cell.seed for cell in cells]
+    assert data["cells"][23]["name"] == "mixed, t_ref 10&10 ms, N = 30, seed 1"
+    shown, place = data["cells"][23], cell_folder(written.parent, cells[23])
+    restored = trained.restore(place)
+    trains = load_spikes(restored.spikes_path)
+    raster = shown["raster"]
+    trial, windows = trained.examples_of(trains, np.array([raster["trial"]]), restored.task.window)
+    first = round(raster["start_ms"] * 1e-3 * trains.sampling_rate_Hz) == windows.start
+    with torch.no_grad():
+        spikes = restored.network.simulate(trial.spikes[first])
+    assert [list(np.flatnonzero(neuron)) for neuron in spikes.hidden[0].numpy().T] == raster["hidden"]
+    assert sum(map(len, raster["input"])) == trial.spikes[first].sum()
+    assert sum(map(len, raster["readout"])) == spikes.readout.sum()
+    assert len({cell["raster"]["trial"] for cell in data["cells"] if cell["setting"] == "mixed"}) == 1
+
+
+def test_without_its_networks_a_run_is_still_reported(tmp_path):
+    what = make_study()
+    make_run(what, tmp_path, grating_conditions())
+    for path in tmp_path.glob("cells/*/network.json"):
+        path.unlink()
+    data = json.loads(Page(report.write(what, tmp_path)).json)
+    assert not any("raster" in cell for cell in data["cells"])
+    assert all(cell["training"] for cell in data["cells"])
+
+
+def test_a_name_cannot_leave_the_script_that_holds_it(tmp_path):
+    name = "</script><script>alert('&')</script>"
+    sweep = {"dataset": [name], "network.hidden": [20]}
+    what = make_study(dataset={**GRATINGS, "subsets": {name: {}}}, sweep=sweep, claims=())
+    page = Page(report.write(what, make_run(what, tmp_path, grating_conditions())))
+    assert json.loads(page.json)["cells"][0]["setting"] == name
+    assert not page.handlers
+
+
 def _results(folder: Path) -> pd.DataFrame:
     return report.with_setting(report.with_pair(pd.read_csv(folder / "results.csv")), [])
 
 
+CHOSEN = "document.getElementById('cell-name').textContent"
+DRAWN = "document.querySelector('#plot .points path')"
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("chromium") / "profile") as opened:
+        yield opened
+
+
+def assert_quiet(chromium, page: Path):
+    assert chromium.complaints == []
+    asked = {url for url in chromium.requests if not url.startswith(("data:", "blob:"))}
+    assert asked == {page.as_uri()}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("width", [400, 1400])
-def test_chromium_opens_the_report_without_a_complaint(written, tmp_path, width):
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no chromium on this machine")
-    picture = tmp_path / "page.png"
-    quiet = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-quic"]
-    opened = subprocess.run(
-        [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", *quiet, "--enable-logging=stderr",
-         f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},2000", f"--screenshot={picture}",
-         written.as_uri()],
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert "CONSOLE" not in opened.stderr
+@pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1400, "light")])
+def test_in_a_browser_a_point_is_clicked_and_its_network_shown(chromium, written, width, scheme):
+    chromium.open(written, width, scheme=scheme)
+    chromium.wait_for(DRAWN)
+    assert chromium.evaluate("document.documentElement.scrollWidth") <= width
+    # The first point of the first pair's trace: a cell of the data set that is shown.
+    place = chromium.evaluate(
+        "(() => { const host = document.getElementById('plot'); host.scrollIntoView();"
+        "const at = host.data.findIndex((trace) => trace.customdata?.length);"
+        "const { left, top } = host.getBoundingClientRect(), { xaxis, yaxis } = host._fullLayout;"
+        "return [host.data[at].customdata[0], left + xaxis._offset + xaxis.d2p(host.data[at].x[0]),"
+        "top + yaxis._offset + yaxis.d2p(host.data[at].y[0])]; })()"
+    )
+    chromium.click(*place[1:])
+    cell = json.loads(Page(written).json)["cells"][place[0]]
+    chromium.wait_for(f"{CHOSEN} === {json.dumps(cell['name'])}")
+    assert chromium.evaluate("document.querySelectorAll('#cell svg').length") == 3
+    assert chromium.evaluate("document.querySelectorAll('#cell-confusion tbody tr').length") == 4
+    ledger = chromium.evaluate("document.querySelector('#cell-sops').textContent")
+    assert f"{cell['row']['sops_total']:,.0f}" in ledger
+    assert_quiet(chromium, written)
+
+
+@pytest.mark.slow
+def test_in_a_browser_the_keyboard_sorts_the_table_and_shows_a_network(chromium, written):
+    chromium.open(written, 1400)
+    chromium.wait_for(DRAWN)
+    head = "document.querySelector('#networks thead th:nth-child(6)')"
+    column = "[...document.querySelectorAll('#networks tbody td:nth-child(6)')].map((cell) => Number(cell.textContent))"
+    chromium.evaluate(f"{head}.querySelector('button').focus()")
+    for direction, is_reversed in (("ascending", False), ("descending", True)):
+        chromium.press("Enter")
+        assert chromium.evaluate(f"{head}.getAttribute('aria-sort')") == direction
+        values = chromium.evaluate(column)
+        assert values == sorted(values, reverse=is_reversed)
+    for _ in range(5):  # four more heads, then the one row that Tab reaches
+        chromium.press("Tab")
+    assert chromium.evaluate("document.activeElement.localName") == "tr"
+    chromium.press("ArrowUp")
+    index = chromium.evaluate("document.activeElement.dataset.cell")
+    chromium.press("Enter")
+    assert chromium.evaluate(CHOSEN) == json.loads(Page(written).json)["cells"][int(index)]["name"]
+    assert chromium.evaluate("document.activeElement.id") == "cell-name"
+    assert_quiet(chromium, written)
+
+
+@pytest.mark.slow
+def test_a_browser_that_cannot_unpack_the_library_still_shows_networks(chromium, written):
+    script = chromium.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream")
+    chromium.open(written, 1400)
+    chromium.wait_for("!document.getElementById('plot-note').hidden")
+    chromium.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
+    assert "cannot draw the points" in chromium.evaluate("document.getElementById('plot-note').textContent")
+    chromium.evaluate("document.querySelector('#networks tbody tr').click()")
+    assert chromium.evaluate(CHOSEN) == json.loads(Page(written).json)["cells"][0]["name"]

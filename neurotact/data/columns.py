@@ -1,0 +1,58 @@
+"""What the name of a column says, in words: its quantity and its unit."""
+
+from typing import Any
+
+UNITS = {"mm_per_s": "mm/s", "per_s": "1/s"} | {unit: unit for unit in ("ms", "Hz", "mV", "mm", "N", "V", "s")}
+NAMES = {
+    "accuracy_validation": "validation accuracy",
+    "accuracy_test": "test accuracy",
+    "sops_input": "SOPs from afferents to hidden neurons",
+    "sops_recurrent": "SOPs among hidden neurons",
+    "sops_readout": "SOPs from hidden neurons to the readout",
+    "sops_total": "SOPs",
+    "sops_total_feedforward": "SOPs without the recurrent ones",
+    "spikes_sa": "SA-I spikes per sample",
+    "spikes_ra": "RA-I spikes per sample",
+    "spikes_sa_per_s": "SA-I spikes per second",
+    "spikes_ra_per_s": "RA-I spikes per second",
+    "spikes_total_per_s": "SA-I and RA-I spikes per second",
+    "sa_share": "share of SA-I among all spikes",
+    "isi_sa_ms": "inter-spike interval of SA-I in ms",
+    "isi_ra_ms": "inter-spike interval of RA-I in ms",
+    "exit_steps": "steps with early exit",
+    "exit_accuracy": "accuracy with early exit",
+    "exit_sops_total": "SOPs with early exit",
+}
+"""Columns of a study's tables whose names do not read by themselves."""
+
+
+def quantity(column: str) -> tuple[str, str]:
+    """The name and the unit in a column's name; no unit where it holds none.
+
+    >>> quantity("force_N"), quantity("speed_mm_per_s"), quantity("fabric")
+    (('force', 'N'), ('speed', 'mm/s'), ('fabric', ''))
+    """
+    for suffix, unit in UNITS.items():
+        if column.endswith(f"_{suffix}"):
+            return column.removesuffix(f"_{suffix}").replace("_", " "), unit
+    return column.replace("_", " "), ""
+
+
+def in_unit(column: str, value: Any) -> str:
+    """A value as it is read beside its column's unit.
+
+    >>> in_unit("force_N", 12.0), in_unit("speed_mm_per_s", 8.6), in_unit("finger", "left")
+    ('12 N', '8.6 mm/s', 'left')
+    """
+    number = f"{value:g}" if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)
+    return f"{number} {quantity(column)[1]}".strip()
+
+
+def name_of(column: str) -> str:
+    """What a column of a study's tables holds, as it is read in a sentence.
+
+    >>> name_of("accuracy_test"), name_of("window.length_ms")
+    ('test accuracy', 'window.length in ms')
+    """
+    name, unit = quantity(column)
+    return NAMES.get(column, f"{name} in {unit}" if unit else name)

@@ -1,0 +1,81 @@
+"""Tables on disk: .csv and .json to be computed with, .md to be read."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from neurotact.errors import InputError
+from neurotact.files import whole
+
+SUFFIXES = (".csv", ".json", ".md")
+
+
+def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
+    """Write a table as its suffix says, whole or not at all; a number that is missing is empty, or null in JSON.
+
+    about: Markdown that stands above the table in a .md file.
+    Raises InputError for a suffix that is not .csv, .json or .md.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"{path}: cannot be written as '{suffix}'; known: {', '.join(SUFFIXES)}")
+    with whole(path) as draft:
+        if suffix == ".csv":
+            table.to_csv(draft, index=False, lineterminator="\n")
+            return
+        text = to_json(table) if suffix == ".json" else "\n\n".join(filter(None, (about.strip(), to_markdown(table))))
+        draft.write_bytes(f"{text}\n".encode())
+
+
+def to_json(table: pd.DataFrame) -> str:
+    """A record a row, every digit of each number kept.
+
+    >>> print(to_json(pd.DataFrame({"pair": ["1&1"], "sops": [0.1], "isi_ms": [float("nan")]})))
+    [
+     {"pair": "1&1", "sops": 0.1, "isi_ms": null}
+    ]
+    """
+    rows = [json.dumps(record, allow_nan=False, ensure_ascii=False) for record in records(table)]
+    return "[\n " + ",\n ".join(rows) + "\n]" if rows else "[]"
+
+
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """The rows as JSON holds them: plain numbers and text, None for what is missing."""
+    rows = table.to_dict("records")
+    return [{str(key): None if pd.isna(value) else value for key, value in row.items()} for row in rows]
+
+
+def to_markdown(table: pd.DataFrame) -> str:
+    """A Markdown table; numbers to six digits, a dash for what is missing.
+
+    >>> print(to_markdown(pd.DataFrame({"label": ["a|b"], "sops": [1234.5678], "exit": [float("nan")]})))
+    | label | sops | exit |
+    |:--|--:|--:|
+    | a\\|b | 1234.57 | - |
+    """
+    columns = [str(column) for column in table.columns]
+    sides = ["--:" if pd.api.types.is_numeric_dtype(kind) else ":--" for kind in table.dtypes]
+    rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
+    lines = [columns, *rows]
+    head, *body = ("| " + " | ".join(map(_escaped, line)) + " |" for line in lines)
+    return "\n".join([head, f"|{'|'.join(sides)}|", *body])
+
+
+def sops_summary(summary: pd.DataFrame, what: str) -> str:
+    """Markdown that stands above the SOPs of single windows: their means for each class.
+
+    summary: of `metrics.synops.summary`.
+    """
+    return f"# Synaptic operations (SOPs) of {what}\n\nMeans for each class:\n\n{to_markdown(summary)}\n\nEach window:"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float):
+        return "-" if pd.isna(value) else f"{value:.6g}"
+    return str(value)
+
+
+def _escaped(text: str) -> str:
+    return " ".join(text.replace("\\", "\\\\").replace("|", "\\|").split())

@@ -1,0 +1,98 @@
+// Accuracy against synaptic operations, drawn by plotly: a point a cell, and the fronts of means over seeds.
+
+const SYMBOLS = ["circle", "square", "triangle-up", "diamond", "triangle-down", "cross"];
+const KINDS = {
+  full: { cost: "sops_total", gain: "accuracy_test", words: "full window", dash: "solid", open: "" },
+  exit: { cost: "exit_sops_total", gain: "exit_accuracy", words: "early exit", dash: "dash", open: "-open" },
+};
+
+/* The library lies in the page gzipped; it is unpacked here and asked of nobody. */
+async function unpackPlotly() {
+  const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  document.head.append(element("script", {}, await new Response(stream).text()));
+  return window.Plotly;
+}
+
+/* What plotly takes for markup is told as it is written. */
+function plain(text) {
+  return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+}
+
+function pointTraces(study, cells, kind) {
+  const { cost, gain, words, open } = KINDS[kind];
+  return study.pairs.map((pair, index) => {
+    const here = cells.filter((i) => study.cells[i].pair === pair && study.cells[i].row[gain] != null);
+    const rows = here.map((i) => study.cells[i].row);
+    return {
+      type: "scatter", mode: "markers", name: plain(pair), legendgroup: pair,
+      showlegend: here.length > 0 && (kind === "full" || study.only === "exit"),
+      x: rows.map((row) => row[cost]), y: rows.map((row) => 100 * row[gain]), customdata: here,
+      text: here.map((i) => plain(study.cells[i].name)),
+      hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.0f} SOPs<br>${words}<extra></extra>`,
+      marker: {
+        symbol: SYMBOLS[index % SYMBOLS.length] + open, color: style(`--series-${index % SYMBOLS.length}`), opacity: 0.9,
+        size: rows.map((row) => 9 + (6 * study.sizes.indexOf(row.hidden)) / Math.max(1, study.sizes.length - 1)),
+        line: { width: open ? 1.6 : 0.5, color: style(open ? `--series-${index % SYMBOLS.length}` : "--ground") },
+      },
+    };
+  });
+}
+
+function frontTraces(study, settings, kind) {
+  const { words, dash } = KINDS[kind];
+  return settings.map((setting, index) => {
+    const front = study.fronts[setting][kind];
+    return {
+      type: "scatter", mode: "lines+markers", name: `Pareto front, ${words}`, legendgroup: `front ${kind}`, showlegend: index === 0,
+      x: front.map((network) => network.sops), y: front.map((network) => 100 * network.accuracy),
+      text: front.map((network) => `${plain(network.name)}, mean of ${network.seeds} seed${network.seeds > 1 ? "s" : ""}`),
+      hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.0f} SOPs<br>Pareto front, ${words}<extra></extra>`,
+      marker: { symbol: "circle", size: 5, color: style(kind === "full" ? "--ink" : "--soft") },
+      line: { shape: "hv", dash, width: 1.5, color: style(kind === "full" ? "--ink" : "--soft") },
+    };
+  });
+}
+
+function chosenTrace(study, kinds) {
+  const row = study.cells[study.chosen].row;
+  const shown = kinds.filter((kind) => row[KINDS[kind].gain] != null);
+  return {
+    type: "scatter", mode: "markers", name: "chosen", showlegend: false, hoverinfo: "skip",
+    x: shown.map((kind) => row[KINDS[kind].cost]), y: shown.map((kind) => 100 * row[KINDS[kind].gain]),
+    marker: { symbol: "circle-open", size: 21, color: style("--ink"), line: { width: 2.5 } },
+  };
+}
+
+function drawTradeOff(plotly, host, study) {
+  const kinds = study.only === "both" ? ["full", "exit"] : [study.only];
+  const settings = study.setting === "" ? Object.keys(study.fronts) : [study.setting];
+  const cells = study.cells.map((_, i) => i).filter((i) => settings.includes(study.cells[i].setting));
+  const traces = [
+    ...kinds.flatMap((kind) => frontTraces(study, settings, kind)),
+    ...kinds.flatMap((kind) => pointTraces(study, cells, kind)),
+    ...(cells.includes(study.chosen) ? [chosenTrace(study, kinds)] : []),
+  ];
+  const narrow = host.clientWidth < 600;
+  const axis = { gridcolor: style("--line"), zerolinecolor: style("--line"), linecolor: style("--soft"), automargin: true };
+  const layout = {
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: style("--ink"), size: narrow ? 11 : 13 },
+    height: narrow ? 540 : 520, margin: { l: 50, r: 12, t: 34, b: 50 }, hovermode: "closest",
+    hoverlabel: { bgcolor: style("--card"), bordercolor: style("--soft"), font: { color: style("--ink") }, align: "left" },
+    dragmode: window.matchMedia("(pointer: coarse)").matches ? false : "zoom",
+    xaxis: { ...axis, title: { text: "SOPs per sample", standoff: 8 }, rangemode: "tozero" },
+    yaxis: { ...axis, title: { text: "test accuracy (%)" } },
+    legend: {
+      orientation: "h", x: 0, y: narrow ? -0.24 : -0.2, yanchor: "top", traceorder: "normal",
+      ...(narrow ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
+      title: { text: "t<sub>ref</sub> RA-I & SA-I (ms) ", side: "top" },
+    },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: style("--soft"), activecolor: style("--ink") },
+    uirevision: study.setting,
+  };
+  return plotly.react(host, traces, layout, {
+    responsive: true, displaylogo: false,
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
+    toImageButtonOptions: { format: "svg", filename: "trade-off" },
+  });
+}
