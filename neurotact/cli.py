@@ -24,11 +24,13 @@ from neurotact.errors import InputError, nearest
 from neurotact.export import raster as rasters
 from neurotact.export.calibration_figure import draw_calibration
 from neurotact.export.style import save as save_figure
+from neurotact.export.tables import sops_summary, write_table
 from neurotact.metrics import synops
+from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch
 from neurotact.progress import track
-from neurotact.studies import calibration, preparation, runner, study, trained
+from neurotact.studies import calibration, preparation, runner, search, study, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
 
@@ -51,7 +53,13 @@ OutFile = Annotated[Path, typer.Option("-o", "--out", dir_okay=False, help="The 
 OutFolder = Annotated[Path, typer.Option("-o", "--out", help="The folder to write.")]
 EncoderOption = Annotated[str, typer.Option(help="Name or path of an encoder spec.")]
 DeviceOption = Annotated[str, typer.Option(help="A torch device: cpu, cuda, cuda:1, mps.")]
-WorkersOption = Annotated[int, typer.Option(min=1, help="Processes; the results are the same for any number.")]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", min=1, show_default="2", help="Processes; the results are the same for any number."),
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786: its workers do the work.")
+]
 Seed = Annotated[int, typer.Option(min=0, help="Fixes every number.")]
 
 
@@ -262,10 +270,79 @@ def train_command(
 
 
 @app.command()
+def tune(
+    spikes: Path,
+    out: OutFolder,
+    space: Annotated[str, typer.Option(help="Name or path of a search space, in NNI's terms.")] = "texture",
+    network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "rsnn",
+    set_: SetOption = None,
+    trials: Annotated[int, typer.Option(min=1, help="Networks to train.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Fixes every number.")] = 0,
+    objective: Annotated[
+        str, typer.Option(help="accuracy, or accuracy-sops with the Pareto front of both.")
+    ] = "accuracy",
+    sops_weight: Annotated[
+        float, typer.Option("--sops-weight", min=0, help="w in accuracy - w log10(SOPs), the objective accuracy-sops.")
+    ] = 0.1,
+    tuner: Annotated[str, typer.Option(help="tpe, random or grid.")] = "tpe",
+    batch: Annotated[int, typer.Option(min=1, help="Trials proposed at once; proposals depend on it.")] = 8,
+    assessor: Annotated[str, typer.Option(help="median-stop ends hopeless trials early; or none.")] = "median-stop",
+    start_epoch: Annotated[int, typer.Option("--start-epoch", min=1, help="After it, a trial may be stopped.")] = 10,
+    window_ms: Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")] = 150.0,
+    start_ms: Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")] = 0.0,
+    hop_ms: Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")] = None,
+    per_trial: Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")] = None,
+    stratify: Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")] = None,
+    split_seed: Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")] = 0,
+    tolerance: Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")] = 0.01,
+    workers: Annotated[int, typer.Option(min=1, help="Processes; the journal is the same for any number.")] = 2,
+) -> None:
+    """Search a network's hyperparameters on validation windows; given the same folder again, it goes on there."""
+    settings = {
+        "space": tuning.load_space(space),
+        "tuner": tuner,
+        "trials": trials,
+        "batch": batch,
+        "seed": seed,
+        "objective": objective,
+        "sops_weight": sops_weight,
+        "assessor": assessor,
+        "start_epoch": start_epoch,
+    }
+    table = {
+        "window": {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial},
+        "split": {"seed": split_seed},
+        "stratify": stratify or [],
+        "exit_tolerance": tolerance,
+    }
+    problem = search.problem_of(
+        hdf5.load_spikes(spikes),
+        spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
+        spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
+        spec.build(Task, table, source="tune"),
+    )
+    try:
+        with search.processes(spikes, workers) as run, track("tune", trials) as advance:
+            found, timing = search.search(problem, out, run, advance)
+    except KeyboardInterrupt:
+        _say(f"interrupted; the same command goes on in {out}")
+        sys.exit(INTERRUPTED)
+    search.write_tables(problem, out, found)
+    search.draw(problem, found, out / "search.png")
+    torch.set_num_threads(1)  # as in the search, so that its best network comes out again to the last bit
+    result = search.save_best(problem, spikes, out, found)
+    best = search.best_of(found)
+    _print_row(f"{out}: trial {best.id} of {len(found)} is the best; its test", result["row"])
+    print(f"{out / 'best.toml'}: proposals took {timing.proposals:.1f} s of {timing.seconds:.1f} s")
+
+
+@app.command()
 def infer(
     run: Path,
     spikes: Path,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Also write each window's decision as CSV.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Also write each window's decision (.csv, .json, .md).")
+    ] = None,
     early_exit: Annotated[
         bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
     ] = False,
@@ -275,7 +352,7 @@ def infer(
     restored = trained.restore(run, device=_device(device))
     table = trained.infer(restored, hdf5.load_spikes(spikes), early_exit=early_exit)
     if out:
-        _write_table(table, out)
+        write_table(table, out)
     _print_table(synops.summary(table)[SHOWN])
 
 
@@ -286,12 +363,14 @@ def sops(
     spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
     early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
 ) -> None:
-    """Write the synaptic operations of each test window of a trained network (.csv or .json)."""
+    """Write the synaptic operations of each test window of a trained network (.csv, .json, .md)."""
     restored = trained.restore(run)
     trains = hdf5.load_spikes(spikes or restored.spikes_path)
     table = trained.infer(restored, trains, trained.test_trials(restored, trains), early_exit=early_exit)
-    _write_table(table, out)
-    _print_table(synops.summary(table)[SHOWN])
+    summary = synops.summary(table)
+    what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
+    write_table(table, out, about=sops_summary(summary, what))
+    _print_table(summary[SHOWN])
 
 
 @study_app.command("run")
@@ -300,16 +379,17 @@ def study_run(
     out: OutFolder,
     quick: Annotated[bool, typer.Option("--quick", help="A smaller sweep of the same kind.")] = False,
     set_: SetOption = None,
-    workers: WorkersOption = 2,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
 ) -> None:
     """Run a study: every cell of its sweep, the tables, the figures, the report."""
-    _run_study(study.resolve(name, spec.parse_assignments(set_ or []), quick=quick), out, workers)
+    _run_study(study.resolve(name, spec.parse_assignments(set_ or []), quick=quick), out, workers, scheduler)
 
 
 @study_app.command("resume")
-def study_resume(folder: Path, workers: WorkersOption = 2) -> None:
+def study_resume(folder: Path, workers: WorkersOption = None, scheduler: SchedulerOption = None) -> None:
     """Go on with a study that was interrupted."""
-    _run_study(runner.load(folder), folder, workers)
+    _run_study(runner.load(folder), folder, workers, scheduler)
 
 
 @study_app.command("report")
@@ -318,9 +398,11 @@ def study_report(folder: Path) -> None:
     print(runner.finish(runner.load(folder), folder))
 
 
-def _run_study(what: study.StudySpec, out: Path, workers: int) -> None:
+def _run_study(what: study.StudySpec, out: Path, workers: int | None, scheduler: str | None) -> None:
+    if workers and scheduler:
+        raise InputError("--workers, --scheduler: give one of them; a cluster has the workers that have joined it")
     try:
-        print(runner.run(what, out, workers))
+        print(runner.run(what, out, workers or 2, scheduler))
     except KeyboardInterrupt:
         _say(f"interrupted; go on with: neurotact study resume {out}")
         sys.exit(INTERRUPTED)
@@ -370,17 +452,6 @@ def _device(name: str) -> str:
 
 def _line(epoch: Epoch) -> str:
     return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"
-
-
-def _write_table(table: pd.DataFrame, out: Path) -> None:
-    writers = {
-        ".csv": lambda p: table.to_csv(p, index=False),
-        ".json": lambda p: table.to_json(p, orient="records", indent=2),
-    }
-    if out.suffix not in writers:
-        raise InputError(f"{out}: cannot be written as '{out.suffix}'; known: {', '.join(writers)}")
-    with files.whole(out) as draft:
-        writers[out.suffix](draft)
 
 
 def _print_row(title: str, row: dict[str, Any]) -> None:

@@ -17,7 +17,9 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError, nearest
+from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
 from neurotact.studies.claims import Claim
 
@@ -78,6 +80,8 @@ class StudySpec(Spec):
     """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
     encoder: AfferentSpec
     network: RSNNSpec
+    search: SearchSpec | None = None
+    """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
     sweep: dict[str, list[Any]]
     """Values of each axis; an axis is `dataset`, `seed`, a dotted key, or several keys joined by ` & `."""
     claims: tuple[Claim, ...] = ()
@@ -112,11 +116,18 @@ class Cell(Spec):
     early_exit: EarlyExitSpec
     encoder: AfferentSpec
     network: RSNNSpec
+    search: SearchSpec | None = None
+    """How the network's hyperparameters are searched, which then stand for those that the space names."""
+
+    def digest(self) -> str:
+        """As of every spec; a cell without a search has the name that it had before there were searches."""
+        content = self.model_dump(mode="json", exclude={"search"} if self.search is None else None)
+        return specs.digest(content)
 
     @property
     def seeds(self) -> tuple[int, int]:
         """Seeds of the initial weights and of the order of trials, drawn from the cell's content."""
-        content = specs.digest(self.model_dump(mode="json"))
+        content = self.digest()
         return int(content[:6], 16), int(content[6:], 16)
 
     @property
@@ -141,7 +152,12 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
         if isinstance(table.get(part), str):
             table[part] = _whole(specs.load(model, _beside(path, table[part])))
     table = specs.override(table, _unswept(table.setdefault("sweep", {}), overrides, path))
+    search = table.get("search", {})
+    if isinstance(search, dict) and isinstance(search.get("space"), str):
+        search["space"] = tuning.load_space(str(_beside(path, search["space"])))
     study = specs.build(StudySpec, table, source=str(path))
+    if study.search is not None:
+        tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
         specs.build(GratingsSpec, study.dataset.parameters, source=f"dataset.parameters of {path}")
     list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
@@ -156,11 +172,13 @@ def to_toml(study: StudySpec) -> str:
 def cells(study: StudySpec) -> Iterator[Cell]:
     """The cells in the order of the sweep: the first axis is the slowest."""
     axes = list(study.sweep)
+    search = _searched(study)
     base = {
         "source": study.dataset.identity(),
         "calibrate": _whole(study.encoder) if study.calibrate else None,
         "seed": 0,
         **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder", "network")},
+        **({"search": search} if search else {}),
     }
     for point in product(*study.sweep.values()):
         chosen: dict[str, Any] = {"dataset": next(iter(study.dataset.subsets))}
@@ -169,6 +187,17 @@ def cells(study: StudySpec) -> Iterator[Cell]:
             chosen |= dict(zip(keys, value if len(keys) > 1 else [value], strict=True))
         chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
         yield specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
+
+
+def _searched(study: StudySpec) -> dict[str, Any] | None:
+    """The study's search without the keys that its sweep decides; nothing where no key is left."""
+    if study.search is None:
+        return None
+    swept = {key.removeprefix("network.") for axis in study.sweep for key in axis.split(JOIN)}
+    space = {key: dimension for key, dimension in study.search.space.items() if key not in swept}
+    if not space:
+        raise InputError(f"search: the sweep of {study.title} decides every key of its space; drop one of both")
+    return {**_whole(study.search), "space": space}
 
 
 def swept_columns(study: StudySpec) -> list[str]:

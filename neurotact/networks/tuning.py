@@ -1,0 +1,341 @@
+"""Hyperparameter search: ask for networks to try, tell how well they did.
+
+NNI's own tuners (TPE, random, grid) and its median-stop assessor are driven in this process; no server runs. One seed
+gives the same proposals every time, since a search asks in batches whose size belongs to its spec and is told in the
+order in which it asked. Spaces are written in NNI's terms: `_type` and `_value`, whose keys are those of the network.
+"""
+
+import logging
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import cache
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple
+
+from pydantic import Field, field_validator
+
+from neurotact import spec as specs
+from neurotact.errors import InputError, nearest
+from neurotact.networks.specs import RSNNSpec
+from neurotact.spec import Spec
+
+SPACES = "networks/spaces"
+Space = Mapping[str, Mapping[str, Any]]
+ARGUMENTS = {
+    "choice": "a list of values, each once",
+    "randint": "[lower, upper): two whole numbers, the lower one first",
+    "uniform": "[low, high], low < high",
+    "quniform": "[low, high, q], low < high and q > 0",
+    "loguniform": "[low, high], 0 < low < high",
+    "qloguniform": "[low, high, q], 0 < low < high and q > 0",
+    "normal": "[mean, deviation], deviation > 0",
+    "qnormal": "[mean, deviation, q], deviation and q > 0",
+    "lognormal": "[mean, deviation] of the logarithm, deviation > 0",
+    "qlognormal": "[mean, deviation, q], mean and deviation of the logarithm, deviation and q > 0",
+}
+"""What `_value` holds for each `_type`."""
+
+
+class SearchSpec(Spec):
+    """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`."""
+
+    space: dict[str, dict[str, Any]]
+    """What is searched, a table of `_type` and `_value` for each key of the network."""
+    tuner: Literal["tpe", "random", "grid"] = "tpe"
+    trials: int = Field(default=100, ge=1)
+    batch: int = Field(default=8, ge=1)
+    """Trials that are proposed at once, each without the others' results; proposals depend on it."""
+    seed: int = Field(default=0, ge=0, lt=2**32)
+    objective: Literal["accuracy", "accuracy-sops"] = "accuracy"
+    """Validation accuracy, or that less `sops_weight` times the decimal logarithm of the SOPs of a window."""
+    sops_weight: float = Field(default=0.1, ge=0)
+    """With 0.1, half the SOPs are worth three points of accuracy."""
+    assessor: Literal["median-stop", "none"] = "median-stop"
+    """median-stop ends a trial whose best epoch is below the median of the finished trials' mean so far."""
+    start_epoch: int = Field(default=10, ge=1)
+    """The first epoch after which a trial may be stopped."""
+
+    @field_validator("space", mode="before")
+    @classmethod
+    def _is_a_space(cls, value: Any) -> Any:
+        return flatten(value) if isinstance(value, Mapping) else value
+
+    @field_validator("space")
+    @classmethod
+    def _has_arguments(cls, space: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        if not space:
+            raise ValueError("holds no key; name at least one, as in hidden = { _type = 'choice', _value = [20, 30] }")
+        for key, dimension in space.items():
+            complaint = _complaint(dimension)
+            if complaint:
+                raise ValueError(f"'{key}' {complaint}")
+        return space
+
+    def value(self, accuracy: float, sops: float) -> float:
+        """What the tuner maximises.
+
+        >>> spec = SearchSpec(space={"hidden": {"_type": "choice", "_value": [20]}}, objective="accuracy-sops")
+        >>> round(spec.value(0.9, 1000.0), 6)
+        0.6
+        """
+        if self.objective == "accuracy":
+            return accuracy
+        return accuracy - self.sops_weight * math.log10(max(sops, 1.0))
+
+
+def load_space(name: str) -> dict[str, dict[str, Any]]:
+    """The space of that name among those that ship, or at that path.
+
+    >>> load_space("texture")["training.batch"]
+    {'_type': 'choice', '_value': [64, 128]}
+    """
+    return flatten(specs.read(specs.find(SPACES, name)))
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables of a space as dotted keys: `[training.batch]` means `"training.batch"`.
+
+    >>> flatten({"training": {"batch": {"_type": "choice", "_value": [64]}}})
+    {'training.batch': {'_type': 'choice', '_value': [64]}}
+    """
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        is_table = isinstance(value, Mapping) and value and not any(inner.startswith("_") for inner in value)
+        flat |= flatten(value, f"{prefix}{key}.") if is_table else {prefix + key: value}
+    return flat
+
+
+def check(space: Space, network: RSNNSpec, source: str) -> None:
+    """Refuse a space that would propose a key or a value which `network` cannot have; InputError names both.
+
+    Every choice is tried; of a range both ends and a point between.
+    """
+    for key, dimension in space.items():
+        for value in _samples(dimension):
+            try:
+                apply(network, {key: value}, source)
+            except InputError as error:
+                is_whole = "integer" in str(error) and dimension["_type"] not in ("choice", "randint")
+                hint = "; search whole numbers with quniform and q = 1" if is_whole else ""
+                raise InputError(f"{error}{hint}") from None
+
+
+def apply(network: RSNNSpec, parameters: Mapping[str, Any], source: str) -> RSNNSpec:
+    """`network` with dotted keys replaced.
+
+    >>> apply(RSNNSpec(), {"hidden": 50, "training.batch": 64}, "example").training.batch
+    64
+    """
+    return specs.build(RSNNSpec, specs.override(network.model_dump(mode="json"), parameters), source)
+
+
+class Proposal(NamedTuple):
+    """A trial to run: its number, counted from 0, and the network's keys that it changes."""
+
+    id: int
+    parameters: dict[str, Any]
+
+
+class MedianStop:
+    """NNI's median-stop rule, over the trials that have finished; it can be sent to another process.
+
+    >>> rule = MedianStop(start_epoch=2)
+    >>> rule.end(0, [0.6, 0.8], finished=True)
+    >>> rule.stops(1, [0.1]), rule.stops(1, [0.1, 0.2]), rule.stops(2, [0.1, 0.9])
+    (False, True, False)
+    """
+
+    def __init__(self, start_epoch: int) -> None:
+        self._start_epoch = start_epoch
+        self._assessor = _nni().MedianstopAssessor("maximize", start_epoch)
+
+    def stops(self, trial: int, values: Sequence[float]) -> bool:
+        """Whether the trial ends after these epochs."""
+        return self._assessor.assess_trial(trial, list(values)) is _nni().AssessResult.Bad
+
+    def end(self, trial: int, values: Sequence[float], *, finished: bool) -> None:
+        """A trial is over; only finished ones are what later ones are compared with."""
+        if values:
+            self._assessor.assess_trial(trial, list(values))
+            self._assessor.trial_end(trial, finished)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"start_epoch": self._start_epoch, "assessor": vars(self._assessor)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["start_epoch"])
+        vars(self._assessor).update(state["assessor"])
+
+
+class Tuner:
+    """Proposes trials in batches; each is told or failed, in the order of ids, before the next batch.
+
+    >>> space = {"hidden": {"_type": "choice", "_value": [20, 30]}}
+    >>> tuner = Tuner(SearchSpec(space=space, trials=10, batch=1))
+    >>> while batch := tuner.ask():
+    ...     for trial in batch:
+    ...         tuner.tell(trial.id, value=trial.parameters["hidden"] / 100)
+    >>> tuner.asked  # and there is nothing more to try
+    2
+    """
+
+    def __init__(self, spec: SearchSpec) -> None:
+        self.spec = spec
+        self.asked = 0
+        self.median_stop = MedianStop(spec.start_epoch) if spec.assessor == "median-stop" else None
+        self._open: list[Proposal] = []
+        self._tuner = _tuner(spec)
+
+    def ask(self) -> list[Proposal]:
+        """The next batch; empty when all trials are used or the space holds no other point."""
+        if self._open:
+            raise InputError(f"trial {self._open[0].id}: is not told yet; tell or fail it before asking for more")
+        for number in range(self.asked, min(self.asked + self.spec.batch, self.spec.trials)):
+            try:
+                proposed = self._tuner.generate_parameters(number)
+            except _nni().NoMoreTrialError:
+                break
+            self._open.append(Proposal(number, {key: _tidy(self.spec.space[key], v) for key, v in proposed.items()}))
+        self.asked += len(self._open)
+        return list(self._open)
+
+    def tell(self, trial: int, value: float, epochs: Sequence[float] = (), *, stopped: bool = False) -> None:
+        """The trial ended with `value`, the more the better; `epochs` is what the median-stop rule saw of it.
+
+        Raises InputError when the value is not finite or the trial's turn has not come or is over.
+        """
+        if not math.isfinite(value):
+            raise InputError(f"trial {trial}: its value must be finite; got {value}; fail the trial instead")
+        parameters = self._close(trial, epochs, finished=not stopped)
+        self._tuner.receive_trial_result(trial, parameters, value)
+        self._tuner.trial_end(trial, True)
+
+    def fail(self, trial: int, epochs: Sequence[float] = ()) -> None:
+        """The trial has no value; the tuner learns nothing from it."""
+        self._close(trial, epochs, finished=False)
+        self._tuner.trial_end(trial, False)
+
+    def _close(self, trial: int, epochs: Sequence[float], *, finished: bool) -> dict[str, Any]:
+        if not self._open or self._open[0].id != trial:
+            turn = f"it is the turn of trial {self._open[0].id}" if self._open else "ask for trials first"
+            raise InputError(f"trial {trial}: cannot be told now; {turn}")
+        if self.median_stop:
+            self.median_stop.end(trial, epochs, finished=finished)
+        return self._open.pop(0).parameters
+
+
+@cache
+def _nni() -> SimpleNamespace:
+    """What is used of NNI, imported when a search begins, since that takes a second.
+
+    NNI greets with warnings about its own dependencies, and its loggers print to stdout.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import nni
+        from nni.algorithms.hpo.gridsearch_tuner import GridSearchTuner
+        from nni.algorithms.hpo.medianstop_assessor import MedianstopAssessor
+        from nni.algorithms.hpo.random_tuner import RandomTuner
+        from nni.algorithms.hpo.tpe_tuner import TpeTuner
+        from nni.assessor import AssessResult
+    nni.silence_stdout()
+    for name in ("nni", "medianstop_Assessor"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    return SimpleNamespace(
+        AssessResult=AssessResult,
+        GridSearchTuner=GridSearchTuner,
+        MedianstopAssessor=MedianstopAssessor,
+        NoMoreTrialError=nni.NoMoreTrialError,
+        RandomTuner=RandomTuner,
+        TpeTuner=TpeTuner,
+    )
+
+
+def _tuner(spec: SearchSpec) -> Any:
+    """NNI's tuner, with its space."""
+    nni = _nni()
+    space = {key: dict(dimension) for key, dimension in spec.space.items()}
+    if spec.tuner == "tpe":
+        tuner = nni.TpeTuner("maximize", spec.seed)
+        space = {key: _ordered(dimension) for key, dimension in space.items()}
+    else:
+        tuner = nni.RandomTuner(spec.seed) if spec.tuner == "random" else nni.GridSearchTuner()
+    tuner.update_search_space(space)
+    return tuner
+
+
+def _ordered(dimension: dict[str, Any]) -> dict[str, Any]:
+    """TPE takes a randint as so many unordered choices; rounded, a range of numbers keeps its order."""
+    if dimension["_type"] != "randint":
+        return dimension
+    lower, upper = dimension["_value"]
+    # Half a step on both sides gives the ends as much room as the numbers between them.
+    return {"_type": "quniform", "_value": [lower - 0.4999, upper - 1 + 0.4999, 1]}
+
+
+def _tidy(dimension: Mapping[str, Any], value: Any) -> Any:
+    """A proposed number as a person writes it: multiples of q without rounding's tail, whole ones whole.
+
+    >>> _tidy({"_type": "quniform", "_value": [0.1, 1, 0.1]}, 3 * 0.1)
+    0.3
+    """
+    kind, arguments = dimension["_type"], dimension["_value"]
+    if kind == "randint":
+        return round(min(max(value, arguments[0]), arguments[1] - 1))
+    if not kind.startswith("q"):
+        return value
+    neat = float(f"{value:.12g}")
+    return int(neat) if float(arguments[2]).is_integer() and neat.is_integer() else neat
+
+
+def _complaint(dimension: Mapping[str, Any]) -> str:
+    """What is wrong with a `_type` and its `_value`; nothing when it is right."""
+    if set(dimension) != {"_type", "_value"}:
+        return "must have _type and _value, and nothing else, as in { _type = 'choice', _value = [20, 30] }"
+    kind, arguments = dimension["_type"], dimension["_value"]
+    if kind not in ARGUMENTS:
+        return f"has the _type '{kind}', which NNI does not know; {nearest(str(kind), list(ARGUMENTS))}"
+    if not isinstance(arguments, (list, tuple)) or not _suits(kind, list(arguments)):
+        return f"has the _value {arguments!r}, but a {kind} needs {ARGUMENTS[kind]}"
+    return ""
+
+
+def _suits(kind: str, arguments: list[Any]) -> bool:
+    if kind == "choice":
+        is_once = all(value not in arguments[:place] for place, value in enumerate(arguments))
+        return bool(arguments) and is_once and not any(isinstance(value, Mapping) for value in arguments)
+    if len(arguments) != (3 if kind.startswith("q") else 2) or not all(map(_is_number, arguments)):
+        return False
+    first, second, *q = arguments
+    if kind == "randint":
+        return isinstance(first, int) and isinstance(second, int) and first < second
+    if any(step <= 0 for step in q):
+        return False
+    if "normal" in kind:
+        return second > 0
+    return first < second and (first > 0 or "log" not in kind)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _samples(dimension: Mapping[str, Any]) -> list[Any]:
+    """Every choice; of a range its ends and a point between, as they would be proposed."""
+    kind, arguments = dimension["_type"], dimension["_value"]
+    if kind == "choice":
+        return list(arguments)
+    first, second = arguments[:2]
+    if kind == "randint":
+        return [first, second - 1]
+    if "normal" in kind:  # No ends: a draw that the network cannot have fails its trial.
+        points = [math.exp(first) if "log" in kind else first]
+    else:
+        points = [first, first + 0.3717 * (second - first), second]
+    if kind.startswith("q"):
+        q = arguments[2]
+        points = [round(point / q) * q for point in (*points, points[0] + q, points[0] + 2 * q)]
+        if "normal" not in kind:
+            points = [min(max(point, first), second) for point in points]
+    return [_tidy(dimension, point) for point in points]
