@@ -1,23 +1,34 @@
 """One cell of a study: train a network on spike trains, then count what its decisions cost."""
 
-from functools import lru_cache
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
+from typing import Any, NamedTuple
 
-from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import write_json
-from neurotact.studies import trained
+from neurotact.files import whole, write_json
+from neurotact.studies import search, trained
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
 from neurotact.studies.trained import Task
 
+RESULT = "result.json"
+SEARCH = "search"
+"""The folder of a cell's search."""
+Files = dict[str, bytes]
+"""What a cell leaves: the content of each file, by its path in the cell's folder."""
+MapCells = Callable[[list[Cell], Path], Iterator[tuple[Cell, Files]]]
+"""Computes cells from the spike trains in a run folder; yields each with what it leaves, in the order of completion."""
 
-def run_cell(cell: Cell, folder: Path) -> None:
-    """Train and measure a cell; `folder/cells/<digest>/result.json`, written last, says that it is done."""
+
+def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files:
+    """Train and measure a cell. It may run on any machine: it reads and keeps nothing but what is passed.
+
+    kept: where the journal of the cell's search is kept, so that a search that was interrupted goes on; without it,
+    or without a search, nothing is read or kept.
+    """
     began = perf_counter()
-    source = spikes_path(folder, cell)
-    trains = _load_spikes(source)
     task = Task(
         window=cell.window,
         split=cell.split,
@@ -25,26 +36,71 @@ def run_cell(cell: Cell, folder: Path) -> None:
         subset=cell.subset,
         exit_tolerance=cell.early_exit.tolerance,
     )
-    fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
+    with TemporaryDirectory() as scratch:
+        searched = _search(cell, trains, task, kept or Path(scratch)) if cell.search else None
+    if searched is None:
+        fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
+    else:
+        fitted, sides = searched.fitted, searched.sides
     result = trained.measure(fitted, sides.test, trains.is_sa)
     result["row"] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
         "t_ref_sa_ms": cell.encoder.sa1.t_ref_ms,
-        "hidden": cell.network.hidden,
+        "hidden": fitted.network.spec.hidden,
         "seed": cell.seed,
         **result["row"],
+        **(searched.row if searched else {}),
     }
-    place = cell_folder(folder, cell)
-    trained.save(fitted, place, trains, source, task)
-    write_json(place / "timing.json", {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
-    write_json(place / "result.json", result)
+    with TemporaryDirectory() as scratch:
+        run = Path(scratch)  # laid out as the run folder is, so that paths between its files hold there too
+        place = cell_folder(run, cell)
+        trained.save(fitted, place, trains, spikes_path(run, cell), task)
+        write_json(place / "timing.json", {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
+        for name, content in (searched.files if searched else {}).items():
+            with whole(place / name) as draft:
+                draft.write_bytes(content)
+        write_json(place / RESULT, result)
+        return {path.relative_to(place).as_posix(): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+class Searched(NamedTuple):
+    """The best network of a cell's search, its columns of results.csv, and the files that the search left."""
+
+    fitted: trained.Trained
+    sides: trained.Sides
+    row: dict[str, Any]
+    files: Files
+
+
+def _search(cell: Cell, trains: SpikeTrains, task: Task, kept: Path) -> Searched:
+    """Search the cell's network on its validation trials and train the best one again.
+
+    The search's seed is drawn from the cell's content, so that cells which differ in their seed alone search anew.
+    """
+    assert cell.search is not None
+    spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
+    problem = search.problem_of(trains, spec, cell.network, task)
+    place = kept / SEARCH
+    trials, _ = search.search(problem, place, search.here(trains, task))
+    search.write_tables(problem, place, trials)
+    best = search.best_of(trials)
+    fitted, sides = search.train_best(problem, trains, best)
+    row = {"trial": best.id, **{f"network.{key}": search.as_cell(value) for key, value in best.parameters.items()}}
+    left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in sorted(place.iterdir())}
+    return Searched(fitted, sides, row, left)
+
+
+def write_cell(left: Files, cell: Cell, folder: Path) -> None:
+    """Write what `run_cell` left into `folder/cells/<digest>`; result.json, the last, says that the cell is done."""
+    for name in sorted(left, key=lambda name: (name == RESULT, name)):
+        with whole(cell_folder(folder, cell) / name) as draft:
+            draft.write_bytes(left[name])
+
+
+def is_done(folder: Path, cell: Cell) -> bool:
+    return (cell_folder(folder, cell) / RESULT).is_file()
 
 
 def cell_folder(folder: Path, cell: Cell) -> Path:
     return folder / "cells" / cell.digest()
-
-
-@lru_cache(maxsize=2)
-def _load_spikes(path: Path) -> SpikeTrains:
-    return hdf5.load_spikes(path)

@@ -1,46 +1,42 @@
-"""Running a study: its cells in spawned processes, each done once, whatever interrupts it."""
+"""Running a study: its cells, each done once, whatever interrupts it; then its tables and report."""
 
-import importlib.metadata
-import os
-import platform
 import sys
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
-import torch
 
-from neurotact import __version__, files
-from neurotact.backend import native
+from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import track
 from neurotact.spec import build, read
 from neurotact.studies import report
-from neurotact.studies.cell import cell_folder, run_cell
+from neurotact.studies.cell import cell_folder, is_done, write_cell
+from neurotact.studies.executors import executor
 from neurotact.studies.preparation import prepare, spikes_path
 from neurotact.studies.study import Cell, StudySpec, cells, swept_columns, to_toml, value_at
+from neurotact.studies.versions import versions
+from neurotact.studies.workers import in_a_process
 
-ATTEMPTS = 3
-PACKAGES = ("torch", "numpy", "scipy", "scikit-learn", "pandas", "h5py", "snntorch", "pydantic")
 
-
-def run(study: StudySpec, folder: Path, workers: int) -> Path:
+def run(study: StudySpec, folder: Path, workers: int = 2, scheduler: str | None = None) -> Path:
     """Run what is not yet done of `study` in `folder`, then write tables and report; the report's path.
 
-    Each cell trains in a spawned process with one thread, so that the number of workers changes no number.
-    Raises InputError when the folder holds another study or anything else.
+    scheduler: address of a Dask scheduler, whose workers compute the cells in place of `workers` processes here.
+    Each cell trains with one thread and seeds of its own, so that who computes it changes no number.
+    Raises InputError when the folder holds another study or anything else, and when the scheduler cannot be used.
     """
-    _claim(folder, study)
-    every = list(cells(study))
-    todo = [cell for cell in every if not _is_done(folder, cell)]
-    with _workers(workers) as start_pool:
-        _map(start_pool, prepare, [(folder, study.dataset, every, study.linear_baseline)], "prepare")
-        _map(start_pool, run_cell, [(cell, folder) for cell in todo], "cells")
+    with executor(workers, scheduler) as map_cells:
+        _claim(folder, study)
+        every = list(cells(study))
+        with track("prepare", 1) as advance:
+            in_a_process(prepare, folder, study.dataset, every, study.linear_baseline)
+            advance(1, "")
+        todo = [cell for cell in every if not is_done(folder, cell)]
+        if todo:
+            with track("cells", len(todo)) as advance:
+                for cell, left in map_cells(todo, folder):
+                    write_cell(left, cell, folder)
+                    advance(1, "")
     return finish(study, folder)
 
 
@@ -55,7 +51,7 @@ def load(folder: Path) -> StudySpec:
 def finish(study: StudySpec, folder: Path) -> Path:
     """Write results.csv, encoding.csv, timings.csv, the figures and the report from what the cells left."""
     every = list(cells(study))
-    done = [cell for cell in every if _is_done(folder, cell)]
+    done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
@@ -81,10 +77,6 @@ def _timings_table(folder: Path, done: list[Cell]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _is_done(folder: Path, cell: Cell) -> bool:
-    return (cell_folder(folder, cell) / "result.json").is_file()
-
-
 def _claim(folder: Path, study: StudySpec) -> None:
     """Make `folder` this study's; refuse one that is another's."""
     path = folder / "study.toml"
@@ -97,79 +89,6 @@ def _claim(folder: Path, study: StudySpec) -> None:
     files.write_json(folder / "versions.json", versions())
 
 
-def versions() -> dict[str, str]:
-    """What the numbers may depend on besides the specs."""
-    found = {name: importlib.metadata.version(name) for name in PACKAGES}
-    backend = "native" if native is not None else "reference"
-    return {
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        "backend": backend,
-        "neurotact": __version__,
-        **found,
-    }
-
-
 def _write_csv(table: pd.DataFrame, path: Path) -> None:
     with files.whole(path) as draft:
         table.to_csv(draft, index=False, lineterminator="\n")
-
-
-@contextmanager
-def _workers(n_workers: int) -> Iterator[Callable[[], ProcessPoolExecutor]]:
-    """Yield a function that starts a pool; its processes are ended when the block is left, however it is left."""
-    pools: list[ProcessPoolExecutor] = []
-
-    def start() -> ProcessPoolExecutor:
-        # Spawned, not forked: a fork after an OpenMP call hangs.
-        pools.append(ProcessPoolExecutor(n_workers, mp_context=get_context("spawn"), initializer=_one_thread))
-        return pools[-1]
-
-    threads = os.environ.get("OMP_NUM_THREADS")
-    os.environ["OMP_NUM_THREADS"] = "1"
-    try:
-        yield start
-    except BaseException:
-        for pool in pools:
-            for process in list((pool._processes or {}).values()):
-                process.terminate()
-        raise
-    finally:
-        for pool in pools:
-            pool.shutdown(wait=True, cancel_futures=True)
-        if threads is None:
-            del os.environ["OMP_NUM_THREADS"]
-        else:
-            os.environ["OMP_NUM_THREADS"] = threads
-
-
-def _one_thread() -> None:
-    torch.set_num_threads(1)
-
-
-def _map(start_pool: Callable[[], ProcessPoolExecutor], task: Callable[..., None], jobs: list[Any], what: str) -> None:
-    """Do every job; a process that dies costs its jobs another attempt, and nothing else."""
-    if not jobs:
-        return
-    with track(what, len(jobs)) as advance:
-        for attempt in range(1, ATTEMPTS + 1):
-            pool = start_pool()
-            waiting = {pool.submit(task, *job): job for job in jobs}
-            jobs = []
-            try:
-                for future in _as_done(set(waiting)):
-                    future.result()
-                    waiting.pop(future)
-                    advance(1, "")
-                return
-            except BrokenProcessPool:
-                jobs = list(waiting.values())
-                if attempt == ATTEMPTS:
-                    raise
-                print(f"{what}: a worker process died; {len(jobs)} to do again", file=sys.stderr)
-
-
-def _as_done(futures: set[Future]) -> Iterator[Future]:
-    while futures:
-        done, futures = wait(futures, return_when=FIRST_COMPLETED)
-        yield from done

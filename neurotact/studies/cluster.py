@@ -1,0 +1,143 @@
+"""Computing cells on the workers of a Dask cluster. Dask alone decides what runs where, and what runs again."""
+
+import asyncio
+import logging
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from functools import partial
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+import torch
+
+from neurotact.data.hdf5 import load_spikes
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+from neurotact.studies.cell import Files, MapCells, run_cell
+from neurotact.studies.preparation import spikes_path
+from neurotact.studies.study import Cell
+from neurotact.studies.versions import versions
+
+if TYPE_CHECKING:
+    from distributed import Client, Future, Worker
+
+REACH_S = 10.0
+"""How long a scheduler may take to answer, and then its first worker to join."""
+RETRIES = 2
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[MapCells]:
+    """Compute cells on the workers of a Dask scheduler, such as `tcp://host:8786`, each cell a task.
+
+    Raises InputError where dask is not installed, the scheduler does not answer, no worker joins it, or a worker
+    differs from this machine in what its numbers may depend on.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError("--scheduler needs Dask; install it with pip install 'neurotact[dask]'") from error
+    here = f"--scheduler {address}"
+    for name in ("distributed", "distributed.client"):  # what they would say, the errors here say
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    asyncio.run(_reach(address))
+    with distributed.Client(address, timeout=REACH_S, set_as_default=False) as client:
+        try:
+            client.wait_for_workers(1, timeout=REACH_S)
+            client.run(_check_worker, versions())
+        except TimeoutError as error:
+            start = f"start some with dask worker {address} --nworkers -1 --nthreads 1"
+            raise InputError(f"{here}: no worker joined it within {REACH_S:g} s; {start}") from error
+        except ModuleNotFoundError as error:
+            raise InputError(f"{here}: a worker lacks {error.name}; install neurotact[dask] there") from error
+        yield partial(_map_cells, client, address)
+
+
+async def _reach(address: str) -> None:
+    """See that a scheduler answers before a client is made: one that cannot connect is slow to give up."""
+    from distributed import Security
+    from distributed.comm.core import connect
+
+    try:
+        answering = await connect(address, timeout=REACH_S, **Security().get_connection_args("client"))
+        await answering.close()
+    except ValueError as error:
+        raise InputError(f"--scheduler {address}: {error}; give an address such as tcp://host:8786") from error
+    except OSError as error:
+        raise InputError(
+            f"--scheduler {address}: no scheduler answered there within {REACH_S:g} s; "
+            "start one with dask scheduler, and give the address that it prints"
+        ) from error
+
+
+def _map_cells(client: "Client", address: str, cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, Files]]:
+    from distributed import KilledWorker, as_completed
+
+    cell_of = _submit(client, cells, folder)
+    go_on = f"then neurotact study resume {folder}"
+    for future in as_completed(list(cell_of), loop=client.loop):
+        cell = cell_of.pop(future)
+        try:
+            left = future.result()
+        except KilledWorker as error:
+            why = f"several workers were lost while they computed cell {cell.digest()}"
+            look = "look in their logs for the cause, such as too little memory"
+            raise InputError(f"--scheduler {address}: {why}; {look}, {go_on}") from error
+        except CancelledError as error:
+            raise InputError(f"--scheduler {address}: the scheduler was lost; start it again, {go_on}") from error
+        yield cell, left
+
+
+def _submit(client: "Client", cells: list[Cell], folder: Path) -> "dict[Future, Cell]":
+    """Send the spike trains of each encoder once, and the cells that use them; futures of what cells leave."""
+    import dask.config
+
+    cell_of = {}
+    run = uuid4().hex  # runs that share a scheduler share no task
+    for name, group in groupby(sorted(cells, key=_by_spikes), key=_by_spikes):
+        same = list(group)
+        # A task that gives back what it was sent can run again; scattered data are lost with the worker that held them.
+        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+            trains = client.submit(_same, load_spikes(spikes_path(folder, same[0])), key=f"spikes-{name}-{run}")
+        # The first part of the key makes a group of them, which Dask hands out one by one, not all in advance.
+        keys = [(f"cells-{name}-{run}", cell.digest()) for cell in same]
+        arguments = same, [trains] * len(same), [versions()] * len(same)
+        cell_of |= zip(client.map(_run_on_worker, *arguments, key=keys, retries=RETRIES), same, strict=True)
+    return cell_of
+
+
+def _by_spikes(cell: Cell) -> str:
+    return cell.spikes_name
+
+
+def _same(trains: SpikeTrains) -> SpikeTrains:
+    return trains
+
+
+def _run_on_worker(cell: Cell, trains: SpikeTrains, expected: dict[str, str]) -> Files:
+    _check_worker(expected)  # here too: workers may join while the study runs
+    torch.set_num_threads(1)
+    return run_cell(cell, trains)
+
+
+def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None) -> None:
+    """On a worker: refuse it where its numbers might differ from those of the machine that asks.
+
+    dask_worker: given by `Client.run`; a task finds its own.
+    """
+    from distributed import get_worker
+
+    worker, found = dask_worker or get_worker(), versions()
+    for name in (name for name in expected if name != "python" and found[name] != expected[name]):
+        raise InputError(
+            f"worker {worker.address}: {name} is {found[name]} there and {expected[name]} here; "
+            "install the same everywhere (pip install -c constraints.txt)"
+        )
+    if worker.state.nthreads != 1:
+        raise InputError(
+            f"worker {worker.address}: has {worker.state.nthreads} threads, and a cell needs a process of its own; "
+            "start workers with --nworkers -1 --nthreads 1"
+        )

@@ -1,0 +1,126 @@
+"""Spawned processes that do jobs one after another, with one thread each.
+
+Their number decides nothing but the time. What a process keeps between jobs (the caches of a module) it keeps until the
+block is left. A process that dies takes only its own job along, which begins again in a new one.
+"""
+
+import os
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from threading import Thread
+from typing import Any
+
+import torch
+
+Task = Callable[[Any], Any]
+Run = Callable[[Task, Sequence[Any]], Iterator[Any]]
+"""`run(task, jobs)` yields each job's result, in the order of the jobs."""
+RunAsDone = Callable[[Task, Sequence[Any]], Iterator[tuple[int, Any]]]
+"""`run(task, jobs)` yields each job's place in `jobs` and its result, in the order of completion."""
+ATTEMPTS = 3
+
+
+@contextmanager
+def spawned(n_workers: int) -> Iterator[Run]:
+    """Yield a `Run` in `n_workers` processes, which end when the block is left, however it is left."""
+    with spawned_as_done(n_workers) as run:
+
+        def in_order(task: Task, jobs: Sequence[Any]) -> Iterator[Any]:
+            early: dict[int, Any] = {}
+            due = 0
+            for place, result in run(task, jobs):
+                early[place] = result
+                while due in early:
+                    yield early.pop(due)
+                    due += 1
+
+        yield in_order
+
+
+@contextmanager
+def spawned_as_done(n_workers: int) -> Iterator[RunAsDone]:
+    """As `spawned`, for results in the order of completion."""
+    started: list[ProcessPoolExecutor] = []
+
+    def start() -> ProcessPoolExecutor:
+        # Spawned, not forked: a fork after an OpenMP call hangs. Pools of one: a process that dies breaks its pool.
+        started.append(ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=settle))
+        return started[-1]
+
+    threads = os.environ.get("OMP_NUM_THREADS")
+    os.environ["OMP_NUM_THREADS"] = "1"
+    try:
+        idle: list[ProcessPoolExecutor] = [start() for _ in range(n_workers)]
+        yield lambda task, jobs: _run(task, jobs, idle, start)
+    except BaseException:
+        for process in [process for pool in started for process in (pool._processes or {}).values()]:
+            process.terminate()
+        raise
+    finally:
+        for pool in started:
+            pool.shutdown(wait=True, cancel_futures=True)
+        os.environ.pop("OMP_NUM_THREADS", None)
+        if threads is not None:
+            os.environ["OMP_NUM_THREADS"] = threads
+
+
+def in_a_process(task: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function in a spawned process; its result."""
+    with spawned(1) as run:
+        return next(run(_call, [(task, arguments)]))
+
+
+def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
+    return job[0](*job[1])
+
+
+def _run(
+    task: Task, jobs: Sequence[Any], idle: list[ProcessPoolExecutor], start: Callable[[], ProcessPoolExecutor]
+) -> Iterator[tuple[int, Any]]:
+    """Give each idle process a job, and the next as it gets done with it."""
+    todo = deque((place, 1) for place in range(len(jobs)))
+    running: dict[Future, tuple[ProcessPoolExecutor, int, int]] = {}
+
+    def deal() -> None:
+        while todo and idle:
+            process = idle.pop()
+            place, attempt = todo.popleft()
+            try:
+                future = process.submit(task, jobs[place])
+            except BrokenProcessPool:  # it died while it was idle
+                process = start()
+                future = process.submit(task, jobs[place])
+            running[future] = process, place, attempt
+
+    deal()
+    while running:
+        future = next(iter(wait(running, return_when=FIRST_COMPLETED).done))
+        process, place, attempt = running.pop(future)
+        died = isinstance(future.exception(), BrokenProcessPool)
+        if died and attempt < ATTEMPTS:
+            print("a worker process died; what it was at begins again in another", file=sys.stderr)
+            todo.appendleft((place, attempt + 1))
+        idle.append(start() if died else process)
+        deal()
+        if not died or attempt == ATTEMPTS:
+            yield place, future.result()
+
+
+def settle() -> None:
+    """In a new process: one thread; Ctrl-C is left to the process that started it, and without that one it ends."""
+    torch.set_num_threads(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
