@@ -21,8 +21,8 @@ test: $(VENV)/.installed
 	$(BIN)/pytest -n 2
 
 lint: $(VENV)/.linters
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
+	$(BIN)/ruff check neurotact tests benchmarks
+	$(BIN)/ruff format --check neurotact tests benchmarks
 	$(BIN)/pyright
 
 bench: $(VENV)/.peers
