@@ -19,7 +19,7 @@ from neurotact.data.recordings import LABEL, Recordings, select_conditions
 from neurotact.data.simulate import gratings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_trials
-from neurotact.data.windows import WindowSpec, cut
+from neurotact.data.windows import Windows, cut
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json, whole, write_json
@@ -84,7 +84,11 @@ def prepare(folder: Path, dataset: DatasetSpec, cells: list[Cell], linear_baseli
         hdf5.save_spikes(trains, spikes_path(folder, cell))
     if wants_baseline:
         subsets = {cell.dataset: cell.subset for cell in cells}
-        table = baseline_table(recordings, dataset, subsets, cells[0].window, cells[0].split)
+        trains = hdf5.load_spikes(spikes_path(folder, cells[0]))
+        windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cells[0].window)
+        features = linear_features(recordings, windows, trains.sampling_rate_Hz)
+        parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
+        table = baseline_table(recordings, windows, features, parts, subsets)
         with whole(folder / "baseline.csv") as draft:
             table.to_csv(draft, index=False)
 
@@ -128,14 +132,20 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     return table
 
 
+def linear_features(recordings: Recordings, windows: Windows, clock_Hz: float) -> np.ndarray:
+    """Each taxel's mean and deviation as recorded, `(window, 2 taxel)`, in windows on the encoder's clock."""
+    per_step = recordings.sampling_rate_Hz / clock_Hz
+    first = np.ceil(windows.start * per_step - 1e-9).astype(np.int64)
+    last = np.ceil((windows.start + windows.n_steps) * per_step - 1e-9).astype(np.int64)
+    spans = zip(windows.trial, first, np.maximum(last, first + 1), strict=True)
+    pieces = (recordings.signals[trial][begin:end] for trial, begin, end in spans)
+    return np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
+
+
 def baseline_table(
-    recordings: Recordings, dataset: DatasetSpec, subsets: Mapping[str, dict], window: WindowSpec, split: SplitSpec
+    recordings: Recordings, windows: Windows, features: np.ndarray, parts: Split, subsets: Mapping[str, dict]
 ) -> pd.DataFrame:
-    """Accuracy of logistic regression on each taxel's mean and deviation in the windows that the networks see."""
-    parts = split_conditions(recordings.conditions, dataset.stratify, split)
-    windows = cut(np.array([len(s) for s in recordings.signals]), recordings.sampling_rate_Hz, window)
-    pieces = [recordings.signals[t][s : s + windows.n_steps] for t, s in zip(windows.trial, windows.start, strict=True)]
-    features = np.array([np.concatenate([p.mean(axis=0), p.std(axis=0)]) for p in pieces])
+    """Accuracy of logistic regression on the features of the windows that the networks see, for each subset."""
     labels = recordings.labels[windows.trial]
     rows = []
     for name, where in subsets.items():

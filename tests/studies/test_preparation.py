@@ -5,10 +5,12 @@ import pandas as pd
 import pytest
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.windows import WindowSpec, cut
+from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.errors import InputError
 from neurotact.studies import study
 from neurotact.studies.encoding import encode_recordings
-from neurotact.studies.preparation import encoding_table, split_conditions
+from neurotact.studies.preparation import encoding_table, linear_features, split_conditions
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 
@@ -42,3 +44,18 @@ def test_a_split_is_balanced_over_the_conditions_it_is_told():
         assert counts.max() == counts.min()
     with pytest.raises(InputError, match="there is no condition 'force'; known: label, force_N"):
         split_conditions(table, ["force"], CELL.split)
+
+
+def test_the_linear_baseline_sees_the_windows_of_the_networks():
+    """On a slow skin too: windows are cut on the encoder's clock, and their samples are those inside them."""
+    signals = [np.arange(72.0)[:, None] * [1.0, 2.0], np.arange(90.0)[:, None] * [1.0, 2.0]]
+    skin = Recordings(signals, 36.0, "mV", pd.DataFrame({"label": ["felt", "silk"]}))
+    encoder = CELL.encoder.model_copy(update={"conditioning": ConditioningSpec(resample_Hz=1000.0)})
+    trains = encode_recordings(skin, encoder)
+    windows = cut(trains.trial_steps, trains.sampling_rate_Hz, WindowSpec(length_ms=500, start_ms=250))
+    features = linear_features(skin, windows, trains.sampling_rate_Hz)
+    assert features.shape == (len(windows), 4)
+    # From 250 ms on, 500 ms at 36 Hz: samples 9 to 26, then 27 to 44, and so on.
+    means = [np.arange(9 + 18 * k, 27 + 18 * k).mean() for k in (0, 1, 2, 0, 1, 2, 3)]
+    np.testing.assert_allclose(features[:, 0], means)
+    np.testing.assert_allclose(features[:, 1], 2 * np.array(means))
