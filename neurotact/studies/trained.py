@@ -20,7 +20,7 @@ from neurotact.files import whole
 from neurotact.metrics import synops
 from neurotact.networks import checkpoint
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import validated_rule
+from neurotact.networks.exit_choice import oracle_exit, validated_rule
 from neurotact.networks.kernels import Backend
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
@@ -194,11 +194,35 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
         "exit_steps_sd": float(steps.std(correction=0)),
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
+        **_oracle(network, test),
         "window_steps": test.spikes.shape[1],
         "epochs": len(trained.training.epochs),
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     return {"row": row, "confusion": matrix.tolist()}
+
+
+ORACLE_PATIENCE = 120
+"""The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
+
+
+@torch.no_grad()
+def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
+    """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
+    steps, right, sops = [], [], []
+    for spikes, labels in zip(test.spikes.split(256), test.labels.split(256), strict=True):
+        rasters = network.simulate(spikes.to(network.w_in.device))
+        found = oracle_exit(rasters.readout.cpu(), labels, min(ORACLE_PATIENCE, spikes.shape[1]))
+        ran = torch.arange(spikes.shape[1]) < found.steps[:, None]
+        sent, heard = ((part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden))
+        steps.append(found.steps)
+        right.append(found.labels == labels)
+        sops.append(synops.synops(sent, heard, network.spec.hidden, network.n_classes).total)
+    return {
+        "oracle_steps": float(torch.cat(steps).double().mean()),
+        "oracle_accuracy": float(torch.cat(right).double().mean()),
+        "oracle_sops_total": float(np.concatenate(sops).mean()),
+    }
 
 
 def _synops(inference: Inference, network: RSNN) -> synops.Synops:
