@@ -61,6 +61,13 @@ SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786: its workers do the work.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Fixes every number.")]
+WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")]
+StartMs = Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")]
+HopMs = Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")]
+PerTrial = Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")]
+Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")]
+SplitSeed = Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")]
+Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
 
 
 def main() -> None:
@@ -174,7 +181,7 @@ def calibrate(
     encoder: EncoderOption = "sa1-ra1-lif",
     set_: SetOption = None,
     split_seed: Annotated[int, typer.Option(min=0, help="Of the split; only its training trials are looked at.")] = 0,
-    stratify: Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")] = None,
+    stratify: Stratify = None,
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
@@ -237,13 +244,13 @@ def train_command(
     out: OutFolder,
     network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "rsnn",
     set_: SetOption = None,
-    window_ms: Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")] = 150.0,
-    start_ms: Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")] = 0.0,
-    hop_ms: Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")] = None,
-    per_trial: Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")] = None,
-    stratify: Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")] = None,
-    split_seed: Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")] = 0,
-    tolerance: Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")] = 0.01,
+    window_ms: WindowMs = 150.0,
+    start_ms: StartMs = 0.0,
+    hop_ms: HopMs = None,
+    per_trial: PerTrial = None,
+    stratify: Stratify = None,
+    split_seed: SplitSeed = 0,
+    tolerance: Tolerance = 0.01,
     seed: Seed = 0,
     device: DeviceOption = "cpu",
 ) -> None:
@@ -252,13 +259,8 @@ def train_command(
         raise InputError(f"{out}: is there already and not empty; choose another folder or remove it")
     trains = hdf5.load_spikes(spikes)
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
-    table = {
-        "window": {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial},
-        "split": {"seed": split_seed},
-        "stratify": stratify or [],
-        "exit_tolerance": tolerance,
-    }
-    task = spec.build(Task, table, source="train")
+    window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    task = _task("train", window, split_seed, stratify, tolerance)
     with track("train", what.training.epochs) as advance:
         fitted, sides = trained.fit(
             trains, what, task, (seed, seed + 1), device=_device(device), progress=lambda e: advance(1, _line(e))
@@ -288,13 +290,13 @@ def tune(
     batch: Annotated[int, typer.Option(min=1, help="Trials proposed at once; proposals depend on it.")] = 8,
     assessor: Annotated[str, typer.Option(help="median-stop ends hopeless trials early; or none.")] = "median-stop",
     start_epoch: Annotated[int, typer.Option("--start-epoch", min=1, help="After it, a trial may be stopped.")] = 10,
-    window_ms: Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")] = 150.0,
-    start_ms: Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")] = 0.0,
-    hop_ms: Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")] = None,
-    per_trial: Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")] = None,
-    stratify: Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")] = None,
-    split_seed: Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")] = 0,
-    tolerance: Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")] = 0.01,
+    window_ms: WindowMs = 150.0,
+    start_ms: StartMs = 0.0,
+    hop_ms: HopMs = None,
+    per_trial: PerTrial = None,
+    stratify: Stratify = None,
+    split_seed: SplitSeed = 0,
+    tolerance: Tolerance = 0.01,
     workers: Annotated[int, typer.Option(min=1, help="Processes; the journal is the same for any number.")] = 2,
 ) -> None:
     """Search a network's hyperparameters on validation windows; given the same folder again, it goes on there."""
@@ -309,17 +311,12 @@ def tune(
         "assessor": assessor,
         "start_epoch": start_epoch,
     }
-    table = {
-        "window": {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial},
-        "split": {"seed": split_seed},
-        "stratify": stratify or [],
-        "exit_tolerance": tolerance,
-    }
+    window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
     problem = search.problem_of(
         hdf5.load_spikes(spikes),
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
         spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
-        spec.build(Task, table, source="tune"),
+        _task("tune", window, split_seed, stratify, tolerance),
     )
     try:
         with search.processes(spikes, workers) as run, track("tune", trials) as advance:
@@ -417,6 +414,13 @@ def _find_any(name: str) -> Path:
     if not found:
         raise InputError(f"{name}: there is no such spec; {nearest(name, [path.stem for path in known])}")
     return found[0]
+
+
+def _task(command: str, window: dict[str, Any], split_seed: int, stratify: list[str] | None, tolerance: float) -> Task:
+    """The task that the options of a command describe."""
+    split = {"seed": split_seed}
+    table = {"window": window, "split": split, "stratify": stratify or [], "exit_tolerance": tolerance}
+    return spec.build(Task, table, source=command)
 
 
 def _load_encoder(name: str, assignments: list[str] | None) -> AfferentSpec:

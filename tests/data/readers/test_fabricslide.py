@@ -149,8 +149,8 @@ def test_a_lost_column_is_refused(tmp_path, column, with_header):
 
 
 @pytest.fixture(scope="module")
-def published(real_data):
-    return fabricslide.read(real_data / "fabricslide")
+def published(data_folder):
+    return fabricslide.read(data_folder / "fabricslide")
 
 
 def test_published_slides(published):
@@ -169,10 +169,10 @@ def test_published_slides(published):
     assert set(published.conditions.repetition) == {0, 1}
 
 
-def test_published_slides_that_repeat_a_timestamp_lose_one_row(published, real_data):
+def test_published_slides_that_repeat_a_timestamp_lose_one_row(published, data_folder):
     shorter = []
     for file, signal in zip(published.conditions.file, published.signals, strict=True):
-        content = (real_data / "fabricslide" / "fabric" / file).read_bytes()
+        content = (data_folder / "fabricslide" / "fabric" / file).read_bytes()
         if content.count(b"\n") - 1 != len(signal):
             shorter.append((file, content.count(b"\n") - 1 - len(signal)))
     assert shorter == [("BeigeCotton_F120_V20mmps_0.csv", 1), ("WovenFabric_F150_V-120mmps_0.csv", 1)]

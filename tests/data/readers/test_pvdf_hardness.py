@@ -185,8 +185,8 @@ def test_a_cut_or_damaged_archive_is_what_it_was_or_refused(tmp_path, cut, flips
 
 
 @pytest.fixture(scope="module")
-def published(real_data):
-    return pvdf_hardness.read(real_data / "pvdf-hardness")
+def published(data_folder):
+    return pvdf_hardness.read(data_folder / "pvdf-hardness")
 
 
 def test_published_repack(published):
@@ -204,8 +204,8 @@ def test_published_repack(published):
     assert means.max() < 1.83
 
 
-def test_both_layouts_of_one_trial_agree(published, real_data):
-    native = pvdf_hardness.read(real_data / "pvdf-hardness" / "native")
+def test_both_layouts_of_one_trial_agree(published, data_folder):
+    native = pvdf_hardness.read(data_folder / "pvdf-hardness" / "native")
     assert list(native.conditions.label) == ["cube3", "cube3", "cube11", "cube11"]
     keys = ["cube", "sequence", "speed", "trial"]
     for i in range(len(native)):
