@@ -88,11 +88,11 @@ class Recordings:
     @property
     def labels(self) -> np.ndarray:
         """Class index of each trial, `(trial,)` int64, into `classes`."""
-        return np.searchsorted(np.array(self.classes), self.conditions[LABEL].to_numpy(dtype=str)).astype(np.int64)
+        return class_indices(self.conditions)
 
     @property
     def classes(self) -> tuple[str, ...]:
-        return tuple(sorted(set(self.conditions[LABEL].astype(str))))
+        return class_names(self.conditions)
 
     def select(self, keep: np.ndarray) -> "Recordings":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
@@ -117,6 +117,20 @@ class Recordings:
         if isinstance(self.signals, np.ndarray):
             return replace(self, signals=self.signals * factor, unit=unit)
         return replace(self, signals=[s * factor for s in self.signals], unit=unit)
+
+
+def class_names(conditions: pd.DataFrame) -> tuple[str, ...]:
+    """The classes in a table of conditions, sorted."""
+    return tuple(sorted(set(conditions[LABEL].astype(str))))
+
+
+def class_indices(conditions: pd.DataFrame) -> np.ndarray:
+    """The class of each row, `(trial,)` int64, as an index into `class_names`.
+
+    >>> class_indices(pd.DataFrame({"label": ["silk", "felt", "silk"]})).tolist()
+    [1, 0, 1]
+    """
+    return np.searchsorted(np.array(class_names(conditions)), conditions[LABEL].to_numpy(dtype=str)).astype(np.int64)
 
 
 def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: str = "conditions") -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.data.recordings import LABEL
+from neurotact.data.recordings import class_indices, class_names
 from neurotact.data.windows import Windows
 
 
@@ -44,12 +44,12 @@ class SpikeTrains:
 
     @property
     def classes(self) -> tuple[str, ...]:
-        return tuple(sorted(set(self.conditions[LABEL].astype(str))))
+        return class_names(self.conditions)
 
     @property
     def labels(self) -> np.ndarray:
         """Class index of each trial, `(trial,)` int64, into `classes`."""
-        return np.searchsorted(np.array(self.classes), self.conditions[LABEL].to_numpy(dtype=str)).astype(np.int64)
+        return class_indices(self.conditions)
 
     @property
     def is_sa(self) -> np.ndarray:
