@@ -41,6 +41,8 @@ class Claim(Spec):
     value: float | None = None
     tolerance: float | None = None
     order: tuple[tuple[dict[str, Any], ...], ...] = ()
+    why: str = ""
+    """One sentence, from evidence, of why the study as shipped does not reproduce it."""
 
     @model_validator(mode="after")
     def _is_complete(self) -> "Claim":
@@ -80,6 +82,11 @@ class Verdict(NamedTuple):
     claim: Claim
     ours: str
     reproduced: bool | None
+
+    @property
+    def why(self) -> str:
+        """Why it is not reproduced; nothing where it is, where this run cannot tell and where nobody found out."""
+        return self.claim.why if self.reproduced is False else ""
 
 
 def judge(claim: Claim, results: pd.DataFrame, encoding: pd.DataFrame) -> Verdict:

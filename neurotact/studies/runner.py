@@ -81,12 +81,17 @@ def _claim(folder: Path, study: StudySpec) -> None:
     """Make `folder` this study's; refuse one that is another's."""
     path = folder / "study.toml"
     if path.is_file():
-        if load(folder) != study:
+        if _numbers(load(folder)) != _numbers(study):
             raise InputError(f"{folder}: already holds another study; choose another folder or remove it")
     elif not files.is_free(folder):
         raise InputError(f"{folder}: is not empty and holds no study; choose another folder")
     files.write_text(path, to_toml(study))
     files.write_json(folder / "versions.json", versions())
+
+
+def _numbers(study: StudySpec) -> StudySpec:
+    """What decides the numbers of a study: claims only judge them, and may be mended in a folder that holds some."""
+    return study.model_copy(update={"claims": ()})
 
 
 def _write_csv(table: pd.DataFrame, path: Path) -> None:

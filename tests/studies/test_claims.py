@@ -92,6 +92,13 @@ def test_a_run_without_the_cells_gives_no_verdict():
     assert verdict(claim("at_least", where={"pair": "10&10"}, value=0.1)).reproduced is None
 
 
+def test_why_is_told_only_where_a_claim_is_not_reproduced():
+    reason = "no spikes reach the readout"
+    levels = [claim("at_least", where=PAIRS[1], value=value, why=reason) for value in (0.8, 0.9)]
+    assert [verdict(level).why for level in levels] == ["", reason]
+    assert verdict(claim("at_least", where={"pair": "10&10"}, value=0.1, why=reason)).why == ""
+
+
 def test_an_unknown_column_is_refused_by_its_nearest():
     with pytest.raises(InputError, match="did you mean 'accuracy_test'"):
         verdict(claim("at_least", "accuracy_tset", value=0.1))

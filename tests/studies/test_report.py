@@ -28,9 +28,10 @@ CLAIMS = (
     Claim(name="Counts fall", source="Fig. 6", published="1&1 > 10&10", kind="order", table="encoding",
           measure="spikes_total_per_s", order=(({"pair": "1&1"},), ({"pair": "10&10"},))),
     Claim(name="1&1 is <accurate>", source="Fig. 11", published="99.9 %", kind="value", measure="accuracy_test",
-          where={"pair": "1&1", "dataset": "mixed", "hidden": 30}, value=0.999, tolerance=0.001),
+          where={"pair": "1&1", "dataset": "mixed", "hidden": 30}, value=0.999, tolerance=0.001,
+          why="Chance & noise."),
     Claim(name="7&7", source="Fig. 8", published="90 %", kind="at_least", measure="accuracy_test",
-          where={"pair": "7&7"}, value=0.9),
+          where={"pair": "7&7"}, value=0.9, why="Untold."),
 )  # fmt: skip
 
 
@@ -129,7 +130,9 @@ def test_each_claim_is_told_with_its_verdict(written):
         assert claim.name in text
         assert claim.rule in text
     assert "✓ yes" in text
-    assert "✗ no" in text
+    assert "✗ no: Chance & noise." in text
+    assert "no: Untold." not in text
+    assert text.count("✗ no") == 1
 
 
 def test_what_was_run_is_told(written):

@@ -78,5 +78,8 @@ def test_a_folder_that_holds_anything_else_is_refused(tmp_path):
 
 def test_a_finished_study_runs_again_without_training(finished):
     before = {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}
+    claimed = {"name": "c", "source": "s", "published": "p", "kind": "at_least", "measure": "hidden", "value": 1}
+    runner.run(study.resolve(TINY, {"claims": [claimed]}), finished, workers=1)
+    assert "1 of 1 claims reproduced" in (finished / "report.html").read_text()
     runner.run(study.resolve(TINY), finished, workers=1)
     assert before == {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}
