@@ -5,7 +5,6 @@ says all that was run. A cell is one combination of the swept values, with every
 """
 
 from collections.abc import Iterator, Mapping
-from itertools import product
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -21,10 +20,10 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
+from neurotact.studies import sweeps
 from neurotact.studies.claims import Claim
 
 PARTS: dict[str, type[Spec]] = {"encoder": AfferentSpec, "network": RSNNSpec}
-JOIN = " & "
 
 
 class DatasetSpec(Spec):
@@ -88,17 +87,11 @@ class StudySpec(Spec):
 
     @model_validator(mode="after")
     def _sweeps_known_subsets(self) -> "StudySpec":
-        for axis, values in self.sweep.items():
-            if not values:
-                raise ValueError(f"sweep of '{axis}' has no value")
-            if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
-                raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+        sweeps.check(self.sweep)
         known = list(self.dataset.subsets)
         for name in self.sweep.get("dataset", []):
             if name not in known:
                 raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
-        if not all(isinstance(seed, int) and seed >= 0 for seed in self.sweep.get("seed", [])):
-            raise ValueError("sweep.seed must be whole numbers >= 0")
         return self
 
 
@@ -151,7 +144,7 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     for part, model in PARTS.items():
         if isinstance(table.get(part), str):
             table[part] = _whole(specs.load(model, _beside(path, table[part])))
-    table = specs.override(table, _unswept(table.setdefault("sweep", {}), overrides, path))
+    table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_beside(path, search["space"])))
@@ -171,7 +164,6 @@ def to_toml(study: StudySpec) -> str:
 
 def cells(study: StudySpec) -> Iterator[Cell]:
     """The cells in the order of the sweep: the first axis is the slowest."""
-    axes = list(study.sweep)
     search = _searched(study)
     base = {
         "source": study.dataset.identity(),
@@ -180,11 +172,8 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder", "network")},
         **({"search": search} if search else {}),
     }
-    for point in product(*study.sweep.values()):
-        chosen: dict[str, Any] = {"dataset": next(iter(study.dataset.subsets))}
-        for axis, value in zip(axes, point, strict=True):
-            keys = axis.split(JOIN)
-            chosen |= dict(zip(keys, value if len(keys) > 1 else [value], strict=True))
+    for point in sweeps.points(study.sweep):
+        chosen = {"dataset": next(iter(study.dataset.subsets)), **point}
         chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
         yield specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
 
@@ -193,7 +182,7 @@ def _searched(study: StudySpec) -> dict[str, Any] | None:
     """The study's search without the keys that its sweep decides; nothing where no key is left."""
     if study.search is None:
         return None
-    swept = {key.removeprefix("network.") for axis in study.sweep for key in axis.split(JOIN)}
+    swept = {key.removeprefix("network.") for key in sweeps.keys(study.sweep)}
     space = {key: dimension for key, dimension in study.search.space.items() if key not in swept}
     if not space:
         raise InputError(f"search: the sweep of {study.title} decides every key of its space; drop one of both")
@@ -203,7 +192,7 @@ def _searched(study: StudySpec) -> dict[str, Any] | None:
 def swept_columns(study: StudySpec) -> list[str]:
     """Swept keys that the standard columns of results.csv do not show, such as `window.length_ms`."""
     shown = {"dataset", "seed", "network.hidden", "encoder.ra1.t_ref_ms", "encoder.sa1.t_ref_ms"}
-    return [key for axis in study.sweep for key in axis.split(JOIN) if key not in shown]
+    return [key for key in sweeps.keys(study.sweep) if key not in shown]
 
 
 def value_at(cell: Cell, dotted: str) -> Any:
@@ -212,22 +201,6 @@ def value_at(cell: Cell, dotted: str) -> Any:
     for name in dotted.split("."):
         value = getattr(value, name)
     return value
-
-
-def _unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> dict[str, Any]:
-    """Turn overrides of swept keys into sweeps of one value; return the other overrides."""
-    others = {}
-    for key, value in overrides.items():
-        joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
-        if joint:
-            raise InputError(f"--set {key}: is swept as '{joint[0]}'; set that sweep in a copy of {path.name} instead")
-        if key.startswith("sweep."):
-            sweep[key.removeprefix("sweep.")] = value
-        elif key in sweep:
-            sweep[key] = [value]
-        else:
-            others[key] = value
-    return others
 
 
 def _pop_set(table: dict[str, Any]) -> dict[str, Any]:

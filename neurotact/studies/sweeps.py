@@ -1,0 +1,57 @@
+"""A sweep: axes of dotted keys and their values; the product of the axes gives the cells of a study."""
+
+from collections.abc import Iterator, Mapping
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from neurotact.errors import InputError
+
+JOIN = " & "
+"""Joins keys that are swept together, each point of the axis a list of their values."""
+
+
+def check(sweep: Mapping[str, list[Any]]) -> None:
+    """ValueError where an axis has no value, or a point of a joint axis too few or too many."""
+    for axis, values in sweep.items():
+        if not values:
+            raise ValueError(f"sweep of '{axis}' has no value")
+        if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
+            raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+    if not all(isinstance(seed, int) and seed >= 0 for seed in sweep.get("seed", [])):
+        raise ValueError("sweep.seed must be whole numbers >= 0")
+
+
+def points(sweep: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
+    """The value of each key, for each point of the sweep; the first axis is the slowest.
+
+    >>> list(points({"a & b": [[1, 2]], "seed": [0, 1]}))
+    [{'a': 1, 'b': 2, 'seed': 0}, {'a': 1, 'b': 2, 'seed': 1}]
+    """
+    for point in product(*sweep.values()):
+        chosen: dict[str, Any] = {}
+        for axis, value in zip(sweep, point, strict=True):
+            names = axis.split(JOIN)
+            chosen |= dict(zip(names, value if len(names) > 1 else [value], strict=True))
+        yield chosen
+
+
+def keys(sweep: Mapping[str, list[Any]]) -> list[str]:
+    """Every key that a sweep decides."""
+    return [key for axis in sweep for key in axis.split(JOIN)]
+
+
+def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """Turn overrides of swept keys into sweeps of one value, in `sweep`; return the other overrides."""
+    others = {}
+    for key, value in overrides.items():
+        joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
+        if joint:
+            raise InputError(f"--set {key}: is swept as '{joint[0]}'; set that sweep in a copy of {path.name} instead")
+        if key.startswith("sweep."):
+            sweep[key.removeprefix("sweep.")] = value
+        elif key in sweep:
+            sweep[key] = [value]
+        else:
+            others[key] = value
+    return others
