@@ -30,7 +30,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch
 from neurotact.progress import track
-from neurotact.studies import calibration, preparation, runner, search, study, trained
+from neurotact.studies import calibration, kinds, preparation, runner, search, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
 
@@ -380,7 +380,7 @@ def study_run(
     scheduler: SchedulerOption = None,
 ) -> None:
     """Run a study: every cell of its sweep, the tables, the figures, the report."""
-    _run_study(study.resolve(name, spec.parse_assignments(set_ or []), quick=quick), out, workers, scheduler)
+    _run_study(kinds.resolve(name, spec.parse_assignments(set_ or []), quick=quick), out, workers, scheduler)
 
 
 @study_app.command("resume")
@@ -395,7 +395,7 @@ def study_report(folder: Path) -> None:
     print(runner.finish(runner.load(folder), folder))
 
 
-def _run_study(what: study.StudySpec, out: Path, workers: int | None, scheduler: str | None) -> None:
+def _run_study(what: kinds.Study, out: Path, workers: int | None, scheduler: str | None) -> None:
     if workers and scheduler:
         raise InputError("--workers, --scheduler: give one of them; a cluster has the workers that have joined it")
     try:

@@ -1,6 +1,5 @@
 """One cell of a study: train a network on spike trains, then count what its decisions cost."""
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import whole, write_json
+from neurotact.spec import Spec
 from neurotact.studies import search, trained
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
@@ -18,8 +18,6 @@ SEARCH = "search"
 """The folder of a cell's search."""
 Files = dict[str, bytes]
 """What a cell leaves: the content of each file, by its path in the cell's folder."""
-MapCells = Callable[[list[Cell], Path], Iterator[tuple[Cell, Files]]]
-"""Computes cells from the spike trains in a run folder; yields each with what it leaves, in the order of completion."""
 
 
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files:
@@ -91,16 +89,16 @@ def _search(cell: Cell, trains: SpikeTrains, task: Task, kept: Path) -> Searched
     return Searched(fitted, sides, row, left)
 
 
-def write_cell(left: Files, cell: Cell, folder: Path) -> None:
+def write_cell(left: Files, cell: Spec, folder: Path) -> None:
     """Write what `run_cell` left into `folder/cells/<digest>`; result.json, the last, says that the cell is done."""
     for name in sorted(left, key=lambda name: (name == RESULT, name)):
         with whole(cell_folder(folder, cell) / name) as draft:
             draft.write_bytes(left[name])
 
 
-def is_done(folder: Path, cell: Cell) -> bool:
+def is_done(folder: Path, cell: Spec) -> bool:
     return (cell_folder(folder, cell) / RESULT).is_file()
 
 
-def cell_folder(folder: Path, cell: Cell) -> Path:
+def cell_folder(folder: Path, cell: Spec) -> Path:
     return folder / "cells" / cell.digest()

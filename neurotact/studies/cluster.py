@@ -13,12 +13,10 @@ from uuid import uuid4
 
 import torch
 
-from neurotact.data.hdf5 import load_spikes
-from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.studies.cell import Files, MapCells, run_cell
-from neurotact.studies.preparation import spikes_path
-from neurotact.studies.study import Cell
+from neurotact.studies import kinds
+from neurotact.studies.cell import Files
+from neurotact.studies.kinds import AnyCell, Given, MapCells
 from neurotact.studies.versions import versions
 
 if TYPE_CHECKING:
@@ -73,7 +71,7 @@ async def _reach(address: str) -> None:
         ) from error
 
 
-def _map_cells(client: "Client", address: str, cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, Files]]:
+def _map_cells(client: "Client", address: str, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
     from distributed import KilledWorker, as_completed
 
     cell_of = _submit(client, cells, folder)
@@ -91,36 +89,37 @@ def _map_cells(client: "Client", address: str, cells: list[Cell], folder: Path) 
         yield cell, left
 
 
-def _submit(client: "Client", cells: list[Cell], folder: Path) -> "dict[Future, Cell]":
-    """Send the spike trains of each encoder once, and the cells that use them; futures of what cells leave."""
+def _submit(client: "Client", cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
+    """Send what several cells work on once, and the cells that do; futures of what cells leave."""
     import dask.config
 
     cell_of = {}
     run = uuid4().hex  # runs that share a scheduler share no task
-    for name, group in groupby(sorted(cells, key=_by_spikes), key=_by_spikes):
+
+    def path_of(cell: AnyCell) -> Path:
+        return kinds.given_path(folder, cell)
+
+    for path, group in groupby(sorted(cells, key=path_of), key=path_of):
         same = list(group)
+        name = path.stem
         # A task that gives back what it was sent can run again; scattered data are lost with the worker that held them.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            trains = client.submit(_same, load_spikes(spikes_path(folder, same[0])), key=f"spikes-{name}-{run}")
+            given = client.submit(_same, kinds.load_given(path), key=f"given-{name}-{run}")
         # The first part of the key makes a group of them, which Dask hands out one by one, not all in advance.
         keys = [(f"cells-{name}-{run}", cell.digest()) for cell in same]
-        arguments = same, [trains] * len(same), [versions()] * len(same)
+        arguments = same, [given] * len(same), [versions()] * len(same)
         cell_of |= zip(client.map(_run_on_worker, *arguments, key=keys, retries=RETRIES), same, strict=True)
     return cell_of
 
 
-def _by_spikes(cell: Cell) -> str:
-    return cell.spikes_name
+def _same(given: Given) -> Given:
+    return given
 
 
-def _same(trains: SpikeTrains) -> SpikeTrains:
-    return trains
-
-
-def _run_on_worker(cell: Cell, trains: SpikeTrains, expected: dict[str, str]) -> Files:
+def _run_on_worker(cell: AnyCell, given: Given, expected: dict[str, str]) -> Files:
     _check_worker(expected)  # here too: workers may join while the study runs
     torch.set_num_threads(1)
-    return run_cell(cell, trains)
+    return kinds.run_cell(cell, given)
 
 
 def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None) -> None:

@@ -9,12 +9,10 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from neurotact.data.hdf5 import load_spikes
-from neurotact.data.spikes import SpikeTrains
-from neurotact.studies.cell import Files, MapCells, cell_folder, run_cell
+from neurotact.studies import kinds
+from neurotact.studies.cell import Files, cell_folder
 from neurotact.studies.cluster import cluster
-from neurotact.studies.preparation import spikes_path
-from neurotact.studies.study import Cell
+from neurotact.studies.kinds import AnyCell, Given, MapCells
 from neurotact.studies.workers import spawned_as_done
 
 
@@ -25,21 +23,21 @@ def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextMan
 
 @contextmanager
 def processes(n_workers: int) -> Iterator[MapCells]:
-    """Compute cells in processes of this machine, which read the spike trains in the run folder."""
+    """Compute cells in processes of this machine, which read what they work on in the run folder."""
     with spawned_as_done(n_workers) as run:
 
-        def map_cells(cells: list[Cell], folder: Path) -> Iterator[tuple[Cell, Files]]:
-            jobs = [(cell, spikes_path(folder, cell), cell_folder(folder, cell)) for cell in cells]
+        def map_cells(cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+            jobs = [(cell, kinds.given_path(folder, cell), cell_folder(folder, cell)) for cell in cells]
             return ((cells[place], left) for place, left in run(_run_from_disk, jobs))
 
         yield map_cells
 
 
-def _run_from_disk(job: tuple[Cell, Path, Path]) -> Files:
-    cell, spikes, kept = job
-    return run_cell(cell, _load_spikes(spikes), kept)
+def _run_from_disk(job: tuple[AnyCell, Path, Path]) -> Files:
+    cell, given, kept = job
+    return kinds.run_cell(cell, _load_given(given), kept)
 
 
 @lru_cache(maxsize=2)
-def _load_spikes(path: Path) -> SpikeTrains:
-    return load_spikes(path)
+def _load_given(path: Path) -> Given:
+    return kinds.load_given(path)

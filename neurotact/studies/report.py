@@ -1,7 +1,7 @@
 """The report of a study: its figures and one HTML file that opens anywhere, offline."""
 
 from base64 import b64encode
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,18 +83,13 @@ def write(study: StudySpec, folder: Path) -> Path:
     done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
     trains = _first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
-    figures = []
-    for drawn in drawings(study, folder, done, results, encoding, trains, classes):
-        for suffix in (".svg", ".png"):
-            save(drawn.figure, folder / "figures" / f"{drawn.name}{suffix}")
-            drawn.figure.set_layout_engine("none")  # Laid out once: quicker, and both files look the same.
-        figures.append(_shown(drawn, folder))
+    figures = [keep(drawn, folder) for drawn in drawings(study, folder, done, results, encoding, trains, classes)]
     found = report_cells.cell_details(folder, done, classes)
     details = found if len(found) == len(results) else [{} for _ in range(len(results))]
     write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
     report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
     verdicts = [judge(claim, results, encoding) for claim in study.claims]
-    page = _template().render(
+    page = template("report.html.jinja").render(
         study=study,
         n_done=len(results),
         n_cells=len(list(cells(study))),
@@ -107,14 +102,12 @@ def write(study: StudySpec, folder: Path) -> Path:
         means=means_table(results),
         baseline=baseline_table(folder),
         timing=timing_sentence(folder),
-        downloads=[
-            (name, what, _inline(folder / name)) for name, what in DOWNLOADS.items() if (folder / name).is_file()
-        ],
+        downloads=listed(folder, DOWNLOADS),
         specs=_specs(study),
         seeds=study.sweep.get("seed", [0]),
-        versions=_if_there(folder / "versions.json"),
-        data=_if_there(folder / "data.json"),
-        page=report_page.parts(report_cells.page_data(results, details, classes)),
+        versions=if_there(folder / "versions.json"),
+        data=if_there(folder / "data.json"),
+        page=report_page.parts(report_cells.page_data(results, details, classes), report_page.NETWORKS),
     )
     write_text(folder / "report.html", page)
     return folder / "report.html"
@@ -195,7 +188,7 @@ def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
     order = results[["t_ref_ra_ms", "t_ref_sa_ms"]].apply(tuple, axis=1).rank(method="dense")
     return [
         [
-            Entry(_entry(column, row[column]), int(order[index]) if column == "pair" else _plain(row[column]))
+            Entry(_entry(column, row[column]), int(order[index]) if column == "pair" else plain(row[column]))
             for column in NETWORK_COLUMNS
         ]
         for index, row in results.iterrows()
@@ -226,22 +219,33 @@ def timing_sentence(folder: Path) -> str:
     timings = pd.read_csv(path)
     if timings.empty:
         return ""
-    seconds, epochs = timings["seconds"], timings["epochs"]
-    return (
+    seconds = timings["seconds"]
+    took = (
         f"{len(timings)} cells took {_duration(seconds.sum())} of worker time: {seconds.median():.1f} s in the median, "
-        f"{seconds.max():.1f} s at most, for {epochs.min():.0f} to {epochs.max():.0f} epochs of training each."
+        f"{seconds.max():.1f} s at most"
     )
+    if "epochs" not in timings:
+        return f"{took}."
+    return f"{took}, for {timings['epochs'].min():.0f} to {timings['epochs'].max():.0f} epochs of training each."
 
 
-def _shown(drawn: Drawn, folder: Path) -> dict[str, Any]:
-    """What the page needs of a figure; the picture itself goes into the page."""
+def keep(drawn: Drawn, folder: Path) -> dict[str, Any]:
+    """Write a figure into a run folder; what the page needs of it, the picture itself among it."""
+    for suffix in (".svg", ".png"):
+        save(drawn.figure, folder / "figures" / f"{drawn.name}{suffix}")
+        drawn.figure.set_layout_engine("none")  # Laid out once: quicker, and both files look the same.
     svg = (folder / "figures" / f"{drawn.name}.svg").read_bytes()
     width = round(96 * drawn.figure.get_figwidth())
     source = f"data:image/svg+xml;base64,{b64encode(svg).decode()}"
     return {"source": source, "width": width, **{k: getattr(drawn, k) for k in ("name", "title", "caption", "alt")}}
 
 
-def _inline(path: Path) -> str:
+def listed(folder: Path, downloads: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """The files of a run folder that its page hands on: name, what it is, and a link that holds it."""
+    return [(name, what, inline(folder / name)) for name, what in downloads.items() if (folder / name).is_file()]
+
+
+def inline(path: Path) -> str:
     """A file as a link that works wherever the page goes."""
     kinds = {".csv": "text/csv", ".json": "application/json", ".md": "text/markdown", ".toml": "application/toml"}
     return f"data:{kinds[path.suffix]};base64,{b64encode(path.read_bytes()).decode()}"
@@ -252,7 +256,8 @@ def _first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
     return load_spikes(held) if held else None
 
 
-def _template():
+def template(name: str):
+    """A page's template; what it is not given is an error."""
     environment = Environment(
         loader=PackageLoader("neurotact.studies", "."),
         autoescape=True,
@@ -260,7 +265,7 @@ def _template():
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html.jinja")
+    return environment.get_template(name)
 
 
 def _specs(study: StudySpec) -> dict[str, str]:
@@ -269,7 +274,8 @@ def _specs(study: StudySpec) -> dict[str, str]:
     return {"Whole study": studies.to_toml(study), **{name.capitalize(): to_toml(part) for name, part in parts.items()}}
 
 
-def _if_there(path: Path) -> dict[str, Any]:
+def if_there(path: Path) -> dict[str, Any]:
+    """What a JSON file holds; nothing where there is none."""
     return read_json(path) if path.is_file() else {}
 
 
@@ -287,7 +293,7 @@ def _entry(column: str, value: Any) -> str:
     return str(value)
 
 
-def _plain(value: Any) -> str | float:
+def plain(value: Any) -> str | float:
     """What a table is sorted by; nothing where a number is missing."""
     if isinstance(value, str):
         return value

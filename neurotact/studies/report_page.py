@@ -2,6 +2,7 @@
 
 import json
 from base64 import b64encode
+from collections.abc import Sequence
 from functools import lru_cache
 from gzip import compress
 from hashlib import sha256
@@ -11,7 +12,8 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
-SCRIPTS = ("marks.js", "cell.js", "trade_off.js", "table.js", "main.js")
+NETWORKS = ("marks.js", "plotly.js", "cell.js", "trade_off.js", "table.js", "main.js")
+PROTOCOL = ("marks.js", "plotly.js", "table.js", "protocol.js")
 
 
 class Parts(NamedTuple):
@@ -28,9 +30,9 @@ class Parts(NamedTuple):
     policy: str
 
 
-def parts(data: dict[str, Any]) -> Parts:
-    """The parts of a page that shows `data`."""
-    script = "\n".join(["(() => {", '"use strict";', *map(_read, SCRIPTS), "})();"])
+def parts(data: dict[str, Any], scripts: Sequence[str]) -> Parts:
+    """The parts of a page that shows `data` by the named scripts."""
+    script = "\n".join(["(() => {", '"use strict";', *map(_read, scripts), "})();"])
     plotly, library_hash = _plotly()
     allowed = f"'sha256-{_hash(script)}' '{library_hash}'"
     policy = (

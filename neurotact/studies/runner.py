@@ -8,17 +8,17 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import track
-from neurotact.spec import build, read
-from neurotact.studies import report
+from neurotact.studies import kinds, protocol_report, report
 from neurotact.studies.cell import cell_folder, is_done, write_cell
 from neurotact.studies.executors import executor
-from neurotact.studies.preparation import prepare, spikes_path
-from neurotact.studies.study import Cell, StudySpec, cells, swept_columns, to_toml, value_at
+from neurotact.studies.kinds import AnyCell, Study
+from neurotact.studies.preparation import spikes_path
+from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
+from neurotact.studies.study import Cell, StudySpec, swept_columns, to_toml, value_at
 from neurotact.studies.versions import versions
-from neurotact.studies.workers import in_a_process
 
 
-def run(study: StudySpec, folder: Path, workers: int = 2, scheduler: str | None = None) -> Path:
+def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None) -> Path:
     """Run what is not yet done of `study` in `folder`, then write tables and report; the report's path.
 
     scheduler: address of a Dask scheduler, whose workers compute the cells in place of `workers` processes here.
@@ -27,11 +27,10 @@ def run(study: StudySpec, folder: Path, workers: int = 2, scheduler: str | None 
     """
     with executor(workers, scheduler) as map_cells:
         _claim(folder, study)
-        every = list(cells(study))
         with track("prepare", 1) as advance:
-            in_a_process(prepare, folder, study.dataset, every, study.linear_baseline)
+            kinds.prepare(study, folder)
             advance(1, "")
-        todo = [cell for cell in every if not is_done(folder, cell)]
+        todo = [cell for cell in kinds.cells(study) if not is_done(folder, cell)]
         if todo:
             with track("cells", len(todo)) as advance:
                 for cell, left in map_cells(todo, folder):
@@ -40,27 +39,41 @@ def run(study: StudySpec, folder: Path, workers: int = 2, scheduler: str | None 
     return finish(study, folder)
 
 
-def load(folder: Path) -> StudySpec:
+def load(folder: Path) -> Study:
     """The study that a run folder holds."""
     path = files.existing(folder, "folder") / "study.toml"
     if not path.is_file():
         raise InputError(f"{folder}: holds no study; start one with neurotact study run NAME -o {folder}")
-    return build(StudySpec, read(path), source=str(path))
+    return kinds.read_back(path)
 
 
-def finish(study: StudySpec, folder: Path) -> Path:
-    """Write results.csv, encoding.csv, timings.csv, the figures and the report from what the cells left."""
-    every = list(cells(study))
+def finish(study: Study, folder: Path) -> Path:
+    """Write the tables, the figures and the report from what the cells left; the report's path."""
+    every = kinds.cells(study)
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
         print(f"{folder}: {len(done)} of {len(every)} cells are done; the report shows these", file=sys.stderr)
-    _write_csv(results_table(study, folder, done), folder / "results.csv")
     _write_csv(_timings_table(folder, done), folder / "timings.csv")
-    tables = {cell.spikes_name: spikes_path(folder, cell).with_suffix(".csv") for cell in done}
+    if isinstance(study, ProtocolStudy):
+        ran = [cell for cell in done if isinstance(cell, ProtocolCell)]
+        _write_csv(protocol_table(study, folder, ran), folder / "results.csv")
+        return protocol_report.write(study, folder)
+    trained = [cell for cell in done if isinstance(cell, Cell)]
+    _write_csv(results_table(study, folder, trained), folder / "results.csv")
+    tables = {cell.spikes_name: spikes_path(folder, cell).with_suffix(".csv") for cell in trained}
     _write_csv(pd.concat(map(report.read_encoding, tables.values()), ignore_index=True), folder / "encoding.csv")
     return report.write(study, folder)
+
+
+def protocol_table(study: ProtocolStudy, folder: Path, done: list[ProtocolCell]) -> pd.DataFrame:
+    """The rows of all cells, in the order of the sweep; what was swept stands first."""
+    rows = []
+    for cell in done:
+        swept = swept_values(study, cell)
+        rows += [{**swept, **row} for row in files.read_json(cell_folder(folder, cell) / "result.json")["rows"]]
+    return pd.DataFrame(rows)
 
 
 def results_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFrame:
@@ -72,12 +85,12 @@ def results_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFr
     return pd.DataFrame(rows)
 
 
-def _timings_table(folder: Path, done: list[Cell]) -> pd.DataFrame:
+def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
     rows = [{"cell": c.digest(), **files.read_json(cell_folder(folder, c) / "timing.json")} for c in done]
     return pd.DataFrame(rows)
 
 
-def _claim(folder: Path, study: StudySpec) -> None:
+def _claim(folder: Path, study: Study) -> None:
     """Make `folder` this study's; refuse one that is another's."""
     path = folder / "study.toml"
     if path.is_file():
@@ -89,7 +102,7 @@ def _claim(folder: Path, study: StudySpec) -> None:
     files.write_json(folder / "versions.json", versions())
 
 
-def _numbers(study: StudySpec) -> StudySpec:
+def _numbers(study: Study) -> Study:
     """What decides the numbers of a study: claims only judge them, and may be mended in a folder that holds some."""
     return study.model_copy(update={"claims": ()})
 

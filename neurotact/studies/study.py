@@ -157,7 +157,7 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     return study
 
 
-def to_toml(study: StudySpec) -> str:
+def to_toml(study: Spec) -> str:
     """The resolved study as TOML that `resolve` reads back equal."""
     return specs.to_toml(_whole(study))
 

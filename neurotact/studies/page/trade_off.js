@@ -1,23 +1,9 @@
 // Accuracy against synaptic operations, drawn by plotly: a point a cell, and the fronts of means over seeds.
 
-const SYMBOLS = ["circle", "square", "triangle-up", "diamond", "triangle-down", "cross"];
 const KINDS = {
   full: { cost: "sops_total", gain: "accuracy_test", words: "full window", dash: "solid", open: "" },
   exit: { cost: "exit_sops_total", gain: "exit_accuracy", words: "early exit", dash: "dash", open: "-open" },
 };
-
-/* The library lies in the page gzipped; it is unpacked here and asked of nobody. */
-async function unpackPlotly() {
-  const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
-  document.head.append(element("script", {}, await new Response(stream).text()));
-  return window.Plotly;
-}
-
-/* What plotly takes for markup is told as it is written. */
-function plain(text) {
-  return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
-}
 
 function pointTraces(study, cells, kind) {
   const { cost, gain, words, open } = KINDS[kind];
@@ -74,25 +60,12 @@ function drawTradeOff(plotly, host, study) {
     ...(cells.includes(study.chosen) ? [chosenTrace(study, kinds)] : []),
   ];
   const narrow = host.clientWidth < 600;
-  const axis = { gridcolor: style("--line"), zerolinecolor: style("--line"), linecolor: style("--soft"), automargin: true };
-  const layout = {
-    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: style("--ink"), size: narrow ? 11 : 13 },
-    height: narrow ? 540 : 520, margin: { l: 50, r: 12, t: 34, b: 50 }, hovermode: "closest",
-    hoverlabel: { bgcolor: style("--card"), bordercolor: style("--soft"), font: { color: style("--ink") }, align: "left" },
-    dragmode: window.matchMedia("(pointer: coarse)").matches ? false : "zoom",
-    xaxis: { ...axis, title: { text: "SOPs per sample", standoff: 8 }, rangemode: "tozero" },
-    yaxis: { ...axis, title: { text: "test accuracy (%)" } },
-    legend: {
-      orientation: "h", x: 0, y: narrow ? -0.24 : -0.2, yanchor: "top", traceorder: "normal",
-      ...(narrow ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
-      title: { text: "t<sub>ref</sub> RA-I & SA-I (ms) ", side: "top" },
-    },
-    modebar: { bgcolor: "rgba(0,0,0,0)", color: style("--soft"), activecolor: style("--ink") },
+  const shared = sharedLayout(narrow);
+  return draw(plotly, host, traces, {
+    ...shared,
+    xaxis: { ...axisStyle(), title: { text: "SOPs per sample", standoff: 8 }, rangemode: "tozero" },
+    yaxis: { ...axisStyle(), title: { text: "test accuracy (%)" } },
+    legend: { ...shared.legend, title: { text: "t<sub>ref</sub> RA-I & SA-I (ms) ", side: "top" } },
     uirevision: study.setting,
-  };
-  return plotly.react(host, traces, layout, {
-    responsive: true, displaylogo: false,
-    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
-    toImageButtonOptions: { format: "svg", filename: "trade-off" },
   });
 }

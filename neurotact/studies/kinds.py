@@ -1,0 +1,67 @@
+"""The two kinds of study, told apart in this one place: the sweep of a spiking network, and a paper's own protocol."""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from neurotact import spec as specs
+from neurotact.data.hdf5 import load_spikes
+from neurotact.data.spikes import SpikeTrains
+from neurotact.studies import cell, preparation, protocol_cell, protocol_study, study
+from neurotact.studies.cell import Files
+from neurotact.studies.protocol import Arrays
+from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy
+from neurotact.studies.study import Cell, StudySpec
+from neurotact.studies.workers import in_a_process
+
+Study = StudySpec | ProtocolStudy
+AnyCell = Cell | ProtocolCell
+Given = SpikeTrains | Arrays
+"""What a cell works on: the spikes of its encoder, or the arrays of its protocol."""
+MapCells = Callable[[list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
+"""Computes cells from what they work on in a run folder; yields each with what it leaves, as it is done."""
+
+
+def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False) -> Study:
+    """Load a study file with its parts whole; see `study.resolve` and `protocol_study.resolve`."""
+    path = specs.find(StudySpec.folder, name)
+    table = specs.read(path)
+    if "protocol" in table:
+        return protocol_study.resolve(table, path, overrides, quick=quick)
+    return study.resolve(path, overrides, quick=quick)
+
+
+def read_back(path: Path) -> Study:
+    """The resolved study that a run folder holds."""
+    table = specs.read(path)
+    return specs.build(ProtocolStudy if "protocol" in table else StudySpec, table, source=str(path))
+
+
+def cells(what: Study) -> list[AnyCell]:
+    """The cells in the order of the sweep."""
+    return list(protocol_study.cells(what) if isinstance(what, ProtocolStudy) else study.cells(what))
+
+
+def prepare(what: Study, folder: Path) -> None:
+    """Write what cells share into a run folder, in a process of its own, whose memory is then free again."""
+    if isinstance(what, ProtocolStudy):
+        in_a_process(protocol_cell.prepare, folder, list(protocol_study.cells(what)))
+    else:
+        in_a_process(preparation.prepare, folder, what.dataset, list(study.cells(what)), what.linear_baseline)
+
+
+def given_path(folder: Path, one: AnyCell) -> Path:
+    """Where a run folder holds what a cell works on."""
+    if isinstance(one, ProtocolCell):
+        return protocol_cell.arrays_path(folder, one)
+    return preparation.spikes_path(folder, one)
+
+
+def load_given(path: Path) -> Given:
+    """What a cell works on, from its file."""
+    return protocol_cell.load_arrays(path) if path.suffix == ".npz" else load_spikes(path)
+
+
+def run_cell(one: AnyCell, given: Any, kept: Path | None = None) -> Files:
+    """What a cell leaves. It may run on any machine: it reads and keeps nothing but what is passed."""
+    return protocol_cell.run_cell(one, given) if isinstance(one, ProtocolCell) else cell.run_cell(one, given, kept)

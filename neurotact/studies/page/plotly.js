@@ -1,0 +1,43 @@
+// The drawing library, and what every drawing of this page has in common.
+
+const SYMBOLS = ["circle", "square", "triangle-up", "diamond", "triangle-down", "cross"];
+
+/* The library lies in the page gzipped; it is unpacked here and asked of nobody. */
+async function unpackPlotly() {
+  const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  document.head.append(element("script", {}, await new Response(stream).text()));
+  return window.Plotly;
+}
+
+/* What plotly takes for markup is told as it is written. */
+function plain(text) {
+  return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+}
+
+function axisStyle() {
+  return { gridcolor: style("--line"), zerolinecolor: style("--line"), linecolor: style("--soft"), automargin: true };
+}
+
+/* The layout that drawings share; `narrow` on a telephone. */
+function sharedLayout(narrow) {
+  return {
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: style("--ink"), size: narrow ? 11 : 13 },
+    height: narrow ? 540 : 520, margin: { l: 50, r: 12, t: 34, b: 50 }, hovermode: "closest",
+    hoverlabel: { bgcolor: style("--card"), bordercolor: style("--soft"), font: { color: style("--ink") }, align: "left" },
+    dragmode: window.matchMedia("(pointer: coarse)").matches ? false : "zoom",
+    legend: {
+      orientation: "h", x: 0, y: narrow ? -0.24 : -0.2, yanchor: "top", traceorder: "normal",
+      ...(narrow ? { entrywidth: 0.5, entrywidthmode: "fraction" } : {}),
+    },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: style("--soft"), activecolor: style("--ink") },
+  };
+}
+
+function draw(plotly, host, traces, layout) {
+  return plotly.react(host, traces, layout, {
+    responsive: true, displaylogo: false,
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]],
+    toImageButtonOptions: { format: "svg", filename: "trade-off" },
+  });
+}

@@ -1,0 +1,87 @@
+"""What a paper's own system gives, so that it is swept, run, resumed and reported as every study is.
+
+Each module of `neurotact.studies.protocols` is one system: its `Parameters`, and the functions of `ProtocolModule`.
+It glues; estimators, signals, costs and drawings have their own places.
+"""
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any, NamedTuple, Protocol, cast
+
+import numpy as np
+import pandas as pd
+
+from neurotact.errors import InputError, nearest
+from neurotact.export.style import Drawn
+from neurotact.spec import Spec
+from neurotact.studies import protocols
+
+Arrays = dict[str, np.ndarray]
+"""What the cells of a study share, by name; no array of objects."""
+
+
+class View(NamedTuple):
+    """How a report reads `results.csv`.
+
+    by: columns that name a configuration; the other rows (seeds, splits) are averaged over.
+    measures: columns that are shown, with their heads; a head that ends in (%) is shown in percent.
+    cost, score: the columns of the trade-off figure's axes, both among `measures`.
+    note: what must be known to read the rows, such as which protocol chooses on test data.
+    """
+
+    by: tuple[str, ...]
+    measures: Mapping[str, str]
+    cost: str
+    score: str
+    note: str = ""
+
+
+class TaskData(NamedTuple):
+    """A recognition task as every family of classifiers can see it.
+
+    features: `(example, feature)`, what the paper's classifiers see, not standardised.
+    sequences: `(example, time, channel)` float32, the conditioned signal in `unit`, at `sampling_rate_Hz`.
+    labels: `(example,)` class names; groups: `(example,)`, examples of one group stay on one side of a split.
+    """
+
+    features: np.ndarray
+    sequences: np.ndarray
+    sampling_rate_Hz: float
+    unit: str
+    labels: np.ndarray
+    groups: np.ndarray
+
+
+class ProtocolModule(Protocol):
+    """What a module of `neurotact.studies.protocols` holds.
+
+    Parameters: all that decides a cell's numbers; its field `data` decides the arrays that cells share.
+    """
+
+    Parameters: type[Spec]
+    VIEW: View
+
+    def load(self, data: Any) -> Arrays:
+        """Simulate or read, and prepare, what cells with equal `data` share."""
+        ...
+
+    def run(self, parameters: Any, arrays: Arrays) -> list[dict[str, Any]]:
+        """The rows of `results.csv` of one cell: plain numbers and text."""
+        ...
+
+    def draw(self, results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+        """The figures of the report."""
+        ...
+
+
+def names() -> list[str]:
+    """The protocols that there are."""
+    return sorted(module.name for module in iter_modules(protocols.__path__))
+
+
+def module_of(name: str) -> ProtocolModule:
+    """The module of a protocol; InputError names the nearest where there is none."""
+    if name not in names():
+        raise InputError(f"protocol: there is none called '{name}'; {nearest(name, names())}")
+    return cast(ProtocolModule, import_module(f"{protocols.__name__}.{name}"))

@@ -1,0 +1,157 @@
+"""The report of a protocol study: one HTML file that opens anywhere, offline, and its figures."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.export.tables import write_table
+from neurotact.files import existing, write_text
+from neurotact.spec import to_toml
+from neurotact.studies import protocol_cell, report, report_page
+from neurotact.studies import study as studies
+from neurotact.studies.cell import cell_folder
+from neurotact.studies.claims import judge
+from neurotact.studies.protocol import View, module_of
+from neurotact.studies.protocol_study import ProtocolStudy, cells
+from neurotact.studies.report import Entry
+
+DOWNLOADS = {
+    "results.csv": "one row a run, with its accuracy and its costs",
+    "results.json": "the same",
+    "means.csv": "means and standard deviations of each configuration",
+    "means.md": "the same, to be read",
+    "timings.csv": "time that each cell took",
+    "study.toml": "the study as it was run, every parameter",
+    "versions.json": "versions of what computed it",
+    "data.json": "the hashes of the data",
+}
+LOG_FROM = 30.0
+"""Costs that differ by more than this factor stand on a logarithmic axis."""
+
+
+def write(study: ProtocolStudy, folder: Path) -> Path:
+    """Write `report.html`, its figures, `results.json` and the means from what a run left; the page's path.
+
+    Raises InputError when `results.csv` is not there or a claim names a column that is not there.
+    """
+    module = module_of(study.protocol)
+    results = read_results(folder / "results.csv", module.VIEW)
+    means = over_rows(results, module.VIEW)
+    write_table(results, folder / "results.json")
+    for suffix in (".csv", ".md"):
+        write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
+    every = list(cells(study))
+    arrays = protocol_cell.load_arrays(protocol_cell.arrays_path(folder, every[0]))
+    verdicts = [judge(claim, results, results) for claim in study.claims]
+    parameters = {key: value for key, value in study.parameters.items() if key != "data"}
+    page = report.template("protocol.html.jinja").render(
+        study=study,
+        n_done=sum((cell_folder(folder, cell) / "result.json").is_file() for cell in every),
+        n_cells=len(every),
+        n_rows=len(results),
+        verdicts=verdicts,
+        tally=report.tally(verdicts),
+        figures=[report.keep(drawn, folder) for drawn in module.draw(results, arrays)],
+        note=module.VIEW.note,
+        cost=module.VIEW.measures[module.VIEW.cost],
+        score=module.VIEW.measures[module.VIEW.score],
+        heads=[*map(_words, module.VIEW.by), *module.VIEW.measures.values()],
+        rows=_rows(means, module.VIEW),
+        timing=report.timing_sentence(folder),
+        downloads=report.listed(folder, DOWNLOADS),
+        specs={
+            "Whole study": studies.to_toml(study),
+            "Parameters": to_toml(parameters),
+            "Data": to_toml(study.parameters.get("data", {})),
+        },
+        seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
+        versions=report.if_there(folder / "versions.json"),
+        data=report.if_there(folder / "data.json"),
+        page=report_page.parts(_page_data(means, module.VIEW), report_page.PROTOCOL),
+    )
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
+
+
+def read_results(path: Path, view: View) -> pd.DataFrame:
+    """A run's results.csv; what names a configuration may read "None" or "nan"."""
+    names = {column: [""] for column in view.by}
+    table = pd.read_csv(existing(path), keep_default_na=True)
+    texts = [column for column in names if column in table and table[column].isna().any()]
+    return table.assign(**{column: table[column].fillna("-") for column in texts})
+
+
+def over_rows(results: pd.DataFrame, view: View) -> pd.DataFrame:
+    """Means and standard deviations of each configuration, in the order of the table.
+
+    Columns: those of `view.by`, `rows`, and for each measure its mean under its own name and `<measure>_sd`.
+
+    >>> view = View(("kind",), {"accuracy": "accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy")
+    >>> rows = pd.DataFrame({"kind": ["elm", "elm"], "accuracy": [0.5, 1.0], "flops": [10, 10]})
+    >>> over_rows(rows, view)[["kind", "rows", "accuracy", "flops"]].values.tolist()
+    [['elm', 2, 0.75, 10.0]]
+    """
+    groups = results.groupby(list(view.by), sort=False, dropna=False)
+    columns: dict[str, Any] = {"rows": groups.size()}
+    for measure in (name for name in view.measures if name in results):
+        columns[measure] = groups[measure].mean()
+        columns[f"{measure}_sd"] = groups[measure].std()
+    return pd.DataFrame(columns).reset_index()
+
+
+def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
+    return [
+        [Entry(_name(row[column]), report.plain(row[column])) for column in view.by]
+        + [_entry(head, row.get(measure), row.get(f"{measure}_sd")) for measure, head in view.measures.items()]
+        for row in means.to_dict("records")
+    ]
+
+
+def _entry(head: str, mean: Any, sd: Any) -> Entry:
+    """A mean and its spread as they are read; a head that ends in (%) asks for percent."""
+    if mean is None or pd.isna(mean):
+        return Entry("-", "")
+    scale = _scale(head)
+    spread = 0.0 if sd is None or pd.isna(sd) else scale * float(sd)
+    value = scale * float(mean)
+    digits = 1 if scale > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
+    whole = value == round(value) and scale == 1
+    text = f"{value:,.0f}" if whole else f"{value:,.{digits}f}"
+    return Entry(f"{text} ± {spread:,.{digits}f}" if spread else text, value)
+
+
+def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
+    """A point a configuration; series are told apart by what is named first."""
+    scale = _scale(view.measures[view.score])
+    costs = means[view.cost].to_numpy(float)
+    known = costs[np.isfinite(costs) & (costs > 0)]
+    points = [
+        {
+            "name": ", ".join(f"{_words(column)} {_name(row[column])}" for column in view.by),
+            "series": _name(row[view.by[0]]),
+            "x": _number(row[view.cost]),
+            "y": _number(scale * row[view.score]),
+            "sd": _number(scale * row[f"{view.score}_sd"]),
+        }
+        for row in means.to_dict("records")
+    ]
+    is_log = len(known) == len(costs) and len(known) > 0 and known.max() > LOG_FROM * known.min()
+    return {"points": points, "cost": view.measures[view.cost], "score": view.measures[view.score], "log": bool(is_log)}
+
+
+def _scale(head: str) -> float:
+    return 100.0 if head.endswith("(%)") else 1.0
+
+
+def _number(value: float) -> float | None:
+    return None if pd.isna(value) else float(value)
+
+
+def _name(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _words(column: str) -> str:
+    return column.replace("_", " ").replace(".", " ")

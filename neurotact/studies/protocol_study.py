@@ -1,0 +1,104 @@
+"""A protocol study: a spec that names the system of a paper, its parameters, and what to sweep; its cells."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import model_validator
+
+from neurotact import spec as specs
+from neurotact.errors import InputError
+from neurotact.spec import Spec
+from neurotact.studies import sweeps
+from neurotact.studies.claims import Claim
+from neurotact.studies.protocol import module_of
+
+
+class ProtocolStudy(Spec):
+    """A study of one system (`studies/*.toml` with the key `protocol`)."""
+
+    folder: ClassVar[str] = "studies"
+
+    title: str
+    about: str = ""
+    protocol: str
+    """A module of `neurotact.studies.protocols`."""
+    parameters: dict[str, Any] = {}
+    """Of the protocol; once resolved, all of them."""
+    sweep: dict[str, list[Any]]
+    """Values of each axis: a dotted key of the parameters, or several joined by ` & `."""
+    claims: tuple[Claim, ...] = ()
+
+    @model_validator(mode="after")
+    def _has_a_sweep(self) -> "ProtocolStudy":
+        sweeps.check(self.sweep)
+        return self
+
+
+class ProtocolCell(Spec):
+    """One run of a protocol: everything that decides its numbers."""
+
+    protocol: str
+    parameters: dict[str, Any]
+
+    @property
+    def data_name(self) -> str:
+        """The digest of what decides the arrays that the cell shares with others."""
+        return specs.digest([self.protocol, self.parameters["data"]])
+
+    def built(self) -> Any:
+        """The parameters as the protocol's own spec."""
+        return specs.build(module_of(self.protocol).Parameters, self.parameters, source=f"protocol {self.protocol}")
+
+
+def resolve(
+    table: dict[str, Any], path: Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False
+) -> ProtocolStudy:
+    """The study in a file's table, with its parameters whole.
+
+    overrides: dotted keys of the parameters (`data.trials`, or in full `parameters.data.trials`), or `sweep.KEY`.
+    quick: apply the file's `[quick]` table of overrides first.
+    """
+    quick_overrides = table.pop("quick", {})
+    both = {**(quick_overrides if quick else {}), **(overrides or {})}
+    both = {key.removeprefix("parameters."): value for key, value in both.items()}
+    others = sweeps.unswept(table.setdefault("sweep", {}), both, path)
+    table["parameters"] = specs.override(table.get("parameters", {}), others)
+    study = specs.build(ProtocolStudy, table, source=str(path))
+    model = module_of(study.protocol).Parameters
+    swept = sweeps.keys(study.sweep)
+    first = next(sweeps.points(study.sweep))
+    # Swept keys may have no default: the first point stands for them while the others are made whole.
+    whole = specs.build(model, specs.override(study.parameters, first), source=f"parameters of {path}")
+    given = _without(whole.model_dump(mode="json", exclude_none=True), [key for key in swept if "." not in key])
+    study = study.model_copy(update={"parameters": given})
+    list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
+    return study
+
+
+def cells(study: ProtocolStudy) -> Iterator[ProtocolCell]:
+    """The cells in the order of the sweep: the first axis is the slowest."""
+    model = module_of(study.protocol).Parameters
+    if "data" not in model.model_fields:
+        raise InputError(f"protocol {study.protocol}: its Parameters lack the field 'data'")
+    for point in sweeps.points(study.sweep):
+        table = specs.override(study.parameters, point)
+        parameters = specs.build(model, table, source=f"sweep of {study.title}")
+        yield ProtocolCell(protocol=study.protocol, parameters=parameters.model_dump(mode="json", exclude_none=True))
+
+
+def swept_values(study: ProtocolStudy, cell: ProtocolCell) -> dict[str, Any]:
+    """What the sweep decided of a cell, by the last name of each key, or the whole key where two end alike."""
+    keys = sweeps.keys(study.sweep)
+    ends = [key.rpartition(".")[2] for key in keys]
+    named = {}
+    for key, end in zip(keys, ends, strict=True):
+        value: Any = cell.parameters
+        for name in key.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
+        named[end if ends.count(end) == 1 else key] = str(value) if isinstance(value, (list, dict)) else value
+    return named
+
+
+def _without(table: dict[str, Any], keys: list[str]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if key not in keys}

@@ -1,0 +1,141 @@
+"""A protocol study resolves, runs, resumes and reports as any study does."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.errors import InputError
+from neurotact.studies import kinds, protocol, protocol_cell, protocol_study, protocols, runner, study
+from neurotact.studies.cell import is_done, write_cell
+
+HERE = Path(__file__).parent
+COINS = HERE / "coins.toml"
+
+
+@pytest.fixture(autouse=True)
+def _toy_protocols(monkeypatch):
+    monkeypatch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
+
+
+def run_here(what: protocol_study.ProtocolStudy, folder: Path, n_cells: int | None = None) -> Path:
+    """As `runner.run`, in this process, which alone knows the toy protocol."""
+    runner._claim(folder, what)
+    cells = list(protocol_study.cells(what))
+    protocol_cell.prepare(folder, cells)
+    for cell in cells[:n_cells]:
+        if not is_done(folder, cell):
+            given = kinds.load_given(kinds.given_path(folder, cell))
+            write_cell(kinds.run_cell(cell, given), cell, folder)
+    return runner.finish(what, folder)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
+        folder = tmp_path_factory.mktemp("coins")
+        run_here(kinds.resolve(COINS), folder)
+        yield folder
+
+
+def test_cells_are_the_product_of_the_sweep_with_every_parameter_whole():
+    cells = list(protocol_study.cells(kinds.resolve(COINS)))
+    assert len({cell.digest() for cell in cells}) == len(cells) == 8
+    assert [(c.parameters["rule"], c.parameters["data"]["heads"], c.parameters["seed"]) for c in cells[:3]] == [
+        ("toss", 0.2, 0), ("toss", 0.2, 1), ("toss", 0.9, 0),
+    ]  # fmt: skip
+    assert {cell.parameters["repetitions"] for cell in cells} == {3}
+    assert len({cell.data_name for cell in cells}) == 2
+
+
+@pytest.mark.parametrize("quick", [False, True])
+def test_a_resolved_study_reads_back_equal(tmp_path, quick):
+    what = kinds.resolve(COINS, quick=quick)
+    (tmp_path / "study.toml").write_text(study.to_toml(what))
+    assert kinds.resolve(tmp_path / "study.toml") == kinds.read_back(tmp_path / "study.toml") == what
+
+
+@pytest.mark.parametrize("key", ["data.tosses", "parameters.data.tosses"])
+def test_an_override_reaches_the_parameters(key):
+    what = kinds.resolve(COINS, {key: 7, "rule": "heads"}, quick=True)
+    assert [(c.parameters["rule"], c.parameters["data"]["tosses"]) for c in protocol_study.cells(what)] == [
+        ("heads", 7), ("heads", 7),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ({"repetitons": 3}, "repetitons: unknown key; did you mean 'repetitions'?"),
+        ({"data.tosses": 0}, "data.tosses: must be >= 1; got 0"),
+        ({"sweep.data.heads": [0.5, 2.0]}, "data.heads: must be <= 1; got 2.0"),
+        ({"sweep.seed": []}, "sweep of 'seed' has no value"),
+    ],
+)
+def test_what_is_wrong_is_refused_before_anything_runs(overrides, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        kinds.resolve(COINS, overrides)
+
+
+def test_an_unknown_protocol_is_refused_by_its_nearest_name(tmp_path):
+    (tmp_path / "study.toml").write_text(COINS.read_text().replace('"coins"', '"coin"'))
+    with pytest.raises(InputError, match="there is none called 'coin'; did you mean 'coins'"):
+        kinds.resolve(tmp_path / "study.toml")
+
+
+def test_results_have_a_row_for_each_that_a_cell_gives_and_what_was_swept_first(finished):
+    results = pd.read_csv(finished / "results.csv")
+    assert list(results.columns) == ["rule", "heads", "seed", "repetition", "accuracy_test", "flops"]
+    assert len(results) == 8 * 3
+    fell = np.random.default_rng(0).random(30) < 0.9
+    rows = results[(results["rule"] == "heads") & (results["heads"] == 0.9)]
+    assert rows["accuracy_test"].tolist() == pytest.approx([fell.mean()] * 6)
+
+
+def test_an_interrupted_study_goes_on_to_the_same_bytes(finished, tmp_path):
+    what = kinds.resolve(COINS)
+    run_here(what, tmp_path, n_cells=3)
+    assert len(pd.read_csv(tmp_path / "results.csv")) == 3 * 3
+    run_here(what, tmp_path)
+    for name in ("results.csv", "means.csv", "means.md", "results.json", "data.json", "study.toml"):
+        assert (tmp_path / name).read_bytes() == (finished / name).read_bytes(), name
+
+
+def test_recordings_that_changed_are_refused(finished, tmp_path, monkeypatch):
+    what = kinds.resolve(COINS)
+    run_here(what, tmp_path, n_cells=1)
+    for path in (tmp_path / "data").glob("*.npz"):
+        path.unlink()
+    monkeypatch.setattr(protocol.module_of("coins"), "load", lambda data: {"fell": np.zeros(data.tosses)})
+    with pytest.raises(InputError, match="the recordings changed since this study began"):
+        run_here(what, tmp_path)
+
+
+def test_means_are_over_the_rows_of_a_configuration(finished):
+    means, results = pd.read_csv(finished / "means.csv"), pd.read_csv(finished / "results.csv")
+    groups = results.groupby(["rule", "heads"], sort=False)["accuracy_test"]
+    assert means["rows"].tolist() == [6] * 4
+    assert means["accuracy_test"].tolist() == pytest.approx(groups.mean().tolist())
+    assert means["accuracy_test_sd"].tolist() == pytest.approx(groups.std().tolist())
+
+
+def test_the_report_shows_claims_figures_and_every_configuration(finished):
+    page = (finished / "report.html").read_text()
+    assert "1 of 2 claims reproduced" in page
+    assert "A toss knows nothing." in page
+    assert 'id="figure-tosses"' in page
+    assert len(re.findall(r"<tr data-cell=", page)) == 4
+    assert "Coins.\n" in page
+    assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", page)
+
+
+def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
+    monkeypatch.undo()
+    for name in protocol.names():
+        module = protocol.module_of(name)
+        assert "data" in module.Parameters.model_fields, name
+        assert {module.VIEW.cost, module.VIEW.score} <= set(module.VIEW.measures), name
+        assert all(callable(getattr(module, part)) for part in ("load", "run", "draw")), name
