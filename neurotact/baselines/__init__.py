@@ -1,0 +1,1 @@
+"""The classical classifiers that a spiking network is set beside, in scikit-learn's API."""

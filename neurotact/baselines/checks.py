@@ -1,0 +1,48 @@
+"""Checks of parameters and examples that the estimators share."""
+
+import numbers
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from neurotact.errors import InputError, nearest
+
+
+def at_least(name: str, value: Any, least: float, *, whole: bool = False, above: bool = False) -> None:
+    """InputError unless `value` is a number (a whole one with `whole`) >= `least` (> with `above`).
+
+    >>> at_least("hidden", 0, 1, whole=True)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: hidden: must be a whole number >= 1; got 0
+    """
+    kind = numbers.Integral if whole else numbers.Real
+    number = float(value) if isinstance(value, kind) and not isinstance(value, bool) else float("nan")
+    if not (number > least if above else number >= least) or number == float("inf"):
+        what = "a whole number" if whole else "a finite number"
+        raise InputError(f"{name}: must be {what} {'>' if above else '>='} {least}; got {value!r}")
+
+
+def one_of(name: str, value: object, known: tuple[str, ...]) -> None:
+    """InputError unless `value` is one of the `known` words.
+
+    >>> one_of("activation", "relv", ("sigmoid", "relu"))
+    Traceback (most recent call last):
+    neurotact.errors.InputError: activation: 'relv' is unknown; did you mean 'relu'?
+    """
+    if value not in known:
+        raise InputError(f"{name}: {value!r} is unknown; {nearest(str(value), known)}")
+
+
+def training_examples(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """X `(example, feature)` float64 and y `(example,)`, checked; the estimator takes note of the features."""
+    features, labels = validate_data(estimator, X, y, dtype=np.float64)
+    return np.asarray(features), np.asarray(labels)
+
+
+def further_examples(estimator: BaseEstimator, X: ArrayLike) -> np.ndarray:
+    """X `(example, feature)` float64 for a fitted estimator, checked against the features it was fitted with."""
+    check_is_fitted(estimator)
+    return np.asarray(validate_data(estimator, X, dtype=np.float64, reset=False))

@@ -1,0 +1,126 @@
+"""Extreme learning machines: a random hidden layer, and an output layer found by regularised least squares."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import expit
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils import check_random_state
+
+from neurotact.baselines.checks import at_least, further_examples, one_of, training_examples
+from neurotact.baselines.ridge_path import decompose
+from neurotact.baselines.targets import decide, encode, indices_of, signed
+
+Activation = Literal["sigmoid", "relu", "hard_limit"]
+
+ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "sigmoid": expit,
+    "relu": lambda drive: np.maximum(drive, 0.0),
+    "hard_limit": lambda drive: (drive >= 0).astype(float),
+}
+
+LEAST_POWER = -8
+"""Exponent of the least weight of a hard-limit network: a longer shift leaves nothing of an 8-bit input."""
+
+
+class ELMClassifier(ClassifierMixin, BaseEstimator):
+    """Extreme learning machine, one output a class (one for two classes), targets ±1, largest output wins.
+
+    Stiffness paper, Eq. 1 (S-ELM, R-ELM, H-ELM); materials paper, Eqs. 4 and 5 (RELM, `output_bias=True`).
+    Hidden weights and biases are uniform in (-1, 1); with `hard_limit` the weights become the nearest powers of two.
+    Inputs are taken as they come: standardise them in a pipeline.
+
+    Parameters
+    ----------
+    hidden : neurons of the hidden layer.
+    activation : "sigmoid", "relu" or "hard_limit" (1 from zero on, else 0).
+    alpha : L2 penalty of the output weights (lambda in the papers); 0 gives the solution of least norm.
+    output_bias : whether the outputs have a bias, which is not penalised.
+    random_state : seed or RandomState of the hidden layer.
+
+    Attributes
+    ----------
+    classes_ `(class,)`; hidden_weights_ `(feature, hidden)`; hidden_biases_ `(hidden,)`;
+    coef_ `(hidden, machine)`; intercept_ `(machine,)`, zero without an output bias.
+
+    Raises InputError for a single class and for parameters out of range.
+
+    >>> X = np.array([[0.0], [0.2], [0.8], [1.0]])
+    >>> elm = ELMClassifier(hidden=20, random_state=0).fit(X, ["soft", "soft", "hard", "hard"])
+    >>> elm.predict([[0.1], [0.9]]).tolist()
+    ['soft', 'hard']
+    """
+
+    def __init__(
+        self,
+        hidden: int = 100,
+        activation: Activation = "sigmoid",
+        alpha: float = 1e-3,
+        output_bias: bool = False,
+        random_state: int | np.random.RandomState | None = None,
+    ):
+        self.hidden = hidden
+        self.activation = activation
+        self.alpha = alpha
+        self.output_bias = output_bias
+        self.random_state = random_state
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> "ELMClassifier":
+        """Draw the hidden layer and solve the output layer. X `(example, feature)`, y `(example,)`."""
+        at_least("hidden", self.hidden, 1, whole=True)
+        at_least("alpha", self.alpha, 0)
+        one_of("activation", self.activation, tuple(ACTIVATIONS))
+        X, y = training_examples(self, X, y)
+        self.classes_, indices = encode(y)
+        rng = check_random_state(self.random_state)
+        weights = rng.uniform(-1, 1, (X.shape[1], self.hidden))
+        self.hidden_weights_ = powers_of_two(weights) if self.activation == "hard_limit" else weights
+        self.hidden_biases_ = rng.uniform(-1, 1, self.hidden)
+        targets = signed(indices, len(self.classes_))
+        self._path = decompose(self._hidden(X), targets, intercept=self.output_bias)
+        self.coef_, self.intercept_ = self._path.solution(self.alpha)
+        return self
+
+    def decision_function(self, X: ArrayLike) -> np.ndarray:
+        """Outputs `(example, class)`; for two classes `(example,)`, positive for the second."""
+        scores = self._hidden(further_examples(self, X)) @ self.coef_ + self.intercept_
+        return scores[:, 0] if scores.shape[1] == 1 else scores
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Labels `(example,)`."""
+        scores = self.decision_function(X)
+        return self.classes_[decide(scores.reshape(len(scores), -1))]
+
+    def accuracy_path(self, alphas: ArrayLike, X: ArrayLike, y: ArrayLike) -> np.ndarray:
+        """Accuracy on (X, y) that this network would have, had it been fitted with each alpha, `(alpha,)`.
+
+        The decomposition of the fit serves them all, so that a whole grid costs about as much as one alpha.
+
+        >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
+        >>> elm = ELMClassifier(hidden=10, random_state=0).fit(X, y)
+        >>> bool(elm.accuracy_path([1e-3, 1.0], X, y)[0] == elm.score(X, y))
+        True
+        """
+        truth = indices_of(y, self.classes_)
+        return (decide(self.decision_path(alphas, X)) == truth).mean(axis=1)
+
+    def decision_path(self, alphas: ArrayLike, X: ArrayLike) -> np.ndarray:
+        """Outputs that this network would have with each alpha, `(alpha, example, machine)`."""
+        return self._path.outputs(self._hidden(further_examples(self, X)), alphas)
+
+    def _hidden(self, X: np.ndarray) -> np.ndarray:
+        return ACTIVATIONS[self.activation](X @ self.hidden_weights_ + self.hidden_biases_)
+
+
+def powers_of_two(weights: np.ndarray) -> np.ndarray:
+    """Weights with the same sign whose size is the nearest power of two in ratio, at least `2**LEAST_POWER`.
+
+    A product is then a shift, which small processors do in one cycle (stiffness paper, H-ELM).
+
+    >>> powers_of_two(np.array([0.9, -0.3, 0.6, 1e-9])).tolist()
+    [1.0, -0.25, 0.5, 0.00390625]
+    """
+    sizes = np.maximum(np.abs(weights), 2.0**LEAST_POWER)
+    return np.copysign(np.exp2(np.rint(np.log2(sizes))), weights)
