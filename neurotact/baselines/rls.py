@@ -1,0 +1,83 @@
+"""Regularised least squares in the space of an RBF kernel."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.metrics.pairwise import rbf_kernel
+
+from neurotact.baselines.checks import at_least, further_examples, training_examples
+from neurotact.baselines.targets import decide, encode, indices_of, signed
+
+
+class RLSClassifier(ClassifierMixin, BaseEstimator):
+    """Regularised least squares with the kernel `exp(-||x - x'||² / (2 sigma²))`, one machine a class.
+
+    Materials paper, Eqs. 1 and 2: `(K + alpha I) beta = t` with targets ±1; the largest output wins. It is solved in
+    the eigenvectors of K, so that `alpha = 0` and repeated examples are no trouble. Scale the inputs beforehand.
+
+    Parameters
+    ----------
+    alpha : L2 penalty (lambda in the paper).
+    sigma : width of the kernel, in units of the inputs.
+
+    Attributes
+    ----------
+    classes_ `(class,)`; X_fit_ `(example, feature)`, all of which a prediction needs; dual_coef_ `(example, machine)`.
+
+    Raises InputError for a single class and for parameters out of range.
+
+    >>> X = np.array([[0.0], [0.2], [0.8], [1.0]])
+    >>> RLSClassifier(sigma=0.5).fit(X, ["wood", "wood", "brass", "brass"]).predict([[0.1], [0.9]]).tolist()
+    ['wood', 'brass']
+    """
+
+    def __init__(self, alpha: float = 1e-3, sigma: float = 1.0):
+        self.alpha = alpha
+        self.sigma = sigma
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> "RLSClassifier":
+        """Solve for the dual coefficients. X `(example, feature)`, y `(example,)`."""
+        at_least("alpha", self.alpha, 0)
+        at_least("sigma", self.sigma, 0, above=True)
+        X, y = training_examples(self, X, y)
+        self.classes_, indices = encode(y)
+        self.X_fit_ = X
+        values, vectors = linalg.eigh(self._kernel(X), check_finite=False)
+        kept = values > np.finfo(float).eps * len(X) * values[-1]  # below, an eigenvalue is rounding
+        self._eigenvalues, self._eigenvectors = values[kept], vectors[:, kept]
+        self._projected = self._eigenvectors.T @ signed(indices, len(self.classes_))
+        self.dual_coef_ = self._eigenvectors @ self._filtered([self.alpha])[0]
+        return self
+
+    def decision_function(self, X: ArrayLike) -> np.ndarray:
+        """Outputs `(example, class)`; for two classes `(example,)`, positive for the second."""
+        scores = self._kernel(further_examples(self, X)) @ self.dual_coef_
+        return scores[:, 0] if scores.shape[1] == 1 else scores
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Labels `(example,)`."""
+        scores = self.decision_function(X)
+        return self.classes_[decide(scores.reshape(len(scores), -1))]
+
+    def accuracy_path(self, alphas: ArrayLike, X: ArrayLike, y: ArrayLike) -> np.ndarray:
+        """Accuracy on (X, y) that this machine would have, had it been fitted with each alpha, `(alpha,)`.
+
+        >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
+        >>> rls = RLSClassifier().fit(X, y)
+        >>> bool(rls.accuracy_path([1e-3, 1.0], X, y)[0] == rls.score(X, y))
+        True
+        """
+        truth = indices_of(y, self.classes_)
+        return (decide(self.decision_path(alphas, X)) == truth).mean(axis=1)
+
+    def decision_path(self, alphas: ArrayLike, X: ArrayLike) -> np.ndarray:
+        """Outputs that this machine would have with each alpha, `(alpha, example, machine)`."""
+        return (self._kernel(further_examples(self, X)) @ self._eigenvectors) @ self._filtered(alphas)
+
+    def _kernel(self, X: np.ndarray) -> np.ndarray:
+        return rbf_kernel(X, self.X_fit_, gamma=1 / (2 * self.sigma**2))
+
+    def _filtered(self, alphas: ArrayLike) -> np.ndarray:
+        gains = 1 / (self._eigenvalues + np.asarray(alphas, float)[:, None])
+        return gains[:, :, None] * self._projected
