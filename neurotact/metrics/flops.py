@@ -1,0 +1,462 @@
+"""The cost ledger: what one decision costs, whether an ELM, an LSTM or a spiking network makes it.
+
+A chain is a list of layer descriptors; `cost` counts it analytically. A layer that is not known raises: it never
+counts zero. FLOPs as the papers count them are in `neurotact.metrics.published_flops`.
+
+What is counted:
+- a MAC is a multiplication whose product is added; a sum starts at its bias, so that a bias costs nothing;
+- an AC is an addition or subtraction without a multiplication: what a spike or a zero-or-one input costs;
+- all else is `other_flops`: a multiplication, a comparison or a shift 1, a division or square root 4, an exponential 8
+  (the weights behind the stiffness paper's Tables I and II, whose sigmoid of 14 is 8 + 4 + 1 + 1).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Literal
+
+import pandas as pd
+
+from neurotact.errors import InputError
+
+MAC_ESTIMATE_PJ = 4.6
+"""A 32-bit floating-point multiplication and addition at 45 nm, 3.7 + 0.9 pJ (Horowitz, ISSCC 2014, Fig. 1.1.9)."""
+AC_ESTIMATE_PJ = 0.9
+"""A 32-bit floating-point addition at 45 nm (the same figure); also taken for each of `other_flops`."""
+
+DIVISION = SQUARE_ROOT = 4
+EXPONENTIAL = 8
+ACTIVATION_FLOPS = {
+    "linear": 0,
+    "hard_limit": 1,
+    "relu": 1,
+    "sigmoid": 1 + EXPONENTIAL + 1 + DIVISION,  # 1 / (1 + exp(-x))
+    "tanh": 1 + EXPONENTIAL + 1 + DIVISION + 1,  # 1 - 2 / (exp(2x) + 1)
+    "softmax": EXPONENTIAL + 1 + DIVISION,
+}
+Activation = Literal["linear", "hard_limit", "relu", "sigmoid", "tanh", "softmax"]
+BYTES = 4
+"""Of a weight or a state variable, in single precision."""
+
+
+LEDGER_COLUMNS = [
+    "name",
+    "macs",
+    "acs",
+    "other_flops",
+    "flops",
+    "parameters",
+    "bytes",
+    "sops",
+    "signal_ms",
+    "energy_estimate_nJ",
+]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one decision costs.
+
+    macs, acs, other_flops: operations (see the module); means over decisions need not be whole.
+    parameters: numbers that training fixes. bytes: memory for them and for the state between samples.
+    sops: synaptic operations of the spiking part; each is also one of the `acs`.
+    signal_ms: signal that must have come in before the decision.
+
+    Costs add up along a chain; the signal is the same for all its parts, so of `signal_ms` the longest stands.
+
+    >>> total = Cost(macs=100, signal_ms=75) + Cost(acs=10, signal_ms=50)
+    >>> total.macs, total.flops, total.signal_ms
+    (100, 210, 75)
+    """
+
+    macs: float = 0
+    acs: float = 0
+    other_flops: float = 0
+    parameters: int = 0
+    bytes: int = 0
+    sops: float = 0
+    signal_ms: float = 0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0 <= value < float("inf"):
+                raise InputError(f"cost.{field.name}: must be a finite number >= 0; got {value}")
+
+    def __add__(self, other: "Cost") -> "Cost":
+        summed = {f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)}
+        return Cost(**{**summed, "signal_ms": max(self.signal_ms, other.signal_ms)})
+
+    @property
+    def flops(self) -> float:
+        """All operations: two for a MAC, one for an AC, and the others."""
+        return 2 * self.macs + self.acs + self.other_flops
+
+    @property
+    def energy_estimate_pJ(self) -> float:  # noqa: N802
+        """An estimate of the arithmetic alone, without memory and data movement: 4.6 pJ a MAC, 0.9 pJ all else.
+
+        32-bit floating point at 45 nm (Horowitz, ISSCC 2014); never a measurement.
+
+        >>> Cost(macs=10, acs=100).energy_estimate_pJ
+        136.0
+        """
+        return MAC_ESTIMATE_PJ * self.macs + AC_ESTIMATE_PJ * (self.acs + self.other_flops)
+
+    @property
+    def energy_estimate_nJ(self) -> float:  # noqa: N802
+        """`energy_estimate_pJ` in nanojoules."""
+        return 1e-3 * self.energy_estimate_pJ
+
+
+@dataclass(frozen=True)
+class Layer(ABC):
+    """A part of a chain that can say what it costs. Its whole-number fields are sizes and must be at least 1."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            is_count = field.type is int or field.type == "int"
+            if is_count and (value != int(value) or value < 1):
+                raise InputError(f"{type(self).__name__}.{field.name}: must be a whole number, at least 1; got {value}")
+
+    @abstractmethod
+    def cost(self) -> Cost:
+        """What the layer costs for one decision."""
+
+
+def cost(*layers: Layer, signal_ms: float = 0) -> Cost:
+    """What a chain of layers costs for one decision.
+
+    signal_ms: signal that the chain waits for.
+    Raises InputError for a layer that is none of the descriptors of this module (or of your own `Layer`).
+
+    >>> chain = cost(Dense(8, 51, "relu"), Dense(51, 3), signal_ms=75)
+    >>> chain.macs, chain.other_flops, chain.parameters, chain.flops
+    (561, 51, 615, 1173)
+    """
+    total = Cost(signal_ms=signal_ms)
+    for layer in layers:
+        if not isinstance(layer, Layer):
+            raise InputError(f"cost: {layer!r} is no layer that the ledger can count; describe it as a flops.Layer")
+        total += layer.cost()
+    return total
+
+
+def ledger_table(costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]]) -> pd.DataFrame:
+    """Named costs as a table, a row each, in their order.
+
+    Columns: name, macs, acs, other_flops, flops, parameters, bytes, sops, signal_ms, energy_estimate_nJ.
+
+    >>> ledger_table({"R-FC": cost(Dense(8, 51, "relu"), Dense(51, 3))}).T[0].to_dict()["macs"]
+    561
+    """
+    named = costs.items() if isinstance(costs, Mapping) else costs
+    rows = [
+        {
+            "name": name,
+            "macs": c.macs,
+            "acs": c.acs,
+            "other_flops": c.other_flops,
+            "flops": c.flops,
+            "parameters": c.parameters,
+            "bytes": c.bytes,
+            "sops": c.sops,
+            "signal_ms": c.signal_ms,
+            "energy_estimate_nJ": c.energy_estimate_nJ,
+        }
+        for name, c in named
+    ]
+    return pd.DataFrame(rows, columns=LEDGER_COLUMNS)
+
+
+def _with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:
+    stored = bytes_a_parameter * parameters + BYTES * state
+    return Cost(parameters=parameters, bytes=stored, **operations)
+
+
+def _activations(activation: str, units: int) -> int:
+    if activation not in ACTIVATION_FLOPS:
+        raise InputError(f"activation: '{activation}' is not known; known: {', '.join(ACTIVATION_FLOPS)}")
+    return ACTIVATION_FLOPS[activation] * units
+
+
+@dataclass(frozen=True)
+class Dense(Layer):
+    """A fully connected layer."""
+
+    inputs: int
+    units: int
+    activation: Activation = "linear"
+    bias: bool = True
+
+    def cost(self) -> Cost:
+        parameters = self.units * (self.inputs + self.bias)
+        return _with_weights(
+            parameters, macs=self.inputs * self.units, other_flops=_activations(self.activation, self.units)
+        )
+
+
+@dataclass(frozen=True)
+class PowerOfTwoDense(Layer):
+    """A fully connected layer whose weights are powers of two: a shift and an addition for each (H-ELM's hidden layer).
+
+    A weight takes one byte (sign and exponent), a bias four.
+    """
+
+    inputs: int
+    units: int
+    activation: Activation = "hard_limit"
+    bias: bool = True
+
+    def cost(self) -> Cost:
+        weights, biases = self.inputs * self.units, self.units * self.bias
+        shifts = weights
+        return Cost(
+            acs=weights,
+            other_flops=shifts + _activations(self.activation, self.units),
+            parameters=weights + biases,
+            bytes=weights + BYTES * biases,
+        )
+
+
+@dataclass(frozen=True)
+class BinaryInputDense(Layer):
+    """A fully connected layer that is fed zeros and ones: additions alone (the output of an H-ELM)."""
+
+    inputs: int
+    units: int
+    activation: Activation = "linear"
+    bias: bool = True
+
+    def cost(self) -> Cost:
+        parameters = self.units * (self.inputs + self.bias)
+        return _with_weights(
+            parameters, acs=self.inputs * self.units, other_flops=_activations(self.activation, self.units)
+        )
+
+
+@dataclass(frozen=True)
+class LSTM(Layer):
+    """`steps` steps of an LSTM with one bias a gate.
+
+    A step: four gates; `c = f c + i g`; `h = o tanh(c)`; three sigmoids and two tanhs a unit.
+    """
+
+    inputs: int
+    units: int
+    steps: int = 1
+
+    def cost(self) -> Cost:
+        n, gates = self.units, 4 * self.units * (self.inputs + self.units)
+        other = n * (2 + 3 * ACTIVATION_FLOPS["sigmoid"] + 2 * ACTIVATION_FLOPS["tanh"])
+        return _with_weights(gates + 4 * n, 2 * n, macs=self.steps * (gates + n), other_flops=self.steps * other)
+
+
+@dataclass(frozen=True)
+class GRU(Layer):
+    """`steps` steps of a GRU with one bias a gate.
+
+    A step: three gates; the reset `r h`; `h = g + z (h - g)`; two sigmoids and a tanh a unit.
+    """
+
+    inputs: int
+    units: int
+    steps: int = 1
+
+    def cost(self) -> Cost:
+        n, gates = self.units, 3 * self.units * (self.inputs + self.units)
+        other = n * (1 + 2 * ACTIVATION_FLOPS["sigmoid"] + ACTIVATION_FLOPS["tanh"])
+        operations = {"macs": gates + n, "acs": n, "other_flops": other}
+        return _with_weights(gates + 3 * n, n, **{name: self.steps * value for name, value in operations.items()})
+
+
+@dataclass(frozen=True)
+class Conv2d(Layer):
+    """A two-dimensional convolution with square kernels; `height` and `width` are those of its *output*.
+
+    At a padded border the products with zeros are counted too.
+    """
+
+    height: int
+    width: int
+    channels: int
+    filters: int
+    kernel: int
+    activation: Activation = "linear"
+
+    def cost(self) -> Cost:
+        pixels, weights = self.height * self.width, self.filters * self.channels * self.kernel**2
+        other = _activations(self.activation, pixels * self.filters)
+        return _with_weights(weights + self.filters, macs=pixels * weights, other_flops=other)
+
+
+@dataclass(frozen=True)
+class ConvLSTM(Layer):
+    """`steps` steps of a convolutional LSTM: an LSTM whose products are convolutions with square kernels.
+
+    `height` and `width` are those of its output, as for `Conv2d`; no peepholes.
+    """
+
+    height: int
+    width: int
+    channels: int
+    filters: int
+    kernel: int
+    steps: int = 1
+
+    def cost(self) -> Cost:
+        units = self.height * self.width * self.filters
+        weights = 4 * self.filters * (self.channels + self.filters) * self.kernel**2
+        macs = self.height * self.width * weights + units
+        other = units * (2 + 3 * ACTIVATION_FLOPS["sigmoid"] + 2 * ACTIVATION_FLOPS["tanh"])
+        parameters = weights + 4 * self.filters
+        return _with_weights(parameters, 2 * units, macs=self.steps * macs, other_flops=self.steps * other)
+
+
+@dataclass(frozen=True)
+class RBFExpansion(Layer):
+    """Sum over `units` kernels `exp(-gamma |x - u|²)`, for each of `outputs` (RLS, SVM).
+
+    An RLS has a unit for every training example, an SVM one for every support vector. `outputs` machines may share
+    their units (RLS one against all); otherwise give one expansion a machine. `bias`: one number an output (SVM).
+    """
+
+    units: int
+    features: int
+    outputs: int = 1
+    bias: bool = False
+
+    def cost(self) -> Cost:
+        differences = self.units * self.features
+        weighted = self.units * self.outputs
+        parameters = differences + weighted + self.outputs * self.bias + 1
+        exponentials = self.units * (1 + EXPONENTIAL)  # gamma times the distance, and exp of it
+        return _with_weights(parameters, macs=differences + weighted, acs=differences, other_flops=exponentials)
+
+
+@dataclass(frozen=True)
+class NearestPoints(Layer):
+    """Squared distances to `points` stored points and the `neighbours` nearest of them.
+
+    A class-centroid classifier has a point a class and one neighbour; kNN a point for every training example.
+    """
+
+    points: int
+    features: int
+    neighbours: int = 1
+
+    def cost(self) -> Cost:
+        numbers = self.points * self.features
+        return _with_weights(numbers, macs=numbers, acs=numbers, other_flops=self.points * self.neighbours)
+
+
+@dataclass(frozen=True)
+class MovingAverage(Layer):
+    """`y[i] = a x[i] + (1 - a) y[i - 1]` on every sample of every channel (stiffness paper, Sec. III-B: 3n FLOPs)."""
+
+    samples: int
+    channels: int = 1
+
+    def cost(self) -> Cost:
+        n = self.samples * self.channels
+        return Cost(macs=n, other_flops=n, bytes=BYTES * self.channels)
+
+
+@dataclass(frozen=True)
+class Moments(Layer):
+    """The first `order` of mean, standard deviation, skewness and kurtosis of every channel.
+
+    Each uses what those before it left, over samples that are kept: n additions and a product for the mean; n
+    differences, n squares, a product and a root for the deviation; n MACs each for the sums of third and fourth
+    powers. In FLOPs this is the stiffness paper's Table I.
+    """
+
+    samples: int
+    channels: int = 1
+    order: int = 4
+
+    def cost(self) -> Cost:
+        if self.order > 4:
+            raise InputError(f"Moments.order: there are four moments; got {self.order}")
+        n = self.samples
+        each = (
+            Cost(acs=n, other_flops=1),
+            Cost(macs=n, acs=n, other_flops=1 + SQUARE_ROOT),
+            Cost(macs=n, other_flops=3 + DIVISION),  # 1/n, two products for the cubed deviation
+            Cost(macs=n, other_flops=1 + DIVISION),  # the sum of squares times the variance
+        )
+        one = sum(each[: self.order], Cost())
+        channels, kept = self.channels, n + self.order
+        return Cost(
+            macs=channels * one.macs,
+            acs=channels * one.acs,
+            other_flops=channels * one.other_flops,
+            bytes=BYTES * channels * kept,
+        )
+
+
+@dataclass(frozen=True)
+class Standardise(Layer):
+    """Each feature times its scale plus its offset."""
+
+    features: int
+
+    def cost(self) -> Cost:
+        return _with_weights(2 * self.features, macs=self.features)
+
+
+@dataclass(frozen=True)
+class Projection(Layer):
+    """Projection of centred features on `components` axes (PCA)."""
+
+    features: int
+    components: int
+
+    def cost(self) -> Cost:
+        parameters = self.features * self.components + self.features
+        return _with_weights(parameters, macs=self.features * self.components, acs=self.features)
+
+
+@dataclass(frozen=True)
+class Afferents(Layer):
+    """LIF encoders of SA-I and RA-I for `taxels` taxels each, over `steps` steps.
+
+    Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
+    RA-I takes a difference and its absolute value beside. Refractory steps are counted as the others.
+    """
+
+    taxels: int
+    steps: int
+
+    def cost(self) -> Cost:
+        each = self.taxels * self.steps
+        state = 5 * self.taxels  # both membranes, both refractory counters, the sample before
+        return _with_weights(2, state, macs=4 * each, acs=each, other_flops=3 * each)
+
+
+@dataclass(frozen=True)
+class SpikingLayer(Layer):
+    """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
+
+    sops: operations into this layer in one decision, a mean or a number: an AC each.
+    Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
+    """
+
+    inputs: int
+    neurons: int
+    steps: float
+    sops: float
+    recurrent: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not (self.steps >= 0 and self.sops >= 0):
+            raise InputError(f"SpikingLayer: steps and sops must be >= 0; got {self.steps} and {self.sops}")
+
+    def cost(self) -> Cost:
+        weights = self.neurons * (self.inputs + (self.neurons if self.recurrent else 0))
+        updates = self.neurons * self.steps
+        return _with_weights(
+            weights, 2 * self.neurons, macs=2 * updates, acs=self.sops, other_flops=updates, sops=self.sops
+        )

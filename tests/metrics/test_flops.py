@@ -1,0 +1,229 @@
+"""Costs counted by hand."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.errors import InputError
+from neurotact.metrics import flops, published_flops
+from neurotact.metrics.flops import (
+    GRU,
+    LEDGER_COLUMNS,
+    LSTM,
+    Afferents,
+    BinaryInputDense,
+    Conv2d,
+    ConvLSTM,
+    Cost,
+    Dense,
+    Layer,
+    Moments,
+    MovingAverage,
+    NearestPoints,
+    PowerOfTwoDense,
+    Projection,
+    RBFExpansion,
+    SpikingLayer,
+    Standardise,
+    cost,
+    ledger_table,
+)
+
+EVERY_LAYER = [
+    Dense(8, 3),
+    PowerOfTwoDense(8, 3),
+    BinaryInputDense(8, 3),
+    LSTM(16, 10),
+    GRU(16, 10),
+    Conv2d(4, 4, 1, 2, 3),
+    ConvLSTM(4, 4, 1, 2, 3),
+    RBFExpansion(5, 4),
+    NearestPoints(3, 4),
+    MovingAverage(150, 4),
+    Moments(150, 4),
+    Standardise(16),
+    Projection(16, 3),
+    Afferents(8, 300),
+    SpikingLayer(16, 30, 300, 1000.0),
+]
+
+
+def test_dense_by_hand():
+    # 3 inputs to 2 units: 6 products, each added; 6 weights and 2 biases; a comparison for each ReLU.
+    counted = cost(Dense(3, 2, "relu"))
+    assert counted == Cost(macs=6, other_flops=2, parameters=8, bytes=32)
+    assert counted.flops == 14
+    assert cost(Dense(3, 2, bias=False)).parameters == 6
+
+
+def test_h_elm_by_hand():
+    # 3 features to 2 hard-limit units: 6 shifts, 6 additions, 2 comparisons; 6 weights of a byte, 2 biases of four.
+    hidden = cost(PowerOfTwoDense(3, 2))
+    assert hidden == Cost(acs=6, other_flops=8, parameters=8, bytes=14)
+    # 2 zeros or ones to 3 classes: 6 additions.
+    assert cost(BinaryInputDense(2, 3, bias=False)) == Cost(acs=6, parameters=6, bytes=24)
+
+
+def test_lstm_by_hand():
+    # 1 input, 2 units, one step. Gates: 8 sums of 1 + 2 products = 24 MACs. Cell: f c a product, + i g a MAC, a unit;
+    # o tanh(c) a product a unit; 3 sigmoids of 14 and 2 tanhs of 15 a unit.
+    one = cost(LSTM(1, 2))
+    assert one == Cost(macs=24 + 2, other_flops=2 * (2 + 3 * 14 + 2 * 15), parameters=32, bytes=4 * (32 + 4))
+    five = cost(LSTM(1, 2, steps=5))
+    assert (five.macs, five.other_flops, five.parameters) == (5 * one.macs, 5 * one.other_flops, 32)
+
+
+def test_gru_by_hand():
+    # 1 input, 2 units, one step. Gates: 6 sums of 3 products = 18 MACs. r h a product, h - g a difference,
+    # g + z (h - g) a MAC, a unit; 2 sigmoids and 1 tanh a unit.
+    assert cost(GRU(1, 2)) == Cost(
+        macs=18 + 2, acs=2, other_flops=2 * (1 + 2 * 14 + 15), parameters=24, bytes=4 * (24 + 2)
+    )
+
+
+def test_published_parameters_of_the_touch_modality_paper():
+    assert cost(LSTM(16, 10), Dense(10, 3)).parameters == 1113
+    assert cost(GRU(16, 10), Dense(10, 3)).parameters == 843
+    assert cost(GRU(16, 12), Dense(12, 3)).parameters == 1083
+
+
+def test_convolutions_by_hand():
+    # 2x3 output pixels, 1 channel, 2 filters of 3x3: 6 x 2 x 9 MACs; 2 filters of 9 weights and a bias.
+    assert cost(Conv2d(2, 3, 1, 2, 3)) == Cost(macs=108, parameters=20, bytes=80)
+    # An LSTM of 1 channel and 2 filters on 6 pixels: 4 gates x 2 filters x 3 maps x 9 = 216 weights, 8 biases.
+    convolutional = cost(ConvLSTM(2, 3, 1, 2, 3))
+    assert (convolutional.macs, convolutional.parameters) == (6 * 216 + 12, 224)
+    assert convolutional.other_flops == 12 * (2 + 3 * 14 + 2 * 15)
+
+
+def test_a_conv_lstm_of_one_pixel_and_one_tap_is_an_lstm():
+    assert cost(ConvLSTM(1, 1, 16, 10, 1, steps=20)) == cost(LSTM(16, 10, steps=20))
+
+
+def test_kernel_expansion_by_hand():
+    # 3 units of 2 features, 2 machines: 6 differences, 6 squares added, 3 times (gamma and exp), 6 weighted terms.
+    assert cost(RBFExpansion(3, 2, outputs=2)) == Cost(
+        macs=12, acs=6, other_flops=27, parameters=6 + 6 + 1, bytes=4 * 13
+    )
+    assert cost(RBFExpansion(3, 2, bias=True)).parameters == 6 + 3 + 1 + 1
+
+
+def test_nearest_points_by_hand():
+    # 3 centroids of 2 features: 6 differences, 6 squares added, 3 comparisons.
+    assert cost(NearestPoints(3, 2)) == Cost(macs=6, acs=6, other_flops=3, parameters=6, bytes=24)
+    assert cost(NearestPoints(3, 2, neighbours=2)).other_flops == 6
+
+
+def test_projection_and_scaling_by_hand():
+    assert cost(Projection(4, 2)) == Cost(macs=8, acs=4, parameters=12, bytes=48)
+    assert cost(Standardise(4)) == Cost(macs=4, parameters=8, bytes=32)
+
+
+def test_encoder_by_hand():
+    # 2 taxels, 3 steps, an SA-I and an RA-I each: 12 updates of 2 MACs; 6 differences and absolute values; 12 tests.
+    counted = cost(Afferents(2, 3))
+    assert (counted.macs, counted.acs, counted.other_flops) == (24, 6, 18)
+
+
+def test_spiking_network_by_hand():
+    # 2 afferents, 3 hidden neurons, 4 readouts, 3 steps; SOPs as counted by hand in test_synops: 15, 6 and 8.
+    hidden = SpikingLayer(2, 3, steps=3, sops=15 + 6, recurrent=True)
+    readout = SpikingLayer(3, 4, steps=3, sops=8)
+    counted = cost(hidden, readout, signal_ms=1.5)
+    assert counted.acs == counted.sops == 29
+    assert counted.macs == 2 * 3 * (3 + 4)
+    assert counted.other_flops == 3 * (3 + 4)
+    assert counted.parameters == 2 * 3 + 3 * 3 + 3 * 4
+    assert counted.signal_ms == 1.5
+    # 42 MACs at 4.6 pJ, 29 ACs and 21 comparisons at 0.9 pJ.
+    assert counted.energy_estimate_pJ == pytest.approx(42 * 4.6 + 50 * 0.9)
+    assert counted.energy_estimate_nJ == pytest.approx(1e-3 * counted.energy_estimate_pJ)
+
+
+@given(st.integers(1, 10**5), st.integers(1, 64))
+def test_moments_and_average_are_the_papers_tables_i(n, channels):
+    each = [
+        published_flops.mean_flops(n),
+        published_flops.std_flops(n),
+        published_flops.skewness_flops(n),
+        published_flops.kurtosis_flops(n),
+    ]
+    for order in (1, 2, 3, 4):
+        assert cost(Moments(n, channels, order)).flops == channels * sum(each[:order])
+    assert cost(MovingAverage(n, channels)).flops == channels * published_flops.moving_average_flops(n)
+
+
+@given(st.integers(1, 300), st.integers(1, 64), st.integers(1, 42))
+def test_networks_are_the_papers_table_ii_but_for_its_relu(N, nf, nc):
+    output = Dense(N, nc, bias=False)
+    assert cost(Dense(nf, N, "sigmoid"), output).flops == published_flops.slfn_flops("S-ELM", N, nf, nc)
+    # The paper takes two FLOPs for a ReLU, the ledger the one comparison.
+    assert cost(Dense(nf, N, "relu"), output).flops == published_flops.slfn_flops("R-ELM", N, nf, nc) - N
+    binary = cost(PowerOfTwoDense(nf, N), BinaryInputDense(N, nc, bias=False))
+    assert binary.flops == published_flops.slfn_flops("H-ELM", N, nf, nc)
+    assert binary.macs == 0
+
+
+def test_a_published_block_is_no_count_of_an_inference():
+    ours = cost(LSTM(16, 10), Dense(10, 3)).flops
+    assert ours == 2 * (1040 + 10 + 30) + 10 * 74
+    assert ours != published_flops.touch_modality_flops("LSTM", 10)
+
+
+@given(st.lists(st.sampled_from(EVERY_LAYER), max_size=5), st.lists(st.sampled_from(EVERY_LAYER), max_size=5))
+def test_costs_of_chains_add_up_and_the_longest_signal_stands(first, second):
+    joined = cost(*first, signal_ms=50) + cost(*second, signal_ms=75)
+    whole = cost(*first, *second, signal_ms=75)
+    for name in ("macs", "acs", "other_flops", "flops", "parameters", "bytes", "sops", "signal_ms"):
+        assert getattr(joined, name) == pytest.approx(getattr(whole, name))
+
+
+@pytest.mark.parametrize("layer", EVERY_LAYER, ids=lambda layer: type(layer).__name__)
+def test_no_layer_counts_zero(layer):
+    assert cost(layer).flops > 0
+
+
+def test_every_layer_of_the_module_is_tested():
+    found = {c for c in vars(flops).values() if isinstance(c, type) and issubclass(c, Layer) and c is not Layer}
+    assert found == {type(layer) for layer in EVERY_LAYER}
+
+
+@pytest.mark.parametrize("unknown", [object(), "LSTM", None, Dense])
+def test_an_unknown_layer_raises(unknown):
+    with pytest.raises(InputError, match="no layer that the ledger can count"):
+        cost(Dense(1, 1), unknown)  # type: ignore[arg-type]
+
+
+def test_a_layer_of_your_own_counts():
+    class Doubling(Layer):
+        def cost(self) -> Cost:
+            return Cost(acs=1)
+
+    assert cost(Doubling(), Doubling()).acs == 2
+
+
+@pytest.mark.parametrize(
+    ("make", "complaint"),
+    [
+        (lambda: Dense(0, 3), r"Dense.inputs: must be a whole number, at least 1; got 0"),
+        (lambda: LSTM(16, 10, steps=-1), "LSTM.steps"),
+        (lambda: GRU(16, 1.5), "GRU.units"),  # type: ignore[arg-type]
+        (lambda: SpikingLayer(1, 1, steps=3, sops=-1.0), "sops must be >= 0"),
+        (lambda: SpikingLayer(1, 1, steps=3, sops=float("nan")), "sops must be >= 0"),
+        (lambda: cost(Dense(1, 1, "swish")), "'swish' is not known"),  # type: ignore[arg-type]
+        (lambda: cost(Moments(10, 1, 5)), "four moments"),
+        (lambda: Cost(macs=-1), "cost.macs"),
+        (lambda: Cost(signal_ms=float("inf")), "cost.signal_ms"),
+    ],
+)
+def test_what_cannot_be_is_refused(make, complaint):
+    with pytest.raises(InputError, match=complaint):
+        make()
+
+
+def test_the_table_has_a_row_a_cost_in_the_order_given():
+    table = ledger_table([("b", Cost(macs=1)), ("a", Cost(acs=2, sops=2))])
+    assert table["name"].tolist() == ["b", "a"]
+    assert list(table.columns) == LEDGER_COLUMNS
+    assert table["energy_estimate_nJ"].tolist() == [pytest.approx(4.6e-3), pytest.approx(1.8e-3)]
+    assert list(ledger_table({}).columns) == LEDGER_COLUMNS
