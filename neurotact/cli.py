@@ -30,7 +30,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch
 from neurotact.progress import track
-from neurotact.studies import calibration, kinds, preparation, runner, search, trained
+from neurotact.studies import calibration, kinds, ledger, preparation, runner, search, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
 
@@ -368,6 +368,10 @@ def sops(
     what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
     write_table(table, out, about=sops_summary(summary, what))
     _print_table(summary[SHOWN])
+    network = restored.network
+    sizes = (len(trains.afferents), network.n_classes, network.spec.hidden)
+    costs = ledger.decision_ledger(*sizes, trains.sampling_rate_Hz, summary)
+    _print_table(costs[["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]])
 
 
 @study_app.command("run")

@@ -89,6 +89,7 @@ def prepare(folder: Path, dataset: DatasetSpec, cells: list[Cell], linear_baseli
         features = linear_features(recordings, windows, trains.sampling_rate_Hz)
         parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
         table = baseline_table(recordings, windows, features, parts, subsets)
+        table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
         with whole(folder / "baseline.csv") as draft:
             table.to_csv(draft, index=False)
 

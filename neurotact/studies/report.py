@@ -17,7 +17,7 @@ from neurotact.export.style import Drawn, save
 from neurotact.export.tables import write_table
 from neurotact.files import existing, read_json, write_text
 from neurotact.spec import to_toml
-from neurotact.studies import report_cells, report_page
+from neurotact.studies import ledger, report_cells, report_page
 from neurotact.studies import study as studies
 from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Verdict, judge
@@ -34,6 +34,7 @@ DOWNLOADS = {
     "sops.md": "the same, to be read",
     "encoding.csv": "firing of both populations for each class and condition",
     "baseline.csv": "the linear classifier",
+    "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
     "timings.csv": "time that each cell took",
     "study.toml": "the study as it was run, every part whole",
     "versions.json": "versions of what computed it",
@@ -53,6 +54,18 @@ NETWORK_COLUMNS = {
     "exit_accuracy": "accuracy with early exit (%)",
     "exit_steps": "steps with early exit",
     "exit_sops_total": "SOPs with early exit",
+}
+LEDGER_HEADS = {
+    "name": "decision by",
+    "macs": "MACs",
+    "acs": "ACs",
+    "other_flops": "other FLOPs",
+    "flops": "FLOPs",
+    "parameters": "parameters",
+    "bytes": "memory (bytes)",
+    "sops": "SOPs",
+    "signal_ms": "signal (ms)",
+    "energy_estimate_nJ": "energy, estimate (nJ)",
 }
 
 
@@ -88,6 +101,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     details = found if len(found) == len(results) else [{} for _ in range(len(results))]
     write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
     report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
+    ledger_rows = _ledger(folder, results, trains)
     verdicts = [judge(claim, results, encoding) for claim in study.claims]
     page = template("report.html.jinja").render(
         study=study,
@@ -101,6 +115,8 @@ def write(study: StudySpec, folder: Path) -> Path:
         settings=list(dict.fromkeys(results["setting"])),
         means=means_table(results),
         baseline=baseline_table(folder),
+        ledger=ledger_rows,
+        ledger_about=ledger.ABOUT,
         timing=timing_sentence(folder),
         downloads=listed(folder, DOWNLOADS),
         specs=_specs(study),
@@ -209,6 +225,19 @@ def baseline_table(folder: Path) -> Table | None:
     ]
     caption = "Logistic regression on the mean and deviation of each taxel, on the same windows and the same split"
     return Table(caption, heads, rows, n_heads=1)
+
+
+def _ledger(folder: Path, results: pd.DataFrame, trains: SpikeTrains | None) -> Table | None:
+    """What a decision costs, written to ledger.csv too; None where no spikes say how many afferents there are."""
+    if trains is None:
+        return None
+    path = folder / "baseline.csv"
+    baseline = pd.read_csv(path) if path.is_file() else None
+    sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
+    table = ledger.study_ledger(results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz)
+    write_table(table, folder / "ledger.csv")
+    rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in table.itertuples(index=False, name=None)]
+    return Table("What a decision costs", [LEDGER_HEADS[column] for column in table.columns], rows, n_heads=1)
 
 
 def timing_sentence(folder: Path) -> str:

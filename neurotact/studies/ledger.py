@@ -1,0 +1,102 @@
+"""What a decision of a spiking chain costs, from what was measured of it, beside the linear baseline.
+
+The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from neurotact.export.network_figures import over_seeds
+from neurotact.metrics.flops import (
+    Afferents,
+    Cost,
+    Dense,
+    Moments,
+    MovingAverage,
+    SpikingLayer,
+    Standardise,
+    cost,
+    ledger_table,
+)
+
+SOPS = ("sops_input", "sops_recurrent", "sops_readout")
+ABOUT = (
+    "Conditioning and encoding are counted for both populations of every taxel, on every step of the window. "
+    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ a MAC and 0.9 pJ any other operation, "
+    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
+)
+
+
+def encoding_cost(n_taxels: int, steps: float, signal_ms: float) -> Cost:
+    """Smoothing and both populations of afferents over a window."""
+    window = max(1, round(steps))
+    return cost(MovingAverage(window, n_taxels), Afferents(n_taxels, window), signal_ms=signal_ms)
+
+
+def network_cost(
+    n_afferents: int, hidden: int, n_classes: int, measured: Mapping[str, Any], *, steps: float, signal_ms: float
+) -> Cost:
+    """The recurrent network of one decision.
+
+    measured: mean SOPs of the projections, under the names of `SOPS`.
+    steps: simulated steps of a decision, a mean under early exit.
+
+    >>> found = network_cost(16, 30, 8, {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80},
+    ...                      steps=300, signal_ms=150)
+    >>> found.macs, found.acs, found.parameters
+    (22800, 1280, 1620)
+    """
+    into_hidden = measured["sops_input"] + measured["sops_recurrent"]
+    return cost(
+        SpikingLayer(n_afferents, hidden, steps=steps, sops=into_hidden, recurrent=True),
+        SpikingLayer(hidden, n_classes, steps=steps, sops=measured["sops_readout"]),
+        signal_ms=signal_ms,
+    )
+
+
+def linear_cost(n_taxels: int, samples: int, n_classes: int, signal_ms: float) -> Cost:
+    """Logistic regression on mean and deviation of each taxel, standardised."""
+    features = 2 * n_taxels
+    layers = (Moments(max(1, samples), n_taxels, order=2), Standardise(features), Dense(features, n_classes))
+    return cost(*layers, signal_ms=signal_ms)
+
+
+def decision_ledger(
+    n_afferents: int, n_classes: int, hidden: int, rate_Hz: float, summary: pd.DataFrame
+) -> pd.DataFrame:
+    """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
+
+    summary: of `metrics.synops.summary`.
+    """
+    measured = summary.iloc[-1]
+    steps = float(measured["steps"])
+    signal_ms = 1e3 * steps / rate_Hz
+    encoder = encoding_cost(max(1, n_afferents // 2), steps, signal_ms)
+    network = network_cost(n_afferents, hidden, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    return ledger_table([("encoder", encoder), ("network", network), ("both", encoder + network)])
+
+
+def study_ledger(
+    results: pd.DataFrame, baseline: pd.DataFrame | None, *, n_afferents: int, n_classes: int, rate_Hz: float
+) -> pd.DataFrame:
+    """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
+
+    results: a run's `results.csv` with the columns `pair` and `setting`.
+    baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
+    """
+    n_taxels = max(1, n_afferents // 2)
+    rows: list[tuple[str, Cost]] = []
+    if baseline is not None and "samples" in baseline:
+        window_ms = 1e3 * float(results["window_steps"].iloc[0]) / rate_Hz
+        rows.append(("linear baseline", linear_cost(n_taxels, int(baseline["samples"].iloc[0]), n_classes, window_ms)))
+    for steps in sorted(results["window_steps"].unique()):
+        window_ms = 1e3 * steps / rate_Hz
+        rows.append((f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms)))
+    for _, row in over_seeds(results, [*SOPS, "window_steps"]).iterrows():
+        steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
+        network = network_cost(n_afferents, int(row["hidden"]), n_classes, row, steps=steps, signal_ms=signal_ms)
+        name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
+        rows.append((name, encoding_cost(n_taxels, steps, signal_ms) + network))
+    return ledger_table(rows)

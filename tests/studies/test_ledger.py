@@ -1,0 +1,51 @@
+"""The ledger of spiking chains, from SOPs counted by hand."""
+
+import pandas as pd
+import pytest
+
+from neurotact.metrics import synops
+from neurotact.studies import ledger
+
+
+def test_a_network_by_hand():
+    # 2 afferents, 3 hidden neurons, 4 readouts, 10 steps; 5 input spikes and 2 hidden ones: 15 + 6 + 8 SOPs.
+    table = synops.to_table(
+        labels=["a"], predicted=["a"], steps=[10], input_spikes=[5], hidden_spikes=[2], n_hidden=3, n_readout=4
+    )
+    costs = ledger.decision_ledger(2, 4, 3, 2000.0, synops.summary(table)).set_index("name")
+    network = costs.loc["network"]
+    assert (network.macs, network.acs, network.sops) == (2 * 10 * 7, 29, 29)
+    assert network.parameters == 2 * 3 + 3 * 3 + 3 * 4
+    assert network.energy_estimate_nJ == pytest.approx(1e-3 * (140 * 4.6 + (29 + 70) * 0.9))
+    # One taxel: the average a MAC and a product, the two afferents four MACs, a difference and three others, a step.
+    assert (costs.loc["encoder"].macs, costs.loc["encoder"].acs) == (10 * 5, 10)
+    assert costs.loc["both"].macs == costs.loc["encoder"].macs + network.macs
+    assert costs["signal_ms"].tolist() == [5.0, 5.0, 5.0]
+
+
+def test_the_linear_baseline_by_hand():
+    # 2 taxels, 10 samples, 3 classes: mean 10 ACs, deviation 10 ACs and 10 MACs, a taxel; 4 features; 12 weights.
+    counted = ledger.linear_cost(2, 10, 3, 5.0)
+    assert (counted.macs, counted.acs) == (20 + 4 + 12, 40)
+    assert counted.parameters == 8 + 15
+
+
+def test_a_study_has_the_baseline_the_encoding_and_each_network():
+    rows = [
+        {"setting": "all", "pair": "1&1", "hidden": 20, "seed": seed, "window_steps": 300, "sops_input": 100.0 + seed,
+         "sops_recurrent": 10.0, "sops_readout": 5.0}
+        for seed in (0, 1)
+    ]  # fmt: skip
+    results = pd.DataFrame(rows)
+    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0}
+    table = ledger.study_ledger(results, pd.DataFrame({"samples": [300]}), **sizes)
+    assert table["name"].tolist() == [
+        "linear baseline",
+        "conditioning and encoding alone, 150 ms",
+        "spiking: all, t_ref 1&1 ms, N = 20",
+    ]
+    assert table["sops"].tolist() == [0.0, 0.0, 115.5]
+    assert (table["signal_ms"] == 150).all()
+    older = pd.DataFrame({"accuracy_test": [0.5]})
+    assert ledger.study_ledger(results, older, **sizes)["name"].iloc[0].startswith("conditioning")
+    assert len(ledger.study_ledger(results, None, **sizes)) == 2
