@@ -1,7 +1,7 @@
 """Statistical moments as features: mean, standard deviation, skewness, kurtosis (stiffness paper, Sec. III-C).
 
 They are kept as a state of central sums that pieces of a signal update, so that a peak may come in pieces; a whole
-signal is one piece. The sums of pieces join by the formulas of Chan et al. (1983) and Pébay (Sandia report SAND2008-6212).
+signal is one piece. Sums of pieces join by the formulas of Chan et al. (1983) and Pébay (Sandia SAND2008-6212).
 """
 
 from typing import NamedTuple
