@@ -1,0 +1,82 @@
+"""Seventy people who slide a finger, brush a paintbrush and roll a washer over a 4 x 4 piezoelectric array.
+
+Published as Mendeley Data dmcdp33ctt, version 2 (University of Genoa, COSMIC lab); used by the touch-modality paper.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.readers.tables import cells, is_value, numbers, read_text
+from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
+from neurotact.files import existing
+
+SOURCE = "touch modality (Mendeley Data dmcdp33ctt)"
+SAMPLING_RATE_HZ = 3000.0
+CLASSES = ("brushing", "rolling", "sliding")
+N_SAMPLES = 30000
+"""10 s; what a file holds beyond them is left out, as in the authors' public code."""
+COLUMNS = ("index", *(f"taxel{i + 1}" for i in range(16)))
+
+
+def read(folder: str | Path) -> Recordings:
+    """Every recording in `folder/{brushing,rolling,sliding}/*.lvm`, in V at 3 kHz, `(trial, 30000, 16)`.
+
+    Files are tab-separated without a header: at least 30,000 rows of 17 columns, of which the first is no taxel and
+    dropped. Classes come in the order above, files in the order of their names. Conditions: label, file.
+    The published layout does not say who touched, so there is no condition `person`.
+
+    Raises InputError, which names the file, the place and the fix.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> for name in CLASSES:
+    ...     (folder / name).mkdir()
+    ...     _ = (folder / name / "1.lvm").write_text("\\t".join(["1.65"] * 17 + ["\\n"]).replace("\\t\\n", "\\n") * 30000)
+    >>> touch = read(folder)
+    >>> touch.signals.shape, touch.classes
+    ((3, 30000, 16), ('brushing', 'rolling', 'sliding'))
+    """
+    folder = existing(folder, "folder")
+    files = [(label, path) for label, place in _class_folders(folder).items() for path in _recordings_in(place)]
+    signals = np.empty((len(files), N_SAMPLES, len(COLUMNS) - 1), np.float32)
+    for i, (_, path) in enumerate(files):
+        signals[i] = _read_lvm(path)
+    names = [path.relative_to(folder).as_posix() for _, path in files]
+    conditions = pd.DataFrame({"label": [label for label, _ in files], "file": names})
+    return Recordings(signals, SAMPLING_RATE_HZ, "V", conditions, COLUMNS[1:], SOURCE)
+
+
+def _class_folders(folder: Path) -> dict[str, Path]:
+    found = {place.name.lower(): place for place in sorted(folder.iterdir()) if place.is_dir()}
+    missing = [label for label in CLASSES if label not in found]
+    if missing:
+        raise InputError(
+            f"{folder}: holds no folder '{missing[0]}'; give the folder in which brushing, rolling and sliding lie"
+        )
+    return {label: found[label] for label in CLASSES}
+
+
+def _recordings_in(place: Path) -> list[Path]:
+    files = sorted(p for p in place.iterdir() if p.suffix.lower() == ".lvm" and not p.name.startswith("."))
+    if not files:
+        raise InputError(f"{place}: holds no .lvm file; unpack the published archive again")
+    return files
+
+
+def _read_lvm(path: Path) -> np.ndarray:
+    text = read_text(path)
+    foreign = [cell for cell in cells(text.partition("\n")[0], "\t") if cell and not is_value(cell)]
+    if foreign:
+        raise InputError(f"{path}: line 1 holds {foreign[0][:40]!r} where numbers stand; restore the published file")
+    if text and not text.endswith("\n"):
+        raise InputError(f"{path}: the last line does not end, so the file was cut off; download it again")
+    table = numbers(text, path, separator="\t", names=COLUMNS)
+    if len(table) < N_SAMPLES:
+        raise InputError(
+            f"{path}: holds {len(table)} rows where 10 s at 3 kHz have {N_SAMPLES}; "
+            "download the file again or take it away"
+        )
+    return table[:N_SAMPLES, 1:].astype(np.float32)
