@@ -3,6 +3,7 @@
 import logging
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +18,7 @@ from neurotact import __version__, files, spec
 from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, folder, pvdf_hardness
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.gratings import GratingsSpec, simulate
+from neurotact.data.simulate import contact_materials, gratings
 from neurotact.data.splits import SplitSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError, nearest
@@ -138,7 +139,20 @@ def copy(
 @simulate_app.command("gratings")
 def simulate_gratings(out: OutFile, set_: SetOption = None) -> None:
     """Simulate a PVDF finger sliding over eight gratings (texture paper)."""
-    what = spec.build(GratingsSpec, spec.override({}, spec.parse_assignments(set_ or [])), source="simulate gratings")
+    _simulate(gratings.GratingsSpec, gratings.simulate, set_, out, "simulate gratings")
+
+
+@simulate_app.command("contact-materials")
+def simulate_contact_materials(out: OutFile, set_: SetOption = None) -> None:
+    """Simulate probes of four materials shaken on one piezoelectric element (materials paper)."""
+    simulate = contact_materials.simulate
+    _simulate(contact_materials.ContactMaterialsSpec, simulate, set_, out, "simulate contact-materials")
+
+
+def _simulate(model: type[Any], simulate: Callable[..., Recordings], set_: list[str] | None, out: Path, source: str):
+    """Simulate what `model` describes after the assignments `set_`; a change within a nested table keeps the rest."""
+    table = spec.override(model().model_dump(mode="json"), spec.parse_assignments(set_ or []))
+    what = spec.build(model, table, source=source)
     with track("simulate", what.n_trials) as advance:
         done = 0
 

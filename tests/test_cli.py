@@ -102,6 +102,16 @@ def test_simulated_recordings_become_spikes(neurotact, tmp_path):
     assert n_spikes > 0
 
 
+def test_a_change_within_a_nested_table_keeps_the_rest_of_it(neurotact, tmp_path):
+    options = ("--set", "trials=1", "--set", "film.thickness_um=50", "--set", "probes.wood.loss_factor=0.03")
+    code, out, _ = neurotact("simulate", "contact-materials", *options, "-o", tmp_path / "materials.h5")
+    assert (code, out) == (
+        0,
+        f"{tmp_path}/materials.h5: 40 trials of 4 classes, 2 taxels, 80.0 s at 2000 Hz, in V\n",
+    )
+    assert load_recordings(tmp_path / "materials.h5").channels == ("force", "output")
+
+
 def test_a_folder_is_imported(neurotact, tmp_path):
     for label in ("felt", "silk"):
         (tmp_path / "in" / label).mkdir(parents=True)
@@ -224,7 +234,8 @@ def test_a_copied_spec_serves_where_a_name_does(neurotact, made, tmp_path):
 
 
 COMMANDS = [
-    (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"), ("import",),
+    (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"),
+    ("simulate", "contact-materials"), ("import",),
     ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
