@@ -16,7 +16,6 @@ from sklearn.preprocessing import StandardScaler
 from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, pvdf_hardness
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
-from neurotact.data.simulate import gratings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import Windows, cut
@@ -27,7 +26,7 @@ from neurotact.metrics import spike_trains
 from neurotact.spec import build, digest
 from neurotact.studies.calibration import calibrate
 from neurotact.studies.encoding import encode_recordings
-from neurotact.studies.study import Cell, DatasetSpec
+from neurotact.studies.study import SIMULATIONS, Cell, DatasetSpec
 
 READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 
@@ -35,7 +34,8 @@ READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 def load_dataset(spec: DatasetSpec) -> Recordings:
     """Simulate, read or load the recordings of a study."""
     if spec.simulate is not None:
-        return gratings.simulate(build(gratings.GratingsSpec, spec.parameters, source="dataset.parameters"))
+        model, simulate = SIMULATIONS[spec.simulate]
+        return simulate(build(model, spec.parameters, source="dataset.parameters"))
     if spec.file is not None:
         return hdf5.load_recordings(spec.file)
     return READERS[spec.read or ""](expand(spec.path or ""))

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from neurotact import spec as specs
-from neurotact.data.simulate.gratings import GratingsSpec
+from neurotact.data.simulate import gratings, stiffness
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
@@ -24,12 +24,17 @@ from neurotact.studies import sweeps
 from neurotact.studies.claims import Claim
 
 PARTS: dict[str, type[Spec]] = {"encoder": AfferentSpec, "network": RSNNSpec}
+SIMULATIONS = {
+    "gratings": (gratings.GratingsSpec, gratings.simulate),
+    "stiffness": (stiffness.StiffnessSpec, stiffness.simulate),
+}
+"""The spec and the simulator of each experiment that a study may simulate."""
 
 
 class DatasetSpec(Spec):
     """Where a study's recordings come from, and which parts of them it looks at."""
 
-    simulate: Literal["gratings"] | None = None
+    simulate: Literal["gratings", "stiffness"] | None = None
     parameters: dict[str, Any] = {}
     """Of the simulation, by the keys of its spec."""
     read: Literal["fabricslide", "pvdf-hardness"] | None = None
@@ -152,7 +157,8 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     if study.search is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
-        specs.build(GratingsSpec, study.dataset.parameters, source=f"dataset.parameters of {path}")
+        model, _ = SIMULATIONS[study.dataset.simulate]
+        specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
     list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
     return study
 
