@@ -16,9 +16,10 @@ from rich.table import Table
 
 from neurotact import __version__, files, spec
 from neurotact.data import hdf5
-from neurotact.data.readers import fabricslide, folder, pvdf_hardness
+from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
 from neurotact.data.simulate import contact_materials, gratings
+from neurotact.data.simulate.touch_modality import TouchModalitySpec, simulate_touches
 from neurotact.data.splits import SplitSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError, nearest
@@ -165,6 +166,16 @@ def _simulate(model: type[Any], simulate: Callable[..., Recordings], set_: list[
     _save_recordings(recordings, out)
 
 
+@simulate_app.command("touch-modality")
+def simulate_touch_modality(out: OutFile, set_: SetOption = None) -> None:
+    """Simulate people who slide, brush and roll on a 4 x 4 array (touch-modality paper)."""
+    table = spec.override({}, spec.parse_assignments(set_ or []))
+    what = spec.build(TouchModalitySpec, table, source="simulate touch-modality")
+    with track("simulate", what.people) as advance:
+        recordings = simulate_touches(what, lambda: advance(1, ""))
+    _save_recordings(recordings, out)
+
+
 @import_app.command("fabricslide")
 def import_fabricslide(source: Path, out: OutFile) -> None:
     """FabricSlide: 7 fabrics under a 16-taxel finger (Wang et al. 2022), a folder of CSV files."""
@@ -175,6 +186,12 @@ def import_fabricslide(source: Path, out: OutFile) -> None:
 def import_pvdf_hardness(source: Path, out: OutFile) -> None:
     """A P(VDF-TrFE) patch pressed on five cubes: the published .lvm folders, or a folder of cube*.npz."""
     _save_recordings(pvdf_hardness.read(source), out)
+
+
+@import_app.command("touch-modality")
+def import_touch_modality(source: Path, out: OutFile) -> None:
+    """Sliding, brushing and rolling on a 4 x 4 array (Mendeley Data dmcdp33ctt): three folders of .lvm files."""
+    _save_recordings(touch_modality.read(source), out)
 
 
 @import_app.command("folder")

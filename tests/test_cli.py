@@ -112,6 +112,20 @@ def test_a_change_within_a_nested_table_keeps_the_rest_of_it(neurotact, tmp_path
     assert load_recordings(tmp_path / "materials.h5").channels == ("force", "output")
 
 
+def test_simulated_touches_are_saved(neurotact, tmp_path):
+    options = ("--set", "people=1", "--set", "recording_s=2", "--set", "duration_s=0.5")
+    code, out, _ = neurotact("simulate", "touch-modality", *options, "-o", tmp_path / "touch.h5")
+    assert (code, out) == (0, f"{tmp_path}/touch.h5: 12 trials of 3 classes, 16 taxels, 24.0 s at 3000 Hz, in V\n")
+
+
+def test_published_touches_are_imported(neurotact, tmp_path):
+    for label in ("brushing", "rolling", "sliding"):
+        (tmp_path / "in" / label).mkdir(parents=True)
+        (tmp_path / "in" / label / "1.lvm").write_text(("\t".join(["1.65"] * 17) + "\n") * 30000)
+    code, out, _ = neurotact("import", "touch-modality", tmp_path / "in", "-o", tmp_path / "out.h5")
+    assert (code, out) == (0, f"{tmp_path}/out.h5: 3 trials of 3 classes, 16 taxels, 30.0 s at 3000 Hz, in V\n")
+
+
 def test_a_folder_is_imported(neurotact, tmp_path):
     for label in ("felt", "silk"):
         (tmp_path / "in" / label).mkdir(parents=True)
@@ -235,7 +249,7 @@ def test_a_copied_spec_serves_where_a_name_does(neurotact, made, tmp_path):
 
 COMMANDS = [
     (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"),
-    ("simulate", "contact-materials"), ("import",),
+    ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("import",), ("import", "touch-modality"),
     ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),

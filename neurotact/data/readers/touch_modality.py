@@ -32,9 +32,10 @@ def read(folder: str | Path) -> Recordings:
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
+    >>> row = "\\t".join(["1.65"] * 17) + "\\n"
     >>> for name in CLASSES:
     ...     (folder / name).mkdir()
-    ...     _ = (folder / name / "1.lvm").write_text("\\t".join(["1.65"] * 17 + ["\\n"]).replace("\\t\\n", "\\n") * 30000)
+    ...     _ = (folder / name / "1.lvm").write_text(row * 30000)
     >>> touch = read(folder)
     >>> touch.signals.shape, touch.classes
     ((3, 30000, 16), ('brushing', 'rolling', 'sliding'))
