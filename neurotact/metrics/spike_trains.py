@@ -124,6 +124,21 @@ def isis_ms(spikes: Spikes, sampling_rate_Hz: float) -> Intervals:
     return Intervals(found.trial[1:][within], found.afferent[1:][within], isi)
 
 
+def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
+    """Time of the first spike from the trial's beginning, `(trial, afferent)`; NaN where an afferent is silent.
+
+    >>> latencies_ms(np.array([[[0, 0], [1, 0], [1, 0]]]), sampling_rate_Hz=2000.0).tolist()
+    [[0.5, nan]]
+    """
+    _check_rate(sampling_rate_Hz)
+    found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
+    group = _group(found)
+    is_first = np.diff(group, prepend=-1) != 0
+    latencies = np.full(len(found.trial_steps) * found.n_afferents, np.nan)
+    latencies[group[is_first]] = found.step[is_first] * (1e3 / sampling_rate_Hz)
+    return latencies.reshape(len(found.trial_steps), found.n_afferents)
+
+
 def isi_mean_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
     """Mean inter-spike interval, `(trial, afferent)`; NaN where there is none.
 

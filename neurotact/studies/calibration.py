@@ -19,6 +19,7 @@ from neurotact.data.conditioning import Baseline, condition, fit_standardisation
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec, ConditioningSpec, encode
 from neurotact.errors import InputError
+from neurotact.metrics.isi_distributions import bin_edges
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms
 from neurotact.neurons import LIF
 from neurotact.spec import Spec
@@ -30,8 +31,6 @@ FLOOR_OF_TAU = 0.1
 """To charge within this share of tau_mem takes 10.5 times the drive that just fires: such an ISI is mostly t_ref."""
 STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins so many steps below the gain at which this percentile of the drive just reaches threshold."""
-BIN_RATIO = 1.3
-"""From one bin of ISIs to the next."""
 REST_SD = 2.0
 """Where no baseline is taken off, a taxel's rest is so many standard deviations below its mean level."""
 QUIET = 0.1
@@ -226,7 +225,7 @@ def _search(
         for (part, afferent), gain, raster in zip(POPULATIONS.items(), gains, populations, strict=True):
             neuron = spec.neuron(getattr(spec, part), rate_Hz)
             isi_steps = _isi_steps(raster)
-            edges = _bin_edges(neuron.refractory_steps + 1, signal.shape[1])
+            edges = bin_edges(neuron.refractory_steps + 1, signal.shape[1])
             shares = _isi_shares(isi_steps, raster.shape, edges)
             row = {
                 "afferent": afferent,
@@ -294,12 +293,6 @@ def _floor_share(isi_steps: np.ndarray, neuron: LIF) -> float:
     """Share of the intervals in which charging took one step, or no longer than FLOOR_OF_TAU of tau_mem."""
     charging = max(1, round(-FLOOR_OF_TAU / np.log(neuron.decay)))
     return float((isi_steps <= neuron.refractory_steps + charging).mean()) if len(isi_steps) else 0.0
-
-
-def _bin_edges(shortest: int, longest: int) -> np.ndarray:
-    """Edges between whole steps, spaced evenly in log(ISI) but never closer than a step."""
-    n_bins = max(1, round(np.log(max(longest, shortest + 1) / shortest) / np.log(BIN_RATIO)))
-    return np.unique(np.round(np.geomspace(shortest, max(longest, shortest + 1), n_bins + 1))) - 0.5
 
 
 def _isi_shares(isi_steps: Intervals, shape: tuple[int, ...], edges: np.ndarray) -> np.ndarray:

@@ -11,6 +11,7 @@ from neurotact.metrics.spike_trains import (
     isi_cv,
     isi_mean_ms,
     isis_ms,
+    latencies_ms,
     rates_Hz,
     spike_counts,
 )
@@ -46,6 +47,14 @@ def test_definitions_on_a_raster_counted_by_hand():
     np.testing.assert_allclose(isi_cv(RASTER), [[1 / 3, np.nan], [np.nan, np.nan]])
     # Counts 3 and 2: mean 2.5, variance 0.25. Counts 0 and 1: mean 0.5, variance 0.25.
     np.testing.assert_allclose(fano_factor(RASTER), [0.1, 0.5])
+
+
+@given(rasters())
+def test_the_latency_is_that_of_the_first_spike(raster):
+    found = latencies_ms(as_lists(raster), 1000.0)
+    for (trial, afferent), latency in np.ndenumerate(found):
+        spikes = np.flatnonzero(raster[trial, :, afferent])
+        assert latency == spikes[0] if len(spikes) else np.isnan(latency)
 
 
 @given(rasters())

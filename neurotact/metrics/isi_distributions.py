@@ -1,0 +1,61 @@
+"""Distributions of inter-spike intervals (ISIs) over bins that grow with the interval, and how alike two of them are.
+
+The texture paper (Sec. III-A) chooses the gains of its afferents by them: where the distributions of two gratings
+overlap, their spikes say little of which is which.
+"""
+
+import numpy as np
+
+from neurotact.errors import InputError
+
+BIN_RATIO = 1.3
+"""From one bin of ISIs to the next."""
+
+
+def bin_edges(shortest: int, longest: int, ratio: float = BIN_RATIO) -> np.ndarray:
+    """Edges between whole steps, spaced evenly in log(ISI) but never closer than a step.
+
+    shortest, longest: the intervals, in steps, between which the bins lie.
+
+    >>> bin_edges(2, 20, ratio=2.0).tolist()
+    [1.5, 3.5, 8.5, 19.5]
+    """
+    longest = max(longest, shortest + 1)
+    n_bins = max(1, round(np.log(longest / shortest) / np.log(ratio)))
+    return np.unique(np.round(np.geomspace(shortest, longest, n_bins + 1))) - 0.5
+
+
+def histograms(isi: np.ndarray, group: np.ndarray, n_groups: int, edges: np.ndarray) -> np.ndarray:
+    """Number of intervals of each group in each bin, `(group, bin)` int64; the last bin holds longer ones too.
+
+    isi, group: `(interval,)`, the interval in the unit of `edges` and the group that it belongs to.
+    Raises InputError for an interval below the first edge.
+
+    >>> histograms(np.array([2, 3, 9]), np.array([0, 0, 1]), 2, np.array([1.5, 4.5, 10.5])).tolist()
+    [[2, 0], [0, 1]]
+    """
+    if len(isi) and isi.min() < edges[0]:
+        raise InputError(
+            f"intervals: one of {isi.min():g} lies below the first edge, {edges[0]:g}; begin the bins lower"
+        )
+    n_bins = len(edges) - 1
+    bins = np.clip(np.searchsorted(edges, isi, side="right") - 1, 0, n_bins - 1)
+    return np.bincount(group * n_bins + bins, minlength=n_groups * n_bins).reshape(n_groups, n_bins)
+
+
+def overlap(counts: np.ndarray) -> float:
+    """The share that two groups' distributions have in common, averaged over all pairs of groups.
+
+    1 where all are the same, 0 where no two share a bin. Groups without an interval have no distribution and are left
+    out; NaN where fewer than two are left.
+
+    >>> overlap(np.array([[2, 2, 0], [0, 1, 1]]))
+    0.5
+    """
+    counts = np.asarray(counts, float)
+    heard = counts[counts.sum(axis=1) > 0]
+    if len(heard) < 2:
+        return float("nan")
+    shares = heard / heard.sum(axis=1, keepdims=True)
+    one, other = np.triu_indices(len(shares), k=1)
+    return float(np.minimum(shares[one], shares[other]).sum(axis=1).mean())
