@@ -2,13 +2,11 @@
 
 import numpy as np
 import pandas as pd
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from neurotact.export.style import INK, MUTED, PALE, RA, SA, SERIES, new_figure, printed
+from neurotact.export.style import INK, MUTED, PALE, RA, SA, class_colours, new_figure, printed
 
 POPULATIONS = (("SA-I", SA, "mV per sd"), ("RA-I", RA, "mV per sd/ms"))
 BELOW, ABOVE = 1 / 2, 8
@@ -84,7 +82,7 @@ def _draw_distributions(axes: Axes, isi: pd.DataFrame) -> None:
     """A curve a class, each over its intervals; how many trials and afferents have none is written out."""
     heard = isi[np.isfinite(isi["isi_ms"])]
     labels = list(dict.fromkeys(isi["label"]))
-    for colour, label in zip(_colours(len(labels)), labels, strict=True):
+    for colour, label in zip(class_colours(len(labels)), labels, strict=True):
         mine = heard[heard["label"] == label]
         total = mine["share"].sum()
         axes.plot(mine["isi_ms"], mine["share"] / total if total > 0 else mine["share"], color=colour, label=label)
@@ -92,14 +90,6 @@ def _draw_distributions(axes: Axes, isi: pd.DataFrame) -> None:
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     none = abs(1 - heard["share"].sum() / len(labels))
     axes.text(0.97, 0.98, f"{none:.0%} of afferents\nwithout interval", transform=axes.transAxes, ha="right", va="top")
-
-
-def _colours(n: int) -> list[str]:
-    """The house's colours while they last, then ten distinct ones, then a scale."""
-    if n <= len(SERIES):
-        return [colour for colour, _ in SERIES[:n]]
-    distinct = colormaps["tab10"](np.arange(n)) if n <= 10 else colormaps["viridis"](np.linspace(0, 0.95, n))
-    return [to_hex(colour) for colour in distinct]
 
 
 def _nearest(values: np.ndarray, wanted: float) -> float:

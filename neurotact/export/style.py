@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, ParamSpec
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from neurotact.errors import InputError
@@ -130,3 +131,11 @@ def series_style(index: int) -> dict[str, Any]:
     """Colour and marker of the series at `index`, as keywords of a plot."""
     colour, marker = SERIES[index % len(SERIES)]
     return {"color": colour, "marker": marker}
+
+
+def class_colours(n: int) -> list[str]:
+    """Colours of classes without an order: the house's while they last, then ten distinct ones, then a scale."""
+    if n <= len(SERIES):
+        return [colour for colour, _ in SERIES[:n]]
+    distinct = colormaps["tab10"](np.arange(n)) if n <= 10 else colormaps["viridis"](np.linspace(0, 0.95, n))
+    return [to_hex(colour) for colour in distinct]

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import whole, write_json
+from neurotact.networks.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies import search, trained
+from neurotact.studies import encoded, search, trained
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
 from neurotact.studies.trained import Task
@@ -21,11 +22,15 @@ Files = dict[str, bytes]
 
 
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files:
-    """Train and measure a cell. It may run on any machine: it reads and keeps nothing but what is passed.
+    """Train and measure a cell, or measure its spike trains where it has no network.
+
+    It may run on any machine: it reads and keeps nothing but what is passed.
 
     kept: where the journal of the cell's search is kept, so that a search that was interrupted goes on; without it,
     or without a search, nothing is read or kept.
     """
+    if cell.network is None:
+        return encoded.run(cell, trains)
     began = perf_counter()
     task = Task(
         window=cell.window,
@@ -35,7 +40,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
         exit_tolerance=cell.early_exit.tolerance,
     )
     with TemporaryDirectory() as scratch:
-        searched = _search(cell, trains, task, kept or Path(scratch)) if cell.search else None
+        searched = _search(cell, cell.network, trains, task, kept or Path(scratch)) if cell.search else None
     if searched is None:
         fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
     else:
@@ -71,14 +76,14 @@ class Searched(NamedTuple):
     files: Files
 
 
-def _search(cell: Cell, trains: SpikeTrains, task: Task, kept: Path) -> Searched:
+def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path) -> Searched:
     """Search the cell's network on its validation trials and train the best one again.
 
     The search's seed is drawn from the cell's content, so that cells which differ in their seed alone search anew.
     """
     assert cell.search is not None
     spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
-    problem = search.problem_of(trains, spec, cell.network, task)
+    problem = search.problem_of(trains, spec, network, task)
     place = kept / SEARCH
     trials, _ = search.search(problem, place, search.here(trains, task))
     search.write_tables(problem, place, trials)

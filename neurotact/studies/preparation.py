@@ -101,18 +101,7 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means): texture paper, Figs. 6 and 10.
     """
     rate_Hz = trains.sampling_rate_Hz
-    start = round(cell.window.start_ms * 1e-3 * rate_Hz)
-    if start >= trains.trial_steps.min():
-        raise InputError(
-            f"window.start_ms: {cell.window.start_ms:g} ms is past the end of trial {trains.trial_steps.argmin()}, "
-            f"which lasts {trains.trial_steps.min() / rate_Hz:.3f} s; lower it"
-        )
-    felt = spike_trains.events(
-        [steps[steps >= start] - start for steps in trains.steps],
-        [units[steps >= start] for steps, units in zip(trains.steps, trains.units, strict=True)],
-        trains.trial_steps - start,
-        len(trains.afferents),
-    )
+    felt = felt_spikes(trains, cell.window.start_ms)
     rates = spike_trains.rates_Hz(felt, rate_Hz)
     isis = spike_trains.isis_ms(felt, rate_Hz)
     rows = []
@@ -131,6 +120,23 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     table.insert(0, "t_ref_ra_ms", cell.encoder.ra1.t_ref_ms)
     table.insert(1, "t_ref_sa_ms", cell.encoder.sa1.t_ref_ms)
     return table
+
+
+def felt_spikes(trains: SpikeTrains, start_ms: float) -> spike_trains.Events:
+    """The spikes from so long after each trial's beginning to its end; InputError where a trial is over by then."""
+    rate_Hz = trains.sampling_rate_Hz
+    start = round(start_ms * 1e-3 * rate_Hz)
+    if start >= trains.trial_steps.min():
+        raise InputError(
+            f"window.start_ms: {start_ms:g} ms is past the end of trial {trains.trial_steps.argmin()}, "
+            f"which lasts {trains.trial_steps.min() / rate_Hz:.3f} s; lower it"
+        )
+    return spike_trains.events(
+        [steps[steps >= start] - start for steps in trains.steps],
+        [units[steps >= start] for steps, units in zip(trains.steps, trains.units, strict=True)],
+        trains.trial_steps - start,
+        len(trains.afferents),
+    )
 
 
 def linear_features(recordings: Recordings, windows: Windows, clock_Hz: float) -> np.ndarray:

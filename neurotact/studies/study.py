@@ -83,7 +83,8 @@ class StudySpec(Spec):
     linear_baseline: bool = False
     """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
     encoder: AfferentSpec
-    network: RSNNSpec
+    network: RSNNSpec | None = None
+    """Without one, cells encode and train nothing."""
     search: SearchSpec | None = None
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
     sweep: dict[str, list[Any]]
@@ -99,9 +100,16 @@ class StudySpec(Spec):
                 raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
         return self
 
+    @model_validator(mode="after")
+    def _asks_no_network_that_is_not_there(self) -> "StudySpec":
+        of_network = [axis for axis in self.sweep if "network." in axis] + ["search"] * (self.search is not None)
+        if self.network is None and of_network:
+            raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
+        return self
+
 
 class Cell(Spec):
-    """One training: everything that decides its numbers, and nothing of where files lie."""
+    """One training, or one encoding alone: everything that decides its numbers, and nothing of where files lie."""
 
     source: dict[str, Any]
     dataset: str
@@ -113,14 +121,14 @@ class Cell(Spec):
     split: SplitSpec
     early_exit: EarlyExitSpec
     encoder: AfferentSpec
-    network: RSNNSpec
+    network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """How the network's hyperparameters are searched, which then stand for those that the space names."""
 
     def digest(self) -> str:
-        """As of every spec; a cell without a search has the name that it had before there were searches."""
-        content = self.model_dump(mode="json", exclude={"search"} if self.search is None else None)
-        return specs.digest(content)
+        """As of every spec; what a cell lacks (a search, a network) is no part of its name."""
+        absent = {part for part in ("search", "network") if getattr(self, part) is None}
+        return specs.digest(self.model_dump(mode="json", exclude=absent))
 
     @property
     def seeds(self) -> tuple[int, int]:
@@ -154,7 +162,7 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_beside(path, search["space"])))
     study = specs.build(StudySpec, table, source=str(path))
-    if study.search is not None:
+    if study.search is not None and study.network is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
         model, _ = SIMULATIONS[study.dataset.simulate]
@@ -175,7 +183,8 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         "source": study.dataset.identity(),
         "calibrate": _whole(study.encoder) if study.calibrate else None,
         "seed": 0,
-        **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder", "network")},
+        **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder")},
+        **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
     }
     for point in sweeps.points(study.sweep):

@@ -1,0 +1,123 @@
+"""A cell without a network: what its afferents send, in numbers and as distributions of inter-spike intervals.
+
+The texture paper (Sec. III-A) weighs scaling coefficients of the afferents' currents by these: rates, intervals, how
+far the intervals of different gratings overlap, how much stays silent, and how soon the first spike comes.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.files import whole, write_json
+from neurotact.metrics import isi_distributions, spike_trains
+from neurotact.metrics.spike_trains import Events
+from neurotact.studies.preparation import felt_spikes
+from neurotact.studies.study import Cell
+
+ISI = "isi.csv"
+POPULATIONS = (("SA-I", "sa", "sa1"), ("RA-I", "ra", "ra1"))
+"""Each population: its name, how columns name it, and how the encoder's spec does."""
+
+
+def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
+    """What a cell without a network leaves: `result.json` with its row, `isi.csv`, `timing.json`."""
+    began = perf_counter()
+    chosen = trains.select(select_conditions(trains.conditions, cell.subset))
+    felt = felt_spikes(chosen, cell.window.start_ms)
+    row: dict[str, Any] = {
+        "dataset": cell.dataset,
+        "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
+        "t_ref_sa_ms": cell.encoder.sa1.t_ref_ms,
+        "seed": cell.seed,
+    }
+    parts = []
+    for name, kind, part in POPULATIONS:
+        is_kind = chosen.is_sa if kind == "sa" else ~chosen.is_sa
+        row |= {f"{what}_{kind}{unit}": value for (what, unit), value in measures(felt, is_kind, chosen).items()}
+        counts, edges_ms = _histograms(felt, is_kind, chosen)
+        common = isi_distributions.overlap(counts)
+        row[f"isi_overlap_{kind}"] = None if np.isnan(common) else common
+        own = getattr(cell.encoder, part)
+        table = _as_table(counts, edges_ms, chosen.classes)
+        table.insert(0, "population", name)
+        table.insert(1, "gain", own.gain)
+        table.insert(2, "t_ref_ms", own.t_ref_ms)
+        parts.append(table)
+    with TemporaryDirectory() as scratch:
+        place = Path(scratch)
+        with whole(place / ISI) as draft:
+            pd.concat(parts, ignore_index=True).to_csv(draft, index=False, lineterminator="\n")
+        write_json(place / "result.json", {"row": row})
+        write_json(place / "timing.json", {"seconds": perf_counter() - began})
+        return {path.name: path.read_bytes() for path in place.iterdir()}
+
+
+def measures(felt: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[tuple[str, str], float | None]:
+    """Numbers of one population, means over trials, by name and unit; None where there is nothing to average.
+
+    spikes (per second, of the whole population), isi (mean of all intervals), isi_sd, isi_least, silent_share (of
+    trials without any spike), latency (of the population's first spike; the trial's whole length where it is silent).
+    """
+    rate_Hz = trains.sampling_rate_Hz
+    found = spike_trains.isis_ms(felt, rate_Hz)
+    isi_ms = found.isi_ms[is_kind[found.afferent]]
+    first_ms = spike_trains.latencies_ms(felt, rate_Hz)[:, is_kind]
+    is_silent = np.isnan(first_ms).all(axis=1)
+    until_ms = 1e3 * felt.trial_steps / rate_Hz
+    latency_ms = np.where(is_silent, until_ms, np.where(np.isnan(first_ms), np.inf, first_ms).min(axis=1))
+    return {
+        ("spikes", "_per_s"): float(spike_trains.rates_Hz(felt, rate_Hz)[:, is_kind].sum(axis=1).mean()),
+        ("isi", "_ms"): float(isi_ms.mean()) if len(isi_ms) else None,
+        ("isi_sd", "_ms"): float(isi_ms.std()) if len(isi_ms) else None,
+        ("isi_least", "_ms"): float(isi_ms.min()) if len(isi_ms) else None,
+        ("silent_share", ""): float(is_silent.mean()),
+        ("latency", "_ms"): float(latency_ms.mean()),
+    }
+
+
+def _histograms(felt: Events, is_kind: np.ndarray, trains: SpikeTrains) -> tuple[np.ndarray, np.ndarray]:
+    """The intervals of one population, `(class, bin)`, and the bins' edges in ms.
+
+    The bins are the same for every encoder of these trials: from one step to the longest trial.
+    """
+    rate_Hz = trains.sampling_rate_Hz
+    edges_ms = (1e3 / rate_Hz) * isi_distributions.bin_edges(1, int(felt.trial_steps.max()))
+    found = spike_trains.isis_ms(felt, rate_Hz)
+    mine = is_kind[found.afferent]
+    labels = trains.labels[found.trial[mine]]
+    return isi_distributions.histograms(found.isi_ms[mine], labels, len(trains.classes), edges_ms), edges_ms
+
+
+def _as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) -> pd.DataFrame:
+    """A row a class and bin that holds any interval: their number, and their share of the class's."""
+    label, at = np.nonzero(counts)
+    n = counts[label, at]
+    columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[at], "isi_to_ms": edges_ms[at + 1], "n": n}
+    return pd.DataFrame({**columns, "share": n / counts.sum(axis=1)[label]})
+
+
+def isi_table(folders: Sequence[Path], rows: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """The distributions of all cells: their own columns after the data set and the swept keys of `results.csv`.
+
+    folders: where the cells are kept, one for each row. Gains and refractory periods stand there already.
+    """
+    own = [key for key in keys if not key.endswith((".gain", ".t_ref_ms"))]
+    parts = []
+    for place, (_, row) in zip(folders, rows.iterrows(), strict=True):
+        table = read_isi(place / ISI)
+        for key in reversed(["dataset", *own]):
+            table.insert(0, key, row[key])
+        parts.append(table)
+    return pd.concat(parts, ignore_index=True).drop_duplicates(ignore_index=True)
+
+
+def read_isi(path: Path) -> pd.DataFrame:
+    """An `isi.csv`; a class may be called "None"."""
+    return pd.read_csv(path, dtype={"label": str}, keep_default_na=False)
