@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional, init
 
 from neurotact.baselines.checks import at_least
-from neurotact.baselines.sweeps import GRUSweep, LSTMSweep, Shape, Sweep
+from neurotact.baselines.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from neurotact.baselines.targets import encode
 from neurotact.errors import InputError
 
@@ -28,7 +28,7 @@ PREDICTED_AT_ONCE = 256
 class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
     """What the two have in common: a layer of `hidden` cells whose last state feeds a dense softmax."""
 
-    _sweep: ClassVar[type[Sweep]]
+    _layers: ClassVar[type[Layers]]
 
     def __init__(
         self,
@@ -66,15 +66,15 @@ class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
 
     def _logits(self, signals: Tensor) -> Tensor:
         n_trials, n_steps, n_channels = signals.shape
-        sweep = self._sweep(Shape(1, n_trials, n_steps, n_channels, self.hidden), torch.float64)
-        sweep.x.copy_(signals.permute(1, 2, 0)[:, None])
+        layers = self._layers(Shape(1, n_trials, n_steps, n_channels, self.hidden), torch.float64)
+        layers.x.copy_(signals.permute(1, 2, 0)[:, None])
         biases = self.biases_[:, None]
         layer = torch.tensor(np.hstack([self.input_weights_.T, self.recurrent_weights_.T, biases]))[None]
-        state = sweep.forward(layer)[0, : self.hidden]
+        state = layers.forward(layer)[0, : self.hidden]
         return state.T @ torch.tensor(self.coef_) + torch.tensor(self.intercept_)
 
     def _keep(self, weights: Tensor, problem: "_Problem") -> None:
-        layer, dense = _views(weights[None].double(), problem.shape(self.hidden, 1), self._sweep, problem.n_classes)
+        layer, dense = _views(weights[None].double(), problem.shape(self.hidden, 1), self._layers, problem.n_classes)
         x, h, biases = layer[0].T.split([problem.X.shape[2], self.hidden, 1])
         self.input_weights_, self.recurrent_weights_, self.biases_ = x.numpy(), h.numpy(), biases[0].numpy()
         self.coef_, self.intercept_ = dense[0, :, :-1].T.numpy(), dense[0, :, -1].numpy()
@@ -108,7 +108,7 @@ class LSTMClassifier(_RecurrentClassifier):
     1113
     """
 
-    _sweep = LSTMSweep
+    _layers = LSTMLayers
 
 
 class GRUClassifier(_RecurrentClassifier):
@@ -122,7 +122,7 @@ class GRUClassifier(_RecurrentClassifier):
     [843, 1083]
     """
 
-    _sweep = GRUSweep
+    _layers = GRULayers
 
 
 Classifier = TypeVar("Classifier", bound=_RecurrentClassifier)
@@ -216,52 +216,52 @@ def _problem(
     return _Problem(tensor, torch.tensor(indices), len(network.classes_), generator)
 
 
-def _start(shape: Shape, sweep: type[Sweep], problem: _Problem) -> Tensor:
+def _start(shape: Shape, kind: type[Layers], problem: _Problem) -> Tensor:
     """All weights of one network in a row, first the layer, then the dense part, as `_views` finds them."""
-    n_rows, generator = sweep.n_gates * shape.hidden, problem.generator
+    n_rows, generator = kind.n_gates * shape.hidden, problem.generator
     layer = torch.zeros(n_rows, shape.stacked)
     init.xavier_uniform_(layer[:, : shape.channels], generator=generator)
     layer[:, shape.state] = init.orthogonal_(torch.empty(n_rows, shape.hidden), generator=generator)
-    if sweep is LSTMSweep:
+    if kind is LSTMLayers:
         layer[shape.hidden : 2 * shape.hidden, -1] = 1  # of the forget gate, as in Keras
     dense = torch.zeros(problem.n_classes, shape.hidden + 1)
     init.xavier_uniform_(dense[:, :-1], generator=generator)
     return torch.cat([layer.flatten(), dense.flatten()])
 
 
-def _views(weights: Tensor, shape: Shape, sweep: type[Sweep], n_classes: int) -> tuple[Tensor, Tensor]:
+def _views(weights: Tensor, shape: Shape, kind: type[Layers], n_classes: int) -> tuple[Tensor, Tensor]:
     """The layer `(network, gates, channel+hidden+1)` and the dense `(network, class, hidden+1)` in the rows."""
-    n_rows = sweep.n_gates * shape.hidden
+    n_rows = kind.n_gates * shape.hidden
     layer, dense = weights.split([n_rows * shape.stacked, n_classes * (shape.hidden + 1)], dim=1)
     return layer.view(-1, n_rows, shape.stacked), dense.view(-1, n_classes, shape.hidden + 1)
 
 
 def _train(network: _RecurrentClassifier, problems: list[_Problem], epochs: Sequence[int]) -> list[Tensor]:
     """Weights `(network, parameter)` after each of `epochs`, of one network for each problem, all of one shape."""
-    kind, first = network._sweep, problems[0]
+    kind, first = network._layers, problems[0]
     shape = first.shape(network.hidden, network.batch, len(problems))
     weights = torch.stack([_start(shape, kind, p) for p in problems])
     layer, dense = _views(weights, shape, kind, first.n_classes)
     weights.grad = torch.zeros_like(weights)
     d_layer, d_dense = _views(weights.grad, shape, kind, first.n_classes)
     optimiser = torch.optim.Adam([weights.requires_grad_()], lr=network.learning_rate, eps=1e-7, fused=True)
-    sweeps: dict[int, Sweep] = {}
+    by_size: dict[int, Layers] = {}
     snapshots = {}
     with torch.no_grad():
         for epoch in range(1, max(epochs) + 1):
             orders = torch.stack([torch.randperm(len(p.y), generator=p.generator) for p in problems])
             for chosen in orders.split(network.batch, dim=1):
                 n_trials = chosen.shape[1]
-                if n_trials not in sweeps:
-                    sweeps[n_trials] = kind(shape._replace(trials=n_trials))
-                sweep = sweeps[n_trials]
+                if n_trials not in by_size:
+                    by_size[n_trials] = kind(shape._replace(trials=n_trials))
+                layers = by_size[n_trials]
                 labels = torch.stack([p.y[trials] for p, trials in zip(problems, chosen, strict=True)])
                 for i, (p, trials) in enumerate(zip(problems, chosen, strict=True)):
-                    sweep.x[:, i] = p.X.index_select(1, trials).transpose(1, 2)
-                state = sweep.forward(layer)
+                    layers.x[:, i] = p.X.index_select(1, trials).transpose(1, 2)
+                state = layers.forward(layer)
                 d_logits = _d_cross_entropy(torch.bmm(dense, state), labels)
                 torch.bmm(d_logits, state.transpose(1, 2), out=d_dense)
-                d_layer.copy_(sweep.backward(torch.bmm(dense[:, :, :-1].transpose(1, 2), d_logits)))
+                d_layer.copy_(layers.backward(torch.bmm(dense[:, :, :-1].transpose(1, 2), d_logits)))
                 optimiser.step()
             if epoch in epochs:
                 snapshots[epoch] = weights.detach().clone()

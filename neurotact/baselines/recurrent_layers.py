@@ -17,7 +17,7 @@ _tanh_backward = torch.ops.aten.tanh_backward.grad_input
 
 
 class Shape(NamedTuple):
-    """What a sweep runs over."""
+    """What layers run over."""
 
     networks: int
     trials: int
@@ -36,7 +36,7 @@ class Shape(NamedTuple):
         return slice(self.channels, self.channels + self.hidden)
 
 
-class Sweep(Protocol):
+class Layers(Protocol):
     """Buffers for one shape, run forward and backward in turn."""
 
     n_gates: ClassVar[int]
@@ -62,7 +62,7 @@ def _stack(shape: Shape, dtype: torch.dtype) -> Tensor:
     return v
 
 
-class LSTMSweep:
+class LSTMLayers:
     """Gates in the rows, in the order input i, forget f, candidate g, output o; one bias each.
 
     `c[t] = f c[t-1] + i g`, `h[t] = o tanh(c[t])` (touch-modality paper, Sec. III.A, after Hochreiter and Schmidhuber).
@@ -120,7 +120,7 @@ class LSTMSweep:
         return d_weights.mul_(self.row_factors)
 
 
-class GRUSweep:
+class GRULayers:
     """Gates in the rows, in the order update z, reset r, candidate n; one bias each.
 
     The reset comes before the recurrent product, which is what one bias a gate means:
