@@ -4,7 +4,7 @@ import numbers
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted, validate_data
 
@@ -46,3 +46,26 @@ def further_examples(estimator: BaseEstimator, X: ArrayLike) -> np.ndarray:
     """X `(example, feature)` float64 for a fitted estimator, checked against the features it was fitted with."""
     check_is_fitted(estimator)
     return np.asarray(validate_data(estimator, X, dtype=np.float64, reset=False))
+
+
+def sequences(X: ArrayLike, axes: str, dtype: DTypeLike) -> np.ndarray:
+    """X as an array of the named axes; InputError for another shape and for what is not finite.
+
+    >>> sequences([[1.0, 2.0]], "trial, time, channel", float)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: X: must be (trial, time, channel), none of them empty; got the shape (1, 2)
+    """
+    values = np.asarray(X)
+    if values.ndim != axes.count(",") + 1 or 0 in values.shape:
+        raise InputError(f"X: must be ({axes}), none of them empty; got the shape {values.shape}")
+    if values.dtype.kind not in "fiub" or not np.isfinite(values).all():
+        raise InputError("X: holds values that are not finite numbers; remove or replace them")
+    return values.astype(dtype)
+
+
+def trial_labels(y: ArrayLike, n_trials: int) -> np.ndarray:
+    """y `(trial,)`; InputError for another shape."""
+    labels = np.asarray(y)
+    if labels.shape != (n_trials,):
+        raise InputError(f"y: has the shape {labels.shape} where X has {n_trials} trials; give a label a trial")
+    return labels

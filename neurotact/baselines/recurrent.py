@@ -13,10 +13,12 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor
 from torch.nn import functional, init
 
-from neurotact.baselines.checks import at_least
+from neurotact.baselines.checks import at_least, sequences, trial_labels
 from neurotact.baselines.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from neurotact.baselines.targets import encode
 from neurotact.errors import InputError
+
+SIGNAL_AXES = "trial, time, channel"
 
 AT_ONCE = 50
 """Networks in one computation: more gain nothing and need more memory."""
@@ -53,7 +55,7 @@ class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
     def predict_proba(self, X: ArrayLike) -> np.ndarray:
         """Softmax of the outputs, `(trial, class)`. The number of steps may differ from that of training."""
         check_is_fitted(self)
-        signals = _signals(X)
+        signals = sequences(X, SIGNAL_AXES, float)
         if signals.shape[2] != self.n_channels_:
             raise InputError(f"X: has {signals.shape[2]} channels, but training had {self.n_channels_}; give those")
         parts = [self._logits(part) for part in torch.tensor(signals).split(PREDICTED_AT_ONCE)]
@@ -184,15 +186,6 @@ class _Problem(NamedTuple):
         return Shape(n_networks, n_trials, self.X.shape[0], self.X.shape[2], hidden)
 
 
-def _signals(X: ArrayLike) -> np.ndarray:
-    signals = np.asarray(X)
-    if signals.ndim != 3 or 0 in signals.shape:
-        raise InputError(f"X: must be (trial, time, channel), none of them empty; got the shape {signals.shape}")
-    if signals.dtype.kind not in "fiub" or not np.isfinite(signals).all():
-        raise InputError("X: holds values that are not finite numbers; remove or replace them")
-    return signals.astype(float)
-
-
 def _problem(
     network: _RecurrentClassifier,
     X: ArrayLike,
@@ -205,11 +198,9 @@ def _problem(
     at_least("learning_rate", network.learning_rate, 0, above=True)
     known = {} if known is None else known
     if (id(X), id(y)) not in known:
-        signals, labels = _signals(X), np.asarray(y)
-        if labels.shape != signals.shape[:1]:
-            raise InputError(f"y: has the shape {labels.shape} where X has {len(signals)} trials; give a label a trial")
-        tensor = torch.tensor(signals, dtype=torch.float32).transpose(0, 1).contiguous()
-        known[id(X), id(y)] = (*encode(labels), tensor)
+        signals = sequences(X, SIGNAL_AXES, np.float32)
+        tensor = torch.tensor(signals).transpose(0, 1).contiguous()
+        known[id(X), id(y)] = (*encode(trial_labels(y, len(signals))), tensor)
     network.classes_, indices, tensor = known[id(X), id(y)]
     seed = int(check_random_state(network.random_state).randint(2**31 - 1))
     generator = torch.Generator().manual_seed(seed)
