@@ -1,0 +1,136 @@
+"""Features of images from a trained convolutional network, to be fed to a recurrent one."""
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.torch
+import torch
+from numpy.typing import ArrayLike
+from safetensors import SafetensorError
+from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.utils.validation import check_is_fitted
+from torch import Tensor, nn
+
+from neurotact.baselines.checks import sequences
+from neurotact.baselines.conv_lstm import IMAGE_AXES
+from neurotact.errors import InputError, nearest
+from neurotact.files import existing
+
+TRUNKS: dict[str, Callable[[Any], nn.Module]] = {
+    "resnet50": lambda network: nn.Sequential(*list(network.children())[:-2]),
+    "mobilenet_v2": lambda network: network.features,
+    "vgg16": lambda network: network.features,
+}
+"""The convolutional part of torchvision's networks: what comes before pooling and classification."""
+
+IMAGENET_MEAN, IMAGENET_SD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+"""Of the three colours, by which torchvision's networks were trained to expect their input."""
+
+IMAGES_AT_ONCE = 64
+
+
+class CNNFeatures(TransformerMixin, BaseEstimator):
+    """The flattened output of a trained CNN's convolutional part for each image, the CNN left as it is.
+
+    With an LSTM behind it this is the CNN-LSTM of the touch-modality paper (Fig. 3), whose networks give 2048 to 8192
+    features of a 64 x 64 image. Images are scaled so that those of training span 0 to 1, and enter as three equal
+    colours. Nothing is ever downloaded.
+
+    Parameters
+    ----------
+    network : "resnet50", "mobilenet_v2" or "vgg16", built by torchvision (an extra: `pip install 'neurotact[cnn]'`), or
+        a torch module from images `(image, 3, height, width)` between 0 and 1 to features of any shape. torchvision
+        has no ResNet152V2 (the paper's "ResNet150V2"): give it as a module.
+    weights : a local safetensors file with the state dict of the whole network; a module may come with its own.
+
+    Attributes
+    ----------
+    low_, high_ : the values that become 0 and 1; network_, the part that is used; n_parameters_ of it, none of them
+    trained here; n_features_out_ of an image.
+
+    Raises InputError for unknown networks, for weights that are absent or do not fit, and for X of another shape.
+
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from neurotact.baselines.recurrent import LSTMClassifier
+    >>> X, y = np.random.default_rng(0).normal(size=(4, 2, 8, 8)), ["rolling", "sliding"] * 2
+    >>> cnn = nn.Sequential(nn.Conv2d(3, 5, kernel_size=4, stride=4), nn.ReLU())
+    >>> cnn_lstm = make_pipeline(CNNFeatures(cnn), LSTMClassifier(hidden=6, epochs=1, random_state=0)).fit(X, y)
+    >>> cnn_lstm[0].n_features_out_, cnn_lstm[1].n_parameters_
+    (20, 662)
+    """
+
+    def __init__(self, network: str | nn.Module = "resnet50", weights: str | Path | None = None):
+        self.network = network
+        self.weights = weights
+
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> "CNNFeatures":
+        """Load the network and note the range of the images X `(trial, time, height, width)`; y is not looked at."""
+        images = sequences(X, IMAGE_AXES, np.float32)
+        self.network_ = _trunk(self.network, self.weights).eval()
+        self.n_parameters_ = sum(p.numel() for p in self.network_.parameters())
+        self.low_, self.high_ = float(images.min()), float(images.max())
+        self.n_features_out_ = self._features(torch.tensor(images[:1, 0])).shape[1]
+        return self
+
+    def transform(self, X: ArrayLike) -> np.ndarray:
+        """Features `(trial, time, feature)` float32."""
+        check_is_fitted(self)
+        images = torch.tensor(sequences(X, IMAGE_AXES, np.float32))
+        parts = [self._features(part) for part in images.flatten(0, 1).split(IMAGES_AT_ONCE)]
+        return torch.cat(parts).unflatten(0, images.shape[:2]).numpy()
+
+    @torch.no_grad()
+    def _features(self, images: Tensor) -> Tensor:
+        span = (self.high_ - self.low_) or 1.0
+        colours = ((images - self.low_) / span)[:, None].expand(-1, 3, -1, -1)
+        if isinstance(self.network, str):
+            mean, sd = (torch.tensor(v)[:, None, None] for v in (IMAGENET_MEAN, IMAGENET_SD))
+            colours = (colours - mean) / sd
+        return self.network_(colours).flatten(1).float()
+
+
+def _trunk(network: str | nn.Module, weights: str | Path | None) -> nn.Module:
+    if isinstance(network, nn.Module):
+        own = copy.deepcopy(network)
+        return own if weights is None else _load(own, weights)
+    if network.lower().replace("_", "") in ("resnet152v2", "resnet150v2"):
+        raise InputError(f"network: torchvision has no version 2 of ResNet, '{network}'; give it as a torch module")
+    if network not in TRUNKS:
+        raise InputError(f"network: '{network}' is unknown; {nearest(network, list(TRUNKS))}")
+    if weights is None:
+        raise InputError(
+            f"weights: name a local safetensors file with the trained weights of {network}; nothing is downloaded"
+        )
+    try:
+        from torchvision import models  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise InputError(
+            f"network: '{network}' needs torchvision; pip install 'neurotact[cnn]', or give a torch module"
+        ) from error
+    return TRUNKS[network](_load(getattr(models, network)(weights=None), weights))
+
+
+def _load(network: nn.Module, weights: str | Path) -> nn.Module:
+    path = existing(weights)
+    try:
+        tensors = safetensors.torch.load_file(path)
+    except SafetensorError as error:
+        raise InputError(
+            f"{path}: is not a safetensors file ({error}); convert a .pth once with safetensors.torch.save_file"
+        ) from error
+    expected = network.state_dict()
+    for name in (*expected, *tensors):
+        if name not in tensors:
+            raise InputError(f"{path}: '{name}' is missing; give the weights of this very network")
+        if name not in expected:
+            raise InputError(f"{path}: '{name}' is not in the network; give the weights of this very network")
+        if tensors[name].shape != expected[name].shape:
+            raise InputError(
+                f"{path}: '{name}' is {tuple(tensors[name].shape)} where the network has "
+                f"{tuple(expected[name].shape)}; give the weights of this very network"
+            )
+    network.load_state_dict(tensors)
+    return network
