@@ -1,7 +1,7 @@
 """The materials paper: SVM, RLS and RELM tell four contact materials apart, in pairs and all at once (Tables I to VI).
 
-Patterns are split 150/50/100 (two classes) or 300/100/200 (four) into training, validation and test (its Sec. IV-A). Its
-"validation errors" are errors on the test set. Scaling sees the training patterns alone, and the grids are judged on
+Patterns are split 150/50/100 (two classes) or 300/100/200 (four) into training, validation and test (its Sec. IV-A);
+its "validation errors" are errors on the test set. Scaling sees the training patterns alone, and grids are judged on
 validation patterns; of settings that err equally the one with the fewest units is taken, then the smoothest.
 """
 
@@ -126,7 +126,8 @@ def evaluate(parameters: Parameters, features: np.ndarray, indices: np.ndarray) 
     scaled = parameters.classes == "two" or parameters.classifier != "RELM"
     scaler = MinMaxScaler((-1, 1)).fit(features[split.train]) if scaled else None
     train, validation, test = (
-        scaler.transform(features[part]) if scaler else features[part] for part in (split.train, split.validation, split.test)
+        scaler.transform(features[part]) if scaler else features[part]
+        for part in (split.train, split.validation, split.test)
     )
     family, grid = FAMILIES[parameters.classifier], GRIDS[parameters.classifier, parameters.classes]
     targets = one_against_all(indices[split.train])
