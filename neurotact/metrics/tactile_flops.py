@@ -1,0 +1,44 @@
+"""What tactile moments and the features of their curves cost, for the ledger of `neurotact.metrics.flops`."""
+
+from dataclasses import dataclass
+
+from neurotact.metrics.flops import BYTES, Cost, Layer
+
+
+@dataclass(frozen=True)
+class TactileMoments(Layer):
+    """Raw moments of `frames` images of `taxels` taxels (compliance paper, Eq. 1).
+
+    The moment of order 0 only adds; each other takes a multiplication and an addition a taxel. The weights are
+    coordinates, which nothing stores. `first_is_sum`: the moments begin with M00.
+    """
+
+    taxels: int
+    frames: int
+    moments: int
+
+    def cost(self) -> Cost:
+        each = self.taxels * self.frames
+        return Cost(macs=each * (self.moments - 1), acs=each, bytes=BYTES * self.moments)
+
+
+@dataclass(frozen=True)
+class CurveFeatures(Layer):
+    """AR, MAX, H1 and H2 of `curves` curves of `frames` samples: one addition a sample for AR, registers for the rest.
+
+    areas: 1 where AR is among the features, else 0 additions. held: how many of MAX, H1 and H2 are read; each takes a
+    comparison of the sample's number (compliance paper, Fig. 8).
+    """
+
+    curves: int
+    frames: int
+    areas: float
+    held: float
+
+    def cost(self) -> Cost:
+        samples = self.curves * self.frames
+        return Cost(
+            acs=samples * self.areas,
+            other_flops=samples * self.held,
+            bytes=int(BYTES * self.curves * (self.areas + self.held)),
+        )
