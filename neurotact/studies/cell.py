@@ -53,6 +53,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
         "hidden": fitted.network.spec.hidden,
         "seed": cell.seed,
         **result["row"],
+        "sops_validation": trained.mean_sops(fitted.network, sides.validation),
         **(searched.row if searched else {}),
     }
     with TemporaryDirectory() as scratch:

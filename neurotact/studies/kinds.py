@@ -7,7 +7,7 @@ from typing import Any
 from neurotact import spec as specs
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
-from neurotact.studies import cell, preparation, protocol_cell, protocol_study, study
+from neurotact.studies import cell, preparation, protocol_cell, protocol_study, selection, study
 from neurotact.studies.cell import Files
 from neurotact.studies.protocol import Arrays
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy
@@ -40,6 +40,22 @@ def read_back(path: Path) -> Study:
 def cells(what: Study) -> list[AnyCell]:
     """The cells in the order of the sweep."""
     return list(protocol_study.cells(what) if isinstance(what, ProtocolStudy) else study.cells(what))
+
+
+def steps(what: Study, folder: Path) -> Iterator[tuple[str, list[AnyCell]]]:
+    """What is run one after the other, by name: all cells at once, unless a selection says which come next."""
+    if isinstance(what, StudySpec) and what.selection is not None:
+        for step in selection.steps(what, folder):
+            yield step.name, list(step.cells)
+    else:
+        yield "cells", cells(what)
+
+
+def asked_for(what: Study, folder: Path) -> list[AnyCell]:
+    """The cells to run: all of the sweep, or of a selection those of its steps so far."""
+    if isinstance(what, StudySpec) and what.selection is not None:
+        return list(selection.asked_for(what, folder))
+    return cells(what)
 
 
 def prepare(what: Study, folder: Path) -> None:

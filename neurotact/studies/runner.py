@@ -30,12 +30,13 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
         with track("prepare", 1) as advance:
             kinds.prepare(study, folder)
             advance(1, "")
-        todo = [cell for cell in kinds.cells(study) if not is_done(folder, cell)]
-        if todo:
-            with track("cells", len(todo)) as advance:
-                for cell, left in map_cells(todo, folder):
-                    write_cell(left, cell, folder)
-                    advance(1, "")
+        for name, asked in kinds.steps(study, folder):
+            todo = [cell for cell in asked if not is_done(folder, cell)]
+            if todo:
+                with track(name, len(todo)) as advance:
+                    for cell, left in map_cells(todo, folder):
+                        write_cell(left, cell, folder)
+                        advance(1, "")
     return finish(study, folder)
 
 
@@ -49,7 +50,7 @@ def load(folder: Path) -> Study:
 
 def finish(study: Study, folder: Path) -> Path:
     """Write the tables, the figures and the report from what the cells left; the report's path."""
-    every = kinds.cells(study)
+    every = kinds.asked_for(study, folder)
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")

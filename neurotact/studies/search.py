@@ -30,11 +30,10 @@ from neurotact.errors import InputError
 from neurotact.export.network_figures import pareto_front
 from neurotact.export.search_figure import Importance, draw_search
 from neurotact.export.style import save as save_figure
-from neurotact.metrics.synops import synops
 from neurotact.networks import tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Epoch, Examples, train
+from neurotact.networks.training import Epoch, train
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
 from neurotact.progress import Advance, silent
 from neurotact.spec import Spec
@@ -170,7 +169,7 @@ def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
     epochs: list[float] = []
     try:
         network, accuracy, outcome = _train(job, trains, sides, epochs)
-        sops = _mean_sops(network, sides.validation)
+        sops = trained.mean_sops(network, sides.validation)
     except InputError as error:
         return Trial(number, parameters, epochs, FAILED, error=str(error))
     value = job.problem.search.value(accuracy, sops)
@@ -341,12 +340,6 @@ def _parse(line: bytes, number: int) -> Trial:
     if trial.id != number:
         raise ValueError(f"it is of trial {trial.id}")
     return trial
-
-
-def _mean_sops(network: RSNN, examples: Examples) -> float:
-    inferred = network.infer(examples.spikes)
-    counts = inferred.input_spikes.numpy(), inferred.hidden_spikes.numpy()
-    return float(synops(*counts, n_hidden=network.spec.hidden, n_readout=network.n_classes).total.mean())
 
 
 def _take(known: list[Trial], batch: Sequence[Proposal], folder: Path) -> list[Trial]:

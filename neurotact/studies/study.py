@@ -24,6 +24,8 @@ from neurotact.studies import sweeps
 from neurotact.studies.claims import Claim
 
 PARTS: dict[str, type[Spec]] = {"encoder": AfferentSpec, "network": RSNNSpec}
+LENGTH = "window.length_ms"
+PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 SIMULATIONS = {
     "gratings": (gratings.GratingsSpec, gratings.simulate),
     "stiffness": (stiffness.StiffnessSpec, stiffness.simulate),
@@ -67,6 +69,20 @@ class EarlyExitSpec(Spec):
     """Accuracy that may be lost on the validation trials."""
 
 
+class SelectionSpec(Spec):
+    """How the best trade-off is selected, in the loop of the texture paper's Fig. 7 (`studies/selection.py`).
+
+    Everything is judged on validation trials, by means over seeds.
+    """
+
+    length_tolerance: float = Field(default=0.08, ge=0, lt=1)
+    """T_min is the shortest window whose accuracy lies within this of the best length's."""
+    accuracy_tolerance: float = Field(default=0.08, ge=0, lt=1)
+    """A network is accurate enough when it lies within this of the best; of these the fewest SOPs decide."""
+    networks: int = Field(default=2, ge=1)
+    """Networks to select, each with another pair of refractory periods."""
+
+
 class StudySpec(Spec):
     """A study with its encoder and network whole (`studies/*.toml` once resolved)."""
 
@@ -87,6 +103,8 @@ class StudySpec(Spec):
     """Without one, cells encode and train nothing."""
     search: SearchSpec | None = None
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
+    selection: SelectionSpec | None = None
+    """Select a network step by step; of the sweep's cells only those that a step asks for are run."""
     sweep: dict[str, list[Any]]
     """Values of each axis; an axis is `dataset`, `seed`, a dotted key, or several keys joined by ` & `."""
     claims: tuple[Claim, ...] = ()
@@ -105,6 +123,12 @@ class StudySpec(Spec):
         of_network = [axis for axis in self.sweep if "network." in axis] + ["search"] * (self.search is not None)
         if self.network is None and of_network:
             raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
+        return self
+
+    @model_validator(mode="after")
+    def _selects_among_what_it_sweeps(self) -> "StudySpec":
+        if self.selection is not None and {*self.sweep} - {"seed"} != {LENGTH, PAIR, "network.hidden"}:
+            raise ValueError(f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden', and seed at most")
         return self
 
 

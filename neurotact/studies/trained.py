@@ -202,6 +202,11 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
     return {"row": row, "confusion": matrix.tolist()}
 
 
+def mean_sops(network: RSNN, examples: Examples) -> float:
+    """Synaptic operations of a window, the mean over all of them."""
+    return float(_synops(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
+
+
 ORACLE_PATIENCE = 120
 """The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
 

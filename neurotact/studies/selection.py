@@ -1,0 +1,224 @@
+"""Selecting the network of the best trade-off, step by step: the loop of the texture paper's Fig. 7.
+
+1. The first pair of refractory periods, over all window lengths and sizes, gives T_min, the shortest window that is
+   accurate enough.
+2. All pairs and sizes at T_min give the networks of the best trade-off.
+3. These networks over all window lengths show whether the trade-off persists: by the rule of step 1, they too are
+   accurate enough at T_min. Where one is not, the next longer window is tried from step 2 on.
+
+Each step is a part of the study's sweep, and what the steps before have found says which. Nothing but the results of
+validation trials decides (`SelectionSpec`). Early exit, the loop's last step, is measured in every cell.
+"""
+
+from collections.abc import Callable, Generator, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.files import read_json
+from neurotact.studies.cell import RESULT, cell_folder
+from neurotact.studies.study import LENGTH, Cell, SelectionSpec, StudySpec, cells
+
+JUDGED = ("accuracy_validation", "sops_validation")
+"""What decides."""
+TOLD = (
+    "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total",
+    "oracle_accuracy", "oracle_steps", "oracle_sops_total", "window_steps",
+)  # fmt: skip
+"""What is told of each network and decides nothing."""
+Row = dict[str, Any]
+
+
+class Network(NamedTuple):
+    """A pair of refractory periods in ms, RA-I first, as the paper writes it, and a size."""
+
+    pair: str
+    hidden: int
+
+
+class Step(NamedTuple):
+    """A part of the sweep: what it is for, and its cells."""
+
+    name: str
+    cells: list[Cell]
+
+
+class Attempt(NamedTuple):
+    """Steps 2 and 3 at one window length.
+
+    networks: of `by_network`. persistence: of `over_lengths`. persists: for each chosen network, in that order.
+    """
+
+    length_ms: float
+    networks: pd.DataFrame
+    persistence: pd.DataFrame
+    persists: tuple[bool, ...]
+
+    @property
+    def chosen(self) -> list[Network]:
+        """The selected networks, the fewest SOPs first."""
+        return _networks(self.networks[self.networks["chosen"]])
+
+
+class Selection(NamedTuple):
+    """What the loop found: step 1 (of `by_length`), and every attempt, of which the last one stands."""
+
+    lengths: pd.DataFrame
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def last(self) -> Attempt:
+        return self.attempts[-1]
+
+
+class Course(NamedTuple):
+    """How far the loop has come: its steps, the cells that it waits for, and what it found at its end."""
+
+    steps: list[Step]
+    due: list[Cell]
+    found: Selection | None
+
+
+def follow(study: StudySpec, row_of: Callable[[Cell], Row | None]) -> Course:
+    """The loop as far as results are known.
+
+    row_of: a cell's row of results.csv; None where the cell is not done.
+    """
+    course = _course(study)
+    steps = [next(course)]
+    while True:
+        rows = [row_of(cell) for cell in steps[-1].cells]
+        known = [row for row in rows if row is not None]
+        if len(known) < len(rows):
+            return Course(steps, steps[-1].cells, None)
+        try:
+            steps.append(course.send(_frame(steps[-1].cells, known)))
+        except StopIteration as end:
+            return Course(steps, [], end.value)
+
+
+def in_folder(folder: Path) -> Callable[[Cell], Row | None]:
+    """The rows of the cells that are done in a run folder."""
+
+    def row_of(cell: Cell) -> Row | None:
+        path = cell_folder(folder, cell) / RESULT
+        return read_json(path)["row"] if path.is_file() else None
+
+    return row_of
+
+
+def steps(study: StudySpec, folder: Path) -> Iterator[Step]:
+    """Each step in turn; its cells must be done in `folder` before the next one is asked for."""
+    while (course := follow(study, in_folder(folder))).due:
+        yield course.steps[-1]
+
+
+def asked_for(study: StudySpec, folder: Path) -> list[Cell]:
+    """The cells of all steps so far, in the order of the sweep."""
+    wanted = {cell.digest() for step in follow(study, in_folder(folder)).steps for cell in step.cells}
+    return [cell for cell in cells(study) if cell.digest() in wanted]
+
+
+def by_length(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
+    """Step 1: means for each window length over sizes and seeds, from the shortest.
+
+    Columns: window.length_ms, networks, those of JUDGED and TOLD, within (the tolerance of the best), chosen.
+
+    >>> rows = pd.DataFrame({LENGTH: [100.0, 150.0, 200.0], "accuracy_validation": [0.7, 0.9, 0.95]})
+    >>> by_length(rows, SelectionSpec(length_tolerance=0.06))["chosen"].tolist()
+    [False, True, False]
+    """
+    table = _means(rows, [LENGTH]).sort_values(LENGTH, ignore_index=True)
+    within = _within(table["accuracy_validation"], rule.length_tolerance)
+    return table.assign(within=within, chosen=within & ~within.shift(fill_value=False).cummax())
+
+
+def by_network(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
+    """Step 2: means for each pair and size over seeds, in the order of the sweep.
+
+    Columns: pair, hidden, networks, those of JUDGED and TOLD, within (the tolerance of the best), best, chosen, and
+    rank (of the chosen ones by SOPs, from 1; 0 for others). Ties go to the one that the sweep names first.
+
+    >>> rows = pd.DataFrame({"pair": ["1&1", "5&5", "5&5"], "hidden": [30, 30, 40], "sops_validation": [9e3, 6e3, 7e3],
+    ...                      "accuracy_validation": [0.9, 0.85, 0.84]})
+    >>> by_network(rows, SelectionSpec())["rank"].tolist()
+    [2, 1, 0]
+    """
+    table = _means(rows, ["pair", "hidden"])
+    within = _within(table["accuracy_validation"], rule.accuracy_tolerance)
+    cheapest = table[within].sort_values("sops_validation", kind="stable").drop_duplicates("pair")
+    ranks = {index: rank for rank, index in enumerate(cheapest.index[: rule.networks], start=1)}
+    rank = pd.Series(ranks, dtype=int).reindex(table.index, fill_value=0)
+    best = table.index == table["accuracy_validation"].idxmax()
+    return table.assign(within=within, best=best, chosen=rank > 0, rank=rank)
+
+
+def over_lengths(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
+    """Step 3: for each network, its means over seeds at each window length, judged as in step 1.
+
+    Columns: pair, hidden, then those of `by_length`.
+    """
+    parts = []
+    for (pair, hidden), own in rows.groupby(["pair", "hidden"], sort=False):
+        table = by_length(own, rule)
+        table.insert(0, "pair", pair)
+        table.insert(1, "hidden", hidden)
+        parts.append(table)
+    return pd.concat(parts, ignore_index=True)
+
+
+def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
+    """Yield a step, be sent the rows of its cells, and so on; return what was found."""
+    rule, every = study.selection, list(cells(study))
+    assert rule is not None
+    start = _network(every[0]).pair
+    rows = yield Step(f"window lengths at {start}", [cell for cell in every if _network(cell).pair == start])
+    lengths = by_length(rows, rule)
+    at_least_ms = float(lengths[LENGTH][lengths["chosen"]].iloc[0])
+    attempts = []
+    for length_ms in lengths[LENGTH][lengths[LENGTH] >= at_least_ms]:
+        here = f"{length_ms:g} ms"
+        rows = yield Step(f"trade-off at {here}", [cell for cell in every if cell.window.length_ms == length_ms])
+        networks = by_network(rows, rule)
+        watched = {*_networks(networks[networks["chosen"] | networks["best"]])}
+        rows = yield Step(f"persistence from {here}", [cell for cell in every if _network(cell) in watched])
+        table = over_lengths(rows, rule)
+        attempt = Attempt(float(length_ms), networks, table, ())
+        persists = tuple(_least_ms(table, network) <= length_ms for network in attempt.chosen)
+        attempts.append(attempt._replace(persists=persists))
+        if all(persists):
+            break
+    return Selection(lengths, tuple(attempts))
+
+
+def _within(accuracy: pd.Series, tolerance: float) -> pd.Series:
+    return accuracy >= accuracy.max() - tolerance - 1e-12  # a difference that is the tolerance is within it
+
+
+def _means(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
+    groups = rows.groupby(by, sort=False)
+    measures = [measure for measure in (*JUDGED, *TOLD) if measure in rows]
+    return groups[measures].mean().assign(networks=groups.size()).reset_index()
+
+
+def _least_ms(table: pd.DataFrame, network: Network) -> float:
+    """The window length that the rule of step 1 gives a network."""
+    own = table[(table["pair"] == network.pair) & (table["hidden"] == network.hidden)]
+    return float(own[LENGTH][own["chosen"]].iloc[0])
+
+
+def _networks(table: pd.DataFrame) -> list[Network]:
+    """The networks of a table of step 2, the chosen ones first, by their rank."""
+    ordered = table.assign(last=table["rank"] == 0).sort_values(["last", "rank"], kind="stable")
+    return [Network(str(pair), int(hidden)) for pair, hidden in zip(ordered["pair"], ordered["hidden"], strict=True)]
+
+
+def _network(cell: Cell) -> Network:
+    assert cell.network is not None
+    return Network(f"{cell.encoder.ra1.t_ref_ms:g}&{cell.encoder.sa1.t_ref_ms:g}", cell.network.hidden)
+
+
+def _frame(done: list[Cell], rows: list[Row]) -> pd.DataFrame:
+    named = [{"pair": _network(cell).pair, LENGTH: cell.window.length_ms} for cell in done]
+    return pd.DataFrame([{**row, **name} for row, name in zip(rows, named, strict=True)])
