@@ -19,6 +19,19 @@ NAMES = {
     "sa_share": "share of SA-I among all spikes",
     "isi_sa_ms": "inter-spike interval of SA-I in ms",
     "isi_ra_ms": "inter-spike interval of RA-I in ms",
+    "isi_overlap_sa": "overlap of the SA-I interval distributions of two classes",
+    "isi_overlap_ra": "overlap of the RA-I interval distributions of two classes",
+    "isi_sd_sa_ms": "deviation of the SA-I inter-spike intervals in ms",
+    "isi_sd_ra_ms": "deviation of the RA-I inter-spike intervals in ms",
+    "silent_share_sa": "share of trials without an SA-I spike",
+    "silent_share_ra": "share of trials without an RA-I spike",
+    "latency_sa_ms": "time to the first SA-I spike in ms",
+    "latency_ra_ms": "time to the first RA-I spike in ms",
+    "chosen": "being chosen (1 or 0)",
+    "persists": "keeping the window length (1 or 0)",
+    "window.length_ms": "window length in ms",
+    "exit_share": "share of steps with early exit",
+    "oracle_share": "share of steps with the paper's early exit",
     "exit_steps": "steps with early exit",
     "exit_accuracy": "accuracy with early exit",
     "exit_sops_total": "SOPs with early exit",
@@ -51,8 +64,8 @@ def in_unit(column: str, value: Any) -> str:
 def name_of(column: str) -> str:
     """What a column of a study's tables holds, as it is read in a sentence.
 
-    >>> name_of("accuracy_test"), name_of("window.length_ms")
-    ('test accuracy', 'window.length in ms')
+    >>> name_of("accuracy_test"), name_of("window.start_ms")
+    ('test accuracy', 'window.start in ms')
     """
     name, unit = quantity(column)
     return NAMES.get(column, f"{name} in {unit}" if unit else name)

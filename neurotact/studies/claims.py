@@ -1,6 +1,7 @@
 """Published claims beside our results: each is a rule written in the study file, and its verdict.
 
-A rule reads one column (`measure`) of `results.csv` or `encoding.csv`, averaged over the rows that `where` selects.
+A rule reads one column (`measure`) of `results.csv`, `encoding.csv` or `selection.csv`, averaged over the rows that
+`where` selects.
 """
 
 from itertools import pairwise
@@ -32,7 +33,7 @@ class Claim(Spec):
     """What the paper says, as it is shown."""
     kind: Literal["value", "at_least", "at_most", "change", "order"]
     measure: str
-    table: Literal["results", "encoding"] = "results"
+    table: Literal["results", "encoding", "selection"] = "results"
     where: dict[str, Any] = {}
     against: dict[str, Any] = {}
     best_over: tuple[str, ...] = ()
@@ -89,8 +90,10 @@ class Verdict(NamedTuple):
         return self.claim.why if self.reproduced is False else ""
 
 
-def judge(claim: Claim, results: pd.DataFrame, encoding: pd.DataFrame) -> Verdict:
-    """Hold a claim against the tables of a run.
+def judge(
+    claim: Claim, results: pd.DataFrame, encoding: pd.DataFrame, selection: pd.DataFrame | None = None
+) -> Verdict:
+    """Hold a claim against the tables of a run; a selection that is not complete has none.
 
     >>> results = pd.DataFrame({"pair": ["1&1", "5&5"], "accuracy_test": [0.9, 0.8], "seed": [0, 0]})
     >>> claim = Claim(name="1&1 is accurate", source="Fig. 11", published="90.2 %", kind="value",
@@ -98,7 +101,9 @@ def judge(claim: Claim, results: pd.DataFrame, encoding: pd.DataFrame) -> Verdic
     >>> judge(claim, results, results)[1:]
     ('0.9', True)
     """
-    table = results if claim.table == "results" else encoding
+    table = {"results": results, "encoding": encoding, "selection": selection}[claim.table]
+    if table is None:
+        return Verdict(claim, "not in this run", None)
     if claim.measure not in table:
         raise InputError(
             f"claim '{claim.name}': there is no column '{claim.measure}'; {nearest(claim.measure, list(table))}"

@@ -17,13 +17,15 @@ from neurotact.export.style import Drawn, save
 from neurotact.export.tables import write_table
 from neurotact.files import existing, read_json, write_text
 from neurotact.spec import to_toml
-from neurotact.studies import ledger, report_cells, report_page
+from neurotact.studies import ledger, report_cells, report_page, report_selection, selection
 from neurotact.studies import study as studies
 from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.report_encoding import encoding_drawings, name_classes
 from neurotact.studies.report_networks import network_drawings
+from neurotact.studies.report_page import Table
+from neurotact.studies.selection import Selection
 from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
 
 DOWNLOADS = {
@@ -33,6 +35,7 @@ DOWNLOADS = {
     "sops.json": "the same",
     "sops.md": "the same, to be read",
     "encoding.csv": "firing of both populations for each class and condition",
+    "selection.csv": "what each step of the selection saw and chose",
     "baseline.csv": "the linear classifier",
     "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
     "timings.csv": "time that each cell took",
@@ -76,15 +79,6 @@ class Entry(NamedTuple):
     value: str | float
 
 
-class Table(NamedTuple):
-    """A table as text: what it shows, the heads of its columns, its rows, each headed by its first `n_heads` cells."""
-
-    caption: str
-    columns: list[str]
-    rows: list[list[str]]
-    n_heads: int = 0
-
-
 def write(study: StudySpec, folder: Path) -> Path:
     """Write `report.html`, its figures, `results.json` and the SOP report from what a run left; the page's path.
 
@@ -96,17 +90,26 @@ def write(study: StudySpec, folder: Path) -> Path:
     done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
     trains = _first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
-    figures = [keep(drawn, folder) for drawn in drawings(study, folder, done, results, encoding, trains, classes)]
+    course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
+    chosen = course.found if course else None
+    shown = drawings(study, folder, done, results, encoding, trains, classes, chosen)
+    figures = [keep(drawn, folder) for drawn in shown]
     found = report_cells.cell_details(folder, done, classes)
     details = found if len(found) == len(results) else [{} for _ in range(len(results))]
     write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
     report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
     ledger_rows = _ledger(folder, results, trains)
-    verdicts = [judge(claim, results, encoding) for claim in study.claims]
+    choice = selection.as_table(chosen) if chosen else None
+    if choice is not None:
+        write_table(choice, folder / "selection.csv")
+    verdicts = [judge(claim, results, encoding, choice) for claim in study.claims]
+    page_data = report_cells.page_data(results, details, classes)
+    page_data |= {"best": report_selection.best_row(chosen, results)} if chosen else {}
     page = template("report.html.jinja").render(
         study=study,
         n_done=len(results),
-        n_cells=len(list(cells(study))),
+        n_cells=len(selection.asked_for(study, folder) if course else list(cells(study))),
+        selection=report_selection.shown(course, study.selection) if course and study.selection else [],
         verdicts=verdicts,
         tally=tally(verdicts),
         figures=figures,
@@ -123,7 +126,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         seeds=study.sweep.get("seed", [0]),
         versions=if_there(folder / "versions.json"),
         data=if_there(folder / "data.json"),
-        page=report_page.parts(report_cells.page_data(results, details, classes), report_page.NETWORKS),
+        page=report_page.parts(page_data, report_page.NETWORKS),
     )
     write_text(folder / "report.html", page)
     return folder / "report.html"
@@ -137,8 +140,15 @@ def drawings(
     encoding: pd.DataFrame,
     trains: SpikeTrains | None,
     classes: Classes,
+    found: Selection | None = None,
 ) -> Iterator[Drawn]:
-    """The figures that these tables and this run folder allow, in the order of the report."""
+    """The figures that these tables and this run folder allow, in the order of the report.
+
+    found: what was selected; the figures of networks then show those at the window length of the selection.
+    """
+    if found is not None and study.selection is not None:
+        yield from report_selection.drawings(found, results, study.selection)
+        results, done = report_selection.at_choice(found, results, done)
     yield from encoding_drawings(study, trains, encoding, classes)
     yield from network_drawings(study, folder, done, results, classes)
 

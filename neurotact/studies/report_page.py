@@ -16,6 +16,15 @@ NETWORKS = ("marks.js", "plotly.js", "cell.js", "trade_off.js", "table.js", "mai
 PROTOCOL = ("marks.js", "plotly.js", "table.js", "protocol.js")
 
 
+class Table(NamedTuple):
+    """A table as text: what it shows, the heads of its columns, its rows, each headed by its first `n_heads` cells."""
+
+    caption: str
+    columns: list[str]
+    rows: list[list[str]]
+    n_heads: int = 0
+
+
 class Parts(NamedTuple):
     """What the template puts into the page as it is.
 

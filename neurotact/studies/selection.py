@@ -62,8 +62,9 @@ class Attempt(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """What the loop found: step 1 (of `by_length`), and every attempt, of which the last one stands."""
+    """What the loop found: step 1 (of `by_length`, at the first pair), and every attempt, of which the last stands."""
 
+    first_pair: str
     lengths: pd.DataFrame
     attempts: tuple[Attempt, ...]
 
@@ -168,6 +169,31 @@ def over_lengths(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def as_table(found: Selection) -> pd.DataFrame:
+    """All that the steps saw, as `selection.csv`: a row a window length, network, or network and window length.
+
+    Columns: step (`window length`, `trade-off`, `persistence`, of attempts that did not stand with `, not kept`; and
+    `choice`, the selected networks), window.length_ms, pair, hidden (empty where all sizes are averaged), networks
+    (trained, that the means are taken over), those of JUDGED and TOLD, within, best, chosen, rank, persists, and what
+    early exit keeps of the steps: exit_share, oracle_share (by the paper's own rule, which knows the true label).
+    """
+    start = found.lengths.assign(step="window length", pair=found.first_pair)
+    parts = [start]
+    for attempt in found.attempts:
+        kept = "" if attempt is found.last else ", not kept"
+        at = attempt.networks.assign(step=f"trade-off{kept}", **{LENGTH: attempt.length_ms})
+        parts += [at, attempt.persistence.assign(step=f"persistence{kept}")]
+    choice = at[at["chosen"]].sort_values("rank").assign(step="choice", persists=list(found.last.persists))
+    table = pd.concat([*parts, choice], ignore_index=True)
+    for rule in ("exit", "oracle"):
+        table[f"{rule}_share"] = table[f"{rule}_steps"] / table["window_steps"]
+    table["hidden"] = table["hidden"].astype("Int64")
+    table["rank"] = table["rank"].astype("Int64")
+    flags = {flag: table[flag].astype("boolean").astype("Int64") for flag in ("within", "best", "chosen", "persists")}
+    first = ["step", LENGTH, "pair", "hidden", "networks"]
+    return table.assign(**flags)[[*first, *(column for column in table if column not in first)]]
+
+
 def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
     """Yield a step, be sent the rows of its cells, and so on; return what was found."""
     rule, every = study.selection, list(cells(study))
@@ -189,7 +215,7 @@ def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
         attempts.append(attempt._replace(persists=persists))
         if all(persists):
             break
-    return Selection(lengths, tuple(attempts))
+    return Selection(start, lengths, tuple(attempts))
 
 
 def _within(accuracy: pd.Series, tolerance: float) -> pd.Series:

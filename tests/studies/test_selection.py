@@ -1,4 +1,10 @@
-"""A selection follows Fig. 7's loop: each step asks for what the one before leaves open, and validation alone decides."""
+"""A selection follows Fig. 7's loop: a step asks for what the one before leaves open; validation alone decides."""
+
+import shutil
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -7,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.studies import selection, study
+from neurotact.studies import runner, selection, study
+from neurotact.studies.cell import cell_folder
 from neurotact.studies.selection import LENGTH, Network, by_length, by_network, follow
 from neurotact.studies.study import Cell, SelectionSpec, StudySpec
 
@@ -60,10 +67,14 @@ def test_the_published_figures_give_the_published_choice():
     assert chosen.last.persists == (True, True)
 
 
+def _look_up(done: dict[str, dict], cell: Cell) -> dict | None:
+    return done.get(cell.digest())
+
+
 def test_each_step_waits_for_its_cells_and_asks_for_no_other():
     done: dict[str, dict] = {}
     asked = []
-    while (course := follow(WHAT, lambda cell: done.get(cell.digest()))).due:
+    while (course := follow(WHAT, partial(_look_up, done))).due:
         asked.append(course.steps[-1].name)
         done |= {cell.digest(): as_published(cell) for cell in course.due}
     assert asked == ["window lengths at 1&1", "trade-off at 100 ms", "persistence from 100 ms"]
@@ -137,6 +148,84 @@ def test_the_chosen_are_the_cheapest_of_the_accurate_ones_each_with_a_pair_of_it
     assert table["best"].sum() == 1
     for _, network in chosen.iterrows():  # no accurate network of its pair costs less
         assert network["sops_validation"] == within[within["pair"] == network["pair"]]["sops_validation"].min()
+
+
+def test_the_table_tells_every_step():
+    table = selection.as_table(found(WHAT, told))
+    assert table["step"].value_counts(sort=False).to_dict() == {
+        "window length": 3, "trade-off": 6, "persistence": 9, "choice": 2
+    }  # fmt: skip
+    choice = table[table["step"] == "choice"]
+    assert choice["pair"].tolist() == ["1&10", "5&5"]
+    assert (choice[LENGTH] == 100.0).all()
+    assert choice["persists"].tolist() == [1, 1]
+    assert choice["oracle_share"].tolist() == [0.75, 0.75]
+
+
+def told(cell: Cell) -> dict:
+    """As published, with what is told of a network besides."""
+    rest = dict.fromkeys(("exit_accuracy", "exit_sops_total", "oracle_accuracy", "oracle_sops_total"), 0.5)
+    return as_published(cell) | rest | {"exit_steps": 80.0, "oracle_steps": 75.0, "window_steps": 100.0}
+
+
+# --- the command ------------------------------------------------------------------------------------
+
+TINY = Path(__file__).parent / "tiny.toml"
+WORDS = (
+    "study", "run", TINY, "--set", "selection.networks=1", "--set", "sweep.window.length_ms=[20.0, 50.0, 100.0]",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """A selection as a user types it, in one process."""
+    folder = tmp_path_factory.mktemp("selection") / "run"
+    typed(*WORDS, "--workers", "1", "-o", folder)
+    return folder
+
+
+def typed(*words: object) -> str:
+    command = [sys.executable, "-c", "from neurotact.cli import main; main()", *map(str, words)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def test_a_run_leaves_the_selection_and_the_cells_that_it_asked_for(ran):
+    table, results = pd.read_csv(ran / "selection.csv"), pd.read_csv(ran / "results.csv")
+    length_ms = table[LENGTH][table["step"] == "choice"].item()
+    asked = (results["t_ref_sa_ms"] == 1.0) | (results[LENGTH] == length_ms)
+    rest = set(results["hidden"][~asked]) | set(table["hidden"][table["step"] == "choice"])
+    assert len(results) < 24
+    assert {row["step"] for _, row in table.iterrows()} >= {"window length", "trade-off", "persistence", "choice"}
+    assert len(list((ran / "cells").iterdir())) == len(results)
+    assert rest <= {4, 6}
+    page = (ran / "report.html").read_text()
+    for words in ("The selection, step by step", "1. Window length", "Early exit", f"T_min is {length_ms:g} ms"):
+        assert words in page
+
+
+@pytest.mark.slow
+def test_a_selection_that_is_not_complete_says_what_it_waits_for(ran, tmp_path):
+    shutil.copytree(ran, tmp_path / "part")
+    results = pd.read_csv(ran / "results.csv")
+    least = results[LENGTH].min()
+    what = runner.load(tmp_path / "part")
+    for cell in study.cells(what):
+        if cell.window.length_ms == least and (cell_folder(tmp_path / "part", cell) / "result.json").is_file():
+            shutil.rmtree(cell_folder(tmp_path / "part", cell))
+    err = typed("study", "report", tmp_path / "part")
+    assert "8 of 12 cells are done" in err
+    assert "12 cells of this step are asked for" in (tmp_path / "part" / "report.html").read_text()
+    typed("study", "resume", tmp_path / "part")
+    assert (tmp_path / "part" / "selection.csv").read_bytes() == (ran / "selection.csv").read_bytes()
+
+
+@pytest.mark.slow
+def test_two_workers_select_by_the_same_bytes(ran, tmp_path):
+    typed(*WORDS, "--workers", "2", "-o", tmp_path / "two")
+    for name in ("results.csv", "selection.csv"):
+        assert (tmp_path / "two" / name).read_bytes() == (ran / name).read_bytes()
 
 
 @pytest.mark.parametrize("axis", [LENGTH, "network.hidden"])
