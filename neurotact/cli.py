@@ -21,6 +21,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.simulate import contact_materials, gratings
 from neurotact.data.simulate.touch_modality import TouchModalitySpec, simulate_touches
 from neurotact.data.splits import SplitSpec
+from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.export import raster as rasters
@@ -219,8 +220,9 @@ def calibrate(
     data = hdf5.load_recordings(recordings)
     split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
     rule = calibration.CalibrationRule()
+    start = spec.load(AfferentSpec, encoder, spec.parse_assignments(set_ or []))
     with track("calibrate", rule.candidates) as advance:
-        found = calibration.calibrate(data.select(split.train), _load_encoder(encoder, set_), advance, rule)
+        found = calibration.calibrate(data.select(split.train), start, advance, rule)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
@@ -233,7 +235,7 @@ def calibrate(
 def encode(recordings: Path, out: OutFile, encoder: EncoderOption = "sa1-ra1-lif", set_: SetOption = None) -> None:
     """Turn whole trials into the spikes of SA-I and RA-I afferents."""
     data = hdf5.load_recordings(recordings)
-    what = _load_encoder(encoder, set_)
+    what = encoders.load(encoder, spec.parse_assignments(set_ or []))
     with track("encode", len(data)) as advance:
         trains = encode_recordings(data, what, lambda n: advance(n, ""))
     hdf5.save_spikes(trains, out)
@@ -456,10 +458,6 @@ def _task(command: str, window: dict[str, Any], split_seed: int, stratify: list[
     split = {"seed": split_seed}
     table = {"window": window, "split": split, "stratify": stratify or [], "exit_tolerance": tolerance}
     return spec.build(Task, table, source=command)
-
-
-def _load_encoder(name: str, assignments: list[str] | None) -> AfferentSpec:
-    return spec.load(AfferentSpec, name, spec.parse_assignments(assignments or []))
 
 
 def _save_recordings(recordings: Recordings, out: Path) -> None:

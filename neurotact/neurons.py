@@ -1,7 +1,7 @@
 """The neurons: each differential equation stands here once, as a pure step from state to state.
 
-Afferents are leaky integrate-and-fire neurons stepped on numpy arrays; the neurons of networks are
-current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6.
+Afferents are leaky integrate-and-fire or Izhikevich neurons stepped on numpy arrays; the neurons of networks are
+current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 and 6; Izhikevich 2003, Eqs. 1 to 3.
 """
 
 import math
@@ -103,6 +103,87 @@ def refractory_steps(t_ref_ms: float, sampling_rate_Hz: float) -> int:
 def decay_per_step(tau_ms: float, sampling_rate_Hz: float) -> float:
     """exp(-dt / tau), the factor by which a leaky quantity falls in one step."""
     return math.exp(-1e3 / (tau_ms * sampling_rate_Hz))
+
+
+# --- afferent Izhikevich ----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Izhikevich:
+    """An Izhikevich neuron on a clock (Izhikevich 2003, doi 10.1109/TNN.2003.820440, Eqs. 1 to 3).
+
+    `v' = 0.04 v^2 + 5 v + 140 - u + I`, `u' = a (b v - u)`; `v >= v_peak` spikes: v <- c, u <- u + d.
+    v in mV, t in ms; so u and the current I are in mV/ms. The default constants are those of regular spiking.
+    Each step of the clock is `euler_steps` forward Euler steps; it holds one spike at most.
+    """
+
+    euler_step_ms: float
+    euler_steps: int
+    a_per_ms: float = 0.02
+    b_per_ms: float = 0.2
+    c_mV: float = -65.0
+    d_mV_per_ms: float = 8.0
+    v_peak_mV: float = 30.0
+
+
+class IzhikevichState(NamedTuple):
+    """Membrane potential v in mV and recovery u in mV/ms, both of one shape."""
+
+    membrane_mV: np.ndarray
+    recovery_mV_per_ms: np.ndarray
+
+
+def izhikevich_rest_mV(neuron: Izhikevich) -> float:  # noqa: N802
+    """The stable membrane potential without a current; NaN where there is none.
+
+    >>> izhikevich_rest_mV(Izhikevich(euler_step_ms=0.1, euler_steps=5))
+    -70.0
+    """
+    slope = 5 - neuron.b_per_ms
+    inside = slope**2 - 4 * 0.04 * 140
+    return round((-slope - math.sqrt(inside)) / 0.08, 9) if inside >= 0 else math.nan
+
+
+def izhikevich_least_current(neuron: Izhikevich) -> float:
+    """The current in mV/ms below which forward Euler overshoots the resting branch and fires where no neuron would.
+
+    The branch is stable while `|1 + h (0.08 v + 5)| < 1`; this is the current that holds v at that limit, b v = u.
+    """
+    limit_mV = (-2 / neuron.euler_step_ms - 5) / 0.08
+    return -((0.04 * limit_mV + 5) * limit_mV + 140 - neuron.b_per_ms * limit_mV)
+
+
+def izhikevich_start(neuron: Izhikevich, shape: tuple[int, ...], dtype: np.dtype) -> IzhikevichState:
+    """The resting state of a group of neurons."""
+    rest_mV = izhikevich_rest_mV(neuron)
+    return IzhikevichState(np.full(shape, rest_mV, dtype), np.full(shape, neuron.b_per_ms * rest_mV, dtype))
+
+
+def izhikevich_step(
+    neuron: Izhikevich, current_mV_per_ms: np.ndarray, state: IzhikevichState
+) -> tuple[np.ndarray, IzhikevichState]:
+    """One step of the clock: `(spikes, next state)`; spikes are boolean, of the current's shape and float type.
+
+    >>> neuron = Izhikevich(euler_step_ms=0.1, euler_steps=10)  # a clock of 1 ms
+    >>> state, spikes = izhikevich_start(neuron, (1,), np.dtype(float)), []
+    >>> for _ in range(100):
+    ...     fired, state = izhikevich_step(neuron, np.array([10.0]), state)
+    ...     spikes.append(fired[0])
+    >>> np.flatnonzero(spikes).tolist()
+    [3, 21, 66]
+    """
+    h, v, u = neuron.euler_step_ms, state.membrane_mV, state.recovery_mV_per_ms
+    fired = np.zeros(v.shape, bool)
+    for _ in range(neuron.euler_steps):
+        slope = (0.04 * v + 5) * v + 140 - u + current_mV_per_ms
+        u = u + h * neuron.a_per_ms * (neuron.b_per_ms * v - u)
+        v = v + h * slope
+        peak = v >= neuron.v_peak_mV
+        if peak.any():
+            v = np.where(peak, v.dtype.type(neuron.c_mV), v)
+            u = u + peak * v.dtype.type(neuron.d_mV_per_ms)
+            fired |= peak
+    return fired, IzhikevichState(v, u)
 
 
 # --- current-based LIF ------------------------------------------------------------------------------

@@ -10,9 +10,9 @@ import json
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 
 import neurotact
 from neurotact.errors import InputError, nearest
@@ -176,11 +176,14 @@ def _toml_value(value: Any) -> str:
 def _explain(model: type[BaseModel], error: ValidationError) -> str:
     """The first complaint of pydantic, in the words of the spec."""
     first = error.errors()[0]
-    path = [str(part) for part in first["loc"]]
+    path, known = _place(model, first["loc"])
     key = ".".join(path) or "spec"
     if first["type"] == "extra_forbidden":
-        known = _keys_at(model, path[:-1])
         return f"{key}: unknown key; {nearest(path[-1], known)}"
+    if first["type"] == "union_tag_invalid":
+        about = first.get("ctx", {})
+        tags = [tag.strip("' ") for tag in about["expected_tags"].split(",")]
+        return f"{key}.model: '{about['tag']}' is unknown; {nearest(about['tag'], tags)}"
     if first["type"] == "missing":
         return f"{key}: is missing; add it"
     if first["type"] in ("model_type", "dict_type"):
@@ -197,17 +200,33 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
     return f"{key}: {message}" + ("" if isinstance(given, (dict, Mapping)) else f"; got {given!r}")
 
 
-def _keys_at(model: Any, path: list[str]) -> list[str]:
-    """The keys that a spec knows in the table at `path`, however deep models nest."""
-    for part in path:
-        if part.isdigit() or not hasattr(model, "model_fields"):
+def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list[str]]:
+    """Where a complaint stands, as the keys that lead there, and all keys that are known in that table."""
+    path: list[str] = []
+    known: list[str] = []
+    here = model
+    for part in map(str, location):
+        choices = _tagged(here)
+        if part in choices:  # pydantic names the chosen model of a union here, which is no key
+            here = choices[part]
             continue
-        field = model.model_fields.get(part)
-        model = next(iter(_models_in(field.annotation)), None) if field else None
-    return list(model.model_fields) if model is not None else []
+        path.append(part)
+        if part.isdigit():
+            continue
+        table = next(iter(_models_in(here)), None)
+        known = list(table.model_fields) if table is not None else []
+        field = table.model_fields.get(part) if table is not None else None
+        here = field.annotation if field is not None else None
+    return path, known
+
+
+def _tagged(annotation: Any) -> dict[str, Any]:
+    """The models of a union that is told apart by a tag, by their tags."""
+    marks = [(part, mark) for part in get_args(annotation) for mark in getattr(part, "__metadata__", ())]
+    return {mark.tag: part.__origin__ for part, mark in marks if isinstance(mark, Tag)}
 
 
 def _models_in(annotation: Any) -> list[Any]:
     if hasattr(annotation, "model_fields"):
         return [annotation]
-    return [model for part in getattr(annotation, "__args__", ()) for model in _models_in(part)]
+    return [model for part in get_args(annotation) for model in _models_in(part)]

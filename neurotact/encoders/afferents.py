@@ -73,10 +73,6 @@ class AfferentSpec(Spec):
             v_threshold_mV=self.v_threshold_mV,
         )
 
-    def afferent_names(self, taxels: tuple[str, ...]) -> tuple[str, ...]:
-        """Names in the order of the encoder's output: SA-I of every taxel, then RA-I of every taxel."""
-        return tuple(f"{kind} {taxel}" for kind in ("SA-I", "RA-I") for taxel in taxels)
-
 
 class EncoderState(NamedTuple):
     """What an encoder remembers between pieces: both populations and the signal's last sample, `(trial, taxel)`.
@@ -111,9 +107,7 @@ def encode(
     >>> spikes.shape, spikes.sum(axis=1).tolist()
     ((1, 200, 2), [[20, 0]])
     """
-    signal = np.asarray(signal)
-    if signal.ndim != 3 or signal.dtype.kind != "f":
-        raise InputError(f"signal: must be a float array (trial, time, taxel); got {signal.dtype} {signal.shape}")
+    signal = checked(signal)
     neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
     # RA-I feels the change per ms; per sample it is this much.
     gains = (spec.sa1.gain, spec.ra1.gain * sampling_rate_Hz * 1e-3)
@@ -132,16 +126,48 @@ def _encode_by_steps(
     out: np.ndarray | None,
 ) -> tuple[np.ndarray, EncoderState]:
     """The definition: a step at a time."""
-    gain_sa1, gain_ra1 = map(signal.dtype.type, gains)
     n_trials, n_steps, n_taxels = signal.shape
     spikes = np.empty((n_trials, n_steps, 2 * n_taxels), np.uint8) if out is None else out
+    drive, last = drives(signal, gains, state.last)
+    sa1, ra1 = state.sa1, state.ra1
     for t in range(n_steps):
-        now = signal[:, t]
-        last = now if state.last is None else state.last
-        spikes[:, t, :n_taxels], sa1 = lif_step(neurons[0], gain_sa1 * now, state.sa1)
-        spikes[:, t, n_taxels:], ra1 = lif_step(neurons[1], gain_ra1 * np.abs(now - last), state.ra1)
-        state = EncoderState(sa1, ra1, now)
-    return spikes, state
+        spikes[:, t, :n_taxels], sa1 = lif_step(neurons[0], drive[:, t, :n_taxels], sa1)
+        spikes[:, t, n_taxels:], ra1 = lif_step(neurons[1], drive[:, t, n_taxels:], ra1)
+    return spikes, EncoderState(sa1, ra1, last)
+
+
+def afferent_names(taxels: tuple[str, ...]) -> tuple[str, ...]:
+    """Names in the order of every encoder's output: SA-I of every taxel, then RA-I of every taxel.
+
+    >>> afferent_names(("taxel1", "taxel2"))
+    ('SA-I taxel1', 'SA-I taxel2', 'RA-I taxel1', 'RA-I taxel2')
+    """
+    return tuple(f"{kind} {taxel}" for kind in ("SA-I", "RA-I") for taxel in taxels)
+
+
+def drives(
+    signal: np.ndarray, gains: tuple[float, float], last: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """What SA-I and RA-I afferents feel, `(trial, time, 2 taxel)`, and the signal's last sample (Eqs. 2 and 3).
+
+    gains: SA-I drive for each unit of the signal; RA-I drive for each unit of change from one sample to the next.
+    last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
+
+    >>> drives(np.array([[[1.0], [3.0]]]), (2.0, 10.0), None)[0].tolist()
+    [[[2.0, 0.0], [6.0, 20.0]]]
+    """
+    gain_sa1, gain_ra1 = map(signal.dtype.type, gains)
+    before = signal[:, :1] if last is None else last[:, None]
+    change = np.abs(np.diff(signal, axis=1, prepend=before[:, : signal.shape[1]]))
+    return np.concatenate([gain_sa1 * signal, gain_ra1 * change], axis=2), signal[:, -1] if signal.shape[1] else last
+
+
+def checked(signal: np.ndarray) -> np.ndarray:
+    """The signal if it is a float array `(trial, time, taxel)`; InputError otherwise."""
+    signal = np.asarray(signal)
+    if signal.ndim != 3 or signal.dtype.kind != "f":
+        raise InputError(f"signal: must be a float array (trial, time, taxel); got {signal.dtype} {signal.shape}")
+    return signal
 
 
 def _start(signal: np.ndarray, neurons: tuple[LIF, LIF]) -> EncoderState:

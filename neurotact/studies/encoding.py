@@ -7,13 +7,14 @@ import numpy as np
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
-from neurotact.encoders.afferents import AfferentSpec, encode
+from neurotact.encoders.afferents import afferent_names
+from neurotact.encoders.specs import EncoderSpec, encode
 
 CHUNK_SAMPLES = 8_000_000
 
 
 def encode_recordings(
-    recordings: Recordings, spec: AfferentSpec, progress: Callable[[int], None] | None = None
+    recordings: Recordings, spec: EncoderSpec, progress: Callable[[int], None] | None = None
 ) -> SpikeTrains:
     """Spike trains of whole trials.
 
@@ -21,9 +22,9 @@ def encode_recordings(
     Raises InputError where the unit, the sampling rate or the taxels do not suit the spec.
 
     >>> import pandas as pd
-    >>> from neurotact.spec import load
+    >>> from neurotact.encoders.specs import load
     >>> skin = Recordings([np.zeros((400, 8))], 2000.0, "mV", pd.DataFrame({"label": ["felt"]}))
-    >>> trains = encode_recordings(skin, load(AfferentSpec, "sa1-ra1-lif"))
+    >>> trains = encode_recordings(skin, load("sa1-ra1-lif"))
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
     """
@@ -33,12 +34,13 @@ def encode_recordings(
         felt = condition(recordings.select(chunk).to_unit(spec.unit), **spec.conditioning.model_dump())
         rate_Hz = felt.sampling_rate_Hz
         if isinstance(felt.signals, np.ndarray):
-            rasters += list(encode(felt.signals, rate_Hz, spec)[0])
+            rasters += list(encode(felt.signals, rate_Hz, spec, trials=chunk)[0])
         else:
-            rasters += [encode(signal[None], rate_Hz, spec)[0][0] for signal in felt.signals]
+            alone = zip(felt.signals, chunk, strict=True)
+            rasters += [encode(signal[None], rate_Hz, spec, trials=trial[None])[0][0] for signal, trial in alone]
         if progress:
             progress(len(chunk))
-    names = spec.afferent_names(recordings.channels)
+    names = afferent_names(recordings.channels)
     encoder = spec.model_dump(mode="json", exclude_none=True)
     return from_rasters(rasters, rate_Hz, names, recordings.conditions, encoder, recordings.source)
 

@@ -20,6 +20,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import Windows, cut
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json, whole, write_json
 from neurotact.metrics import spike_trains
@@ -175,7 +176,7 @@ def baseline_table(
     return pd.DataFrame(rows)
 
 
-def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> AfferentSpec:
+def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> EncoderSpec:
     """The cell's encoder, with gains fitted on the training trials where the study calibrates."""
     if cell.calibrate is None:
         return cell.encoder

@@ -106,7 +106,7 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     stop_s = min(max(end_s, start_s + window_s), start_s + max(SHOWN_s, window_s))
     columns = [classes.long[label] for label in shown]
     figure = encoding_figures.draw_rasters(trains, trials, rows, columns, start_s, stop_s, window_s)
-    pair = f"{trains.encoder['ra1']['t_ref_ms']:g}&{trains.encoder['sa1']['t_ref_ms']:g}"
+    pair = "&".join(f"{trains.encoder[population].get('t_ref_ms', 0):g}" for population in ("ra1", "sa1"))
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (

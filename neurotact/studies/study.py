@@ -4,7 +4,8 @@ A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study holds
 says all that was run. A cell is one combination of the swept values, with everything that decides its numbers.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -14,7 +15,9 @@ from neurotact import spec as specs
 from neurotact.data.simulate import gratings, stiffness
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
+from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
@@ -23,7 +26,7 @@ from neurotact.spec import Spec
 from neurotact.studies import sweeps
 from neurotact.studies.claims import Claim
 
-PARTS: dict[str, type[Spec]] = {"encoder": AfferentSpec, "network": RSNNSpec}
+PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 SIMULATIONS = {
@@ -98,7 +101,7 @@ class StudySpec(Spec):
     early_exit: EarlyExitSpec = EarlyExitSpec()
     linear_baseline: bool = False
     """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
-    encoder: AfferentSpec
+    encoder: EncoderSpec
     network: RSNNSpec | None = None
     """Without one, cells encode and train nothing."""
     search: SearchSpec | None = None
@@ -144,7 +147,7 @@ class Cell(Spec):
     window: WindowSpec
     split: SplitSpec
     early_exit: EarlyExitSpec
-    encoder: AfferentSpec
+    encoder: EncoderSpec
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """How the network's hyperparameters are searched, which then stand for those that the space names."""
@@ -178,9 +181,9 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     quick_overrides = table.pop("quick", {})
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     overrides = {**_pop_set(table), **overrides}
-    for part, model in PARTS.items():
+    for part, load in PARTS.items():
         if isinstance(table.get(part), str):
-            table[part] = _whole(specs.load(model, _beside(path, table[part])))
+            table[part] = _whole(load(_beside(path, table[part])))
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):

@@ -1,0 +1,123 @@
+"""SA-I and RA-I afferents as Poisson processes whose rate is the drive (texture paper, Table I, its reference 18)."""
+
+from collections.abc import Iterator
+from typing import ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from neurotact.encoders.afferents import ConditioningSpec, checked, drives
+from neurotact.errors import InputError
+from neurotact.neurons import refractory_steps
+from neurotact.spec import Spec
+
+PER_BLOCK = 4
+"""Random numbers that Philox draws for one value of its counter."""
+
+
+class PoissonType(Spec):
+    """One population: an afferent of this type under each taxel."""
+
+    gain_Hz: float = Field(gt=0)
+    """Firing rate, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
+    t_ref_ms: float = Field(default=0.0, ge=0)
+    """Dead time after a spike; none in a Poisson process proper."""
+
+
+class PoissonSpec(Spec):
+    """An SA-I and an RA-I population of Poisson afferents over every taxel (`encoders/poisson.toml`)."""
+
+    folder: ClassVar[str] = "encoders"
+
+    model: Literal["poisson"] = "poisson"
+    unit: str = "mV"
+    """The unit of the recordings that the encoder takes."""
+    seed: int = Field(default=0, ge=0, lt=2**63)
+    """Of the spikes: the same spec and recordings give the same spikes."""
+    conditioning: ConditioningSpec = ConditioningSpec()
+    sa1: PoissonType
+    ra1: PoissonType
+
+
+class PoissonState(NamedTuple):
+    """What the encoder remembers between pieces.
+
+    trials: numbers of the trials, which choose their random numbers, `(trial,)`.
+    step: steps that are done.
+    silent_steps: dead steps still to come, `(trial, 2 taxel)`.
+    last: the signal's last sample, `(trial, taxel)`; None before the first.
+    """
+
+    trials: np.ndarray
+    step: int
+    silent_steps: np.ndarray
+    last: np.ndarray | None
+
+
+def encode(
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: PoissonSpec,
+    state: PoissonState | None = None,
+    *,
+    trials: np.ndarray | None = None,
+) -> tuple[np.ndarray, PoissonState]:
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
+
+    A step holds a spike with the probability `1 - exp(-rate dt)` that a Poisson process of the drive's rate has one
+    or more events in it; a negative drive is a rate of 0. Each afferent of each trial has random numbers of its own,
+    a step each, so that neither pieces nor the other trials and taxels change them.
+
+    trials: numbers of the trials, `(trial,)`, which choose their random numbers; 0, 1, ... when absent. Where a state
+        is given, its own hold.
+
+    >>> spec = PoissonSpec(sa1=PoissonType(gain_Hz=20.0), ra1=PoissonType(gain_Hz=100.0))
+    >>> spikes, _ = encode(np.full((1, 20000, 1), 5.0), 2000.0, spec)  # 10 s at 100 Hz
+    >>> spikes.shape, 900 < spikes[..., 0].sum() < 1100, int(spikes[..., 1].sum())
+    ((1, 20000, 2), np.True_, 0)
+    """
+    signal = checked(signal)
+    n_trials, n_steps, n_taxels = signal.shape
+    if state is None:
+        numbers = np.arange(n_trials) if trials is None else np.asarray(trials)
+        state = PoissonState(numbers, 0, np.zeros((n_trials, 2 * n_taxels), np.int32), None)
+    if state.trials.shape != (n_trials,):
+        raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one a trial")
+    gains = (spec.sa1.gain_Hz, spec.ra1.gain_Hz * sampling_rate_Hz * 1e-3)
+    rates_Hz, last = drives(signal, gains, state.last)
+    spikes = np.zeros(rates_Hz.shape, np.uint8)
+    for i, afferent, uniform in _uniforms(spec.seed, state, n_steps, n_taxels):
+        expected = np.maximum(rates_Hz[i, :, afferent], 0.0).astype(np.float64) / sampling_rate_Hz
+        spikes[i, :, afferent] = uniform < -np.expm1(-expected)
+    dead = [refractory_steps(kind.t_ref_ms, sampling_rate_Hz) for kind in (spec.sa1, spec.ra1)]
+    silent_steps = _silence(spikes, np.repeat(dead, n_taxels), state.silent_steps) if any(dead) else state.silent_steps
+    return spikes, PoissonState(state.trials, state.step + n_steps, silent_steps, last)
+
+
+def _uniforms(seed: int, state: PoissonState, n_steps: int, n_taxels: int) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Uniform numbers in [0, 1), `(time,)`, of each trial and afferent.
+
+    A counter-based generator (Philox) starts at any step: seed and trial are its key; step, taxel and population
+    its counter.
+    """
+    generator = np.random.Philox(0)
+    table = generator.state
+    first, skipped = divmod(state.step, PER_BLOCK)
+    for i, trial in enumerate(state.trials.tolist()):
+        for afferent in range(2 * n_taxels):
+            population, taxel = divmod(afferent, n_taxels)
+            table["state"]["key"] = np.array([seed, trial], np.uint64)
+            table["state"]["counter"] = np.array([first, taxel, population, 0], np.uint64)
+            table["buffer_pos"] = PER_BLOCK  # nothing is left of an earlier block
+            generator.state = table
+            raw = generator.random_raw(skipped + n_steps)[skipped:]
+            yield i, afferent, (raw >> np.uint64(11)) * 2.0**-53
+
+
+def _silence(spikes: np.ndarray, dead_steps: np.ndarray, silent_steps: np.ndarray) -> np.ndarray:
+    """Take out the spikes in the dead time of others, in place; the dead steps still to come."""
+    for t in range(spikes.shape[1]):
+        fired = (spikes[:, t] != 0) & (silent_steps == 0)
+        spikes[:, t] = fired
+        silent_steps = np.where(fired, dead_steps, np.maximum(silent_steps - 1, 0)).astype(np.int32)
+    return silent_steps

@@ -1,0 +1,79 @@
+"""What an encoder spec may be (`encoders/*.toml`): `model` says which neurons its afferents are."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Discriminator, Tag
+
+from neurotact import spec as specs
+from neurotact.encoders import afferents, izhikevich, poisson
+from neurotact.encoders.afferents import AfferentSpec, EncoderState
+from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
+from neurotact.encoders.poisson import PoissonSpec, PoissonState
+from neurotact.errors import InputError, nearest
+
+MODELS: dict[str, type[AfferentSpec] | type[IzhikevichSpec] | type[PoissonSpec]] = {
+    "lif": AfferentSpec,
+    "izhikevich": IzhikevichSpec,
+    "poisson": PoissonSpec,
+}
+
+
+def _model_of(value: Any) -> str:
+    """The model that a table or a spec names; LIF where it names none."""
+    return str(value.get("model", "lif") if isinstance(value, Mapping) else getattr(value, "model", "lif"))
+
+
+EncoderSpec = Annotated[
+    Annotated[AfferentSpec, Tag("lif")]
+    | Annotated[IzhikevichSpec, Tag("izhikevich")]
+    | Annotated[PoissonSpec, Tag("poisson")],
+    Discriminator(_model_of),
+]
+AnyState = EncoderState | IzhikevichEncoderState | PoissonState
+
+
+def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:
+    """Load the encoder spec called `name` (or at that path), after `overrides` of dotted keys.
+
+    >>> load("izhikevich").model, load("sa1-ra1-lif", {"sa1.t_ref_ms": 5}).sa1.t_ref_ms
+    ('izhikevich', 5.0)
+    """
+    path = specs.find("encoders", name)
+    table = specs.override(specs.read(path), overrides or {})
+    model = _model_of(table)
+    if model not in MODELS:
+        raise InputError(f"model: '{model}' is unknown; {nearest(model, [*MODELS])} ({path})")
+    return specs.build(MODELS[model], table, source=str(path))
+
+
+def encode(
+    signal: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: EncoderSpec,
+    state: AnyState | None = None,
+    *,
+    trials: np.ndarray | None = None,
+) -> tuple[np.ndarray, AnyState]:
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
+
+    The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole.
+    trials: numbers of the trials, `(trial,)`, by which random encoders draw; 0, 1, ... when absent.
+
+    >>> spikes, _ = encode(np.full((1, 200, 1), 10.0), 2000.0, load("sa1-ra1-lif"))
+    >>> spikes.sum(axis=1).tolist()
+    [[20, 0]]
+    """
+    if isinstance(spec, AfferentSpec):
+        return afferents.encode(signal, sampling_rate_Hz, spec, _own(state, EncoderState))
+    if isinstance(spec, IzhikevichSpec):
+        return izhikevich.encode(signal, sampling_rate_Hz, spec, _own(state, IzhikevichEncoderState))
+    return poisson.encode(signal, sampling_rate_Hz, spec, _own(state, PoissonState), trials=trials)
+
+
+def _own(state: AnyState | None, kind: type) -> Any:
+    if state is not None and not isinstance(state, kind):
+        raise InputError(f"state: is a {type(state).__name__}, of another encoder; pass the one that encode returned")
+    return state

@@ -1,0 +1,122 @@
+"""A spec's `model` decides its keys; LIF specs are what they were; every model goes the whole way."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact import spec
+from neurotact.data.conditioning import condition
+from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.gratings import GratingsSpec, simulate
+from neurotact.encoders import specs
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.izhikevich import IzhikevichSpec
+from neurotact.encoders.poisson import PoissonSpec
+from neurotact.errors import InputError
+from neurotact.spec import Spec
+from neurotact.studies import encoding, study
+from neurotact.studies.encoding import encode_recordings
+
+NAMES = ("sa1-ra1-lif", "izhikevich", "poisson")
+
+
+class Part(Spec):
+    """A spec that holds an encoder, as studies do."""
+
+    encoder: specs.EncoderSpec
+
+
+def refusal(call) -> str:
+    with pytest.raises(InputError) as error:
+        call()
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def table(name: str, **changes) -> dict:
+    return spec.override(specs.load(name).model_dump(mode="json", exclude_none=True), changes)
+
+
+def test_the_model_chooses_the_spec():
+    assert [type(specs.load(name)) for name in NAMES] == [AfferentSpec, IzhikevichSpec, PoissonSpec]
+
+
+def test_a_spec_without_a_model_is_lif(tmp_path):
+    lif = table("sa1-ra1-lif")
+    del lif["model"]
+    (tmp_path / "mine.toml").write_text(spec.to_toml(lif))
+    assert specs.load(tmp_path / "mine.toml") == specs.load("sa1-ra1-lif")
+    assert spec.build(Part, {"encoder": lif}, "a").encoder == specs.load("sa1-ra1-lif")
+
+
+def test_the_digests_of_lif_specs_are_what_they_were():
+    assert specs.load("sa1-ra1-lif").digest() == "5f08c89dd233"
+    assert specs.load("fabric-sa1-ra1-lif").digest() == "7a5ad541f863"
+    assert next(study.cells(study.resolve("refractory-period"))).digest() == "2c7a245210eb"
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "meant"),
+    [
+        ("sa1-ra1-lif", "sa1.t_ref", "t_ref_ms"),
+        ("izhikevich", "a_per_m", "a_per_ms"),
+        ("izhikevich", "sa1.gain_mV", "gain_mV_per_ms"),
+        ("poisson", "sed", "seed"),
+        ("poisson", "ra1.gain_hz", "gain_Hz"),
+        ("poisson", "conditioning.baselin", "baseline"),
+    ],
+)
+def test_an_unknown_key_names_the_nearest_of_its_model(name, key, meant):
+    wanted = f"{key}: unknown key; did you mean '{meant}'?"
+    assert refusal(lambda: specs.load(name, {key: 1})).startswith(wanted)
+    nested = refusal(lambda: spec.build(Part, {"encoder": table(name, **{key: 1})}, "study.toml"))
+    assert nested == f"encoder.{wanted} (study.toml)"
+
+
+def test_a_wrong_value_in_a_study_is_named_without_the_tag_of_its_model():
+    message = refusal(lambda: spec.build(Part, {"encoder": table("poisson", **{"sa1.gain_Hz": 0})}, "study.toml"))
+    assert message == "encoder.sa1.gain_Hz: must be > 0; got 0 (study.toml)"
+    assert refusal(lambda: spec.build(Part, {"encoder": 5}, "study.toml")).startswith("encoder: must be a table; got 5")
+
+
+def test_an_unknown_model_names_the_nearest():
+    assert refusal(lambda: specs.load("poisson", {"model": "poison"})).startswith(
+        "model: 'poison' is unknown; did you mean 'poisson'?"
+    )
+    nested = refusal(lambda: spec.build(Part, {"encoder": {"model": "poison"}}, "study.toml"))
+    assert nested == "encoder.model: 'poison' is unknown; did you mean 'poisson'? (study.toml)"
+
+
+def test_the_state_of_another_encoder_is_refused():
+    signal = np.zeros((1, 4, 1))
+    _, state = specs.encode(signal, 2000.0, specs.load("poisson"))
+    assert "PoissonState, of another encoder" in refusal(
+        lambda: specs.encode(signal, 2000.0, specs.load("izhikevich"), state)
+    )
+
+
+def touched(n_trials: int = 6) -> Recordings:
+    wave = 12 * np.sin(np.arange(800) / 40)[None, :, None] * np.linspace(0.5, 1, n_trials)[:, None, None]
+    noise = np.random.default_rng(0).normal(0, 0.3, (n_trials, 800, 2))
+    return Recordings((wave + noise).astype(np.float32), 2000.0, "mV", pd.DataFrame({"label": ["a", "b"] * 3}))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_chunks_of_trials_do_not_show(name, monkeypatch):
+    whole = encode_recordings(touched(), specs.load(name))
+    monkeypatch.setattr(encoding, "CHUNK_SAMPLES", 2000)
+    chunked = encode_recordings(touched(), specs.load(name))
+    assert sum(map(len, whole.steps)) > 20
+    assert whole.encoder["model"] == specs.load(name).model
+    for a, b in zip(whole.steps + whole.units, chunked.steps + chunked.units, strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_the_gains_give_each_population_the_spikes_of_lif_on_the_gratings():
+    recordings = simulate(GratingsSpec(trials=2))
+    felt = condition(recordings, **specs.load("sa1-ra1-lif").conditioning.model_dump())
+    sent = {name: specs.encode(felt.signals, 2000.0, specs.load(name))[0][:, 500:].astype(int) for name in NAMES}
+    lif = sent.pop("sa1-ra1-lif")
+    for spikes in sent.values():
+        assert spikes[..., :8].sum() == pytest.approx(lif[..., :8].sum(), rel=0.1)
+        assert spikes[..., 8:].sum() == pytest.approx(lif[..., 8:].sum(), rel=0.1)
