@@ -100,7 +100,7 @@ def rates_Hz(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:  # noqa: N8
     >>> rates_Hz(np.array([[[0, 1], [1, 1]]]), sampling_rate_Hz=2000.0).tolist()
     [[1000.0, 2000.0]]
     """
-    _check_rate(sampling_rate_Hz)
+    check_rate(sampling_rate_Hz)
     counts = spike_counts(spikes)
     steps = spikes.trial_steps[:, None] if isinstance(spikes, Events) else np.array(np.shape(spikes)[1])
     if (steps < 1).any():
@@ -116,7 +116,7 @@ def isis_ms(spikes: Spikes, sampling_rate_Hz: float) -> Intervals:
     >>> isis_ms(np.array([[[1], [0], [1], [1]]]), sampling_rate_Hz=2000.0).isi_ms.tolist()
     [1.0, 0.5]
     """
-    _check_rate(sampling_rate_Hz)
+    check_rate(sampling_rate_Hz)
     found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
     group = _group(found)
     within = group[1:] == group[:-1]
@@ -216,6 +216,7 @@ def _checked(raster: np.ndarray) -> np.ndarray:
     return raster
 
 
-def _check_rate(sampling_rate_Hz: float) -> None:
+def check_rate(sampling_rate_Hz: float) -> None:
+    """Refuse a sampling rate that is no positive number."""
     if not (np.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
