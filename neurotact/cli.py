@@ -403,7 +403,9 @@ def sops(
     _print_table(summary[SHOWN])
     network = restored.network
     sizes = (len(trains.afferents), network.n_classes, network.spec.hidden)
-    costs = ledger.decision_ledger(*sizes, trains.sampling_rate_Hz, summary)
+    costs = ledger.decision_ledger(
+        *sizes, trains.sampling_rate_Hz, summary, recurrent=network.spec.recurrent, encoder=trains.encoder
+    )
     _print_table(costs[["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]])
 
 

@@ -158,7 +158,7 @@ def test_a_value_that_is_no_count_is_refused_by_key_and_file(key, value):
 @pytest.mark.parametrize("key", ["model", "membrane", "reset"])
 @given(value=NUMBERS | WORDS | NO_NUMBERS)
 def test_a_choice_names_what_it_may_be(key, value):
-    if value not in ("eq4", "delayed", "immediate", "zero", "subtract", "hard", "rsnn"):
+    if value not in ("eq4", "delayed", "immediate", "zero", "subtract", "hard", "rsnn", "snn"):
         assert refusal(RSNNSpec, {key: value}).startswith(f"{key}: must be '")
 
 

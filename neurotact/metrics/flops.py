@@ -436,6 +436,44 @@ class Afferents(Layer):
 
 
 @dataclass(frozen=True)
+class IzhikevichAfferents(Layer):
+    """Izhikevich encoders of SA-I and RA-I for `taxels` taxels each, over `steps` steps of `euler_steps` Euler steps.
+
+    Per afferent and Euler step: v' takes two MACs, `(0.04 v + 5) v + 140`, a subtraction and an addition; u' a product
+    and a subtraction, `b v - u`; the steps of both a MAC each; then a comparison with the peak. Per step of the clock
+    the gain is a product, and RA-I takes a difference and its absolute value beside. Resets are rare and not counted.
+    """
+
+    taxels: int
+    steps: int
+    euler_steps: int = 1
+
+    def cost(self) -> Cost:
+        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        euler = afferents * self.steps * self.euler_steps
+        state = 2 * afferents + self.taxels  # v and u of both, the sample before
+        return _with_weights(2, state, macs=4 * euler, acs=3 * euler + each, other_flops=2 * euler + 3 * each)
+
+
+@dataclass(frozen=True)
+class PoissonAfferents(Layer):
+    """Poisson encoders of SA-I and RA-I for `taxels` taxels each, over `steps` steps.
+
+    Per afferent and step: gain times drive, a random number and the comparison of both. The number is counted as a
+    linear congruential one, a MAC, the cheapest that serves; the chance of a step as the drive itself. RA-I takes a
+    difference and its absolute value beside.
+    """
+
+    taxels: int
+    steps: int
+
+    def cost(self) -> Cost:
+        afferents, each = 2 * self.taxels, self.taxels * self.steps
+        state = afferents + self.taxels  # a random number each, the sample before
+        return _with_weights(2, state, macs=2 * each, acs=each, other_flops=2 * 2 * each + each)
+
+
+@dataclass(frozen=True)
 class SpikingLayer(Layer):
     """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
 

@@ -41,11 +41,14 @@ class Synops(NamedTuple):
     total_feedforward: np.ndarray
 
 
-def synops(input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int) -> Synops:
+def synops(
+    input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool = True
+) -> Synops:
     """SOPs of trials, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
 
     input_spikes, hidden_spikes: spikes of each trial, summed over neurons and simulated steps, `(trial,)`.
     n_hidden, n_readout: neurons that an input spike and a hidden spike reach.
+    recurrent: whether a hidden spike also reaches the hidden neurons.
     Raises InputError for counts that are negative, not whole or of two shapes.
 
     >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8).total.tolist()
@@ -56,9 +59,9 @@ def synops(input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n
         raise InputError(f"synops: input spikes of {sent.size} trials but hidden spikes of {heard.size}")
     if n_hidden < 1 or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
-    into_hidden, recurrent, into_readout = n_hidden * sent, n_hidden * heard, n_readout * heard
+    into_hidden, among_hidden, into_readout = n_hidden * sent, n_hidden * recurrent * heard, n_readout * heard
     feedforward = into_hidden + into_readout
-    return Synops(into_hidden, recurrent, into_readout, feedforward + recurrent, feedforward)
+    return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
 
 
 def to_table(
@@ -70,12 +73,13 @@ def to_table(
     hidden_spikes: np.ndarray,
     n_hidden: int,
     n_readout: int,
+    recurrent: bool = True,
     trials: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """The SOP report: one row a trial, with the columns of `COLUMNS`.
 
     labels, predicted: classes of each trial, names or indices alike, `(trial,)`.
-    steps: simulated steps of each trial; input_spikes, hidden_spikes: as for `synops`.
+    steps: simulated steps of each trial; input_spikes, hidden_spikes, recurrent: as for `synops`.
     trials: numbers that name the trials; 0, 1, ... when absent.
 
     >>> table = to_table(labels=["a"], predicted=["b"], steps=[300], input_spikes=[10], hidden_spikes=[4],
@@ -83,7 +87,7 @@ def to_table(
     >>> table[["label", "predicted", "sops_input", "sops_recurrent", "sops_readout"]].values.tolist()
     [['a', 'b', 300, 120, 32]]
     """
-    operations = synops(input_spikes, hidden_spikes, n_hidden, n_readout)
+    operations = synops(input_spikes, hidden_spikes, n_hidden, n_readout, recurrent=recurrent)
     n_trials = len(operations.total)
     named = np.arange(n_trials) if trials is None else np.asarray(trials)
     given = (named, np.asarray(labels), np.asarray(predicted), _counts(steps, "steps of"))

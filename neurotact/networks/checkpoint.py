@@ -121,7 +121,8 @@ def _weights(path: Path, metadata: dict[str, Any], spec: RSNNSpec) -> dict[str, 
     except SafetensorError as error:
         raise InputError(f"{path}: is not a safetensors file ({error}); save the network again") from error
     n_inputs, n_classes, hidden = metadata["n_inputs"], metadata["n_classes"], spec.hidden
-    shapes = {"w_in": (n_inputs, hidden), "w_rec": (hidden, hidden), "w_out": (hidden, n_classes)}
+    shapes = {"w_in": (n_inputs, hidden), "w_out": (hidden, n_classes)}
+    shapes |= {"w_rec": (hidden, hidden)} if spec.recurrent else {}
     shapes |= dict.fromkeys(("alpha", "beta", "threshold"), (2,))
     for name in (*shapes, *tensors):
         if name not in tensors:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from neurotact.networks.rsnn import RSNN
 
 _KINDS = {torch.uint8: 1, torch.bool: 1, torch.float32: 4, torch.float64: 8}
+Weights = tuple[Tensor, Tensor | None, Tensor]
+"""Into, among and out of the hidden neurons."""
 _GRADED = (
     "spikes: hold values other than 0 and 1, which the native kernels do not take; "
     "use backend='reference' for graded input"
@@ -32,14 +34,14 @@ def rsnn_counts(spikes: Tensor, network: "RSNN") -> tuple[Tensor, Tensor]:
     Differentiable in the three weights, in alpha, beta and threshold where they require it, and in the input spikes
     where they do. Those hold 0 and 1 only; InputError otherwise.
     """
-    weights = _same_kind(network.w_in, network.w_rec, network.w_out)
+    weights = _weights(network)
     dynamics = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
     spikes = _readable(spikes, network.w_in)
-    learns = [t.requires_grad for t in (*weights, *dynamics, spikes)]
+    learns = [t is not None and t.requires_grad for t in (*weights, *dynamics, spikes)]
     training = torch.is_grad_enabled() and any(learns)
     shape = _shape(
         network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spike.scale,  # pyright: ignore
-        recurrent=True, per_neuron=False,
+        recurrent=network.spec.recurrent, per_neuron=False,
         keep_currents=training and any(learns[3:6]), with_inputs=training and learns[6],
     )  # fmt: skip
     if training:
@@ -48,7 +50,7 @@ def rsnn_counts(spikes: Tensor, network: "RSNN") -> tuple[Tensor, Tensor]:
 
 
 def _counts(
-    spikes: Tensor, weights: tuple[Tensor, ...], dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None
+    spikes: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None
 ) -> tuple[Tensor, Tensor]:
     w_in, w_rec, w_out = weights
     alpha, beta, threshold = dynamics
@@ -57,7 +59,7 @@ def _counts(
     binary = native.forward(
         shape, w_in.dtype is torch.float64, n_trials, n_steps,
         spikes.data_ptr(), _KINDS[spikes.dtype], spikes.stride(0), spikes.stride(1),
-        w_in.data_ptr(), w_rec.data_ptr(), w_out.data_ptr(),
+        w_in.data_ptr(), _at(w_rec), w_out.data_ptr(),
         alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
         0 if tape is None else tape.data_ptr(), readout.data_ptr(), hidden.data_ptr(), 0, torch.get_num_threads(),
     )  # fmt: skip
@@ -83,7 +85,8 @@ class _Counts(torch.autograd.Function):
     def backward(ctx, g_readout, g_hidden):  # pyright: ignore[reportIncompatibleMethodOverride]
         tape, w_in, w_rec, w_out, alpha, beta, threshold = ctx.saved_tensors
         n_trials, n_steps = ctx.window
-        g_in, g_rec, g_out = torch.empty_like(w_in), torch.empty_like(w_rec), torch.empty_like(w_out)
+        g_in, g_out = torch.empty_like(w_in), torch.empty_like(w_out)
+        g_rec = None if w_rec is None else torch.empty_like(w_rec)
         learned = any(ctx.needs_input_grad[4:7])
         n_hidden, n_classes = w_out.shape
         g_spikes = w_in.new_empty(n_trials, n_steps, w_in.shape[0]) if ctx.needs_input_grad[0] else None
@@ -91,9 +94,9 @@ class _Counts(torch.autograd.Function):
         g_readout, g_hidden = _dense(g_readout), _dense(g_hidden)
         native.backward(
             ctx.shape, w_in.dtype is torch.float64, n_trials, n_steps, tape.data_ptr(),
-            w_in.data_ptr(), w_rec.data_ptr(), w_out.data_ptr(),
+            w_in.data_ptr(), _at(w_rec), w_out.data_ptr(),
             alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-            _at(g_readout), _at(g_hidden), 0, g_in.data_ptr(), g_rec.data_ptr(), g_out.data_ptr(),
+            _at(g_readout), _at(g_hidden), 0, g_in.data_ptr(), _at(g_rec), g_out.data_ptr(),
             _at(g_spikes), _at(g_dynamics), torch.get_num_threads(),
         )  # fmt: skip
         if g_dynamics is None:
@@ -108,7 +111,9 @@ def rsnn_infer(spikes: Tensor, network: "RSNN", rule: ExitRule) -> tuple[Tensor,
 
     A trial stops where `rule` says so; memory does not grow with the window.
     """
-    w_in, w_rec, w_out = _same_kind(network.w_in, network.w_rec, network.w_out)
+    w_in, w_rec, w_out = _weights(network)
+    if w_rec is None:  # the kernel that infers reads recurrent weights; without recurrence they add nothing
+        w_rec = w_in.new_zeros(network.spec.hidden, network.spec.hidden)
     alpha, beta, threshold = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
     spikes = _readable(spikes, w_in)
     n_trials, n_steps, _ = spikes.shape
@@ -228,6 +233,15 @@ def _readable(spikes: Tensor, like: Tensor) -> Tensor:
     if spikes.dtype not in _KINDS:
         spikes = spikes.to(like.dtype)
     return spikes if spikes.stride(2) == 1 else spikes.contiguous()
+
+
+def _weights(network: "RSNN") -> Weights:
+    """The three projections; none among the hidden neurons of a feed-forward network."""
+    if network.w_rec is None:
+        w_in, w_out = _same_kind(network.w_in, network.w_out)
+        return w_in, None, w_out
+    w_in, w_rec, w_out = _same_kind(network.w_in, network.w_rec, network.w_out)
+    return w_in, w_rec, w_out
 
 
 def _same_kind(*tensors: Tensor, like: Tensor | None = None) -> tuple[Tensor, ...]:

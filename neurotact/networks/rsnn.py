@@ -1,4 +1,4 @@
-"""The recurrent spiking network: one recurrent CUBA-LIF layer and a spiking readout.
+"""The spiking network: one CUBA-LIF layer, recurrent or not, and a spiking readout.
 
 Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading study.
 """
@@ -49,11 +49,12 @@ class Inference(NamedTuple):
 
 
 class RSNN(nn.Module):
-    """`n_inputs` afferents, `spec.hidden` recurrent neurons, `n_classes` readout neurons.
+    """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
-    Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`. `alpha`, `beta` and `threshold` hold
-    one value for the hidden layer and one for the readout. Spikes come in as `(trial, time, afferent)` of any
-    type whose values are 0 and 1; `backend` chooses the implementation (see `kernels.use_native`).
+    Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
+    `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout. Spikes come in as
+    `(trial, time, afferent)` of any type whose values are 0 and 1; `backend` chooses the implementation (see
+    `kernels.use_native`).
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
     >>> spikes = (torch.rand(4, 300, 16) < 0.1).to(torch.uint8)
@@ -84,7 +85,7 @@ class RSNN(nn.Module):
 
         forward, recurrent = spec.forward_weight_scale, spec.forward_weight_scale * spec.recurrent_weight_scale
         self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
-        self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden))
+        self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
         self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, sampling_rate_Hz), dtype)
         self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, sampling_rate_Hz), dtype)

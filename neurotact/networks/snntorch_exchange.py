@@ -66,6 +66,9 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
         raise InputError(f"membrane: snnTorch has 'immediate' alone; got '{network.spec.membrane}'")
     if network.spec.reset not in RESETS:
         raise InputError(f"reset: snnTorch has 'zero' and 'subtract' alone; got '{network.spec.reset}'")
+    w_rec = network.w_rec
+    if w_rec is None:
+        raise InputError("model: networks without recurrence ('snn') are not exchanged with snnTorch; train an 'rsnn'")
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)
@@ -84,7 +87,7 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     _forget(hidden, readout)
     recurrent = cast(nn.Linear, hidden.recurrent)
     recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
-    recurrent.weight = nn.Parameter(network.w_rec.detach().t().contiguous())
+    recurrent.weight = nn.Parameter(w_rec.detach().t().contiguous())
     made = SnnTorchNetwork(_linear(network.w_in), hidden, _linear(network.w_out), readout)
     return made.to(network.w_in.device)
 

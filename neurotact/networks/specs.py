@@ -23,13 +23,14 @@ class TrainingSpec(Spec):
 
 
 class RSNNSpec(Spec):
-    """A recurrent spiking network with a spiking readout (texture paper, Fig. 1c and Eqs. 4 to 7)."""
+    """A spiking network with a spiking readout: recurrent (texture paper, Fig. 1c and Eqs. 4 to 7) or feed-forward."""
 
     folder: ClassVar[str] = "networks"
 
-    model: Literal["rsnn"] = "rsnn"
+    model: Literal["rsnn", "snn"] = "rsnn"
+    """rsnn: the hidden layer is recurrent; snn: it is not, and `recurrent_weight_scale` is not looked at."""
     hidden: int = Field(default=30, ge=1, le=1024)
-    """Neurons in the recurrent layer."""
+    """Neurons in the hidden layer."""
     membrane: Membrane = "eq4"
     reset: Reset = "zero"
     tau_mem_ms: float = Field(default=20.0, gt=0)
@@ -43,3 +44,8 @@ class RSNNSpec(Spec):
     learn: tuple[Literal["alpha", "beta", "threshold"], ...] = ()
     """Which dynamics are learned with the weights: one value for the hidden layer, one for the readout."""
     training: TrainingSpec = TrainingSpec()
+
+    @property
+    def recurrent(self) -> bool:
+        """Whether hidden neurons hear one another."""
+        return self.model == "rsnn"

@@ -3,6 +3,7 @@
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,8 +14,11 @@ from neurotact.metrics.flops import (
     Afferents,
     Cost,
     Dense,
+    IzhikevichAfferents,
+    Layer,
     Moments,
     MovingAverage,
+    PoissonAfferents,
     SpikingLayer,
     Standardise,
     cost,
@@ -29,19 +33,43 @@ ABOUT = (
 )
 
 
-def encoding_cost(n_taxels: int, steps: float, signal_ms: float) -> Cost:
-    """Smoothing and both populations of afferents over a window."""
+def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mapping[str, Any] | None = None) -> Cost:
+    """Smoothing and both populations of afferents over a window.
+
+    encoder: the spec of the afferents, as spike trains carry it; LIF when absent.
+
+    >>> lif = encoding_cost(8, 300, 150.0)
+    >>> izhikevich = encoding_cost(8, 300, 150.0, {"model": "izhikevich", "euler_step_ms": 0.1})
+    >>> lif.flops, izhikevich.flops
+    (36000, 328800)
+    """
     window = max(1, round(steps))
-    return cost(MovingAverage(window, n_taxels), Afferents(n_taxels, window), signal_ms=signal_ms)
+    afferents = _afferents(encoder or {}, n_taxels, window, signal_ms / steps if steps else 0.0)
+    return cost(MovingAverage(window, n_taxels), afferents, signal_ms=signal_ms)
+
+
+def _afferents(encoder: Mapping[str, Any], n_taxels: int, steps: int, step_ms: float) -> Layer:
+    model = encoder.get("model", "lif")
+    if model == "izhikevich":
+        return IzhikevichAfferents(n_taxels, steps, max(1, math.ceil(step_ms / encoder["euler_step_ms"] - 1e-9)))
+    return {"lif": Afferents, "poisson": PoissonAfferents}[model](n_taxels, steps)
 
 
 def network_cost(
-    n_afferents: int, hidden: int, n_classes: int, measured: Mapping[str, Any], *, steps: float, signal_ms: float
+    n_afferents: int,
+    hidden: int,
+    n_classes: int,
+    measured: Mapping[str, Any],
+    *,
+    steps: float,
+    signal_ms: float,
+    recurrent: bool = True,
 ) -> Cost:
-    """The recurrent network of one decision.
+    """The spiking network of one decision.
 
     measured: mean SOPs of the projections, under the names of `SOPS`.
     steps: simulated steps of a decision, a mean under early exit.
+    recurrent: whether hidden neurons hear one another.
 
     >>> found = network_cost(16, 30, 8, {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80},
     ...                      steps=300, signal_ms=150)
@@ -50,7 +78,7 @@ def network_cost(
     """
     into_hidden = measured["sops_input"] + measured["sops_recurrent"]
     return cost(
-        SpikingLayer(n_afferents, hidden, steps=steps, sops=into_hidden, recurrent=True),
+        SpikingLayer(n_afferents, hidden, steps=steps, sops=into_hidden, recurrent=recurrent),
         SpikingLayer(hidden, n_classes, steps=steps, sops=measured["sops_readout"]),
         signal_ms=signal_ms,
     )
@@ -64,27 +92,44 @@ def linear_cost(n_taxels: int, samples: int, n_classes: int, signal_ms: float) -
 
 
 def decision_ledger(
-    n_afferents: int, n_classes: int, hidden: int, rate_Hz: float, summary: pd.DataFrame
+    n_afferents: int,
+    n_classes: int,
+    hidden: int,
+    rate_Hz: float,
+    summary: pd.DataFrame,
+    *,
+    recurrent: bool = True,
+    encoder: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
-    summary: of `metrics.synops.summary`.
+    summary: of `metrics.synops.summary`. recurrent: as for `network_cost`; encoder: as for `encoding_cost`.
     """
     measured = summary.iloc[-1]
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
-    encoder = encoding_cost(max(1, n_afferents // 2), steps, signal_ms)
-    network = network_cost(n_afferents, hidden, n_classes, measured, steps=steps, signal_ms=signal_ms)
-    return ledger_table([("encoder", encoder), ("network", network), ("both", encoder + network)])
+    encoding = encoding_cost(max(1, n_afferents // 2), steps, signal_ms, encoder)
+    network = network_cost(
+        n_afferents, hidden, n_classes, measured, steps=steps, signal_ms=signal_ms, recurrent=recurrent
+    )
+    return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
 
 
 def study_ledger(
-    results: pd.DataFrame, baseline: pd.DataFrame | None, *, n_afferents: int, n_classes: int, rate_Hz: float
+    results: pd.DataFrame,
+    baseline: pd.DataFrame | None,
+    *,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    recurrent: bool = True,
+    encoder: Mapping[str, Any] | None = None,
 ) -> pd.DataFrame:
     """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
 
     results: a run's `results.csv` with the columns `pair` and `setting`.
     baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
+    recurrent: as for `network_cost`; encoder: as for `encoding_cost`.
     """
     n_taxels = max(1, n_afferents // 2)
     rows: list[tuple[str, Cost]] = []
@@ -93,10 +138,13 @@ def study_ledger(
         rows.append(("linear baseline", linear_cost(n_taxels, int(baseline["samples"].iloc[0]), n_classes, window_ms)))
     for steps in sorted(results["window_steps"].unique()):
         window_ms = 1e3 * steps / rate_Hz
-        rows.append((f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms)))
+        rows.append(
+            (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
+        )
     for _, row in over_seeds(results, [*SOPS, "window_steps"]).iterrows():
         steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
-        network = network_cost(n_afferents, int(row["hidden"]), n_classes, row, steps=steps, signal_ms=signal_ms)
+        sizes = n_afferents, int(row["hidden"]), n_classes
+        network = network_cost(*sizes, row, steps=steps, signal_ms=signal_ms, recurrent=recurrent)
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
-        rows.append((name, encoding_cost(n_taxels, steps, signal_ms) + network))
+        rows.append((name, encoding_cost(n_taxels, steps, signal_ms, encoder) + network))
     return ledger_table(rows)

@@ -98,7 +98,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     details = found if len(found) == len(results) else [{} for _ in range(len(results))]
     write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
     report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
-    ledger_rows = _ledger(folder, results, trains)
+    ledger_rows = _ledger(folder, results, trains, study.network.recurrent)
     choice = selection.as_table(chosen) if chosen else None
     if choice is not None:
         write_table(choice, folder / "selection.csv")
@@ -237,14 +237,16 @@ def baseline_table(folder: Path) -> Table | None:
     return Table(caption, heads, rows, n_heads=1)
 
 
-def _ledger(folder: Path, results: pd.DataFrame, trains: SpikeTrains | None) -> Table | None:
+def _ledger(folder: Path, results: pd.DataFrame, trains: SpikeTrains | None, recurrent: bool) -> Table | None:
     """What a decision costs, written to ledger.csv too; None where no spikes say how many afferents there are."""
     if trains is None:
         return None
     path = folder / "baseline.csv"
     baseline = pd.read_csv(path) if path.is_file() else None
     sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
-    table = ledger.study_ledger(results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz)
+    table = ledger.study_ledger(
+        results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz, recurrent=recurrent, encoder=trains.encoder
+    )
     write_table(table, folder / "ledger.csv")
     rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in table.itertuples(index=False, name=None)]
     return Table("What a decision costs", [LEDGER_HEADS[column] for column in table.columns], rows, n_heads=1)

@@ -156,6 +156,7 @@ def infer(
         hidden_spikes=heard,
         n_hidden=network.spec.hidden,
         n_readout=network.n_classes,
+        recurrent=network.spec.recurrent,
         trials=windows.trial,
     )
 
@@ -222,7 +223,8 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
         sent, heard = ((part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden))
         steps.append(found.steps)
         right.append(found.labels == labels)
-        sops.append(synops.synops(sent, heard, network.spec.hidden, network.n_classes).total)
+        sizes = network.spec.hidden, network.n_classes
+        sops.append(synops.synops(sent, heard, *sizes, recurrent=network.spec.recurrent).total)
     return {
         "oracle_steps": float(torch.cat(steps).double().mean()),
         "oracle_accuracy": float(torch.cat(right).double().mean()),
@@ -232,7 +234,8 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
 
 def _synops(inference: Inference, network: RSNN) -> synops.Synops:
     counts = (inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
-    return synops.synops(*counts, n_hidden=network.spec.hidden, n_readout=network.n_classes)
+    spec = network.spec
+    return synops.synops(*counts, n_hidden=spec.hidden, n_readout=network.n_classes, recurrent=spec.recurrent)
 
 
 def _accuracy(inference: Inference, examples: Examples) -> float:

@@ -16,10 +16,12 @@ from neurotact.metrics.flops import (
     ConvLSTM,
     Cost,
     Dense,
+    IzhikevichAfferents,
     Layer,
     Moments,
     MovingAverage,
     NearestPoints,
+    PoissonAfferents,
     PowerOfTwoDense,
     Projection,
     RBFExpansion,
@@ -44,6 +46,8 @@ EVERY_LAYER = [
     Standardise(16),
     Projection(16, 3),
     Afferents(8, 300),
+    IzhikevichAfferents(8, 300, 5),
+    PoissonAfferents(8, 300),
     SpikingLayer(16, 30, 300, 1000.0),
 ]
 

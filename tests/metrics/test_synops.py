@@ -100,3 +100,9 @@ def test_reports_that_do_not_fit_together_are_refused():
         summary(table().drop(columns="predicted"))
     with pytest.raises(InputError, match="at least one neuron"):
         synops(np.array([1]), np.array([1]), 0, 4)
+
+
+def test_without_recurrence_hidden_spikes_reach_the_readout_alone():
+    found = synops(np.array([10, 3]), np.array([4, 0]), n_hidden=5, n_readout=2, recurrent=False)
+    assert found.recurrent.tolist() == [0, 0]
+    assert found.total.tolist() == found.total_feedforward.tolist() == [58, 15]

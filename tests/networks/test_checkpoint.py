@@ -184,3 +184,12 @@ def test_what_a_checkpoint_cannot_hold_is_refused_before_anything_is_written(tmp
     with pytest.raises(InputError, match="surrogate"):
         save(odd, tmp_path)
     assert os.listdir(tmp_path) == []
+
+
+def test_a_feed_forward_network_is_kept_without_recurrent_weights(tmp_path):
+    net = network(model="snn")
+    save(net, tmp_path)
+    assert "w_rec" not in safetensors.torch.load_file(tmp_path / WEIGHTS)
+    again, _ = load(tmp_path, backend="reference")
+    assert not again.spec.recurrent
+    assert torch.equal(net.simulate(spikes()).readout, again.simulate(spikes()).readout)

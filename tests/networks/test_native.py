@@ -358,3 +358,33 @@ def test_a_layer_names_what_does_not_fit(change, message):
 def test_a_set_that_the_processor_lacks_is_refused():
     with pytest.raises(ValueError, match="unknown"):
         native.set_isa("sse9")
+
+
+# --- without recurrence --------------------------------------------------------------------------------
+
+
+@each_variant
+@given(
+    sizes=st.tuples(st.integers(1, 40), st.integers(1, 80), st.integers(1, 20)),
+    window=st.tuples(st.integers(1, 5), st.integers(1, 25)),
+    dtype=dtypes,
+    isa=isas,
+    learn=st.booleans(),
+)
+@settings(max_examples=15)
+def test_a_feed_forward_network_is_the_reference_s(membrane, reset, sizes, window, dtype, isa, learn):
+    native.set_isa(isa)
+    n_in, hidden, classes = sizes
+    chosen = LEARNED if learn else ()
+    net = network(n_in, hidden, classes, dtype=dtype, model="snn", membrane=membrane, reset=reset, learn=chosen)
+    assert net.w_rec is None
+    compare(net, spikes(*window, n_in), with_inputs=learn)
+
+
+@pytest.mark.parametrize("rule", [FULL_WINDOW, ExitRule(4), ExitRule(4, from_first_spike=True)])
+def test_a_feed_forward_network_infers_as_its_rasters_say(rule):
+    net, x = network(model="snn"), spikes(20, 60)
+    wanted = decide(x, net.simulate(x, ordered=True), rule)
+    for mine, its in zip(net.infer(x, rule), wanted, strict=True):
+        assert torch.equal(mine, its)
+    assert wanted.hidden_spikes.sum() > 0

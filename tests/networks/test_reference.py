@@ -312,3 +312,18 @@ def test_spikes_of_other_afferents_are_refused():
         CubaLIF(membrane="imediate")  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="did you mean 'subtract'"):
         CubaLIF(reset="substract")  # pyright: ignore[reportArgumentType]
+
+
+def test_a_feed_forward_network_is_a_recurrent_one_whose_recurrent_weights_are_zero():
+    rnn = network("eq4", "zero")
+    snn = RSNN(3, 2, RSNNSpec(model="snn", hidden=5), 200.0, backend="reference", dtype=torch.float64)
+    with torch.no_grad():
+        rnn.w_rec.zero_()
+    snn.load_state_dict({name: value for name, value in rnn.state_dict().items() if name != "w_rec"})
+    x = spikes(6, 80)
+    for mine, its in zip(snn.simulate(x), rnn.simulate(x), strict=True):
+        assert mine.sum() > 0
+        assert torch.equal(mine, its)
+    for mine, its in zip(snn.infer(x), rnn.infer(x), strict=True):
+        assert torch.equal(mine, its)
+    assert "w_rec" not in snn.state_dict()

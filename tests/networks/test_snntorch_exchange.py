@@ -277,3 +277,9 @@ def test_other_odd_parts_are_refused():
         from_snntorch(parts(), 0.0)
     with pytest.raises(InputError, match="weights must be float32"):
         from_snntorch([part.double() for part in parts()], 2000.0)
+
+
+def test_a_network_without_recurrence_is_refused():
+    net = RSNN(5, 3, RSNNSpec(model="snn", membrane="immediate"), 2000.0)
+    with pytest.raises(InputError, match="without recurrence"):
+        to_snntorch(net)

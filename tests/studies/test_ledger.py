@@ -49,3 +49,20 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     older = pd.DataFrame({"accuracy_test": [0.5]})
     assert ledger.study_ledger(results, older, **sizes)["name"].iloc[0].startswith("conditioning")
     assert len(ledger.study_ledger(results, None, **sizes)) == 2
+
+
+def test_a_feed_forward_network_has_no_recurrent_weights():
+    measured = {"sops_input": 15.0, "sops_recurrent": 0.0, "sops_readout": 8.0}
+    counted = ledger.network_cost(2, 3, 4, measured, steps=10, signal_ms=5.0, recurrent=False)
+    assert counted.parameters == 2 * 3 + 3 * 4
+    assert counted.sops == 23
+
+
+def test_encoders_by_hand():
+    # A taxel, ten steps of 0.5 ms: smoothing takes 10 MACs and 10 products.
+    izhikevich = ledger.encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
+    assert (izhikevich.macs, izhikevich.acs) == (10 + 4 * 100, 3 * 100 + 10)
+    assert izhikevich.other_flops == 10 + 2 * 100 + 3 * 10
+    poisson = ledger.encoding_cost(1, 10, 5.0, {"model": "poisson"})
+    assert (poisson.macs, poisson.acs, poisson.other_flops) == (10 + 20, 10, 10 + 50)
+    assert ledger.encoding_cost(1, 10, 5.0, {"model": "lif"}) == ledger.encoding_cost(1, 10, 5.0)
