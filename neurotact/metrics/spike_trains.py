@@ -130,7 +130,7 @@ def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
     >>> latencies_ms(np.array([[[0, 0], [1, 0], [1, 0]]]), sampling_rate_Hz=2000.0).tolist()
     [[0.5, nan]]
     """
-    _check_rate(sampling_rate_Hz)
+    check_rate(sampling_rate_Hz)
     found = spikes if isinstance(spikes, Events) else events_of_raster(spikes)
     group = _group(found)
     is_first = np.diff(group, prepend=-1) != 0

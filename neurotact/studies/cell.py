@@ -9,7 +9,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.files import whole, write_json
 from neurotact.networks.specs import RSNNSpec
 from neurotact.spec import Spec
-from neurotact.studies import encoded, search, trained
+from neurotact.studies import encoded, search, shortened, trained
+from neurotact.studies.conditions import by_condition
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
 from neurotact.studies.trained import Task
@@ -45,7 +46,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
         fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
     else:
         fitted, sides = searched.fitted, searched.sides
-    result = trained.measure(fitted, sides.test, trains.is_sa)
+    result = trained.measure(fitted, sides.test, trains.is_sa) | _tables(cell, fitted, sides, trains, task)
     result["row"] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
@@ -66,6 +67,22 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
                 draft.write_bytes(content)
         write_json(place / RESULT, result)
         return {path.relative_to(place).as_posix(): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+def _tables(
+    cell: Cell, fitted: trained.Trained, sides: trained.Sides, trains: SpikeTrains, task: Task
+) -> dict[str, Any]:
+    """`tables`: the rows of each table that the study asks for besides results.csv; nothing where it asks for none."""
+    network, found = fitted.network, {}
+    heard = shortened.hear(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
+    if heard and cell.cut_short_ms:
+        found["cut_short"] = shortened.cut_short(network, heard, cell.cut_short_ms)
+    if heard and cell.exit_patiences:
+        on_validation = shortened.hear(network, sides.validation)
+        found["exit_curve"] = shortened.exit_curve(network, heard, on_validation, cell.exit_patiences)
+    if cell.test_every_condition:
+        found["conditions"] = by_condition(network, trains, task)
+    return {"tables": found} if found else {}
 
 
 class Searched(NamedTuple):

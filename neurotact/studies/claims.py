@@ -1,9 +1,10 @@
 """Published claims beside our results: each is a rule written in the study file, and its verdict.
 
-A rule reads one column (`measure`) of `results.csv`, `encoding.csv` or `selection.csv`, averaged over the rows that
-`where` selects.
+A rule reads one column (`measure`) of one table of a run (`results.csv`, `encoding.csv` ...), averaged over the rows
+that `where` selects.
 """
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -33,7 +34,9 @@ class Claim(Spec):
     """What the paper says, as it is shown."""
     kind: Literal["value", "at_least", "at_most", "change", "order"]
     measure: str
-    table: Literal["results", "encoding", "selection"] = "results"
+    table: Literal[
+        "results", "encoding", "selection", "cut_short", "exit_curve", "conditions", "signals", "same_drive"
+    ] = "results"
     where: dict[str, Any] = {}
     against: dict[str, Any] = {}
     best_over: tuple[str, ...] = ()
@@ -90,20 +93,21 @@ class Verdict(NamedTuple):
         return self.claim.why if self.reproduced is False else ""
 
 
-def judge(
-    claim: Claim, results: pd.DataFrame, encoding: pd.DataFrame, selection: pd.DataFrame | None = None
-) -> Verdict:
-    """Hold a claim against the tables of a run; a selection that is not complete has none.
+def judge(claim: Claim, tables: Mapping[str, pd.DataFrame]) -> Verdict:
+    """Hold a claim against the tables of a run, by their names; a selection that is not complete has none.
 
     >>> results = pd.DataFrame({"pair": ["1&1", "5&5"], "accuracy_test": [0.9, 0.8], "seed": [0, 0]})
     >>> claim = Claim(name="1&1 is accurate", source="Fig. 11", published="90.2 %", kind="value",
     ...               measure="accuracy_test", where={"pair": "1&1"}, value=0.902, tolerance=0.02)
-    >>> judge(claim, results, results)[1:]
+    >>> judge(claim, {"results": results})[1:]
     ('0.9', True)
     """
-    table = {"results": results, "encoding": encoding, "selection": selection}[claim.table]
-    if table is None:
+    if claim.table == "selection" and claim.table not in tables:
         return Verdict(claim, "not in this run", None)
+    if claim.table not in tables:
+        known = nearest(claim.table, list(tables))
+        raise InputError(f"claim '{claim.name}': this run has no table '{claim.table}'; {known}")
+    table = tables[claim.table]
     if claim.measure not in table:
         raise InputError(
             f"claim '{claim.name}': there is no column '{claim.measure}'; {nearest(claim.measure, list(table))}"

@@ -63,7 +63,7 @@ def prepare(what: Study, folder: Path) -> None:
     if isinstance(what, ProtocolStudy):
         in_a_process(protocol_cell.prepare, folder, list(protocol_study.cells(what)))
     else:
-        in_a_process(preparation.prepare, folder, what.dataset, list(study.cells(what)), what.linear_baseline)
+        in_a_process(preparation.prepare, folder, what, list(study.cells(what)))
 
 
 def given_path(folder: Path, one: AnyCell) -> Path:

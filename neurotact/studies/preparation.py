@@ -27,7 +27,9 @@ from neurotact.metrics import spike_trains
 from neurotact.spec import build, digest
 from neurotact.studies.calibration import calibrate
 from neurotact.studies.encoding import encode_recordings
-from neurotact.studies.study import SIMULATIONS, Cell, DatasetSpec
+from neurotact.studies.same_drive import same_drive_table
+from neurotact.studies.signals import signal_table
+from neurotact.studies.study import SIMULATIONS, Cell, DatasetSpec, StudySpec
 
 READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 
@@ -69,11 +71,14 @@ def spikes_path(folder: Path, cell: Cell) -> Path:
     return folder / "spikes" / f"{cell.spikes_name}.h5"
 
 
-def prepare(folder: Path, dataset: DatasetSpec, cells: list[Cell], linear_baseline: bool) -> None:
-    """Write what is missing of `folder/spikes`, the encoding tables beside it, and the linear baseline."""
+def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
+    """Write what is missing of `folder/spikes`, the encoding tables beside it, and the study's tables of recordings."""
+    dataset = study.dataset
     missing = {cell.spikes_name: cell for cell in cells if not spikes_path(folder, cell).is_file()}
-    wants_baseline = linear_baseline and not (folder / "baseline.csv").is_file()
-    if not missing and not wants_baseline:
+    wants_baseline = study.linear_baseline and not (folder / "baseline.csv").is_file()
+    wants_signals = study.signals and not (folder / "signals.csv").is_file()
+    wants_drive = study.same_drive is not None and not (folder / "same_drive.csv").is_file()
+    if not (missing or wants_baseline or wants_signals or wants_drive):
         return
     recordings = load_dataset(dataset)
     _check_unchanged(folder, recordings)
@@ -83,6 +88,14 @@ def prepare(folder: Path, dataset: DatasetSpec, cells: list[Cell], linear_baseli
         with whole(folder / "spikes" / f"{cell.spikes_name}.csv") as draft:
             encoding_table(trains, cell, dataset.stratify).to_csv(draft, index=False)
         hdf5.save_spikes(trains, spikes_path(folder, cell))
+    if wants_signals:
+        table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
+        with whole(folder / "signals.csv") as draft:
+            table.to_csv(draft, index=False, lineterminator="\n")
+    if wants_drive and study.same_drive is not None and isinstance(study.encoder, AfferentSpec):
+        table = same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)
+        with whole(folder / "same_drive.csv") as draft:
+            table.to_csv(draft, index=False, lineterminator="\n")
     if wants_baseline:
         subsets = {cell.dataset: cell.subset for cell in cells}
         trains = hdf5.load_spikes(spikes_path(folder, cells[0]))
@@ -177,12 +190,17 @@ def baseline_table(
 
 
 def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> EncoderSpec:
-    """The cell's encoder, with gains fitted on the training trials where the study calibrates."""
+    """The cell's encoder, with gains fitted on the training trials where the study calibrates.
+
+    Where unknown conditions are tested, those of the cell's own subset alone: gains must not know the others.
+    """
     if cell.calibrate is None:
         return cell.encoder
-    key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump()])
+    known = cell.subset if cell.test_every_condition else {}
+    key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump(), known])
     if key not in calibrated:
         train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
+        train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
         calibrated[key] = calibrate(recordings.select(train), cell.calibrate).encoder
     fitted = calibrated[key]
     populations = {

@@ -44,7 +44,7 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
     every = list(cells(study))
     arrays = protocol_cell.load_arrays(protocol_cell.arrays_path(folder, every[0]))
-    verdicts = [judge(claim, results, results) for claim in study.claims]
+    verdicts = [judge(claim, {"results": results}) for claim in study.claims]
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
     page = report.template("protocol.html.jinja").render(
         study=study,

@@ -2,6 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Iterator, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +24,7 @@ from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.report_encoding import encoding_drawings, name_classes
+from neurotact.studies.report_extra import extra_drawings
 from neurotact.studies.report_networks import network_drawings
 from neurotact.studies.report_page import Table
 from neurotact.studies.selection import Selection
@@ -38,6 +40,11 @@ DOWNLOADS = {
     "selection.csv": "what each step of the selection saw and chose",
     "baseline.csv": "the linear classifier",
     "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
+    "cut_short.csv": "each network on the first so many ms of its windows",
+    "exit_curve.csv": "each network with early exit, over patience",
+    "conditions.csv": "each network under each condition",
+    "signals.csv": "amplitude and principal frequency of the signals",
+    "same_drive.csv": "spikes of an afferent under the same drive, over refractory periods",
     "timings.csv": "time that each cell took",
     "study.toml": "the study as it was run, every part whole",
     "versions.json": "versions of what computed it",
@@ -46,6 +53,7 @@ DOWNLOADS = {
 MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total"]
 
 
+EXTRA_TABLES = ("cut_short", "exit_curve", "conditions", "signals", "same_drive")
 NETWORK_COLUMNS = {
     "setting": "data set",
     "pair": "t_ref RA-I & SA-I (ms)",
@@ -92,17 +100,19 @@ def write(study: StudySpec, folder: Path) -> Path:
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
+    extra = extra_tables(folder)
     shown = drawings(study, folder, done, results, encoding, trains, classes, chosen)
-    figures = [keep(drawn, folder) for drawn in shown]
+    figures = [keep(drawn, folder) for drawn in chain(shown, extra_drawings(study, results, extra, classes))]
     found = report_cells.cell_details(folder, done, classes)
     details = found if len(found) == len(results) else [{} for _ in range(len(results))]
     write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
     report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
-    ledger_rows = _ledger(folder, results, trains, study.network.recurrent)
-    choice = selection.as_table(chosen) if chosen else None
-    if choice is not None:
-        write_table(choice, folder / "selection.csv")
-    verdicts = [judge(claim, results, encoding, choice) for claim in study.claims]
+    ledger_rows = _ledger(folder, results, trains, study.network is None or study.network.recurrent)
+    tables = {"results": results, "encoding": encoding, **extra}
+    if chosen:
+        tables["selection"] = selection.as_table(chosen)
+        write_table(tables["selection"], folder / "selection.csv")
+    verdicts = [judge(claim, tables) for claim in study.claims]
     page_data = report_cells.page_data(results, details, classes)
     page_data |= {"best": report_selection.best_row(chosen, results)} if chosen else {}
     page = template("report.html.jinja").render(
@@ -151,6 +161,13 @@ def drawings(
         results, done = report_selection.at_choice(found, results, done)
     yield from encoding_drawings(study, trains, encoding, classes)
     yield from network_drawings(study, folder, done, results, classes)
+
+
+def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """The tables that only some studies leave, by name."""
+    paths = {name: folder / f"{name}.csv" for name in EXTRA_TABLES}
+    found = {name: pd.read_csv(path) for name, path in paths.items() if path.is_file()}
+    return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
 
 
 def read_encoding(path: Path) -> pd.DataFrame:

@@ -63,6 +63,8 @@ def finish(study: Study, folder: Path) -> Path:
         return protocol_report.write(study, folder)
     trained = [cell for cell in done if isinstance(cell, Cell)]
     _write_csv(results_table(study, folder, trained), folder / "results.csv")
+    for name, table in extra_tables(study, folder, trained).items():
+        _write_csv(table, folder / f"{name}.csv")
     tables = {cell.spikes_name: spikes_path(folder, cell).with_suffix(".csv") for cell in trained}
     _write_csv(pd.concat(map(report.read_encoding, tables.values()), ignore_index=True), folder / "encoding.csv")
     return report.write(study, folder)
@@ -84,6 +86,18 @@ def results_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFr
         extra = {key: value_at(cell, key) for key in swept_columns(study)}
         rows.append({**files.read_json(cell_folder(folder, cell) / "result.json")["row"], **extra})
     return pd.DataFrame(rows)
+
+
+def extra_tables(study: StudySpec, folder: Path, done: list[Cell]) -> dict[str, pd.DataFrame]:
+    """By name, the tables that cells left besides their row; each line begins with its cell's sweep."""
+    found: dict[str, list[dict]] = {}
+    for cell in done:
+        result = files.read_json(cell_folder(folder, cell) / "result.json")
+        keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
+        keys |= {key: value_at(cell, key) for key in swept_columns(study)}
+        for name, lines in result.get("tables", {}).items():
+            found.setdefault(name, []).extend({**keys, **line} for line in lines)
+    return {name: pd.DataFrame(lines) for name, lines in found.items()}
 
 
 def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:

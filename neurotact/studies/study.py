@@ -7,7 +7,7 @@ says all that was run. A cell is one combination of the swept values, with every
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -25,6 +25,12 @@ from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
 from neurotact.studies import sweeps
 from neurotact.studies.claims import Claim
+from neurotact.studies.same_drive import SameDriveSpec
+
+Milliseconds = Annotated[float, Field(gt=0)]
+Steps = Annotated[int, Field(ge=1)]
+MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
+"""Keys of a study whose cells measure more; each leaves a table of its own."""
 
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
@@ -101,6 +107,17 @@ class StudySpec(Spec):
     early_exit: EarlyExitSpec = EarlyExitSpec()
     linear_baseline: bool = False
     """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
+    cut_short_ms: tuple[Milliseconds, ...] = ()
+    """Also test each network on the first so many ms of its own windows: the table cut_short.csv."""
+    exit_patiences: tuple[Steps, ...] = ()
+    """Also test each network with early exit at these patiences, in both modes: the table exit_curve.csv."""
+    test_every_condition: bool = False
+    """Also test each network on the test trials of every condition in `dataset.stratify`, whether it was trained on
+    that condition or not: the table conditions.csv."""
+    signals: bool = False
+    """Also tell the amplitude and the principal frequency of each class and condition: the table signals.csv."""
+    same_drive: SameDriveSpec | None = None
+    """Also give one afferent the same drive at several refractory periods: the table same_drive.csv."""
     encoder: EncoderSpec
     network: RSNNSpec | None = None
     """Without one, cells encode and train nothing."""
@@ -119,11 +136,17 @@ class StudySpec(Spec):
         for name in self.sweep.get("dataset", []):
             if name not in known:
                 raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
+        if self.test_every_condition and not self.dataset.stratify:
+            raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
+        if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
+            raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
         return self
 
     @model_validator(mode="after")
     def _asks_no_network_that_is_not_there(self) -> "StudySpec":
-        of_network = [axis for axis in self.sweep if "network." in axis] + ["search"] * (self.search is not None)
+        of_network = [axis for axis in self.sweep if "network." in axis] + [
+            name for name in ("search", *MEASURES) if getattr(self, name)
+        ]
         if self.network is None and of_network:
             raise ValueError(f"{of_network[0]} needs a network; name one, as in network = 'rsnn'")
         return self
@@ -151,23 +174,27 @@ class Cell(Spec):
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """How the network's hyperparameters are searched, which then stand for those that the space names."""
+    cut_short_ms: tuple[Milliseconds, ...] = ()
+    exit_patiences: tuple[Steps, ...] = ()
+    test_every_condition: bool = False
 
     def digest(self) -> str:
-        """As of every spec; what a cell lacks (a search, a network) is no part of its name."""
-        absent = {part for part in ("search", "network") if getattr(self, part) is None}
+        """As of every spec; what a cell does without (a search, a network) is no part of its name."""
+        absent = {name for name in ("search", "network", *MEASURES) if not getattr(self, name)}
         return specs.digest(self.model_dump(mode="json", exclude=absent))
 
     @property
     def seeds(self) -> tuple[int, int]:
-        """Seeds of the initial weights and of the order of trials, drawn from the cell's content."""
-        content = self.digest()
+        """Seeds of the initial weights and of the order of trials, drawn from what decides the training."""
+        content = self.model_copy(update={name: Cell.model_fields[name].default for name in MEASURES}).digest()
         return int(content[:6], 16), int(content[6:], 16)
 
     @property
     def spikes_name(self) -> str:
         """The digest of what decides the cell's spike trains."""
         content = self.model_dump(mode="json", include={"source", "encoder", "calibrate"})
-        return specs.digest([content, self.split.model_dump() if self.calibrate else None])
+        known = [self.subset] if self.calibrate and self.test_every_condition else []
+        return specs.digest([content, self.split.model_dump() if self.calibrate else None, *known])
 
 
 def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False) -> StudySpec:
@@ -213,6 +240,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder")},
         **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
+        **{name: getattr(study, name) for name in MEASURES},
     }
     for point in sweeps.points(study.sweep):
         chosen = {"dataset": next(iter(study.dataset.subsets)), **point}

@@ -24,7 +24,7 @@ def claim(kind, measure="accuracy_test", **rest):
 
 
 def verdict(one):
-    return judge(one, RESULTS, RESULTS)
+    return judge(one, {"results": RESULTS})
 
 
 def test_a_level_is_the_mean_of_the_selected_rows():
@@ -40,7 +40,7 @@ def test_best_over_takes_the_largest_mean_and_names_it():
 
 def test_the_best_of_one_size_says_that_it_is_the_only_one():
     one_size = RESULTS[RESULTS["hidden"] == 30]
-    best = judge(claim("at_least", where=PAIRS[1], best_over=("hidden",), value=0.9), one_size, one_size)
+    best = judge(claim("at_least", where=PAIRS[1], best_over=("hidden",), value=0.9), {"results": one_size})
     assert best.ours == "0.9 at hidden = 30, the only size run"
 
 

@@ -375,8 +375,8 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Accuracy over the number of steps",
         figures.draw_accuracy(results, TABLE_I),
         "As Fig. 4: each line is a fold, the mean of its runs. Above, protocol paper, whose pair of batch and epochs "
-        "is chosen on these very test folds; below, honest, on people that training and choice have not seen. Dashed: the "
-        "mean of Table I's folds.",
+        "is chosen on these very test folds; below, honest, on people that training and choice have not seen. Dashed: "
+        "the mean of Table I's folds.",
         "Test accuracy against the number of steps for three networks and two protocols, a line a fold.",
     )
     honest = results[results["protocol"] == results["protocol"].iloc[-1]]

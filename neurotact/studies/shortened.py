@@ -1,0 +1,125 @@
+"""Trained networks that hear less than their whole window: cut short at a fixed time, or by early exit.
+
+The state of a network evolves the same whatever comes later, so that one simulation of whole windows tells what is
+decided, and what it costs, at every step.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact.metrics import synops
+from neurotact.networks.exit_choice import exits, oracle_exit
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.training import Examples
+
+AT_ONCE = 256
+"""Windows simulated together: rasters of a second of all test windows would be gigabytes."""
+
+
+class Heard(NamedTuple):
+    """Windows as a network hears them.
+
+    readout: spikes `(window, time, class)`; input, hidden: spikes of all neurons up to and with each step
+    `(window, time)` int64; labels: the true classes `(window,)`.
+    """
+
+    readout: Tensor
+    input: Tensor
+    hidden: Tensor
+    labels: Tensor
+
+
+@torch.no_grad()
+def hear(network: RSNN, examples: Examples) -> Heard:
+    """Simulate whole windows and keep what leaves each layer."""
+    readout, sent, heard = [], [], []
+    for spikes in examples.spikes.split(AT_ONCE):
+        rasters = network.simulate(spikes.to(network.w_in.device))
+        readout.append(rasters.readout.cpu().to(torch.uint8))
+        sent.append(_until(spikes))
+        heard.append(_until(rasters.hidden.cpu()))
+    return Heard(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels)
+
+
+def cut_short(network: RSNN, heard: Heard, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+    """Accuracy and mean SOPs at each cut that lies within the window, the counts at its last step deciding.
+
+    Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
+    """
+    rows = []
+    for cut_ms in cuts_ms:
+        n_steps = round(cut_ms * 1e-3 * network.sampling_rate_Hz)
+        if 1 <= n_steps <= heard.readout.shape[1]:
+            chosen = heard.readout[:, :n_steps].sum(dim=1).argmax(dim=1)
+            steps = torch.full_like(chosen, n_steps)
+            rows.append({"cut_ms": cut_ms, **_judged(network, heard, steps, chosen)})
+    return rows
+
+
+def exit_curve(network: RSNN, test: Heard, validation: Heard, patiences: Sequence[int]) -> list[dict[str, Any]]:
+    """Accuracy, steps and mean SOPs on test windows over patience, in both modes of early exit.
+
+    Columns: mode (`validated`, `oracle`), patience in steps, accuracy_validation with the same patience,
+    accuracy_test, exit_steps, exit_steps_sd (deviation over windows), exit_steps_right (mean over windows whose label
+    is right then), sops_* as in results.csv; and beside the whole window accuracy_lost, and the shares steps_saved
+    and sops_saved. A patience of the window's length never exits.
+    """
+    n_steps = test.readout.shape[1]
+    within = [patience for patience in patiences if patience <= n_steps]
+    (whole,) = cut_short(network, test, [1e3 * n_steps / network.sampling_rate_Hz])
+    rows = []
+    for mode, decide in (("validated", _validated), ("oracle", _oracle)):
+        on_test, on_validation = decide(test, within), decide(validation, within)
+        for patience, (steps, chosen), (_, supposed) in zip(within, on_test, on_validation, strict=True):
+            found = _judged(network, test, steps, chosen)
+            mean = float(steps.double().mean())
+            rows.append(
+                {
+                    "mode": mode,
+                    "patience": patience,
+                    "accuracy_validation": _share(supposed == validation.labels),
+                    "exit_steps": mean,
+                    "exit_steps_sd": float(steps.double().std(correction=0)),
+                    "exit_steps_right": _mean_where(chosen == test.labels, steps),
+                    **found,
+                    "accuracy_lost": whole["accuracy_test"] - found["accuracy_test"],
+                    "steps_saved": 1.0 - mean / n_steps,
+                    "sops_saved": 1.0 - found["sops_total"] / max(whole["sops_total"], 1.0),
+                }
+            )
+    return rows
+
+
+def _validated(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
+    found = exits(heard.readout)
+    return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
+
+
+def _oracle(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """The same by the texture paper's Algorithm 1, which begins at each patience and knows the true labels."""
+    return [oracle_exit(heard.readout, heard.labels, patience)[:2] for patience in patiences]
+
+
+def _judged(network: RSNN, heard: Heard, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+    """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
+    sent, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (heard.input, heard.hidden))
+    cost = synops.synops(sent, hidden, n_hidden=network.spec.hidden, n_readout=network.n_classes)
+    sops = {f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()}
+    return {"accuracy_test": _share(chosen == heard.labels), **sops}
+
+
+def _until(spikes: Tensor) -> Tensor:
+    """Spikes of all neurons up to and with each step, `(window, time)`."""
+    return spikes.sum(dim=2).to(torch.int64).cumsum(dim=1)
+
+
+def _mean_where(right: Tensor, steps: Tensor) -> float | None:
+    return float(steps[right].double().mean()) if right.any() else None
+
+
+def _share(right: Tensor) -> float:
+    return float(right.double().mean())
