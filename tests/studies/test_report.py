@@ -16,7 +16,6 @@ from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.spec import load
 from neurotact.studies import report, study, trained
 from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Claim
@@ -49,8 +48,8 @@ def make_study(**changes) -> StudySpec:
         "window": {"length_ms": 150.0, "start_ms": 100.0},
         "sweep": sweep,
         "claims": CLAIMS,
-        "encoder": load(study.PARTS["encoder"], "sa1-ra1-lif"),
-        "network": load(study.PARTS["network"], "rsnn"),
+        "encoder": study.PARTS["encoder"]("sa1-ra1-lif"),
+        "network": study.PARTS["network"]("rsnn"),
     }
     return StudySpec.model_validate({**table, **changes})
 
