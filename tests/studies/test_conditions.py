@@ -60,6 +60,11 @@ def test_no_trial_of_an_unknown_condition_is_in_training_or_validation(run):
     assert {window.tobytes() for side in sides for window in side.spikes.numpy()} <= held
 
 
+def test_the_figure_outlines_what_was_unknown(run):
+    svg = (run[1] / "figures" / "conditions.svg").read_text()
+    assert svg.count('id="unknown') == 1
+
+
 def test_gains_are_fitted_without_the_unknown_conditions():
     every, without = study.cells(study.resolve(TINY, {**UNKNOWN, "calibrate": True}))
     assert every.spikes_name != without.spikes_name
@@ -88,17 +93,38 @@ def test_a_study_that_asks_for_no_table_keeps_the_names_of_its_cells():
 DIGEST = "2c7a245210eb"
 
 
-def test_the_tables_of_cells_are_written_once_each_with_the_sweep(tmp_path):
-    asked = {"cut_short_ms": [10.0, 50.0], "exit_patiences": [5, 20], "sweep.seed": [0], "network.hidden": 4}
-    what = study.resolve(TINY, asked)
-    runner.run(what, tmp_path, workers=1)
-    cut, curve, results = (pd.read_csv(tmp_path / f"{name}.csv") for name in ("cut_short", "exit_curve", "results"))
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """A run that asks for every other table."""
+    drive = {"spikes": 4, "duration_s": 0.2, "trials": 1}
+    asked = {"cut_short_ms": [10.0, 50.0], "exit_patiences": [5, 20], "signals": True, "same_drive": drive}
+    small = {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]], "network.hidden": 4}
+    what = study.resolve(TINY, {**asked, **small, "dataset.stratify": ["force_N", "speed_mm_per_s"]})
+    folder = tmp_path_factory.mktemp("told")
+    runner.run(what, folder, workers=1)
+    return what, folder
+
+
+def test_the_tables_of_cells_are_written_once_each_with_the_sweep(told):
+    what, folder = told
+    cut, curve, results = (pd.read_csv(folder / f"{name}.csv") for name in ("cut_short", "exit_curve", "results"))
     assert len(cut) == 2 * len(results)
     assert len(curve) == 4 * len(results)
     whole = cut[cut.cut_ms == 50.0]
     assert whole.accuracy_test.tolist() == results.accuracy_test.tolist()
     assert whole.sops_total.tolist() == pytest.approx(results.sops_total.tolist())
-    kept = read_json(cell_folder(tmp_path, next(study.cells(what))) / "result.json")["tables"]
+    kept = read_json(cell_folder(folder, next(study.cells(what))) / "result.json")["tables"]
     assert set(kept) == {"cut_short", "exit_curve"}
-    names = {path.stem for path in (tmp_path / "figures").glob("*.svg")}
-    assert {"cut-short", "exit-curves"} <= names
+
+
+def test_the_tables_of_recordings_are_written(told):
+    assert len(pd.read_csv(told[1] / "signals.csv")) == 2
+    assert set(pd.read_csv(told[1] / "same_drive.csv").drive) == {"constant", "recorded"}
+
+
+def test_each_table_has_its_figure_and_its_download(told):
+    drawn = {path.stem for path in (told[1] / "figures").glob("*.svg")}
+    assert {"cut-short", "exit-curves", "signals", "same-drive"} <= drawn
+    page = (told[1] / "report.html").read_text()
+    for name in ("cut_short", "exit_curve", "signals", "same_drive"):
+        assert f'download="{name}.csv"' in page
