@@ -39,6 +39,7 @@ def draw_isi_distributions(isi: pd.DataFrame, t_ref_ms: float, classes: Classes)
             axes.set_title(f"{name}, gain {gain:g}")
         for axes in panels[len(values) :]:
             axes.set_visible(False)
+        _begin_at_zero(panels)
         panels[0].set_ylabel(f"share of {name} intervals")
     for axes in grid[-1]:
         axes.set_xlabel("inter-spike interval (ms)")
@@ -74,8 +75,9 @@ def draw_compromise(rows: pd.DataFrame) -> Figure:
                 axes.plot(cells.index, cells[t_ref_ms], label=f"{t_ref_ms:g} ms", **style)
             _name_gains(axes, list(cells.index))
             axes.set(ylabel=words, xlabel=f"{name} gain")
-            axes.set_ylim(bottom=0)
             axes.grid(axis="y")
+    for column in grid.T:
+        _begin_at_zero(column)
     add_legend(figure, grid.ravel(), ncols=6, title=r"$t_\mathrm{ref}$")
     return figure
 
@@ -100,7 +102,6 @@ def _paint_distributions(axes: Axes, rows: pd.DataFrame, classes: Classes) -> No
         axes.plot(middles, mine.reindex(edges[:-1], fill_value=0.0), color=shade, label=classes.short[label], lw=1.0)
     axes.set_xscale("log")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    axes.set_ylim(bottom=0)
     axes.grid(axis="y")
 
 
@@ -110,17 +111,23 @@ def _paint_matrix(axes: Axes, cells: pd.DataFrame, colours: str) -> None:
     heard = values[np.isfinite(values) & (values > 0)]
     low, high = (heard.min(), heard.max()) if len(heard) else (1.0, 1.0)
     scale = LogNorm(0.8 * low, 1.05 * high)
-    mesh = axes.pcolormesh(np.where(values > 0, values, np.nan), cmap=colours, norm=scale, edgecolors="white", lw=0.8)
+    axes.pcolormesh(np.where(values > 0, values, np.nan), cmap=colours, norm=scale, edgecolors="white", lw=0.8)
     for (row, column), value in np.ndenumerate(values):
         is_dark = np.isfinite(value) and value > 0 and scale(value) > 0.6
         text = "-" if not np.isfinite(value) else f"{value:.3g}"
         ink = "white" if is_dark else INK
         axes.text(column + 0.5, row + 0.5, text, ha="center", va="center", fontsize=7, color=ink)
-    assert mesh is not None
     axes.set_xticks(np.arange(cells.shape[1]) + 0.5, [f"{value:g}" for value in cells.columns])
     axes.set_yticks(np.arange(cells.shape[0]) + 0.5, [f"{value:g}" for value in cells.index])
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
+
+
+def _begin_at_zero(panels: Sequence[Axes]) -> None:
+    """One scale for panels that share it, from zero to just above the largest value of any."""
+    values = [np.asarray(line.get_ydata(), float) for axes in panels for line in axes.lines]
+    largest = max((float(np.nanmax(y)) for y in values if np.isfinite(y).any()), default=0.0)
+    panels[0].set_ylim(0, 1.08 * largest if largest > 0 else 1.0)
 
 
 def _name_gains(axes: Axes, gains: Sequence[float]) -> None:

@@ -50,15 +50,9 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         study=study,
         n_done=sum((cell_folder(folder, cell) / "result.json").is_file() for cell in every),
         n_cells=len(every),
-        n_rows=len(results),
         verdicts=verdicts,
         tally=report.tally(verdicts),
         figures=[report.keep(drawn, folder) for drawn in module.draw(results, arrays)],
-        note=module.VIEW.note,
-        cost=module.VIEW.measures[module.VIEW.cost],
-        score=module.VIEW.measures[module.VIEW.score],
-        heads=[*map(_words, module.VIEW.by), *module.VIEW.measures.values()],
-        rows=_rows(means, module.VIEW),
         timing=report.timing_sentence(folder),
         downloads=report.listed(folder, DOWNLOADS),
         specs={
@@ -69,10 +63,24 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         versions=report.if_there(folder / "versions.json"),
         data=report.if_there(folder / "data.json"),
-        page=report_page.parts(_page_data(means, module.VIEW), report_page.PROTOCOL),
+        **seen(results, module.VIEW),
     )
     write_text(folder / "report.html", page)
     return folder / "report.html"
+
+
+def seen(results: pd.DataFrame, view: View) -> dict[str, Any]:
+    """What `protocol.html.jinja` shows of results in a view: its points, its table, and their words."""
+    means = over_rows(results, view)
+    return {
+        "n_rows": len(results),
+        "note": view.note,
+        "cost": view.measures[view.cost],
+        "score": view.measures[view.score],
+        "heads": [*map(_words, view.by), *view.measures.values()],
+        "rows": _rows(means, view),
+        "page": report_page.parts(_page_data(means, view), report_page.PROTOCOL),
+    }
 
 
 def read_results(path: Path, view: View) -> pd.DataFrame:

@@ -96,7 +96,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept)
     encoding = with_pair(read_encoding(folder / "encoding.csv"))
     done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
-    trains = _first_spikes(folder, done)
+    trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
@@ -309,7 +309,8 @@ def inline(path: Path) -> str:
     return f"data:{kinds[path.suffix]};base64,{b64encode(path.read_bytes()).decode()}"
 
 
-def _first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
+def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
+    """The spike trains of the first done cell that are there."""
     held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
     return load_spikes(held) if held else None
 

@@ -8,7 +8,7 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import track
-from neurotact.studies import kinds, protocol_report, report
+from neurotact.studies import encoded, kinds, protocol_report, report, report_encoder
 from neurotact.studies.cell import cell_folder, is_done, write_cell
 from neurotact.studies.executors import executor
 from neurotact.studies.kinds import AnyCell, Study
@@ -63,10 +63,14 @@ def finish(study: Study, folder: Path) -> Path:
         return protocol_report.write(study, folder)
     trained = [cell for cell in done if isinstance(cell, Cell)]
     _write_csv(results_table(study, folder, trained), folder / "results.csv")
+    _write_csv(encoding_table(study, folder, trained), folder / "encoding.csv")
+    if study.network is None:
+        places = [cell_folder(folder, cell) for cell in trained]
+        rows = pd.read_csv(folder / "results.csv")
+        _write_csv(encoded.isi_table(places, rows, swept_columns(study)), folder / encoded.ISI)
+        return report_encoder.write(study, folder)
     for name, table in extra_tables(study, folder, trained).items():
         _write_csv(table, folder / f"{name}.csv")
-    tables = {cell.spikes_name: spikes_path(folder, cell).with_suffix(".csv") for cell in trained}
-    _write_csv(pd.concat(map(report.read_encoding, tables.values()), ignore_index=True), folder / "encoding.csv")
     return report.write(study, folder)
 
 
@@ -98,6 +102,17 @@ def extra_tables(study: StudySpec, folder: Path, done: list[Cell]) -> dict[str, 
         for name, lines in result.get("tables", {}).items():
             found.setdefault(name, []).extend({**keys, **line} for line in lines)
     return {name: pd.DataFrame(lines) for name, lines in found.items()}
+
+
+def encoding_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFrame:
+    """Firing under each condition, once for each encoder; swept keys of the encoder come last."""
+    keys = [key for key in swept_columns(study) if key.startswith("encoder.")]
+    tables = {}
+    for cell in done:
+        if cell.spikes_name not in tables:
+            table = report.read_encoding(spikes_path(folder, cell).with_suffix(".csv"))
+            tables[cell.spikes_name] = table.assign(**{key: value_at(cell, key) for key in keys})
+    return pd.concat(tables.values(), ignore_index=True)
 
 
 def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:

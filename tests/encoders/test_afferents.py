@@ -136,3 +136,18 @@ def test_what_cannot_be_encoded_is_refused():
 def test_nothing_encodes_to_nothing():
     assert encode(np.zeros((0, 10, 2)), RATE_HZ, spec())[0].shape == (0, 10, 4)
     assert encode(np.zeros((2, 0, 2)), RATE_HZ, spec())[0].shape == (2, 0, 4)
+
+
+@given(touches(), t_refs, st.floats(0.2, 3), st.floats(1, 4))
+@settings(max_examples=60)
+def test_a_higher_gain_never_lowers_a_spike_count(signal, t_ref, gain, factor):
+    """Whatever is silent at times: between two spikes of the weaker afferent the stronger one spikes at least once.
+
+    SA-I is driven by the signal's size here: a signed drive may pull the stronger afferent further below rest.
+    """
+    counts = []
+    for k in (gain, gain * factor):
+        kinds = (AfferentType(gain=k, t_ref_ms=t_ref), AfferentType(gain=5 * k, t_ref_ms=t_ref))
+        spikes, _ = encode(np.abs(signal), RATE_HZ, AfferentSpec(sa1=kinds[0], ra1=kinds[1]))
+        counts.append(spikes.sum(axis=1, dtype=int))
+    assert (counts[1] >= counts[0]).all()

@@ -1,0 +1,143 @@
+"""The report of a study without a network: what its afferents send, over their gains and refractory periods."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from neurotact.export import gain_figures
+from neurotact.export.encoding_figures import Classes
+from neurotact.export.style import Drawn
+from neurotact.export.tables import write_table
+from neurotact.files import existing, write_text
+from neurotact.spec import to_toml
+from neurotact.studies import encoded, protocol_report, report
+from neurotact.studies import study as studies
+from neurotact.studies.cell import cell_folder
+from neurotact.studies.claims import judge
+from neurotact.studies.encoded import POPULATIONS
+from neurotact.studies.protocol import View
+from neurotact.studies.report_encoding import name_classes
+from neurotact.studies.study import StudySpec, cells
+
+DOWNLOADS = {
+    "results.csv": "one row an encoding, both populations",
+    "results.json": "the same",
+    "isi.csv": "distributions of inter-spike intervals: a row a population, gain, t_ref, class and bin",
+    "encoding.csv": "firing of both populations for each class and condition",
+    "timings.csv": "time that each cell took",
+    "study.toml": "the study as it was run, every part whole",
+    "versions.json": "versions of what computed it",
+    "data.json": "the recordings' hash",
+}
+VIEW = View(
+    by=("population", "dataset", "gain", "t_ref_ms"),
+    measures={
+        "spikes_per_s": "spikes per second",
+        "isi_ms": "mean interval (ms)",
+        "isi_sd_ms": "SD of the intervals (ms)",
+        "isi_least_ms": "shortest interval (ms)",
+        "isi_overlap": "overlap of two classes' intervals (%)",
+        "silent_share": "silent trials (%)",
+        "latency_ms": "first spike after (ms)",
+    },
+    cost="spikes_per_s",
+    score="isi_overlap",
+    note="Populations are measured each by itself: whole, with all its afferents.",
+)
+
+
+def write(study: StudySpec, folder: Path) -> Path:
+    """Write `report.html`, its figures and `results.json` from what a run left; the page's path.
+
+    Raises InputError when a table is not there or a claim names a column that is not there.
+    """
+    done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
+    results = report.with_pair(pd.read_csv(existing(folder / "results.csv")))
+    results = results.assign(
+        gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]
+    )
+    encoding = report.with_pair(report.read_encoding(folder / "encoding.csv"))
+    isi = encoded.read_isi(existing(folder / encoded.ISI))
+    trains = report.first_spikes(folder, done)
+    classes = name_classes(encoding, trains.conditions if trains else None)
+    write_table(results.drop(columns=["pair", "gain_sa", "gain_ra"]), folder / "results.json")
+    verdicts = [judge(claim, results, encoding) for claim in study.claims]
+    page = report.template("protocol.html.jinja").render(
+        study=study,
+        n_done=len(done),
+        n_cells=len(list(cells(study))),
+        verdicts=verdicts,
+        tally=report.tally(verdicts),
+        figures=[report.keep(drawn, folder) for drawn in drawings(results, isi, classes)],
+        timing=report.timing_sentence(folder),
+        downloads=report.listed(folder, DOWNLOADS),
+        specs={
+            "Whole study": studies.to_toml(study),
+            "Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True)),
+        },
+        seeds=study.sweep.get("seed", [0]),
+        versions=report.if_there(folder / "versions.json"),
+        data={"recordings": report.if_there(folder / "data.json")},
+        **protocol_report.seen(by_population(results), VIEW),
+    )
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
+
+
+def by_population(results: pd.DataFrame) -> pd.DataFrame:
+    """A row a population of each encoding, its measures without the population in their names.
+
+    >>> wide = pd.DataFrame({"dataset": ["all"], **{f"gain_{k}": [3.0] for k in ("sa", "ra")},
+    ...     **{f"t_ref_{k}_ms": [1.0] for k in ("sa", "ra")}, "isi_sa_ms": [31.0], "isi_ra_ms": [57.0]})
+    >>> by_population(wide)[["population", "isi_ms"]].values.tolist()
+    [['SA-I', 31.0], ['RA-I', 57.0]]
+    """
+    parts = []
+    for name, kind, _ in POPULATIONS:
+        own = {c: c.replace(f"_{kind}", "", 1) for c in results if c.endswith((f"_{kind}", f"_{kind}_ms"))}
+        own |= {f"spikes_{kind}_per_s": "spikes_per_s"} if f"spikes_{kind}_per_s" in results else {}
+        parts.append(results[["dataset", *own]].rename(columns=own).assign(population=name))
+    return pd.concat(parts, ignore_index=True)
+
+
+def drawings(results: pd.DataFrame, isi: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
+    """For each data set the ISI distributions over gains, rates and intervals over gain and t_ref, the compromise."""
+    for number, (dataset, rows) in enumerate(results.groupby("dataset", sort=False)):
+        suffix = f"-{number + 1}" if number else ""
+        yield _distributions(str(dataset), isi[isi["dataset"] == dataset], classes, suffix)
+        figure = gain_figures.draw_gain_and_t_ref(rows)
+        caption = (
+            f"Spikes per second of each whole population, and its mean inter-spike interval, over gain and refractory "
+            f"period ({dataset}); colours by their logarithm."
+        )
+        yield Drawn(f"gain-and-t-ref{suffix}", f"Gain and refractory period: {dataset}", figure, caption, caption)
+        caption = (
+            f"What the gain trades ({dataset}). A higher one makes the intervals of different classes alike (overlap "
+            "of their distributions, mean over pairs of classes); a lower one leaves trials without a spike and lets "
+            "the first one wait. As the texture paper's Sec. III-A puts it in words."
+        )
+        figure = gain_figures.draw_compromise(rows)
+        yield Drawn(f"compromise{suffix}", f"What a gain trades: {dataset}", figure, caption, _ends(rows))
+
+
+def _distributions(dataset: str, isi: pd.DataFrame, classes: Classes, suffix: str) -> Drawn:
+    t_ref_ms = float(isi["t_ref_ms"].min())
+    figure = gain_figures.draw_isi_distributions(isi, t_ref_ms, classes)
+    caption = (
+        f"Inter-spike intervals of each {classes.word} at each gain, t_ref {t_ref_ms:g} ms ({dataset}): shares of all "
+        "intervals of the class, in bins each 1.3 times as wide as the one before."
+    )
+    return Drawn(f"isi-distributions{suffix}", f"Intervals over the gains: {dataset}", figure, caption, caption)
+
+
+def _ends(rows: pd.DataFrame) -> str:
+    """The overlap at the lowest and the highest gain, in words."""
+    words = []
+    for name, kind, _ in POPULATIONS:
+        overlap = rows.groupby(f"gain_{kind}")[f"isi_overlap_{kind}"].mean()
+        words.append(
+            f"{name}: overlap {overlap.iloc[0]:.2f} at gain {overlap.index[0]:g}, {overlap.iloc[-1]:.2f} at "
+            f"{overlap.index[-1]:g}"
+        )
+    return "; ".join(words) + "."
