@@ -27,7 +27,8 @@ def track(what: str, total: int) -> Iterator[Advance]:
             task = bar.add_task(what, total=total, note="")
             yield lambda n, note: bar.update(task, advance=n, note=note)
         return
-    done, last = 0, time.monotonic()
+    began = last = time.monotonic()
+    done = 0
 
     def advance(n: int, note: str) -> None:
         nonlocal done, last
@@ -35,9 +36,21 @@ def track(what: str, total: int) -> Iterator[Advance]:
         now = time.monotonic()
         if done >= total or now - last >= SECONDS_BETWEEN_LINES:
             last = now
-            print(f"{what} {done}/{total}{f'  {note}' if note else ''}", file=sys.stderr, flush=True)
+            told = note or (time_left((now - began) / done * (total - done)) if 0 < done < total else "")
+            print(f"{what} {done}/{total}{f'  {told}' if told else ''}", file=sys.stderr, flush=True)
 
     yield advance
+
+
+def time_left(seconds: float) -> str:
+    """How long something will still take, in words.
+
+    >>> time_left(12.4), time_left(720.0), time_left(9000.0)
+    ('12 s left', '12 min left', '2.5 h left')
+    """
+    if seconds >= 5400:
+        return f"{seconds / 3600:.1f} h left"
+    return f"{seconds / 60:.0f} min left" if seconds >= 90 else f"{seconds:.0f} s left"
 
 
 def silent(n: int, note: str) -> None:

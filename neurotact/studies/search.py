@@ -35,7 +35,7 @@ from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch, train
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
-from neurotact.progress import Advance, silent
+from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec
 from neurotact.studies import trained, workers
 from neurotact.studies.trained import Sides, Task
@@ -307,7 +307,7 @@ def _progress(trials: Sequence[Trial], n_known: int, n_trials: int, seconds: flo
     if sys.stderr.isatty():
         return note(trials)
     left = seconds / (len(trials) - n_known) * (n_trials - len(trials))
-    return f"{note(trials)}, {left / 60:.0f} min left" if left >= 90 else f"{note(trials)}, {left:.0f} s left"
+    return f"{note(trials)}, {time_left(left)}"
 
 
 class _StopTrialError(Exception):
