@@ -58,10 +58,10 @@ def preprocessing_flops(features: FeatureSet, n: int = 150, channels: int = CHAN
     return channels * (moving_average_flops(n) + sum(moment(n) for moment in moments))
 
 
-def slfn_flops(classifier: SLFN, N: int, nf: int, nc: int) -> int:
+def slfn_flops(classifier: SLFN, N: float, nf: int, nc: int) -> float:
     """One decision of a single-layer network (stiffness paper, Table II).
 
-    N: hidden neurons; nf: features; nc: classes, 1 for regression.
+    N: hidden neurons, a mean where several networks are meant; nf: features; nc: classes, 1 for regression.
 
     >>> slfn_flops("R-FC", N=51, nf=8, nc=3), slfn_flops("H-ELM", N=100, nf=16, nc=3)
     (1224, 3600)
@@ -75,14 +75,17 @@ def slfn_flops(classifier: SLFN, N: int, nf: int, nc: int) -> int:
     return N * (2 * nf + activation) + 2 * nc * N
 
 
-def slfn_unit_flops(classifier: SLFN, features: FeatureSet, N: int, nc: int = 3, n: int = 150) -> int:
+def slfn_unit_flops(
+    classifier: SLFN, features: FeatureSet, N: float, nc: int = 3, n: int = 150, channels: int = CHANNELS
+) -> float:
     """The whole processing unit, from the peak to the class (stiffness paper, Table III).
 
     >>> slfn_unit_flops("R-FC", "8F", N=51)
     5448
     """
-    nf = CHANNELS * MOMENTS_OF.get(features, 0)
-    return preprocessing_flops(features, n) + slfn_flops(classifier, N, nf, nc)
+    before = preprocessing_flops(features, n, channels)
+    nf = channels * MOMENTS_OF[features]
+    return before + slfn_flops(classifier, N, nf, nc)
 
 
 def touch_modality_flops(cell: Literal["LSTM", "GRU"], units: int, inputs: int = 16, classes: int = 3) -> int:
