@@ -7,7 +7,7 @@ chooses for each fold on validation people taken from its training people. Both 
 
 from collections.abc import Iterator
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -27,6 +27,8 @@ from neurotact.metrics.flops import GRU, LSTM, Cost, Dense, Moments, cost
 from neurotact.metrics.published_flops import TOUCH_MODALITY_FLOPS
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, TaskData, View
+
+AtLeastOne = Annotated[int, Field(ge=1)]
 
 CELLS = {"LSTM": (LSTMClassifier, LSTM), "GRU": (GRUClassifier, GRU)}
 NETWORKS: dict[str, tuple[Literal["LSTM", "GRU"], int]] = {
@@ -87,8 +89,8 @@ class Parameters(Spec):
     protocol: Literal["paper", "honest"] = "honest"
     runs: int = Field(default=10, ge=1)
     """Random initialisations and orders of each fold (Sec. IV-C)."""
-    batches: tuple[int, ...] = Field(default=(48, 69), min_length=1)
-    epochs: tuple[int, ...] = Field(default=(48, 96), min_length=1)
+    batches: tuple[AtLeastOne, ...] = Field(default=(48, 69), min_length=1)
+    epochs: tuple[AtLeastOne, ...] = Field(default=(48, 96), min_length=1)
     """Sec. IV-C; the fewer epochs are a stop on the way to the more, so that runs share initialisations."""
     learning_rate: float = Field(default=0.001, gt=0)
     """Keras' own for Adam, since the public code sets none."""
@@ -281,10 +283,8 @@ def train_folds(parameters: Parameters, sequences: np.ndarray, labels: np.ndarra
     networks: dict[tuple[int, int], list] = {}
     for batch in parameters.batches:
         prototype = CELLS[cell][0](hidden, batch=batch, learning_rate=parameters.learning_rate)
-        for epochs, fitted in zip(
-            parameters.epochs, fit_snapshots(prototype, examples, seeds, parameters.epochs), strict=True
-        ):
-            networks[batch, epochs] = fitted
+        snapshots = fit_snapshots(prototype, examples, seeds, parameters.epochs)
+        networks |= {(batch, epochs): fitted for epochs, fitted in zip(parameters.epochs, snapshots, strict=True)}
     return [
         _judged(networks, normalisation, parameters.runs, number, sequences, labels, fold)
         for number, (fold, normalisation) in enumerate(zip(folds, normalisations, strict=True))
@@ -375,8 +375,8 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Accuracy over the number of steps",
         figures.draw_accuracy(results, TABLE_I),
         "As Fig. 4: each line is a fold, the mean of its runs. Above, protocol paper, whose pair of batch and epochs "
-        "is chosen on these very test folds; below, honest, on people that training and choice have not seen. Dashed: "
-        "the mean of Table I's folds.",
+        "is chosen on these very test folds; below, honest, on people that training and choice have not seen. "
+        "Dashed: the mean of Table I's folds.",
         "Test accuracy against the number of steps for three networks and two protocols, a line a fold.",
     )
     honest = results[results["protocol"] == results["protocol"].iloc[-1]]
