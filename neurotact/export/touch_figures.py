@@ -8,16 +8,19 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, PALE, SERIES, add_legend, name_ticks, new_figure, printed, sequence
+from neurotact.export.style import INK, MUTED, PALE, SERIES, add_legend, new_figure, printed, sequence
 from neurotact.metrics.flops import GRU, LSTM, Dense, cost
 from neurotact.metrics.published_flops import touch_modality_flops
 
 CELLS = {"LSTM": LSTM, "GRU": GRU}
 TAXELS = (16, 64, 144, 256)
 CLASSES = (3, 10, 20)
+STEPS = (8, 10, 16, 20, 50, 100, 200, 256)
 ACCURACY = "test accuracy (%)"
+PUBLISHED = "#D55E00"
 
 
 @printed
@@ -62,38 +65,39 @@ def draw_touches(
 def draw_accuracy(results: pd.DataFrame, published: Mapping[tuple[str, int], Sequence[float]]) -> Figure:
     """Accuracy over the number of steps, a line a fold (Fig. 4): networks beside each other, protocols below.
 
+    What is published stands beside the protocol `paper` alone.
+
     results: columns network, protocol, steps, fold, accuracy_test.
     published: accuracies of the five folds in percent, by network and steps.
     """
     networks, protocols = (list(dict.fromkeys(results[column])) for column in ("network", "protocol"))
     figure = new_figure(2.3 * len(protocols) + 0.5)
     axes = figure.subplots(len(protocols), len(networks), sharex=True, sharey=True, squeeze=False)
-    folds = sorted(results["fold"].unique())
     for row, protocol in enumerate(protocols):
-        for column, network in enumerate(networks):
-            panel = axes[row, column]
+        for panel, network in zip(axes[row], networks, strict=True):
             here = results[(results["network"] == network) & (results["protocol"] == protocol)]
-            table = here.pivot_table(index="steps", columns="fold", values="accuracy_test") * 100
-            for colour, fold in zip(sequence(len(folds)), folds, strict=True):
-                if fold in table:
-                    panel.plot(table.index, table[fold], color=colour, linewidth=0.8, label=f"fold {fold}")
-            panel.plot(table.index, table.mean(axis=1), color=INK, linewidth=1.8, label="mean of folds")
-            known = [(steps, np.mean(values)) for (name, steps), values in published.items() if name == network]
-            if known:
-                panel.plot(*zip(*sorted(known), strict=True), color="#D55E00", linestyle="--", label="published mean")
-            panel.axhline(100 / 3, color=MUTED, linewidth=0.7, linestyle=":", label="chance")
-            panel.set_xscale("log")
-            name_ticks(panel, [str(steps) for steps in table.index], table.index.to_numpy(float))
-            panel.minorticks_off()
-            panel.tick_params(axis="x", labelsize=6)
-            panel.grid(axis="y")
-            if row == 0:
-                panel.set_title(network)
-            if row == len(protocols) - 1:
-                panel.set_xlabel("steps N")
+            means = {steps: float(np.mean(folds)) for (name, steps), folds in published.items() if name == network}
+            _draw_folds(panel, here, means if protocol == "paper" else {})
+            panel.set_title(network if row == 0 else "")
+            panel.set_xlabel("steps N" if row == len(protocols) - 1 else "")
         axes[row, 0].set_ylabel(f"{protocol}\n{ACCURACY}")
     add_legend(figure, axes.ravel().tolist(), ncols=5)
     return figure
+
+
+def _draw_folds(panel: Axes, results: pd.DataFrame, published: Mapping[int, float]) -> None:
+    table = 100 * results.pivot_table(index="steps", columns="fold", values="accuracy_test")
+    for colour, fold in zip(sequence(table.shape[1]), table, strict=True):
+        panel.plot(table.index, table[fold], ".-", color=colour, linewidth=0.8, label=f"fold {fold}")
+    panel.plot(table.index, table.mean(axis=1), "o-", color=INK, linewidth=1.6, markersize=4, label="mean of folds")
+    if published:
+        steps = sorted(published)
+        panel.plot(steps, [published[n] for n in steps], "--", color=PUBLISHED, label="published mean")
+    panel.axhline(100 / 3, color=MUTED, linewidth=0.7, linestyle=":", label="chance")
+    panel.set_xscale("log")
+    panel.set_xticks(STEPS, [str(steps) for steps in STEPS], rotation=90)
+    panel.minorticks_off()
+    panel.grid(axis="y")
 
 
 @printed
@@ -106,13 +110,17 @@ def draw_other_steps(results: pd.DataFrame, steps: Sequence[int]) -> Figure:
     figure = new_figure(2.6)
     axes = figure.subplots(1, len(networks), sharey=True, squeeze=False)[0]
     trained = sorted(results["steps"].unique())
+    chance, best = (
+        100 / 3,
+        100 * results.groupby(["network", "steps"])[[f"used_on_{m}" for m in steps]].mean().max().max(),
+    )
     image = None
     for panel, network in zip(axes, networks, strict=True):
         here = results[results["network"] == network].groupby("steps")[[f"used_on_{m}" for m in steps]].mean()
         table = 100 * here.reindex(trained).to_numpy()
-        image = panel.imshow(table, cmap="viridis", vmin=100 / 3, vmax=100, aspect="auto")
+        image = panel.imshow(table, cmap="viridis", vmin=chance, vmax=best, aspect="auto")
         for (i, j), value in np.ndenumerate(table):
-            colour = "white" if value < 75 else INK
+            colour = "white" if value < 0.5 * (chance + best) else INK
             panel.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=6, color=colour)
         panel.set_title(network)
         panel.set_xticks(range(len(steps)), [str(m) for m in steps])
