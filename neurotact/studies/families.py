@@ -1,0 +1,202 @@
+"""Every family of classifiers on one task: what each tries, which of it validation chooses, what a decision then costs.
+
+Features and sequences are standardised on training examples; sequences are first averaged down to `STEPS` steps. A
+family yields its candidates from the smallest on, and of those that validate equally well the first is taken.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from sklearn.neighbors import KNeighborsClassifier
+from sklearn.preprocessing import StandardScaler
+from sklearn.svm import SVC
+
+from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans, Init
+from neurotact.baselines.elm import ELMClassifier
+from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
+from neurotact.baselines.rls import RLSClassifier
+from neurotact.baselines.slfn import SLFNClassifier
+from neurotact.data.splits import Split
+from neurotact.metrics import flops
+from neurotact.metrics.flops import Layer
+from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
+from neurotact.studies.protocol import TaskData
+
+STEPS = 50
+"""Steps of the sequences that LSTM and GRU see."""
+
+ELM_HIDDEN, ELM_ALPHAS = (25, 50, 100, 200), tuple(10.0**k for k in range(2, -7, -1))
+SLFN_HIDDEN = (10, 30, 100)
+SVM_GAMMAS, SVM_CS = (0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
+"""Gammas are divided by the number of features."""
+RLS_SIGMAS, RLS_ALPHAS = (2.0, 1.0, 0.5), tuple(10.0**k for k in range(1, -7, -1))
+"""Sigmas are multiplied by the root of the number of features."""
+NEIGHBOURS = (1, 3, 5, 9)
+RECURRENT_HIDDEN = (10, 30)
+RECURRENT_TRAINING = {"epochs": 60, "batch": 48, "learning_rate": 0.01}
+
+
+class Sides(NamedTuple):
+    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test."""
+
+    train: np.ndarray
+    validation: np.ndarray
+    test: np.ndarray
+    y_train: np.ndarray
+    y_validation: np.ndarray
+    y_test: np.ndarray
+
+
+class Candidate(NamedTuple):
+    """A fitted classifier, in words, and the layers of its decision."""
+
+    settings: str
+    fitted: Any
+    layers: tuple[Layer, ...]
+
+
+Family = Callable[[Sides, int], Iterator[Candidate]]
+
+
+def feature_sides(task: TaskData, split: Split) -> Sides:
+    """The features of each side, standardised on the training side."""
+    scaler = StandardScaler().fit(task.features[split.train])
+    return Sides(*(scaler.transform(task.features[side]) for side in split), *(task.labels[side] for side in split))
+
+
+def sequence_sides(task: TaskData, split: Split, steps: int = STEPS) -> Sides:
+    """The sequences of each side, averaged down to at most `steps` steps, each channel standardised on training."""
+    slow = averaged(task.sequences, steps).astype(float)
+    training = slow[split.train]
+    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
+    standard = (slow - offset) / np.where(scale > 0, scale, 1.0)
+    return Sides(*(standard[side] for side in split), *(task.labels[side] for side in split))
+
+
+def averaged(sequences: np.ndarray, steps: int) -> np.ndarray:
+    """Means over `steps` pieces of `(example, time, channel)`, as equal as whole samples allow.
+
+    >>> averaged(np.arange(5.0).reshape(1, 5, 1), 2).ravel().tolist()
+    [0.5, 3.0]
+    """
+    n_samples = sequences.shape[1]
+    if n_samples <= steps:
+        return sequences
+    edges = np.round(np.linspace(0, n_samples, steps + 1)).astype(int)
+    sums = np.add.reduceat(sequences, edges[:-1], axis=1, dtype=np.float64)
+    return sums / np.diff(edges)[None, :, None]
+
+
+def elm(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """Sigmoid ELMs, each with the penalty that validates best, the strongest of equals."""
+    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
+    for hidden in ELM_HIDDEN:
+        network = ELMClassifier(hidden, alpha=ELM_ALPHAS[0], random_state=seed).fit(sides.train, sides.y_train)
+        alpha = ELM_ALPHAS[int(network.accuracy_path(ELM_ALPHAS, sides.validation, sides.y_validation).argmax())]
+        fitted = ELMClassifier(hidden, alpha=alpha, random_state=seed).fit(sides.train, sides.y_train)
+        layers = (flops.Dense(n_features, hidden, "sigmoid"), flops.Dense(hidden, n_classes, bias=False))
+        yield Candidate(f"N {hidden}, alpha {alpha:g}", fitted, layers)
+
+
+def slfn(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """ReLU networks trained by back-propagation, stopped on validation accuracy."""
+    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
+    for hidden in SLFN_HIDDEN:
+        network = SLFNClassifier(hidden, random_state=seed)
+        fitted = network.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
+        layers = (flops.Dense(n_features, hidden, "relu"), flops.Dense(hidden, n_classes, "softmax"))
+        yield Candidate(f"N {hidden}", fitted, layers)
+
+
+def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """RBF support vector machines, one against one, whose machines share their support vectors."""
+    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
+    fits = [
+        (gamma, c, SVC(C=c, gamma=gamma / n_features).fit(sides.train, sides.y_train))
+        for gamma in SVM_GAMMAS
+        for c in SVM_CS
+    ]
+    for gamma, c, fitted in sorted(fits, key=lambda fit: int(fit[2].n_support_.sum())):
+        vectors = int(fitted.n_support_.sum())
+        layer = flops.RBFExpansion(vectors, n_features, outputs=n_classes - 1, bias=True)
+        yield Candidate(f"C {c:g}, gamma {gamma:g}/{n_features}, {vectors} vectors", fitted, (layer,))
+
+
+def rls(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """RBF least squares, each width with the penalty that validates best, the strongest of equals."""
+    (n_train, n_features), n_classes = sides.train.shape, len(np.unique(sides.y_train))
+    for factor in RLS_SIGMAS:
+        sigma = factor * n_features**0.5
+        machine = RLSClassifier(RLS_ALPHAS[0], sigma).fit(sides.train, sides.y_train)
+        alpha = RLS_ALPHAS[int(machine.accuracy_path(RLS_ALPHAS, sides.validation, sides.y_validation).argmax())]
+        fitted = RLSClassifier(alpha, sigma).fit(sides.train, sides.y_train)
+        layer = flops.RBFExpansion(n_train, n_features, outputs=1 if n_classes == 2 else n_classes)
+        yield Candidate(f"sigma {sigma:.3g}, alpha {alpha:g}", fitted, (layer,))
+
+
+def kmeans(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """One centroid a class, from the class means or from k-means++."""
+    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
+    starts: tuple[tuple[Init, int], ...] = (("class-mean", 1), ("k-means++", 20))
+    for init, repetitions in starts:
+        start = ClassCentroidKMeans(init, repetitions, random_state=seed)
+        fitted = start.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
+        yield Candidate(init, fitted, (flops.NearestPoints(n_classes, n_features),))
+
+
+def knn(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """The nearest training examples."""
+    n_train, n_features = sides.train.shape
+    for k in NEIGHBOURS:
+        fitted = KNeighborsClassifier(k).fit(sides.train, sides.y_train)
+        yield Candidate(f"k {k}", fitted, (flops.NearestPoints(n_train, n_features, k),))
+
+
+def lstm(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """One LSTM layer and a softmax on its last state."""
+    yield from _recurrent(sides, seed, LSTMClassifier, flops.LSTM)
+
+
+def gru(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """One GRU layer and a softmax on its last state."""
+    yield from _recurrent(sides, seed, GRUClassifier, flops.GRU)
+
+
+def _recurrent(sides: Sides, seed: int, classifier: Any, layer: Any) -> Iterator[Candidate]:
+    _, n_steps, n_channels = sides.train.shape
+    n_classes = len(np.unique(sides.y_train))
+    for hidden in RECURRENT_HIDDEN:
+        fitted = classifier(hidden, random_state=seed, **RECURRENT_TRAINING).fit(sides.train, sides.y_train)
+        layers = (layer(n_channels, hidden, n_steps), flops.Dense(hidden, n_classes, "softmax"))
+        yield Candidate(f"N {hidden}", fitted, layers)
+
+
+ON_FEATURES: dict[str, Family] = {"ELM": elm, "SLFN": slfn, "SVM": svm, "RLS": rls, "k-means": kmeans, "kNN": knn}
+ON_SEQUENCES: dict[str, Family] = {"LSTM": lstm, "GRU": gru}
+
+
+def best_of(family: Family, sides: Sides, seed: int) -> Candidate:
+    """The candidate of the highest validation accuracy, the first of equals; test examples are not looked at."""
+    return max(family(sides, seed), key=lambda candidate: accuracy(candidate, sides.validation, sides.y_validation))
+
+
+def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
+    """Share of right decisions."""
+    return float((candidate.fitted.predict(x) == y).mean())
+
+
+def standardising(sides: Sides) -> tuple[Layer, ...]:
+    """What standardising features costs."""
+    return (flops.Standardise(sides.train.shape[1]),)
+
+
+def averaging(n_samples: int, n_steps: int, n_channels: int) -> tuple[Layer, ...]:
+    """What averaging `n_samples` samples down to `n_steps` steps costs; nothing where they are as many."""
+    return () if n_steps >= n_samples else (Averaging(n_samples, n_steps, n_channels),)
+
+
+def slowing(n_samples: int, sides: Sides) -> tuple[Layer, ...]:
+    """What averaging and standardising a sequence of `n_samples` samples costs."""
+    _, n_steps, n_channels = sides.train.shape
+    return (*averaging(n_samples, n_steps, n_channels), StandardisedSteps(n_steps, n_channels))

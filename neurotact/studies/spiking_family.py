@@ -1,0 +1,116 @@
+"""The spiking family on one task: afferents calibrated on training examples, a recurrent network, early exit."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+
+from neurotact.data.recordings import LABEL, Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.data.windows import Windows
+from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.metrics import synops
+from neurotact.metrics.flops import Afferents, Cost, cost
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit_choice import validated_rule
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import Examples, train
+from neurotact.studies.calibration import calibrate
+from neurotact.studies.encoding import encode_recordings
+from neurotact.studies.ledger import network_cost
+from neurotact.studies.protocol import TaskData
+
+TRAINING = TrainingSpec(batch=32, epochs=150, patience=40)
+TRIED = (
+    RSNNSpec(tau_mem_ms=5, tau_syn_ms=5, surrogate_scale=20, forward_weight_scale=0.2, training=TRAINING),
+    RSNNSpec(tau_mem_ms=20, tau_syn_ms=10, surrogate_scale=20, forward_weight_scale=0.2, training=TRAINING),
+)
+"""Networks from which validation accuracy chooses: that of networks/rsnn.toml, and that of the study of fabrics."""
+EXIT_TOLERANCE = 0.01
+"""Validation accuracy that early exit may lose."""
+
+
+class Decided(NamedTuple):
+    """How a network did on test examples, and what encoding and deciding cost on average."""
+
+    name: str
+    settings: str
+    accuracy_validation: float
+    accuracy_test: float
+    encoder: Cost
+    network: Cost
+
+    @property
+    def cost(self) -> Cost:
+        """Of both."""
+        return self.encoder + self.network
+
+
+def encode(task: TaskData, train_examples: np.ndarray) -> SpikeTrains:
+    """Spike trains of all examples, from afferents whose standardisation and gains are fitted on training examples."""
+    conditions = pd.DataFrame({LABEL: task.labels})
+    recordings = Recordings(task.sequences, task.sampling_rate_Hz, task.unit, conditions, source="task")
+    start = AfferentSpec(unit=task.unit, sa1=AfferentType(gain=1.0), ra1=AfferentType(gain=1.0))
+    return encode_recordings(recordings, calibrate(recordings.select(train_examples), start).encoder)
+
+
+def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
+    """The network that validates best, over the whole window and with early exit.
+
+    Costs count the afferents of every taxel on every step that was needed, and the network from its measured SOPs.
+    """
+    trains = encode(task, split.train)
+    training, validation, test = (_examples(trains, side) for side in split)
+    fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
+    best = max(range(len(fits)), key=lambda i: fits[i][1])
+    network, accuracy_validation = fits[best]
+    with torch.no_grad():
+        rasters = torch.cat([network.simulate(part).readout for part in validation.spikes.split(256)])
+    early = validated_rule(rasters, validation.labels, EXIT_TOLERANCE)
+    settings = f"N {network.spec.hidden}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms, "
+    settings += f"g {network.spec.forward_weight_scale:g}"
+    found = []
+    for name, rule in (("RSNN", FULL_WINDOW), ("RSNN, early exit", early)):
+        accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
+        found.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
+    return found
+
+
+def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
+    windows = Windows(side, np.zeros(len(side), np.int64), int(trains.trial_steps[0]))
+    return Examples(torch.from_numpy(trains.raster(windows)), torch.from_numpy(trains.labels[side]))
+
+
+def _fit(
+    trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
+) -> tuple[RSNN, float]:
+    weights, order = (torch.Generator().manual_seed(2 * seed + i) for i in (0, 1))
+    n_inputs, n_classes = len(trains.afferents), len(trains.classes)
+    network = RSNN(n_inputs, n_classes, spec, trains.sampling_rate_Hz, generator=weights)
+    train(network, training, validation, generator=order)
+    return network, _accuracy(network, validation, FULL_WINDOW)
+
+
+def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
+    return float((network.infer(examples.spikes, rule).labels == examples.labels).float().mean())
+
+
+def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
+    """Test accuracy, and the mean cost of encoding and of the network."""
+    found = network.infer(test.spikes, rule)
+    hidden, n_classes = network.spec.hidden, network.n_classes
+    counts = synops.synops(found.input_spikes.numpy(), found.hidden_spikes.numpy(), hidden, n_classes)
+    measured = {
+        "sops_input": float(counts.input.mean()),
+        "sops_recurrent": float(counts.recurrent.mean()),
+        "sops_readout": float(counts.readout.mean()),
+    }
+    steps = float(found.steps.double().mean())
+    signal_ms = 1e3 * steps / trains.sampling_rate_Hz
+    encoder = cost(Afferents(len(trains.afferents) // 2, max(1, round(steps))), signal_ms=signal_ms)
+    network_spent = network_cost(len(trains.afferents), hidden, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    accuracy = float((found.labels == test.labels).float().mean())
+    return accuracy, encoder, network_spent
