@@ -1,7 +1,7 @@
 """Figures of the compliance study: curves and their features, Tables 3 and 5 as curves, figure of merit, confusions."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -99,6 +99,36 @@ def _curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Figure
     for axes in grid[:, 0]:
         axes.set_ylabel("share of its largest")
     add_legend(figure, grid.ravel(), ncols=6, handlelength=1.2)
+    return figure
+
+
+class Shown(NamedTuple):
+    """One exploration: displacement and force `(time,)`, and what finger and palm read at the turn, `(row, column)`."""
+
+    label: str
+    displacement_mm: np.ndarray
+    force_N: np.ndarray
+    finger: np.ndarray
+    palm: np.ndarray
+
+
+@printed
+def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
+    """Force over displacement, there and back, and both tactile images at the turn; a column an object."""
+    figure = new_figure(4.4)
+    grid = figure.subplots(3, len(explorations), height_ratios=(1.3, 1.2, 1.2))
+    largest = max(max(one.finger.max(), one.palm.max()) for one in explorations)
+    for column, one in zip(grid.T, explorations, strict=True):
+        turn = int(one.displacement_mm.argmax())
+        column[0].plot(one.displacement_mm[: turn + 1], one.force_N[: turn + 1], color=INK, label="squeeze")
+        column[0].plot(one.displacement_mm[turn:], one.force_N[turn:], color=SERIES[4][0], label="release")
+        column[0].set(title=one.label, xlabel="mm", xticks=(0, 6, 12), ylim=(0, None))
+        for axes, image in zip(column[1:], (one.finger, one.palm), strict=True):
+            axes.imshow(image, cmap="viridis", vmin=0, vmax=largest)
+            axes.set(xticks=(), yticks=())
+    for axes, words in zip(grid[:, 0], ("force (N)", "finger", "palm"), strict=True):
+        axes.set_ylabel(words)
+    add_legend(figure, grid[0], ncols=2)
     return figure
 
 

@@ -213,7 +213,7 @@ def simulate(spec: ComplianceSpec, progress: Callable[[int, int], None] | None =
     """
     rows = [(i, trial) for trial in range(spec.trials) for i in range(len(load_objects()))]
     things = [load_objects()[i] for i, _ in rows]
-    generators = [_generator(spec.seed, i + 1, trial) for i, trial in rows]
+    generators = [trial_generator(spec.seed, i + 1, trial) for i, trial in rows]
     explored = [
         draw_exploration(spec, thing, trial, rng)
         for thing, (_, trial), rng in zip(things, rows, generators, strict=True)
@@ -240,7 +240,8 @@ def skin_of(spec: ComplianceSpec, sensor: str) -> SkinSpec:
     return spec.finger if sensor == "finger" else spec.palm
 
 
-def _generator(seed: int, *key: int) -> np.random.Generator:
+def trial_generator(seed: int, *key: int) -> np.random.Generator:
+    """The random numbers of one exploration, keyed by its object (1 to 42) and number, which no other can shift."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
@@ -248,7 +249,9 @@ def draw_exploration(spec: ComplianceSpec, thing: TouchedObject, trial: int, rng
     """What varies from exploration to exploration, normal within 3 deviations; produce softens as it is squeezed."""
     stiffness, travel, start, touch, along, across, angle, *gains = np.clip(rng.standard_normal(9), -3.0, 3.0)
     number = int(thing.label.removeprefix("OBJ-"))
-    habit_mm = spec.habit_mm * np.clip(_generator(spec.seed, number).standard_normal(2), -3.0, 3.0) + thing.summit_mm
+    habit_mm = (
+        spec.habit_mm * np.clip(trial_generator(spec.seed, number).standard_normal(2), -3.0, 3.0) + thing.summit_mm
+    )
     series = trial / (spec.trials - 1) if spec.trials > 1 else 0.0
     softened = 1.0 - spec.stiffness_spread * thing.softening * series
     return Exploration(
@@ -311,7 +314,7 @@ def tactile_images(
 def taxel_gains(spec: ComplianceSpec, sensor: str) -> np.ndarray:
     """Gain of each taxel over the mean, `(taxel,)` float32: a property of the sensor, which all explorations share."""
     skin = skin_of(spec, sensor)
-    drawn = _generator(spec.seed, 0, SENSORS.index(sensor)).standard_normal(skin.rows * skin.columns)
+    drawn = trial_generator(spec.seed, 0, SENSORS.index(sensor)).standard_normal(skin.rows * skin.columns)
     return (1.0 + spec.mismatch * np.clip(drawn, -3.0, 3.0)).astype(np.float32)
 
 
