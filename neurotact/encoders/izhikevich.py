@@ -31,6 +31,11 @@ class IzhikevichType(Spec):
     t_ref_ms: ClassVar[float] = 0.0
     """There is none: what keeps the neuron silent after a spike is its recovery u."""
 
+    @property
+    def gain(self) -> float:
+        """As every population has it, in its own unit."""
+        return self.gain_mV_per_ms
+
 
 class IzhikevichSpec(Spec):
     """An SA-I and an RA-I population of Izhikevich neurons over every taxel (`encoders/izhikevich.toml`)."""

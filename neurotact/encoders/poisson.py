@@ -23,6 +23,11 @@ class PoissonType(Spec):
     t_ref_ms: float = Field(default=0.0, ge=0)
     """Dead time after a spike; none in a Poisson process proper."""
 
+    @property
+    def gain(self) -> float:
+        """As every population has it, in its own unit."""
+        return self.gain_Hz
+
 
 class PoissonSpec(Spec):
     """An SA-I and an RA-I population of Poisson afferents over every taxel (`encoders/poisson.toml`)."""
