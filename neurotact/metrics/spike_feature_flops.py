@@ -1,0 +1,149 @@
+"""What the features of `spike_features` and the distances of `spike_distances` cost, as layers of the ledger.
+
+Each counts what it does as spikes arrive and once at the window's end, from spikes that were measured (means need not
+be whole). References to distances are kept as spike times, and filtered or compared when a trial comes.
+"""
+
+from dataclasses import dataclass
+
+from neurotact.errors import InputError
+from neurotact.metrics.flops import BYTES, DIVISION, SQUARE_ROOT, Cost, Layer
+
+
+@dataclass(frozen=True)
+class _OfSpikes(Layer):
+    """What these layers share: how many afferents there are and how many spikes they send in a window."""
+
+    afferents: int
+    spikes: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.spikes >= 0:
+            raise InputError(f"{type(self).__name__}.spikes: must be >= 0; got {self.spikes}")
+
+
+@dataclass(frozen=True)
+class Rates(_OfSpikes):
+    """Average rates: a count a spike; a product an afferent."""
+
+    def cost(self) -> Cost:
+        return Cost(acs=self.spikes, other_flops=self.afferents, bytes=BYTES * self.afferents)
+
+
+@dataclass(frozen=True)
+class Intervals(_OfSpikes):
+    """Mean of the intervals, and their coefficient of variation if asked for.
+
+    A spike takes a difference and an addition, and a MAC for the square. An afferent takes a division, and a MAC, a
+    root and a division more for the variation.
+    """
+
+    variation: bool = True
+
+    def cost(self) -> Cost:
+        squares = self.spikes * self.variation
+        each = DIVISION + self.variation * (DIVISION + SQUARE_ROOT)
+        macs = squares + self.afferents * self.variation
+        kept = self.afferents * (3 + self.variation)  # last spike, count, sum, sum of squares
+        return Cost(macs=macs, acs=2 * self.spikes, other_flops=self.afferents * each, bytes=BYTES * kept)
+
+
+@dataclass(frozen=True)
+class BinFanoFactors(_OfSpikes):
+    """Fano factors over `bins` bins: a count a spike; a MAC a bin; a product, a MAC and a division an afferent."""
+
+    bins: int = 1
+
+    def cost(self) -> Cost:
+        n = self.afferents
+        return Cost(macs=n * (self.bins + 1), acs=self.spikes, other_flops=n * (1 + DIVISION), bytes=3 * BYTES * n)
+
+
+@dataclass(frozen=True)
+class CoOccurrences(_OfSpikes):
+    """Pairs of spikes within a lag: a difference, a comparison and a count for each of `pairs` (measured)."""
+
+    pairs: float = 0.0
+
+    def cost(self) -> Cost:
+        kept = self.afferents * (self.afferents + 1) / 2 + self.spikes
+        return Cost(acs=2 * self.pairs, other_flops=self.pairs, bytes=int(BYTES * kept))
+
+
+@dataclass(frozen=True)
+class DelayedTraces(_OfSpikes):
+    """Traces that decay at each of `steps` steps, a product an afferent, and rise by one a spike; reading is free."""
+
+    steps: int = 1
+    delays: int = 1
+
+    def cost(self) -> Cost:
+        kept = self.afferents * (1 + self.delays)
+        return Cost(acs=self.spikes, other_flops=self.afferents * self.steps, bytes=BYTES * kept)
+
+
+@dataclass(frozen=True)
+class GreyImages(_OfSpikes):
+    """A count a spike; a comparison and a product a pixel."""
+
+    columns: int = 1
+
+    def cost(self) -> Cost:
+        pixels = self.afferents * self.columns
+        return Cost(acs=self.spikes, other_flops=2 * pixels, bytes=pixels)
+
+
+@dataclass(frozen=True)
+class VanRossum(_OfSpikes):
+    """Distances to `references` trials with `reference_spikes` spikes in all.
+
+    The trial is filtered both ways (a MAC a step, an afferent and a way). Each spike of a reference reads the filtered
+    trace and adds it; a reference takes two additions, a product and a root. Its own norm is kept.
+    """
+
+    steps: int = 1
+    references: int = 1
+    reference_spikes: float = 0.0
+
+    def cost(self) -> Cost:
+        traces = self.afferents * self.steps
+        return Cost(
+            macs=2 * traces,
+            acs=self.reference_spikes + 2 * self.references,
+            other_flops=self.references * (1 + SQUARE_ROOT),
+            parameters=int(self.reference_spikes) + self.references,
+            bytes=int(BYTES * (self.reference_spikes + self.references + traces)),
+        )
+
+
+@dataclass(frozen=True)
+class VictorPurpura(_OfSpikes):
+    """Distances to `references` trials by the recursion over `pairs` pairs of spikes, measured over all afferents.
+
+    A pair takes a difference, its absolute value, two additions and two minima; times are kept in units of cost, and
+    deletions added on either side share one addition.
+    """
+
+    references: int = 1
+    reference_spikes: float = 0.0
+    pairs: float = 0.0
+
+    def cost(self) -> Cost:
+        return Cost(
+            acs=3 * self.pairs + self.afferents * self.references,
+            other_flops=3 * self.pairs,
+            parameters=int(self.reference_spikes),
+            bytes=int(BYTES * (self.reference_spikes + 2 * self.spikes)),
+        )
+
+
+@dataclass(frozen=True)
+class NearestOf(Layer):
+    """The `neighbours` nearest of `references` distances that are known: a comparison each for every neighbour."""
+
+    references: int
+    neighbours: int = 1
+
+    def cost(self) -> Cost:
+        return Cost(other_flops=self.references * self.neighbours)

@@ -1,0 +1,53 @@
+"""The costs of spike features, counted by hand, and spikes that are counted where they are used."""
+
+import pytest
+
+from neurotact.errors import InputError
+from neurotact.metrics import spike_feature_flops as layers
+from neurotact.metrics.flops import Layer, cost
+
+EVERY = [
+    layers.Rates(2, 10),
+    layers.Intervals(2, 10),
+    layers.BinFanoFactors(2, 10, bins=5),
+    layers.CoOccurrences(2, 10, pairs=7),
+    layers.DelayedTraces(2, 10, steps=100, delays=3),
+    layers.GreyImages(2, 10, columns=4),
+    layers.VanRossum(2, 10, steps=100, references=3, reference_spikes=30),
+    layers.VictorPurpura(2, 10, references=3, reference_spikes=30, pairs=150),
+    layers.NearestOf(5, 3),
+]
+
+
+def test_by_hand():
+    counted = [layer.cost() for layer in EVERY]
+    assert [(c.macs, c.acs, c.other_flops) for c in counted] == [
+        (0, 10, 2),  # a count a spike, a product an afferent
+        (12, 20, 24),  # 10 squares and a mean square each; difference and sum a spike; two divisions and a root each
+        (12, 10, 10),  # 5 bins and a mean square each; a count a spike; a product and a division each
+        (0, 14, 7),  # a difference and a count a pair; a comparison a pair
+        (0, 10, 200),  # a rise a spike; a decay a step and afferent
+        (0, 10, 16),  # a count a spike; two for each of 8 pixels
+        (400, 36, 15),  # both filters; a read a reference spike, two sums a reference; a product and a root each
+        (0, 456, 450),
+        (0, 0, 15),
+    ]
+
+
+def test_the_mean_alone_is_cheaper_than_mean_and_variation():
+    assert cost(layers.Intervals(2, 10, variation=False)).flops < cost(layers.Intervals(2, 10)).flops
+
+
+def test_every_layer_is_tested():
+    found = {
+        c for name, c in vars(layers).items()
+        if isinstance(c, type) and issubclass(c, Layer) and c is not Layer and not name.startswith("_")
+    }  # fmt: skip
+    assert found == {type(layer) for layer in EVERY}
+
+
+def test_counts_that_cannot_be_are_refused():
+    with pytest.raises(InputError, match=r"Rates\.spikes: must be >= 0"):
+        layers.Rates(2, -1.0)
+    with pytest.raises(InputError, match=r"Rates\.afferents"):
+        layers.Rates(0, 1.0)
