@@ -62,7 +62,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     trains = report.first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
     write_table(results.drop(columns=["pair", "gain_sa", "gain_ra"]), folder / "results.json")
-    verdicts = [judge(claim, results, encoding) for claim in study.claims]
+    verdicts = [judge(claim, {"results": results, "encoding": encoding}) for claim in study.claims]
     page = report.template("protocol.html.jinja").render(
         study=study,
         n_done=len(done),
