@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from neurotact.errors import InputError
+from neurotact.metrics.resampled import resampled_interval
+
+
+def test_by_hand():
+    # s = 0.1, J = 4, test/train = 1/4: s sqrt(1/4 + 1/4) = 0.0707; t of 3 degrees at 97.5 % is 3.182.
+    found = resampled_interval([0.7, 0.9, 0.8 - np.sqrt(0.005), 0.8 + np.sqrt(0.005)], 40, 10)
+    assert found.mean == pytest.approx(0.8)
+    assert found.high - found.mean == pytest.approx(3.1824 * 0.1 * np.sqrt(0.5), rel=1e-4)
+    assert found.mean - found.low == pytest.approx(found.high - found.mean)
+
+
+def test_with_next_to_no_test_examples_it_is_the_t_interval():
+    values = np.random.default_rng(0).random(10)
+    found = resampled_interval(values, 10**12, 1)
+    low, high = stats.t.interval(0.95, 9, values.mean(), stats.sem(values))
+    assert found[1:] == pytest.approx((low, high))
+
+
+def test_it_covers_the_truth_where_splits_share_their_examples():
+    """A fixed guess is tested on random tenths of one sample: its true accuracy lies in most intervals."""
+    rng = np.random.default_rng(1)
+    covered = naive = 0
+    for _ in range(300):
+        right = rng.random(100) < 0.7
+        values = [right[rng.permutation(100)[:30]].mean() for _ in range(10)]
+        found = resampled_interval(values, 70, 30)
+        covered += found.low <= 0.7 <= found.high
+        low, high = stats.t.interval(0.95, 9, np.mean(values), max(stats.sem(values), 1e-9))
+        naive += low <= 0.7 <= high
+    assert covered / 300 > 0.9
+    assert naive / 300 < 0.8
+
+
+@pytest.mark.parametrize(("values", "sizes"), [([0.5], (1, 1)), ([[0.5, 0.6]], (1, 1)), ([0.5, 0.6], (0, 1))])
+def test_what_cannot_be_is_refused(values, sizes):
+    with pytest.raises(InputError):
+        resampled_interval(values, *sizes)
