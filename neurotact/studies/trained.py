@@ -55,10 +55,13 @@ class Trained(NamedTuple):
     rule: ExitRule
 
 
-def sides_of(trains: SpikeTrains, task: Task) -> Sides:
-    """The windows of each side of the split, within the trials that the task's subset selects."""
+def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sides:
+    """The windows of each side of the split, within the trials that the task's subset selects.
+
+    split: sides of trials in place of those that the task draws.
+    """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
-    split: Split = split_conditions(trains.conditions, task.stratify, task.split)
+    split = split or split_conditions(trains.conditions, task.stratify, task.split)
     return Sides(*(examples_of(trains, np.intersect1d(side, inside), task.window)[0] for side in split))
 
 
@@ -78,9 +81,13 @@ def fit(
     device: str = "cpu",
     backend: Backend = "auto",
     progress=None,
+    split: Split | None = None,
 ) -> tuple[Trained, Sides]:
-    """Train a network; the two seeds (initial weights, order of trials) fix every number."""
-    sides = sides_of(trains, task)
+    """Train a network; the two seeds (initial weights, order of trials) fix every number.
+
+    split: sides of trials in place of those that the task draws.
+    """
+    sides = sides_of(trains, task, split)
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
     network = RSNN(
         len(trains.afferents), len(trains.classes), spec, trains.sampling_rate_Hz, backend=backend, generator=weights

@@ -1,0 +1,101 @@
+"""Figures of the study of real hardness: accuracy with its confidence and cost, and the presses themselves."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from neurotact.export.style import INK, MUTED, SERIES, Drawn, add_legend, new_figure, printed, series_style
+from neurotact.metrics.resampled import resampled_interval
+
+
+def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
+    """Mean accuracy over splits with its confidence interval, against the estimated energy of a decision."""
+    found = intervals(results)
+    best = [rows.loc[rows["mean"].idxmax()] for _, rows in found.groupby("protocol", sort=False)]
+    words = "; ".join(
+        f"{row['protocol']}, {row['chain']} with {row['features']}, {100 * row['mean']:.1f} % "
+        f"({100 * row['low']:.1f} to {100 * row['high']:.1f})"
+        for row in best
+    )
+    caption = (
+        "Mean test accuracy over splits, with its 95 % interval (corrected for splits that share presses), against the "
+        f"estimated energy of a decision's arithmetic. The most accurate: {words}."
+    )
+    alt = "; ".join(
+        f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {row['energy_estimate_nJ']:.3g} nJ"
+        for _, row in found.iterrows()
+    )
+    return Drawn("accuracy-and-cost", "Accuracy and what it costs", draw_accuracy_and_cost(found), caption, alt)
+
+
+def presses(arrays: Mapping[str, np.ndarray]) -> Drawn:
+    """The stretch that both chains see: the liveliest taxel of each cube's presses."""
+    caption = (
+        "Smoothed presses as both chains see them: the deepest taxel of every press, by cube; mean (line), middle half "
+        "(shade) and the single presses (pale). The minimum lies at 0."
+    )
+    return Drawn("presses", "The presses", draw_presses(arrays), caption, caption)
+
+
+def intervals(results: pd.DataFrame) -> pd.DataFrame:
+    """Mean accuracy and 95 % interval of each chain and set of features, with its mean energy estimate.
+
+    Columns: protocol, chain, features, energy_estimate_nJ, mean, low, high (within 0 and 1); one split has no width.
+    """
+    rows = []
+    for (protocol, chain, features), group in results.groupby(["protocol", "chain", "features"], sort=False):
+        values = group["accuracy_test"].to_numpy(float)
+        sides = int(group["n_train"].mean()), int(group["n_test"].mean())
+        mean, *ends = resampled_interval(values, *sides) if len(values) > 1 else (values[0],) * 3
+        rows.append([protocol, chain, features, group["energy_estimate_nJ"].mean(), mean, *np.clip(ends, 0.0, 1.0)])
+    return pd.DataFrame(rows, columns=["protocol", "chain", "features", "energy_estimate_nJ", "mean", "low", "high"])
+
+
+@printed
+def draw_accuracy_and_cost(found: pd.DataFrame) -> Figure:
+    """A panel a protocol, a colour a chain; the marks of one chain are its sets of features, from the cheapest."""
+    protocols, chains = (list(dict.fromkeys(found[column])) for column in ("protocol", "chain"))
+    figure = new_figure(3.2)
+    grid = figure.subplots(1, len(protocols), sharey=True, sharex=True, squeeze=False)[0]
+    most = found["energy_estimate_nJ"].max()
+    for axes, protocol in zip(grid, protocols, strict=True):
+        for index, chain in enumerate(chains):
+            rows = found[(found["chain"] == chain) & (found["protocol"] == protocol)]
+            mean = 100 * rows["mean"]
+            reach = [mean - 100 * rows["low"], 100 * rows["high"] - mean]
+            style = {"label": chain, "ms": 4.5, "capsize": 2, "lw": 0.9, **_style(index)}
+            axes.errorbar(rows["energy_estimate_nJ"], mean, reach, **style)
+        axes.set(title=protocol, xlabel="energy of a decision, estimate (nJ)", xlim=(0, 1.08 * most))
+        axes.grid()
+    grid[0].set_ylabel("test accuracy (%)")
+    add_legend(figure, grid, ncols=4)
+    return figure
+
+
+def _style(index: int) -> dict[str, Any]:
+    """Series beyond the six of the house style are open marks of the same."""
+    return series_style(index) | ({"mfc": "white", "ls": "--"} if index >= len(SERIES) else {})
+
+
+@printed
+def draw_presses(arrays: Mapping[str, np.ndarray]) -> Figure:
+    """A panel a cube."""
+    names = sorted(set(arrays["labels"].tolist()), key=lambda name: (len(name), name))
+    figure = new_figure(2.2)
+    grid = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    for axes, name in zip(grid, names, strict=True):
+        felt = arrays["presses"][arrays["labels"] == name]
+        deepest = felt.min(axis=1).argmin(axis=1)
+        lines = felt[np.arange(len(felt)), :, deepest]
+        at = int(np.median(lines.argmin(axis=1)))
+        time_ms = 1e3 * (np.arange(lines.shape[1]) - at) / float(arrays["sampling_rate_Hz"])
+        axes.plot(time_ms, lines.T, color=MUTED, lw=0.3, alpha=0.35)
+        axes.fill_between(time_ms, *np.quantile(lines, (0.25, 0.75), axis=0), color=MUTED, alpha=0.4, lw=0)
+        axes.plot(time_ms, lines.mean(axis=0), color=INK, lw=1.2)
+        axes.set(title=name, xlabel="time (ms)")
+        axes.grid(axis="y")
+    grid[0].set_ylabel("deepest taxel (mV)")
+    return figure
