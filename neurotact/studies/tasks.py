@@ -10,12 +10,12 @@ import numpy as np
 from pydantic import Field
 from sklearn.model_selection import GroupShuffleSplit
 
-from neurotact.data import touch_datasets
 from neurotact.data.conditioning import condition
 from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.simulate import compliance, gratings
 from neurotact.data.splits import Split, SplitSpec, split_trials
+from neurotact.data.touch_datasets import TOUCH_SAMPLES, window_bounds
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Layer, Moments, MovingAverage
 from neurotact.metrics.signal_flops import Averaging, LevelSpreadRate
@@ -23,6 +23,7 @@ from neurotact.metrics.tactile_flops import CurveFeatures, TactileMoments
 from neurotact.spec import Spec
 from neurotact.studies.preparation import expand
 from neurotact.studies.protocol import TaskData, module_of
+from neurotact.studies.protocols import touch_modality
 
 CLOCK_HZ = 1000.0
 """Sequences of a higher rate are averaged down to it; afferents run on this clock."""
@@ -182,7 +183,7 @@ OWN = {
 def source_of(name: str) -> Source:
     """The source of a task; InputError for a protocol that is not there or is no task.
 
-    The module of a protocol may say with `front_end(data, task) -> FrontEnd` what its features and sequences cost.
+    A protocol that says in FRONT_ENDS nothing of its features is counted as level, spread and rate of its sequences.
     """
     if name in OWN:
         return OWN[name]
@@ -193,13 +194,19 @@ def source_of(name: str) -> Source:
     return Source(module.Parameters.model_fields["data"].annotation, module.task, front_end)
 
 
-def _touch_front_end(data: Any, task: TaskData) -> FrontEnd:
+def _touch_front_end(data: touch_modality.TouchData, task: TaskData) -> FrontEnd:
     """Mean and deviation of each taxel in each window; a moving average before the sequences (touch_modality.task)."""
     channels = task.sequences.shape[2]
-    return FrontEnd(
-        (Moments(touch_datasets.TOUCH_SAMPLES // data.windows, channels * data.windows, order=2),),
-        (MovingAverage(touch_datasets.TOUCH_SAMPLES, channels),),
-    )
+    bounds = window_bounds(TOUCH_SAMPLES, touch_modality.TASK_STEPS, data.windows)
+    moments = tuple(Moments(int(stop - first), channels, order=2) for first, stop in bounds)
+    return FrontEnd(moments, (MovingAverage(TOUCH_SAMPLES, channels),))
+
+
+def _stiffness_front_end(data: Spec, task: TaskData) -> FrontEnd:
+    """A moving average, then four moments of each channel (stiffness.task)."""
+    _, samples, channels = task.sequences.shape
+    smoothing = MovingAverage(samples, channels)
+    return FrontEnd((smoothing, Moments(samples, channels, order=4)), (smoothing,))
 
 
 def _compliance_front_end(data: compliance.ComplianceSpec, task: TaskData) -> FrontEnd:
@@ -213,6 +220,7 @@ def _compliance_front_end(data: compliance.ComplianceSpec, task: TaskData) -> Fr
 
 
 FRONT_ENDS: dict[str, Callable[[Any, TaskData], FrontEnd]] = {
+    "stiffness": _stiffness_front_end,
     "touch_modality": _touch_front_end,
     "compliance": _compliance_front_end,
 }

@@ -7,9 +7,12 @@ from hypothesis import strategies as st
 
 from neurotact.data.simulate.gratings import GratingsSpec
 from neurotact.errors import InputError
+from neurotact.metrics.flops import cost
 from neurotact.metrics.signal_flops import Averaging, LevelSpreadRate, StandardisedSteps
+from neurotact.spec import build
 from neurotact.studies.protocol import TaskData
 from neurotact.studies.tasks import (
+    FRONT_ENDS,
     OWN,
     FabricsTask,
     GratingsTask,
@@ -112,3 +115,21 @@ def test_costs_of_reduction_by_hand():
     assert StandardisedSteps(10, 3).cost().parameters == 6
     spent = LevelSpreadRate(100, 2).cost()
     assert (spent.macs, spent.acs, spent.other_flops) == (202, 600, 214)
+
+
+SMALL = {
+    "stiffness": {"simulation": {"placements": 2, "grasps": 2}},
+    "touch_modality": {"simulation": {"people": 2}},
+    "compliance": {"trials": 1},
+}
+
+
+@pytest.mark.parametrize("name", list(FRONT_ENDS))
+def test_a_protocol_makes_its_task_and_its_front_end_counts_it(name):
+    source = source_of(name)
+    spec = build(source.data, SMALL[name], source="here")
+    task = source.make(spec)
+    assert len(task.features) == len(task.sequences) == len(task.labels) == len(task.groups)
+    features, sequences = (cost(*layers) for layers in source.front_end(spec, task))
+    assert features.macs > 0
+    assert features.energy_estimate_pJ >= sequences.energy_estimate_pJ > 0
