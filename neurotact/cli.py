@@ -110,7 +110,7 @@ def _root(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
 @app.command("list")
 def list_specs() -> None:
-    """List the specs that ship: encoders, networks, studies."""
+    """List the specs that ship: encoders, networks, search spaces, studies."""
     for kind in spec.KINDS:
         table = Table("name", "about", title=kind, title_justify="left", box=None)
         for path in spec.shipped(kind):

@@ -18,7 +18,7 @@ import neurotact
 from neurotact.errors import InputError, nearest
 from neurotact.files import existing
 
-KINDS = ("encoders", "networks", "studies")
+KINDS = ("encoders", "networks", "networks/spaces", "studies")
 
 
 class Spec(BaseModel):
@@ -55,7 +55,7 @@ def specs_folder() -> Path:
 
 
 def shipped(kind: str) -> list[Path]:
-    """The shipped specs of a kind (`encoders`, `networks` or `studies`), by name."""
+    """The shipped specs of a kind (one of `KINDS`), by name."""
     return sorted((specs_folder() / kind).glob("*.toml"))
 
 

@@ -11,6 +11,7 @@ import torch
 
 from neurotact import spec
 from neurotact.encoders import specs as encoders
+from neurotact.networks import tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.studies import kinds, study
@@ -47,6 +48,12 @@ def test_an_encoder_encodes_without_a_warning(name):
 def test_a_network_builds_and_runs(name):
     network = RSNN(16, 8, spec.load(RSNNSpec, name), 2000.0, backend="reference")
     assert network(torch.zeros(2, 10, 16)).readout.shape == (2, 8)
+
+
+@pytest.mark.parametrize("name", of_kind["networks/spaces"])
+def test_a_search_space_suits_the_network(name):
+    space = tuning.SearchSpec(space=tuning.load_space(name)).space
+    tuning.check(space, spec.load(RSNNSpec, "rsnn"), source=name)
 
 
 @pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
