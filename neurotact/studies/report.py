@@ -18,7 +18,7 @@ from neurotact.export.style import Drawn, save
 from neurotact.export.tables import write_table
 from neurotact.files import existing, read_json, write_text
 from neurotact.spec import to_toml
-from neurotact.studies import ledger, report_cells, report_page, report_selection, selection
+from neurotact.studies import ledger, report_cells, report_page, report_search, report_selection, selection
 from neurotact.studies import study as studies
 from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Verdict, judge
@@ -37,6 +37,7 @@ DOWNLOADS = {
     "sops.json": "the same",
     "sops.md": "the same, to be read",
     "encoding.csv": "firing of both populations for each class and condition",
+    "searches.csv": "every trial of every cell's search",
     "selection.csv": "what each step of the selection saw and chose",
     "baseline.csv": "the linear classifier",
     "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
@@ -101,10 +102,16 @@ def write(study: StudySpec, folder: Path) -> Path:
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
     extra = extra_tables(folder)
+    trials = report_search.trials_table(folder, done, results)
     shown = drawings(study, folder, done, results, encoding, trains, classes, chosen)
-    figures = [keep(drawn, folder) for drawn in chain(shown, extra_drawings(study, results, extra, classes))]
+    more = extra_drawings(study, results, extra, classes)
+    figures = [keep(drawn, folder) for drawn in chain(shown, _searches(study, trials), more)]
     found = report_cells.cell_details(folder, done, classes)
     details = found if len(found) == len(results) else [{} for _ in range(len(results))]
+    for index, detail in enumerate(details):
+        detail["search"] = report_search.of_cell(trials, index)
+    if len(trials):
+        write_table(trials.drop(columns=["pair", "setting"]), folder / report_search.TRIALS)
     write_table(results.drop(columns=["pair", "setting"]), folder / "results.json")
     report_cells.write_sops(report_cells.sops_table(results, swept), folder, study.title)
     ledger_rows = _ledger(folder, results, trains, study.network is None or study.network.recurrent)
@@ -127,6 +134,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         network_heads=list(NETWORK_COLUMNS.values()),
         settings=list(dict.fromkeys(results["setting"])),
         means=means_table(results),
+        searches=report_search.table(trials, results),
         baseline=baseline_table(folder),
         ledger=ledger_rows,
         ledger_about=ledger.ABOUT,
@@ -168,6 +176,10 @@ def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:
     paths = {name: folder / f"{name}.csv" for name in EXTRA_TABLES}
     found = {name: pd.read_csv(path) for name, path in paths.items() if path.is_file()}
     return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
+
+
+def _searches(study: StudySpec, trials: pd.DataFrame) -> Iterator[Drawn]:
+    return report_search.drawings(trials, study.search) if study.search else iter(())
 
 
 def read_encoding(path: Path) -> pd.DataFrame:

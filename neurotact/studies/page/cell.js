@@ -15,6 +15,7 @@ function showCell(cell, study) {
   fill("cell-sops", "Synaptic operations a window", row, () => ledger(cell));
   fill("cell-confusion", "What is taken for what", cell.confusion, () => confusion(cell.confusion, study));
   fill("cell-training", "Training", cell.training, (width) => training(cell.training, width));
+  if (document.getElementById("cell-search")) fill("cell-search", "Its search", cell.search, (width) => search(cell.search, width));
 }
 
 function fill(id, title, data, draw, otherwise = "Not in the folder of this run.") {
@@ -173,4 +174,38 @@ function chart(epochs, train, validation, scale, words, kept, width) {
   line(validation, "var(--ra)", "none");
   if (kept != null) svg.append(mark("path", { d: `M${x(kept)} ${top}V${bottom}`, stroke: "var(--ink)", "stroke-dasharray": "1 3" }));
   return svg;
+}
+
+/* Values of the trials: filled where a trial finished, open where it was stopped; a line for the best so far. */
+function search(found, width) {
+  const left = 44, right = 8, top = 20, height = 190, bottom = height - 34;
+  const told = found.values.filter((value) => value != null);
+  const high = Math.max(...told), low = Math.min(...told);
+  const x = (trial) => left + ((width - left - right) * (trial + 0.5)) / found.values.length;
+  const y = (value) => bottom - ((bottom - top) * (value - low)) / (high - low || 1);
+  const counts = ["finished", "stopped", "failed"].map((outcome) => found.outcomes.filter((other) => other === outcome).length);
+  const words = `${found.values.length} trials: ${counts[0]} finished (filled), ${counts[1]} stopped early (open), ${counts[2]} failed. ` +
+    `The best is trial ${found.best} with ${short(found.values[found.best])}: ` +
+    `${Object.entries(found.chosen).map(([key, value]) => `${key} ${value}`).join(", ")}.`;
+  const svg = picture(width, height, words);
+  for (const at of ticks(low, high, 4)) {
+    svg.append(mark("path", { d: `M${left} ${y(at)}H${width - right}`, stroke: "var(--line)" }), label(short(at), left - 5, y(at)));
+  }
+  for (const at of ticks(0, found.values.length - 1, 8).filter(Number.isInteger)) {
+    svg.append(mark("text", { x: x(at), y: bottom + 14, "text-anchor": "middle", class: "tick" }, String(at)));
+  }
+  svg.append(mark("text", { x: left, y: 12, class: "tick" }, "value"),
+    mark("text", { x: (left + width - right) / 2, y: height - 4, "text-anchor": "middle", class: "tick" }, "trial"));
+  let best = -Infinity, line = "";
+  found.values.forEach((value, trial) => {
+    if (value == null) return;
+    const finished = found.outcomes[trial] === "finished";
+    if (finished && value > best) {
+      best = value;
+      line += line ? `H${x(trial).toFixed(1)}V${y(best).toFixed(1)}` : `M${x(trial).toFixed(1)} ${y(best).toFixed(1)}`;
+    }
+    svg.append(mark("circle", { cx: x(trial), cy: y(value), r: 3, stroke: "var(--sa)", fill: finished ? "var(--sa)" : "none" }));
+  });
+  svg.append(mark("path", { d: `${line}H${width - right}`, stroke: "var(--ink)", "stroke-width": 1.3, fill: "none" }));
+  return [svg, element("p", { class: "soft" }, words)];
 }
