@@ -18,7 +18,7 @@ from neurotact import __version__, files, spec
 from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate import contact_materials, gratings
+from neurotact.data.simulate import contact_materials, gratings, stiffness
 from neurotact.data.simulate.touch_modality import TouchModalitySpec, simulate_touches
 from neurotact.data.splits import SplitSpec
 from neurotact.encoders import specs as encoders
@@ -149,6 +149,12 @@ def simulate_contact_materials(out: OutFile, set_: SetOption = None) -> None:
     """Simulate probes of four materials shaken on one piezoelectric element (materials paper)."""
     simulate = contact_materials.simulate
     _simulate(contact_materials.ContactMaterialsSpec, simulate, set_, out, "simulate contact-materials")
+
+
+@simulate_app.command("stiffness")
+def simulate_stiffness(out: OutFile, set_: SetOption = None) -> None:
+    """Simulate a gripper that grasps and releases objects of three stiffnesses (stiffness paper)."""
+    _simulate(stiffness.StiffnessSpec, stiffness.simulate, set_, out, "simulate stiffness")
 
 
 def _simulate(model: type[Any], simulate: Callable[..., Recordings], set_: list[str] | None, out: Path, source: str):

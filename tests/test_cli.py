@@ -112,6 +112,12 @@ def test_a_change_within_a_nested_table_keeps_the_rest_of_it(neurotact, tmp_path
     assert load_recordings(tmp_path / "materials.h5").channels == ("force", "output")
 
 
+def test_simulated_grasps_are_saved(neurotact, tmp_path):
+    options = ("--set", "placements=1", "--set", "grasps=1", "--set", "objects.SR.stiffness_N_per_mm=0.7")
+    code, out, _ = neurotact("simulate", "stiffness", *options, "-o", tmp_path / "grasps.h5")
+    assert (code, out) == (0, f"{tmp_path}/grasps.h5: 3 trials of 3 classes, 4 taxels, 9.0 s at 2000 Hz, in mV\n")
+
+
 def test_simulated_touches_are_saved(neurotact, tmp_path):
     options = ("--set", "people=1", "--set", "recording_s=2", "--set", "duration_s=0.5")
     code, out, _ = neurotact("simulate", "touch-modality", *options, "-o", tmp_path / "touch.h5")
@@ -249,7 +255,8 @@ def test_a_copied_spec_serves_where_a_name_does(neurotact, made, tmp_path):
 
 COMMANDS = [
     (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"),
-    ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("import",), ("import", "touch-modality"),
+    ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("simulate", "stiffness"), ("import",),
+    ("import", "touch-modality"),
     ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
