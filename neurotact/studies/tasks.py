@@ -202,8 +202,8 @@ def _touch_front_end(data: touch_modality.TouchData, task: TaskData) -> FrontEnd
     return FrontEnd(moments, (MovingAverage(TOUCH_SAMPLES, channels),))
 
 
-def _stiffness_front_end(data: Spec, task: TaskData) -> FrontEnd:
-    """A moving average, then four moments of each channel (stiffness.task)."""
+def _moments_front_end(data: Spec, task: TaskData) -> FrontEnd:
+    """A moving average, then four moments of each channel (stiffness.task, pvdf_hardness.task)."""
     _, samples, channels = task.sequences.shape
     smoothing = MovingAverage(samples, channels)
     return FrontEnd((smoothing, Moments(samples, channels, order=4)), (smoothing,))
@@ -220,7 +220,8 @@ def _compliance_front_end(data: compliance.ComplianceSpec, task: TaskData) -> Fr
 
 
 FRONT_ENDS: dict[str, Callable[[Any, TaskData], FrontEnd]] = {
-    "stiffness": _stiffness_front_end,
+    "stiffness": _moments_front_end,
+    "pvdf_hardness": _moments_front_end,
     "touch_modality": _touch_front_end,
     "compliance": _compliance_front_end,
 }

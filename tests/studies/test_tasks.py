@@ -124,7 +124,7 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", list(FRONT_ENDS))
+@pytest.mark.parametrize("name", list(SMALL))
 def test_a_protocol_makes_its_task_and_its_front_end_counts_it(name):
     source = source_of(name)
     spec = build(source.data, SMALL[name], source="here")
