@@ -37,7 +37,9 @@ from neurotact.studies.gratings_calibration import Fact
 OVOIDS = {"orange": (22, 23, 24), "green": (25, 26, 27), "blue": (16, 17, 18), "purple": (19, 20, 21)}
 """Objects by colour from low to high stiffness (Sec. 3.3)."""
 SHOWN = ("OBJ-4", "OBJ-17", "OBJ-18", "OBJ-35", "OBJ-37", "OBJ-42")
-MEDIAN = 0.5
+ELASTOMERS = (6, 7, 16, 17, 18, 31, 32, 37, 38, 39, 40, 41)
+SMOOTHED = 8
+"""Samples that are averaged before the largest is sought."""
 
 
 class Measured(NamedTuple):
@@ -74,7 +76,7 @@ def facts_of(measured: Measured) -> list[Fact]:
 def movement_facts(measured: Measured) -> list[Fact]:
     spec, force_N = measured.spec, measured.force_N
     turn_s = spec.peak / spec.sampling_rate_Hz
-    first = np.quantile(force_N[:, 0], [0, MEDIAN, 1])
+    first = np.quantile(force_N[:, 0], [0, 0.5, 1])
     highest = force_N.max(axis=1)
     return [
         Fact(
@@ -111,16 +113,9 @@ def movement_facts(measured: Measured) -> list[Fact]:
 def curve_facts(measured: Measured) -> list[Fact]:
     spec, rate_Hz = measured.spec, measured.spec.sampling_rate_Hz
     m00 = measured.curves[:, :, [CHANNELS.index("finger M00"), CHANNELS.index("palm M00")]]
-    smooth = m00[:, : len(m00[0]) // 8 * 8].reshape(len(m00), -1, 8, 2).mean(axis=2)
-    late_ms = 1e3 * (smooth.argmax(axis=1) * 8 + 3.5 - spec.peak) / rate_Hz
-    features = curve_features(m00, spec.peak, rate_Hz)
-    largest, h1, h2 = (features[..., i] for i in (1, 2, 3))
-    below = 1.0 - h2[:, 0] / h1[:, 0]
-    elastomers = [i - 1 for i in (6, 7, 16, 17, 18, 31, 32, 37, 38, 39, 40, 41)]
-    lag = (h1 - h2)[elastomers, 0]
-    noise_counts = spec.noise_counts * np.sqrt(2 * spec.finger.rows * spec.finger.columns)
-    by_colour = np.array([largest[[i - 1 for i in places], 0] for places in OVOIDS.values()])
-    apart = largest[[3, 37, 41], 0]
+    smooth = m00[:, : m00.shape[1] // SMOOTHED * SMOOTHED].reshape(len(m00), -1, SMOOTHED, 2).mean(axis=2)
+    late_ms = 1e3 * ((smooth.argmax(axis=1) + 0.5) * SMOOTHED - 0.5 - spec.peak) / rate_Hz
+    _, largest, h1, h2 = curve_features(m00[:, :, :1], spec.peak, rate_Hz)[:, 0].T
     return [
         Fact(
             "M00 is largest where the movement turns",
@@ -129,6 +124,18 @@ def curve_facts(measured: Measured) -> list[Fact]:
             f"within {np.abs(late_ms).max():.0f} ms",
             bool(np.abs(late_ms).max() < 50),
         ),
+        *hysteresis_facts(spec, h1, h2),
+        *stiffness_facts(largest),
+    ]
+
+
+def hysteresis_facts(spec: ComplianceSpec, h1: np.ndarray, h2: np.ndarray) -> list[Fact]:
+    """h1, h2: of the finger's M00, `(object,)` in counts."""
+    below = 1.0 - h2 / h1
+    noise = spec.noise_counts * np.sqrt(2 * spec.finger.rows * spec.finger.columns)
+    elastic = np.array(ELASTOMERS) - 1
+    clear = (h1 - h2)[elastic] > 3 * noise
+    return [
         Fact(
             "the curve is lopsided: H2 below H1",
             "Sec. 2: hysteresis",
@@ -139,11 +146,19 @@ def curve_facts(measured: Measured) -> list[Fact]:
         Fact(
             "of elastomers too",
             "Sec. 2: can be significant in elastomers",
-            f"most of {len(elastomers)} above thrice the noise of H1 - H2",
-            f"{(lag > 3 * noise_counts).sum()}; {100 * below[elastomers].min():.1f} to "
-            f"{100 * below[elastomers].max():.1f} % below, noise {100 * noise_counts / h1[elastomers, 0].mean():.1f} %",
-            bool((lag > 3 * noise_counts).mean() > MEDIAN),
+            f"most of {len(elastic)} above thrice the noise of H1 - H2",
+            f"{clear.sum()}; {100 * below[elastic].min():.1f} to {100 * below[elastic].max():.1f} % below, "
+            f"noise {100 * noise / h1[elastic].mean():.1f} %",
+            bool(clear.mean() > 0.5),
         ),
+    ]
+
+
+def stiffness_facts(largest: np.ndarray) -> list[Fact]:
+    """largest: MAX of the finger's M00, `(object,)` in counts."""
+    by_colour = np.array([largest[np.array(places) - 1] for places in OVOIDS.values()])
+    apart = largest[[3, 37, 41]]
+    return [
         Fact(
             "stiffness of the ovoids by colour",
             "Sec. 3.3",
