@@ -99,7 +99,8 @@ def _shares(
     if dimension["_type"] == "choice" or tried.nunique() <= MOST_BARS:
         values = dimension["_value"] if dimension["_type"] == "choice" else sorted(set(tried))
         names = [f"{value:g}" if isinstance(value, (int, float)) else str(value) for value in values]
-        return names, *([float((side == value).mean()) for value in values] for side in (won, tried))
+        best, all_tried = ([float((side == value).mean()) for value in values] for side in (won, tried))
+        return names, best, all_tried
     is_log = "log" in dimension["_type"]
     edges = (np.geomspace if is_log else np.linspace)(tried.min(), tried.max(), MOST_BARS + 1)
     middles = np.sqrt(edges[1:] * edges[:-1]) if is_log else (edges[1:] + edges[:-1]) / 2
