@@ -18,8 +18,7 @@ from neurotact import __version__, files, spec
 from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate import contact_materials, gratings, stiffness
-from neurotact.data.simulate.touch_modality import TouchModalitySpec, simulate_touches
+from neurotact.data.simulate.experiments import EXPERIMENTS, Experiment
 from neurotact.data.splits import SplitSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
@@ -138,49 +137,28 @@ def copy(
     print(target)
 
 
-@simulate_app.command("gratings")
-def simulate_gratings(out: OutFile, set_: SetOption = None) -> None:
-    """Simulate a PVDF finger sliding over eight gratings (texture paper)."""
-    _simulate(gratings.GratingsSpec, gratings.simulate, set_, out, "simulate gratings")
+def _simulator(name: str, experiment: Experiment) -> Callable[[Path, list[str] | None], None]:
+    """The command that simulates an experiment; a change within a nested table keeps the rest of it."""
+
+    def command(out: OutFile, set_: SetOption = None) -> None:
+        table = spec.override(experiment.model().model_dump(mode="json"), spec.parse_assignments(set_ or []))
+        what: Any = spec.build(experiment.model, table, source=f"simulate {name}")
+        with track("simulate", what.n_trials) as advance:
+            done = 0
+
+            def step(now: int, _total: int) -> None:
+                nonlocal done
+                advance(now - done, "")
+                done = now
+
+            recordings = experiment.simulate(what, step)
+        _save_recordings(recordings, out)
+
+    return command
 
 
-@simulate_app.command("contact-materials")
-def simulate_contact_materials(out: OutFile, set_: SetOption = None) -> None:
-    """Simulate probes of four materials shaken on one piezoelectric element (materials paper)."""
-    simulate = contact_materials.simulate
-    _simulate(contact_materials.ContactMaterialsSpec, simulate, set_, out, "simulate contact-materials")
-
-
-@simulate_app.command("stiffness")
-def simulate_stiffness(out: OutFile, set_: SetOption = None) -> None:
-    """Simulate a gripper that grasps and releases objects of three stiffnesses (stiffness paper)."""
-    _simulate(stiffness.StiffnessSpec, stiffness.simulate, set_, out, "simulate stiffness")
-
-
-def _simulate(model: type[Any], simulate: Callable[..., Recordings], set_: list[str] | None, out: Path, source: str):
-    """Simulate what `model` describes after the assignments `set_`; a change within a nested table keeps the rest."""
-    table = spec.override(model().model_dump(mode="json"), spec.parse_assignments(set_ or []))
-    what = spec.build(model, table, source=source)
-    with track("simulate", what.n_trials) as advance:
-        done = 0
-
-        def step(now: int, _total: int) -> None:
-            nonlocal done
-            advance(now - done, "")
-            done = now
-
-        recordings = simulate(what, step)
-    _save_recordings(recordings, out)
-
-
-@simulate_app.command("touch-modality")
-def simulate_touch_modality(out: OutFile, set_: SetOption = None) -> None:
-    """Simulate people who slide, brush and roll on a 4 x 4 array (touch-modality paper)."""
-    table = spec.override({}, spec.parse_assignments(set_ or []))
-    what = spec.build(TouchModalitySpec, table, source="simulate touch-modality")
-    with track("simulate", what.people) as advance:
-        recordings = simulate_touches(what, lambda: advance(1, ""))
-    _save_recordings(recordings, out)
+for _name, _experiment in EXPERIMENTS.items():
+    simulate_app.command(_name, help=_experiment.about)(_simulator(_name, _experiment))
 
 
 @import_app.command("fabricslide")

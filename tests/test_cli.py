@@ -255,8 +255,8 @@ def test_a_copied_spec_serves_where_a_name_does(neurotact, made, tmp_path):
 
 COMMANDS = [
     (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"),
-    ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("simulate", "stiffness"), ("import",),
-    ("import", "touch-modality"),
+    ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("simulate", "stiffness"),
+    ("simulate", "compliance"), ("import",), ("import", "touch-modality"),
     ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
@@ -569,7 +569,7 @@ def test_a_damaged_network_is_named(refused, made, tmp_path, name):
         ("encoder.sa1.t_ref_ms=5", "is swept as"),
         ("dataset.parameters.trails=5", "trails: unknown key; did you mean 'trials'?"),
         ("dataset.parameters.noise_mV_rms=nan", "noise_mV_rms: must be a finite number"),
-        ("dataset.simulate=felt", "dataset.simulate: must be 'gratings'"),
+        ("dataset.simulate=felt", "dataset.simulate: there is no such simulation; known: gratings"),
         ("dataset.subsets=3", "dataset.subsets: must be a table; got 3"),
         ("window.length_ms=0", "window.length_ms: must be > 0; got 0"),
         ("split.test=0.9", "split: validation + test must be below 1"),

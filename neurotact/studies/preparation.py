@@ -16,6 +16,7 @@ from sklearn.preprocessing import StandardScaler
 from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, pvdf_hardness
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
+from neurotact.data.simulate.experiments import EXPERIMENTS
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import Windows, cut
@@ -29,7 +30,7 @@ from neurotact.studies.calibration import calibrate
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
-from neurotact.studies.study import SIMULATIONS, Cell, DatasetSpec, StudySpec
+from neurotact.studies.study import Cell, DatasetSpec, StudySpec
 
 READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 
@@ -37,8 +38,8 @@ READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 def load_dataset(spec: DatasetSpec) -> Recordings:
     """Simulate, read or load the recordings of a study."""
     if spec.simulate is not None:
-        model, simulate = SIMULATIONS[spec.simulate]
-        return simulate(build(model, spec.parameters, source="dataset.parameters"))
+        experiment = EXPERIMENTS[spec.simulate]
+        return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
     if spec.file is not None:
         return hdf5.load_recordings(spec.file)
     return READERS[spec.read or ""](expand(spec.path or ""))

@@ -9,10 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from neurotact import spec as specs
-from neurotact.data.simulate import gratings, stiffness
+from neurotact.data.simulate.experiments import EXPERIMENTS
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
@@ -35,17 +35,13 @@ MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
-SIMULATIONS = {
-    "gratings": (gratings.GratingsSpec, gratings.simulate),
-    "stiffness": (stiffness.StiffnessSpec, stiffness.simulate),
-}
-"""The spec and the simulator of each experiment that a study may simulate."""
 
 
 class DatasetSpec(Spec):
     """Where a study's recordings come from, and which parts of them it looks at."""
 
-    simulate: Literal["gratings", "stiffness"] | None = None
+    simulate: str | None = None
+    """An experiment that can be simulated, such as `gratings`."""
     parameters: dict[str, Any] = {}
     """Of the simulation, by the keys of its spec."""
     read: Literal["fabricslide", "pvdf-hardness"] | None = None
@@ -57,6 +53,13 @@ class DatasetSpec(Spec):
     """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
     stratify: tuple[str, ...] = ()
     """Conditions balanced in the split besides the class."""
+
+    @field_validator("simulate")
+    @classmethod
+    def _can_be_simulated(cls, name: str | None) -> str | None:
+        if name is not None and name not in EXPERIMENTS:
+            raise ValueError(f"there is no such simulation; {nearest(name, list(EXPERIMENTS))}")
+        return name
 
     @model_validator(mode="after")
     def _has_one_source(self) -> "DatasetSpec":
@@ -219,7 +222,7 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     if study.search is not None and study.network is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
-        model, _ = SIMULATIONS[study.dataset.simulate]
+        model = EXPERIMENTS[study.dataset.simulate].model
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
     list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
     return study

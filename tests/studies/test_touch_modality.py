@@ -12,7 +12,7 @@ from neurotact.data.conditioning import fit_standardisation
 from neurotact.data.folds import Fold
 from neurotact.data.hdf5 import save_recordings
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.touch_modality import TouchModalitySpec, simulate_touches
+from neurotact.data.simulate.touch_modality import TouchModalitySpec, simulate
 from neurotact.data.touch_datasets import STEP_COUNTS
 from neurotact.errors import InputError
 from neurotact.export.style import save
@@ -65,7 +65,7 @@ def test_simulated_touches_become_all_numbers_of_steps(loaded):
 
 
 def test_a_recording_file_gives_what_the_simulation_gives(loaded, tmp_path):
-    touches = simulate_touches(FEW.simulation)
+    touches = simulate(FEW.simulation)
     save_recordings(touches, tmp_path / "touch.h5")
     read = protocol.load(TouchData(recordings=str(tmp_path / "touch.h5")))
     assert sorted(read) == sorted(loaded)

@@ -157,14 +157,14 @@ class Stroke(NamedTuple):
     backwards: bool
 
 
-def simulate_touches(spec: TouchModalitySpec, advance: Callable[[], None] | None = None) -> Recordings:
+def simulate(spec: TouchModalitySpec, progress: Callable[[int, int], None] | None = None) -> Recordings:
     """All touches in V, float32 `(touch, time, taxel)`; 1.6 GB for 70 people, so see `each_person` too.
 
     conditions: label (brushing, rolling, sliding), person, direction, repetition, force_N, duration_s, passes. Rows go
         person by person. Taxel 4 r + c stands in row r and column c; a horizontal stroke runs along rows.
-    advance: called after each person.
+    progress: called as (touches done, touches in all), after each person.
 
-    >>> touch = simulate_touches(TouchModalitySpec(people=1))
+    >>> touch = simulate(TouchModalitySpec(people=1))
     >>> touch.signals.shape, touch.unit, touch.classes
     ((12, 30000, 16), 'V', ('brushing', 'rolling', 'sliding'))
     """
@@ -173,8 +173,8 @@ def simulate_touches(spec: TouchModalitySpec, advance: Callable[[], None] | None
     for person, (touches, table) in enumerate(each_person(spec)):
         signals[person * TOUCHES : (person + 1) * TOUCHES] = touches
         tables.append(table)
-        if advance is not None:
-            advance()
+        if progress is not None:
+            progress((person + 1) * TOUCHES, spec.n_trials)
     conditions = pd.concat(tables, ignore_index=True)
     return Recordings(signals, spec.sampling_rate_Hz, "V", conditions, source=f"simulated touches {spec.digest()}")
 

@@ -15,7 +15,7 @@ from neurotact.data.simulate.touch_modality import (
     each_person,
     move,
     record,
-    simulate_touches,
+    simulate,
 )
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -44,7 +44,7 @@ def people():
 
 
 def test_everybody_touches_twelve_times():
-    touches = simulate_touches(SHORT)
+    touches = simulate(SHORT)
     assert np.asarray(touches.signals).shape == (2 * TOUCHES, 6000, 16)
     assert (touches.unit, touches.sampling_rate_Hz) == ("V", 3000.0)
     assert (touches.conditions.groupby(["person", "label", "direction"]).size() == 2).all()
