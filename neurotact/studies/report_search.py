@@ -26,6 +26,8 @@ def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.Da
     trial, outcome, epochs, value, accuracy_validation, sops_total, the hyperparameters, error.
     """
     parts = []
+    if len(done) != len(results):
+        return pd.DataFrame()  # the rows are of other cells
     for index, (cell, (_, row)) in enumerate(zip(done, results.iterrows(), strict=True)):
         path = cell_folder(folder, cell) / SEARCH / "trials.csv"
         if not path.is_file():
