@@ -67,6 +67,8 @@ class Parameters(Spec):
     encoder: AfferentSpec = AfferentSpec(sa1=AfferentType(gain=1.0), ra1=AfferentType(gain=1.0))
     """Of the spiking chain; standardisation and gains are fitted on the training presses of each split."""
     spiking: RSNNSpec = RSNNSpec()
+    starts: int = Field(default=3, ge=1)
+    """Initialisations of the spiking network, of which the best on validation presses is kept: some never learn."""
     seed: int = Field(default=0, ge=0)
 
 
@@ -210,8 +212,10 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
     trains = encode_recordings(felt, encoder)
     window_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
     what = trained.Task(window=WindowSpec(length_ms=window_ms))
-    first = int(np.random.SeedSequence([parameters.seed, at]).generate_state(1)[0])
-    fitted, sides = trained.fit(trains, parameters.spiking, what, (first, first + 1), split=split)
+    seeds = np.random.SeedSequence([parameters.seed, at]).generate_state(2 * parameters.starts).tolist()
+    pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
+    networks = [trained.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
+    fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
     found: dict[str, Any] = trained.measure(fitted, sides.test, trains.is_sa)["row"]
     for chain, accuracy, prefix, steps in (
         ("RSNN", "accuracy_test", "sops", found["window_steps"]),

@@ -41,7 +41,7 @@ def made(n_classes=3, per_class=16, seed=0):
 
 
 def parameters(**changes):
-    given = {"chain": "R-ELM", "splits": 2, "network": NETWORK, "spiking": SPIKING}
+    given = {"chain": "R-ELM", "splits": 2, "network": NETWORK, "spiking": SPIKING, "starts": 1}
     return hardness.Parameters.model_validate({**given, **changes})
 
 
@@ -56,7 +56,7 @@ def test_single_layer_networks_have_a_row_a_split_and_feature_set():
 
 
 def test_the_spiking_chain_is_on_the_same_splits_with_its_measured_operations():
-    arrays = made()
+    arrays = made(per_class=12)
     rows = pd.DataFrame(hardness.run(parameters(chain="RSNN"), arrays))
     assert rows["chain"].tolist() == ["RSNN", hardness.EARLY] * 2
     assert (rows["sops"] > 0).all()
@@ -69,6 +69,12 @@ def test_the_spiking_chain_is_on_the_same_splits_with_its_measured_operations():
         {k: pytest.approx(v, nan_ok=True) if isinstance(v, float) else v for k, v in row.items()}
         for row in rows.to_dict("records")
     ]
+
+
+def test_the_best_start_on_validation_is_kept():
+    arrays = made(per_class=12)
+    one, three = (pd.DataFrame(hardness.run(parameters(chain="RSNN", starts=n), arrays)) for n in (1, 3))
+    assert (three["accuracy_validation"].to_numpy() >= one["accuracy_validation"].to_numpy()).all()
 
 
 def test_a_tested_sequence_stands_on_no_other_side():
@@ -87,7 +93,7 @@ def test_what_only_test_presses_betray_is_at_chance(chain):
     rng = np.random.default_rng(1)
     shuffled = arrays["presses"][rng.permutation(len(arrays["labels"]))]
     found = []
-    for seed in range(3):
+    for seed in range(2):
         split = hardness.splits_of(arrays["labels"], arrays["sequence"], "by trial", 2, seed)[0]
         presses = shuffled.copy()
         presses[split.test] = arrays["presses"][split.test]

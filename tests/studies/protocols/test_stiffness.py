@@ -96,3 +96,29 @@ def test_the_shipped_study_is_table_iii():
     assert study.parameters["network"]["n_max"] == [50, 100, 200, 300]
     assert study.parameters["network"]["exponents"] == list(range(-8, 9))
     assert (study.parameters["splits"], study.parameters["network"]["draws"]) == (10, 10)
+
+
+@pytest.mark.parametrize("classifier", ["R-ELM", "H-ELM", "S-FC"])
+def test_what_only_test_grasps_betray_is_at_chance(data, classifier):
+    """Features without a class, but that the test grasps of each split carry their label: nobody may have seen it."""
+    rng = np.random.default_rng(2)
+    labels = np.repeat(["HR", "RW", "SR"], 40)
+    code = np.repeat([0, 1, 2], 40)
+    plain = {
+        "labels": labels,
+        "placement": np.arange(120),
+        "peaks": np.zeros((120, 150, 4), np.float32),
+        "sampling_rate_Hz": np.array(2000.0),
+    }
+    found = []
+    for seed in range(6):
+        split = stiffness.splits_of(labels, plain["placement"], "honest", 1, seed)[0]
+        features = rng.standard_normal((120, 16))
+        features[split.test, 3] += 3.0 * code[split.test]
+        arrays = {**plain, "features": features}
+        rows = stiffness.run(parameters(data, classifier=classifier, splits=1, seed=seed), arrays)
+        found += [row["accuracy_test"] for row in rows]
+    betrayed = {**plain, "features": rng.standard_normal((120, 16)) + 3.0 * code[:, None]}
+    seen = stiffness.run(parameters(data, classifier="R-ELM", splits=1), betrayed)
+    assert np.mean([row["accuracy_test"] for row in seen]) > 0.8
+    assert abs(np.mean(found) - 1 / 3) < 0.12
