@@ -58,6 +58,8 @@ def test_fabrics_task(data_folder):
 
 def test_own_tasks_and_protocols_have_sources():
     assert {"gratings", "fabrics"} == set(OWN)
+    for name in FRONT_ENDS:
+        assert source_of(name).front_end is FRONT_ENDS[name]
     assert source_of("compliance").data.__name__ == "ComplianceSpec"
     with pytest.raises(InputError, match="is no task"):
         source_of("materials")

@@ -160,8 +160,8 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "accuracy-and-energy",
         "Accuracy against the energy estimate",
         figures.draw_trade_offs(shown, "energy_estimate_nJ", "energy estimate of a decision (nJ)"),
-        "Means over the splits with their deviations; the dotted line is the largest class. Filled: features or "
-        "sequences; open: spikes. Right and down costs more and errs more.",
+        "Means over the splits with their deviations; the dotted line is the largest class, the open star decides "
+        "early. To the right it costs more, further down it errs more.",
         "A panel a task, with a mark for each family of classifiers.",
     )
     yield Drawn(
