@@ -30,8 +30,8 @@ def drawings(results: pd.DataFrame) -> Iterator[Drawn]:
         "features-and-classifiers",
         f"Features and classifiers at {at_ms:g} ms",
         draw_grid(results, at_ms),
-        f"Test accuracy (%) of every system on windows of {at_ms:g} ms, decided at the window's end. In a frame: as in "
-        "the texture paper's Table I, by its reference.",
+        f"Test accuracy (%) of every system on windows of {at_ms:g} ms, decided at the window's end. Bold, with its "
+        "reference: a system of the texture paper's Table I.",
         "A grid of accuracies: a row a pair of features and classifier, a column an encoder.",
     )
     yield Drawn(

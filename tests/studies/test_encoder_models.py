@@ -1,0 +1,58 @@
+"""A study of Izhikevich or Poisson afferents, with or without recurrence, goes the whole way to its report."""
+
+from contextlib import contextmanager
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from neurotact.errors import InputError
+from neurotact.spec import read, to_toml
+from neurotact.studies import kinds, runner
+
+TINY = Path(__file__).parent / "tiny.toml"
+
+
+def study_of(tmp_path: Path, **parts) -> Path:
+    """The tiny study with other parts and a sweep of its own, as a file."""
+    table = {**read(TINY), **parts}
+    (tmp_path / "mine.toml").write_text(to_toml(table), encoding="utf-8")
+    return tmp_path / "mine.toml"
+
+
+@contextmanager
+def in_this_process(workers, scheduler):
+    yield lambda cells, folder: (
+        (cell, kinds.run_cell(cell, kinds.load_given(kinds.given_path(folder, cell)))) for cell in cells
+    )
+
+
+@pytest.mark.parametrize(("encoder", "gain"), [("izhikevich", "gain_mV_per_ms"), ("poisson", "gain_Hz")])
+def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "executor", in_this_process)
+    monkeypatch.setattr(kinds, "in_a_process", lambda function, *arguments: function(*arguments))
+    sweep = {f"encoder.sa1.{gain}": [3.0, 12.0], "seed": [0]}
+    path = study_of(tmp_path, encoder=encoder, network="snn", sweep=sweep, quick={})
+    out = tmp_path / "run"
+    runner.run(kinds.resolve(path, {"network.hidden": 4, "network.training.epochs": 1}), out)
+    results = pd.read_csv(out / "results.csv")
+    assert results[f"encoder.sa1.{gain}"].tolist() == [3.0, 12.0]
+    assert results["spikes_sa"][0] < results["spikes_sa"][1]
+    assert (results["sops_recurrent"] == 0).all()
+    assert (results["t_ref_sa_ms"] == 0).all()
+    assert (out / "report.html").is_file()
+    ledger = pd.read_csv(out / "ledger.csv")
+    # 16 afferents, 4 hidden, 2 classes, and a gain for each population; nothing among the hidden neurons.
+    assert ledger["parameters"].iloc[-1] == 16 * 4 + 4 * 2 + 2
+
+
+def test_only_lif_encoders_are_calibrated(tmp_path):
+    path = study_of(tmp_path, encoder="poisson", calibrate=True, sweep={"seed": [0, 1]}, quick={})
+    with pytest.raises(InputError, match=r"calibrate\.model: must be 'lif'; got 'poisson'"):
+        kinds.resolve(path)
+
+
+def test_a_refractory_period_that_the_model_lacks_is_refused(tmp_path):
+    path = study_of(tmp_path, encoder="izhikevich")
+    with pytest.raises(InputError, match=r"encoder\.(ra1|sa1)\.t_ref_ms: unknown key; known: gain_mV_per_ms"):
+        kinds.resolve(path)
