@@ -81,3 +81,9 @@ def test_nothing_reads_or_writes_a_pickle(path):
 @each_module
 def test_a_module_says_what_it_is(path):
     assert ast.get_docstring(tree_of(path))
+
+
+def test_no_two_test_files_have_one_name():
+    """pytest imports them by their base name."""
+    names = [path.name for path in Path(__file__).parent.rglob("test_*.py")]
+    assert len(names) == len(set(names))
