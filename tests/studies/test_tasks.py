@@ -12,6 +12,7 @@ from neurotact.metrics.signal_flops import Averaging, LevelSpreadRate, Standardi
 from neurotact.spec import build
 from neurotact.studies.protocol import TaskData
 from neurotact.studies.tasks import (
+    FRONT_ENDS,
     OWN,
     FabricsTask,
     GratingsTask,
