@@ -281,7 +281,7 @@ AS_IN = {
     ("Izhikevich", "van Rossum", "kNN"): "[17]",
     ("Izhikevich", "Victor-Purpura", "kNN"): "[17]",
     ("Poisson", "spikes", "SNN"): "[18]",
-    ("LIF", "spikes", "RSNN"): "this work",
+    ("LIF", "spikes", "RSNN"): "[this work]",
 }
 """The rows of the texture paper's Table I, by its references. [18] shows its network images of Poisson spikes."""
 

@@ -183,4 +183,4 @@ def test_the_figures_show_every_system(arrays):
     assert [label.get_text() for label in grid.axes[0].get_yticklabels()] == [f"{f} → {c}" for f, c in cells]
     named = [label.get_text() for label in parts.axes[0].get_yticklabels()]
     assert "Izhikevich, van Rossum → kNN [17]" in named
-    assert "LIF, RSNN this work" in named
+    assert "LIF, RSNN [this work]" in named
