@@ -33,6 +33,7 @@ NAMES = {
     "exit_share": "share of steps with early exit",
     "oracle_share": "share of steps with the paper's early exit",
     "exit_steps": "steps with early exit",
+    "exit_steps_sd": "deviation of the steps with early exit over samples",
     "exit_accuracy": "accuracy with early exit",
     "exit_sops_total": "SOPs with early exit",
 }
