@@ -31,7 +31,7 @@ from neurotact.metrics import synops
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch
-from neurotact.progress import track
+from neurotact.progress import counting, track
 from neurotact.studies import calibration, kinds, ledger, preparation, runner, search, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
@@ -144,14 +144,7 @@ def _simulator(name: str, experiment: Experiment) -> Callable[[Path, list[str] |
         table = spec.override(experiment.model().model_dump(mode="json"), spec.parse_assignments(set_ or []))
         what: Any = spec.build(experiment.model, table, source=f"simulate {name}")
         with track("simulate", what.n_trials) as advance:
-            done = 0
-
-            def step(now: int, _total: int) -> None:
-                nonlocal done
-                advance(now - done, "")
-                done = now
-
-            recordings = experiment.simulate(what, step)
+            recordings = experiment.simulate(what, counting(advance))
         _save_recordings(recordings, out)
 
     return command

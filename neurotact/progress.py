@@ -53,5 +53,23 @@ def time_left(seconds: float) -> str:
     return f"{seconds / 60:.0f} min left" if seconds >= 90 else f"{seconds:.0f} s left"
 
 
+def counting(advance: Advance) -> Callable[[int, int], None]:
+    """`advance` for one who tells how many are done in all: `progress(done, total)`.
+
+    >>> steps = []
+    >>> progress = counting(lambda n, note: steps.append(n))
+    >>> progress(2, 5), progress(5, 5), steps
+    (None, None, [2, 3])
+    """
+    told = 0
+
+    def progress(done: int, _total: int) -> None:
+        nonlocal told
+        advance(done - told, "")
+        told = done
+
+    return progress
+
+
 def silent(n: int, note: str) -> None:
     """An `Advance` that says nothing."""

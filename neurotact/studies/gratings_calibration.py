@@ -28,7 +28,7 @@ from neurotact.export.encoding_figures import Classes, draw_isis, draw_rasters, 
 from neurotact.export.style import add_legend, new_figure, printed, save
 from neurotact.files import whole
 from neurotact.metrics import spike_trains
-from neurotact.progress import track
+from neurotact.progress import counting, track
 from neurotact.spec import load
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.preparation import expand
@@ -410,14 +410,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _simulated(spec: GratingsSpec) -> Recordings:
     with track("simulate", spec.n_trials) as advance:
-        done = 0
-
-        def step(now: int, _total: int) -> None:
-            nonlocal done
-            advance(now - done, "")
-            done = now
-
-        return simulate(spec, step)
+        return simulate(spec, counting(advance))
 
 
 if __name__ == "__main__":
