@@ -1,18 +1,18 @@
 """Figures of the study of real hardness: accuracy with its confidence and cost, and the presses themselves."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, SERIES, Drawn, add_legend, new_figure, printed, series_style
+from neurotact.export.style import INK, MUTED, SERIES, Drawn, new_figure, printed
 from neurotact.metrics.resampled import resampled_interval
 
 
 def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
-    """Mean accuracy over splits with its confidence interval, against the estimated energy of a decision."""
+    """Mean accuracy over splits with its confidence interval, beside the estimated energy of a decision."""
     found = intervals(results)
     best = [rows.loc[rows["mean"].idxmax()] for _, rows in found.groupby("protocol", sort=False)]
     words = "; ".join(
@@ -21,14 +21,14 @@ def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
         for row in best
     )
     caption = (
-        "Mean test accuracy over splits, with its 95 % interval (corrected for splits that share presses), against the "
-        f"estimated energy of a decision's arithmetic. The most accurate: {words}."
+        "Mean test accuracy over splits (dot), with its 95 % interval (corrected for splits that share presses), and "
+        f"that of each split (grey); the estimated energy of a decision's arithmetic. The most accurate: {words}."
     )
     alt = "; ".join(
         f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {row['energy_estimate_nJ']:.3g} nJ"
         for _, row in found.iterrows()
     )
-    return Drawn("accuracy-and-cost", "Accuracy and what it costs", draw_accuracy_and_cost(found), caption, alt)
+    return Drawn("accuracy-and-cost", "Accuracy and what it costs", draw_accuracy_and_cost(results), caption, alt)
 
 
 def presses(arrays: Mapping[str, np.ndarray]) -> Drawn:
@@ -55,29 +55,35 @@ def intervals(results: pd.DataFrame) -> pd.DataFrame:
 
 
 @printed
-def draw_accuracy_and_cost(found: pd.DataFrame) -> Figure:
-    """A panel a protocol, a colour a chain; the marks of one chain are its sets of features, from the cheapest."""
+def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
+    """A row a chain and set of features; a panel a protocol (grey: single splits), and the energy of a decision."""
+    found = intervals(results)
     protocols, chains = (list(dict.fromkeys(found[column])) for column in ("protocol", "chain"))
-    figure = new_figure(3.2)
-    grid = figure.subplots(1, len(protocols), sharey=True, sharex=True, squeeze=False)[0]
-    most = found["energy_estimate_nJ"].max()
-    for axes, protocol in zip(grid, protocols, strict=True):
-        for index, chain in enumerate(chains):
-            rows = found[(found["chain"] == chain) & (found["protocol"] == protocol)]
-            mean = 100 * rows["mean"]
-            reach = [mean - 100 * rows["low"], 100 * rows["high"] - mean]
-            style = {"label": chain, "ms": 4.5, "capsize": 2, "lw": 0.9, **_style(index)}
-            axes.errorbar(rows["energy_estimate_nJ"], mean, reach, **style)
-        axes.set(title=protocol, xlabel="energy of a decision, estimate (nJ)", xlim=(0, 1.08 * most))
-        axes.grid()
-    grid[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, grid, ncols=4)
+    places = [(chain, name) for chain in chains for name in dict.fromkeys(found["features"][found["chain"] == chain])]
+    heights = {place: at + 0.5 * chains.index(place[0]) for at, place in enumerate(places)}
+    figure = new_figure(0.9 + 0.17 * max(heights.values()))
+    grid = figure.subplots(1, len(protocols) + 1, sharey=True, width_ratios=[2] * len(protocols) + [1.2])
+    for axes, protocol in zip(grid, protocols, strict=False):
+        _paint_accuracy(axes, results[results["protocol"] == protocol], heights)
+        axes.set(title=protocol, xlabel="test accuracy (%)")
+    energy = found.groupby(["chain", "features"], sort=False)["energy_estimate_nJ"].mean()
+    grid[-1].barh([heights[str(chain), str(name)] for chain, name in energy.index], energy, 0.6, color=MUTED)
+    grid[-1].set(title="cost of a decision", xlabel="energy, estimate (nJ)")
+    for axes in grid:
+        axes.grid(axis="x")
+    grid[0].set_yticks(list(heights.values()), [f"{chain}, {name}" for chain, name in places])
+    grid[0].invert_yaxis()
     return figure
 
 
-def _style(index: int) -> dict[str, Any]:
-    """Series beyond the six of the house style are open marks of the same."""
-    return series_style(index) | ({"mfc": "white", "ls": "--"} if index >= len(SERIES) else {})
+def _paint_accuracy(axes: Axes, rows: pd.DataFrame, heights: Mapping[tuple[str, str], float]) -> None:
+    """The mean of each chain and set of features with its interval, over its splits; from the least of them on."""
+    at = [heights[place] for place in zip(rows["chain"], rows["features"], strict=True)]
+    axes.plot(100 * rows["accuracy_test"], at, ls="", marker="|", ms=6, mew=0.7, color=MUTED)
+    found = intervals(rows)
+    at = [heights[place] for place in zip(found["chain"], found["features"], strict=True)]
+    mean, low, high = (100 * found[end] for end in ("mean", "low", "high"))
+    axes.errorbar(mean, at, xerr=[mean - low, high - mean], fmt="o", ms=4, lw=0.9, capsize=2, color=SERIES[0][0])
 
 
 @printed
