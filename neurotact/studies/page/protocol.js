@@ -19,12 +19,15 @@ function choose(index) {
 function seriesTrace(name, index) {
   const here = study.points.map((_, i) => i).filter((i) => study.points[i].series === name && study.points[i].y != null);
   const points = here.map((i) => study.points[i]);
-  const colour = style(`--series-${index % SYMBOLS.length}`);
+  const colour = style(`--series-${index % SYMBOLS.length}`), open = index < SYMBOLS.length ? "" : "-open";
   return {
     type: "scatter", mode: "markers", name: plain(name), x: points.map((p) => p.x), y: points.map((p) => p.y), customdata: here,
     text: points.map((p) => plain(p.name)), hovertemplate: `<b>%{text}</b><br>${study.score}: %{y:.1f}<br>${study.cost}: %{x:,.4~g}<extra></extra>`,
     error_y: { type: "data", array: points.map((p) => p.sd ?? 0), color: colour, thickness: 1, width: 2 },
-    marker: { symbol: SYMBOLS[index % SYMBOLS.length], color: colour, size: 10, opacity: 0.9, line: { width: 0.5, color: style("--ground") } },
+    marker: {
+      symbol: SYMBOLS[index % SYMBOLS.length] + open, color: colour, size: 10, opacity: 0.9,
+      line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
+    },
   };
 }
 
