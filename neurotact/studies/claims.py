@@ -67,17 +67,18 @@ class Claim(Spec):
         what = f"{'Every value' if self.each else 'The mean'} of {name_of(self.measure)} ({self.measure})"
         if self.kind == "order":
             return f"{what} falls, ties allowed, along {_chain(self.order)}{_for(self.where)}"
+        value, tolerance = ("" if number is None else f"{number:,.8g}" for number in (self.value, self.tolerance))
         if self.kind == "change":
             shared = {key: value for key, value in self.where.items() if self.against.get(key) == value}
             before, after = (
                 _words({key: value for key, value in side.items() if key not in shared})
                 for side in (self.against, self.where)
             )
-            by = f"{'the share ' if self.relative else ''}{self.value} ± {self.tolerance}"
+            by = f"{'the share ' if self.relative else ''}{value} ± {tolerance}"
             return f"{what} changes by {by} from {before} to {after}{_for(shared)}"
-        bounds = {"value": f"{self.value} ± {self.tolerance}", "at_least": f"at least {self.value}"}
+        bounds = {"value": f"{value} ± {tolerance}", "at_least": f"at least {value}"}
         best = f", at the best {' and '.join(map(_axis, self.best_over))}" if self.best_over else ""
-        return f"{what} is {bounds.get(self.kind, f'at most {self.value}')}{_for(self.where)}{best}"
+        return f"{what} is {bounds.get(self.kind, f'at most {value}')}{_for(self.where)}{best}"
 
 
 class Verdict(NamedTuple):
@@ -164,7 +165,7 @@ def _judge_level(claim: Claim, table: pd.DataFrame) -> Verdict:
         holds = abs(ours - claim.value) <= (claim.tolerance or 0.0)
     else:
         holds = ours >= claim.value if claim.kind == "at_least" else ours <= claim.value
-    return Verdict(claim, f"{ours:.3g}{best}", holds)
+    return Verdict(claim, f"{_figure(ours, 3)}{best}", holds)
 
 
 def _judge_change(claim: Claim, table: pd.DataFrame) -> Verdict:
@@ -185,8 +186,13 @@ def _judge_change(claim: Claim, table: pd.DataFrame) -> Verdict:
 def _judge_order(claim: Claim, table: pd.DataFrame) -> Verdict:
     places = [[_mean(table, claim, {**claim.where, **where}) for where in place] for place in claim.order]
     falls = all(min(before) >= max(after) for before, after in pairwise(places))
-    shown = " > ".join(", ".join(f"{value:.4g}" for value in place) for place in places)
+    shown = " > ".join(", ".join(_figure(value, 4) for value in place) for place in places)
     return Verdict(claim, shown, falls)
+
+
+def _figure(value: float, digits: int) -> str:
+    """A number as papers print it: whole from a thousand on, where an exponent would stand otherwise."""
+    return f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.{digits}g}"
 
 
 def _for(where: dict[str, Any]) -> str:

@@ -32,6 +32,15 @@ def test_a_level_is_the_mean_of_the_selected_rows():
     assert not verdict(claim("value", where=PAIRS[1], value=0.88, tolerance=0.001)).reproduced
 
 
+def test_figures_from_a_thousand_on_are_whole_numbers_without_an_exponent():
+    costs = pd.DataFrame({"unit": ["A", "B", "C"], "flops": [10_142.4, 3_592.0, 999.6]})
+    one = claim("value", "flops", where={"unit": "B"}, value=3444.0, tolerance=344.0)
+    assert judge(one, {"results": costs}).ours == "3,592"
+    assert "is 3,444 ± 344 for" in one.rule
+    falls = claim("order", "flops", order=[[{"unit": "A"}], [{"unit": "B"}], [{"unit": "C"}]])
+    assert judge(falls, {"results": costs}).ours == "10,142 > 3,592 > 1,000"
+
+
 def test_best_over_takes_the_largest_mean_and_names_it():
     best = verdict(claim("at_least", where=PAIRS[1], best_over=("hidden",), value=0.9))
     assert best.reproduced
