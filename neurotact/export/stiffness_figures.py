@@ -91,9 +91,11 @@ def draw_trade_off(means: pd.DataFrame) -> Figure:
             axes.plot(
                 1e-3 * there["flops"], 100 * there["accuracy_test"], label=classifier, ms=4, **series_style(index)
             )
-    for axes, title in zip(grid, ["published", *(f"ours, {protocol}" for protocol in protocols)], strict=True):
-        axes.set(title=title, xlabel="FLOPs of the unit (thousands)")
+    titles = (f"ours, {protocol}{' (leaks)' if protocol == 'paper' else ''}" for protocol in protocols)
+    for axes, title in zip(grid, ["published", *titles], strict=True):
+        axes.set_title(title)
         axes.grid()
+    figure.supxlabel("FLOPs of the whole unit (thousands)", size="medium")
     grid[0].set_ylabel("test accuracy (%)")
     add_legend(figure, grid, ncols=5)
     return figure
