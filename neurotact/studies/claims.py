@@ -101,7 +101,7 @@ def judge(claim: Claim, tables: Mapping[str, pd.DataFrame]) -> Verdict:
     >>> claim = Claim(name="1&1 is accurate", source="Fig. 11", published="90.2 %", kind="value",
     ...               measure="accuracy_test", where={"pair": "1&1"}, value=0.902, tolerance=0.02)
     >>> judge(claim, {"results": results})[1:]
-    ('0.9', True)
+    ('90 %', True)
     """
     if claim.table == "selection" and claim.table not in tables:
         return Verdict(claim, "not in this run", None)
@@ -165,7 +165,7 @@ def _judge_level(claim: Claim, table: pd.DataFrame) -> Verdict:
         holds = abs(ours - claim.value) <= (claim.tolerance or 0.0)
     else:
         holds = ours >= claim.value if claim.kind == "at_least" else ours <= claim.value
-    return Verdict(claim, f"{_figure(ours, 3)}{best}", holds)
+    return Verdict(claim, f"{_figure(claim.measure, ours, 3)}{best}", holds)
 
 
 def _judge_change(claim: Claim, table: pd.DataFrame) -> Verdict:
@@ -179,20 +179,30 @@ def _judge_change(claim: Claim, table: pd.DataFrame) -> Verdict:
         raise _NotInThisRunError
     assert claim.value is not None
     ours = float(change.mean())
-    spread = f" ± {change.std(ddof=0):.3f}" if len(change) > 1 else ""
-    return Verdict(claim, f"{ours:+.3f}{spread}", abs(ours - claim.value) <= (claim.tolerance or 0.0))
+    scale, unit = (
+        (100.0, " %" if claim.relative else " points") if claim.relative or _is_share(claim.measure) else (1.0, "")
+    )
+    spread = f" ± {scale * change.std(ddof=0):.3g}" if len(change) > 1 else ""
+    return Verdict(claim, f"{scale * ours:+.3g}{spread}{unit}", abs(ours - claim.value) <= (claim.tolerance or 0.0))
 
 
 def _judge_order(claim: Claim, table: pd.DataFrame) -> Verdict:
     places = [[_mean(table, claim, {**claim.where, **where}) for where in place] for place in claim.order]
     falls = all(min(before) >= max(after) for before, after in pairwise(places))
-    shown = " > ".join(", ".join(_figure(value, 4) for value in place) for place in places)
+    shown = " > ".join(", ".join(_figure(claim.measure, value, 4) for value in place) for place in places)
     return Verdict(claim, shown, falls)
 
 
-def _figure(value: float, digits: int) -> str:
-    """A number as papers print it: whole from a thousand on, where an exponent would stand otherwise."""
+def _figure(measure: str, value: float, digits: int) -> str:
+    """A number as papers print it: shares in percent; whole from a thousand on, where an exponent would stand."""
+    if _is_share(measure):
+        return f"{100 * value:.{digits}g} %"
     return f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.{digits}g}"
+
+
+def _is_share(measure: str) -> bool:
+    """Whether a column holds shares of one, such as `accuracy_test`."""
+    return bool({"accuracy", "error", "share"} & set(measure.split("_")))
 
 
 def _for(where: dict[str, Any]) -> str:

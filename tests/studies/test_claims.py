@@ -50,7 +50,7 @@ def test_best_over_takes_the_largest_mean_and_names_it():
 def test_the_best_of_one_size_says_that_it_is_the_only_one():
     one_size = RESULTS[RESULTS["hidden"] == 30]
     best = judge(claim("at_least", where=PAIRS[1], best_over=("hidden",), value=0.9), {"results": one_size})
-    assert best.ours == "0.9 at hidden = 30, the only size run"
+    assert best.ours == "90 % at hidden = 30, the only size run"
 
 
 def test_a_rule_reads_as_a_sentence_and_names_its_column():
@@ -84,7 +84,7 @@ def test_an_order_of_pairs_names_what_they_are_once():
 def test_a_relative_change_is_formed_for_each_size_and_then_averaged():
     change = claim("change", "sops_total", where=PAIRS[0], against=PAIRS[1], relative=True, value=-0.25, tolerance=1e-9)
     assert verdict(change).reproduced  # (-20 % and -30 %) / 2
-    assert verdict(change).ours == "-0.250 ± 0.050"
+    assert verdict(change).ours == "-25 ± 5 %"
 
 
 def test_an_absolute_change_is_in_the_measures_unit():
