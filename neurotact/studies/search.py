@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import torch
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.inspection import permutation_importance
 
@@ -316,9 +315,9 @@ class _StopTrialError(Exception):
 
 def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> tuple[RSNN, float, str]:
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
-    proposal, shape = job.proposal, (len(trains.afferents), len(trains.classes))
-    weights, order = (torch.Generator().manual_seed(seed) for seed in job.problem.seeds_of(proposal))
-    network = RSNN(*shape, job.problem.network_of(proposal.parameters), trains.sampling_rate_Hz, generator=weights)
+    proposal = job.proposal
+    spec = job.problem.network_of(proposal.parameters)
+    network, order = trained.new_network(trains, spec, job.problem.seeds_of(proposal))
 
     def watch(epoch: Epoch) -> None:
         epochs.append(epoch.validation_accuracy)

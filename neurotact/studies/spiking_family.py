@@ -11,13 +11,12 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
-from neurotact.metrics import synops
 from neurotact.metrics.flops import Afferents, Cost, cost
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import validated_rule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import Examples, train
+from neurotact.studies import trained
 from neurotact.studies.calibration import calibrate
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.ledger import network_cost
@@ -67,9 +66,7 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
     best = max(range(len(fits)), key=lambda i: fits[i][1])
     network, accuracy_validation = fits[best]
-    with torch.no_grad():
-        rasters = torch.cat([network.simulate(part).readout for part in validation.spikes.split(256)])
-    early = validated_rule(rasters, validation.labels, EXIT_TOLERANCE)
+    early = trained.exit_rule(network, validation, EXIT_TOLERANCE)
     settings = f"N {network.spec.hidden}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms, "
     settings += f"g {network.spec.forward_weight_scale:g}"
     found = []
@@ -87,30 +84,22 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
 ) -> tuple[RSNN, float]:
-    weights, order = (torch.Generator().manual_seed(2 * seed + i) for i in (0, 1))
-    n_inputs, n_classes = len(trains.afferents), len(trains.classes)
-    network = RSNN(n_inputs, n_classes, spec, trains.sampling_rate_Hz, generator=weights)
+    network, order = trained.new_network(trains, spec, (2 * seed, 2 * seed + 1))
     train(network, training, validation, generator=order)
     return network, _accuracy(network, validation, FULL_WINDOW)
 
 
 def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
-    return float((network.infer(examples.spikes, rule).labels == examples.labels).float().mean())
+    return trained.accuracy_of(network.infer(examples.spikes, rule), examples)
 
 
 def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
     found = network.infer(test.spikes, rule)
     hidden, n_classes = network.spec.hidden, network.n_classes
-    counts = synops.synops(found.input_spikes.numpy(), found.hidden_spikes.numpy(), hidden, n_classes)
-    measured = {
-        "sops_input": float(counts.input.mean()),
-        "sops_recurrent": float(counts.recurrent.mean()),
-        "sops_readout": float(counts.readout.mean()),
-    }
+    measured = {f"sops_{name}": float(v.mean()) for name, v in trained.synops_of(found, network)._asdict().items()}
     steps = float(found.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
     encoder = cost(Afferents(len(trains.afferents) // 2, max(1, round(steps))), signal_ms=signal_ms)
     network_spent = network_cost(len(trains.afferents), hidden, n_classes, measured, steps=steps, signal_ms=signal_ms)
-    accuracy = float((found.labels == test.labels).float().mean())
-    return accuracy, encoder, network_spent
+    return trained.accuracy_of(found, test), encoder, network_spent

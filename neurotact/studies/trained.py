@@ -88,14 +88,27 @@ def fit(
     split: sides of trials in place of those that the task draws.
     """
     sides = sides_of(trains, task, split)
-    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    network = RSNN(
-        len(trains.afferents), len(trains.classes), spec, trains.sampling_rate_Hz, backend=backend, generator=weights
-    ).to(device)
+    network, order = new_network(trains, spec, seeds, backend=backend)
+    network = network.to(device)
     training = train(network, sides.train, sides.validation, generator=order, progress=progress)
-    validation = sides.validation
+    return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance)), sides
+
+
+def new_network(
+    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], *, backend: Backend = "auto"
+) -> tuple[RSNN, torch.Generator]:
+    """An untrained network for the afferents and classes of some spike trains, and what draws the order of trials."""
+    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+    shape = (len(trains.afferents), len(trains.classes))
+    return RSNN(*shape, spec, trains.sampling_rate_Hz, backend=backend, generator=weights), order
+
+
+@torch.no_grad()
+def exit_rule(network: RSNN, validation: Examples, tolerance: float) -> ExitRule:
+    """Early exit with the least patience whose accuracy on validation windows stays within `tolerance`."""
+    device = network.w_in.device
     rasters = torch.cat([network.simulate(part.to(device)).readout for part in validation.spikes.split(1024)])
-    return Trained(network, training, validated_rule(rasters, validation.labels.to(device), task.exit_tolerance)), sides
+    return validated_rule(rasters, validation.labels.to(device), tolerance)
 
 
 def save(trained: Trained, folder: Path, trains: SpikeTrains, spikes_path: Path, task: Task) -> None:
@@ -187,17 +200,17 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
     network = trained.network
     spikes = test.spikes.to(network.w_in.device)
     full, early = network.infer(spikes), network.infer(spikes, trained.rule)
-    cost, exit_cost = _synops(full, network), _synops(early, network)
+    cost, exit_cost = synops_of(full, network), synops_of(early, network)
     sent = test.spikes.sum(dim=(0, 1)).numpy() / len(test.labels)
     steps = early.steps.double()
     row = {
         "accuracy_validation": trained.training.best.validation_accuracy,
-        "accuracy_test": _accuracy(full, test),
+        "accuracy_test": accuracy_of(full, test),
         **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
         "spikes_sa": float(sent[is_sa].sum()),
         "spikes_ra": float(sent[~is_sa].sum()),
         "exit_steps": float(steps.mean()),
-        "exit_accuracy": _accuracy(early, test),
+        "exit_accuracy": accuracy_of(early, test),
         "exit_sops_total": float(exit_cost.total.mean()),
         "exit_steps_sd": float(steps.std(correction=0)),
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
@@ -212,7 +225,7 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
 
 def mean_sops(network: RSNN, examples: Examples) -> float:
     """Synaptic operations of a window, the mean over all of them."""
-    return float(_synops(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
+    return float(synops_of(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
 
 
 ORACLE_PATIENCE = 120
@@ -239,11 +252,13 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     }
 
 
-def _synops(inference: Inference, network: RSNN) -> synops.Synops:
+def synops_of(inference: Inference, network: RSNN) -> synops.Synops:
+    """The synaptic operations of each window that was decided."""
     counts = (inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
     spec = network.spec
     return synops.synops(*counts, n_hidden=spec.hidden, n_readout=network.n_classes, recurrent=spec.recurrent)
 
 
-def _accuracy(inference: Inference, examples: Examples) -> float:
+def accuracy_of(inference: Inference, examples: Examples) -> float:
+    """The share of windows that were decided right."""
     return float((inference.labels.cpu() == examples.labels).double().mean())
