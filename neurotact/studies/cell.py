@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import whole, write_json
+from neurotact.files import read_json, whole, write_json
 from neurotact.networks.specs import RSNNSpec
 from neurotact.spec import Spec
 from neurotact.studies import encoded, search, shortened, trained
@@ -121,6 +121,11 @@ def write_cell(left: Files, cell: Spec, folder: Path) -> None:
 
 def is_done(folder: Path, cell: Spec) -> bool:
     return (cell_folder(folder, cell) / RESULT).is_file()
+
+
+def result_of(folder: Path, cell: Spec) -> dict[str, Any]:
+    """What a cell that is done left as its result."""
+    return read_json(cell_folder(folder, cell) / RESULT)
 
 
 def cell_folder(folder: Path, cell: Spec) -> Path:

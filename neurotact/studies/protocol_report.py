@@ -11,7 +11,7 @@ from neurotact.files import existing, write_text
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell, report, report_page
 from neurotact.studies import study as studies
-from neurotact.studies.cell import cell_folder
+from neurotact.studies.cell import is_done
 from neurotact.studies.claims import judge
 from neurotact.studies.protocol import View, module_of
 from neurotact.studies.protocol_study import ProtocolStudy, cells
@@ -48,7 +48,7 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
     page = report.template("protocol.html.jinja").render(
         study=study,
-        n_done=sum((cell_folder(folder, cell) / "result.json").is_file() for cell in every),
+        n_done=sum(is_done(folder, cell) for cell in every),
         n_cells=len(every),
         verdicts=verdicts,
         tally=report.tally(verdicts),

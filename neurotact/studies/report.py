@@ -20,7 +20,7 @@ from neurotact.files import existing, read_json, write_text
 from neurotact.spec import to_toml
 from neurotact.studies import ledger, report_cells, report_page, report_search, report_selection, selection
 from neurotact.studies import study as studies
-from neurotact.studies.cell import cell_folder
+from neurotact.studies.cell import is_done
 from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.report_encoding import encoding_drawings, name_classes
@@ -96,7 +96,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     swept = swept_columns(study)
     results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept)
     encoding = with_pair(read_encoding(folder / "encoding.csv"))
-    done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
+    done = [cell for cell in cells(study) if is_done(folder, cell)]
     trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
@@ -125,7 +125,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     page = template("report.html.jinja").render(
         study=study,
         n_done=len(results),
-        n_cells=len(selection.asked_for(study, folder) if course else list(cells(study))),
+        n_cells=len(course.digests if course else list(cells(study))),
         selection=report_selection.shown(course, study.selection) if course and study.selection else [],
         verdicts=verdicts,
         tally=tally(verdicts),

@@ -16,11 +16,10 @@ from neurotact.data.windows import Windows
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.network_figures import over_seeds, pareto_front
 from neurotact.export.tables import records, write_table
-from neurotact.files import read_json
 from neurotact.networks import checkpoint
 from neurotact.networks.training import Examples
 from neurotact.studies import trained
-from neurotact.studies.cell import cell_folder
+from neurotact.studies.cell import cell_folder, result_of
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
 from neurotact.studies.trained import Restored
@@ -67,8 +66,10 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
         tests: dict[str, _Test] = {}
         for index in indices:
             place = cell_folder(folder, done[index])
-            result = read_json(place / "result.json")
-            found[index] = {"confusion": _confusion(result, classes), "training": _training(place)}
+            found[index] = {
+                "confusion": _confusion(result_of(folder, done[index]), classes),
+                "training": _training(place),
+            }
             if trains is None or not (place / checkpoint.NETWORK).is_file():
                 continue
             restored = trained.restore(place)

@@ -13,7 +13,7 @@ from neurotact.files import existing, write_text
 from neurotact.spec import to_toml
 from neurotact.studies import encoded, protocol_report, report
 from neurotact.studies import study as studies
-from neurotact.studies.cell import cell_folder
+from neurotact.studies.cell import is_done
 from neurotact.studies.claims import judge
 from neurotact.studies.encoded import POPULATIONS
 from neurotact.studies.protocol import View
@@ -52,7 +52,7 @@ def write(study: StudySpec, folder: Path) -> Path:
 
     Raises InputError when a table is not there or a claim names a column that is not there.
     """
-    done = [cell for cell in cells(study) if (cell_folder(folder, cell) / "result.json").is_file()]
+    done = [cell for cell in cells(study) if is_done(folder, cell)]
     results = report.with_pair(pd.read_csv(existing(folder / "results.csv")))
     results = results.assign(
         gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]

@@ -11,8 +11,7 @@ from neurotact.export import network_figures
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.network_figures import Published, over_seeds, pareto_front
 from neurotact.export.style import Drawn
-from neurotact.files import read_json
-from neurotact.studies.cell import cell_folder
+from neurotact.studies.cell import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
 
 MOST_LISTED = 4
@@ -124,7 +123,7 @@ def _front(results: pd.DataFrame) -> list[str]:
 
 def _best_network(folder: Path, done: list[Cell], classes: Classes) -> Iterator[Drawn]:
     """The confusions and the training of the network that is most accurate on validation trials."""
-    found = [read_json(cell_folder(folder, cell) / "result.json") for cell in done]
+    found = [result_of(folder, cell) for cell in done]
     best = max(range(len(done)), key=lambda i: found[i]["row"]["accuracy_validation"])
     row = found[best]["row"]
     what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, N = {row['hidden']}, seed {row['seed']}"

@@ -9,7 +9,7 @@ from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import track
 from neurotact.studies import encoded, kinds, protocol_report, report, report_encoder
-from neurotact.studies.cell import cell_folder, is_done, write_cell
+from neurotact.studies.cell import cell_folder, is_done, result_of, write_cell
 from neurotact.studies.executors import executor
 from neurotact.studies.kinds import AnyCell, Study
 from neurotact.studies.preparation import spikes_path
@@ -79,7 +79,7 @@ def protocol_table(study: ProtocolStudy, folder: Path, done: list[ProtocolCell])
     rows = []
     for cell in done:
         swept = swept_values(study, cell)
-        rows += [{**swept, **row} for row in files.read_json(cell_folder(folder, cell) / "result.json")["rows"]]
+        rows += [{**swept, **row} for row in result_of(folder, cell)["rows"]]
     return pd.DataFrame(rows)
 
 
@@ -88,7 +88,7 @@ def results_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFr
     rows = []
     for cell in done:
         extra = {key: value_at(cell, key) for key in swept_columns(study)}
-        rows.append({**files.read_json(cell_folder(folder, cell) / "result.json")["row"], **extra})
+        rows.append({**result_of(folder, cell)["row"], **extra})
     return pd.DataFrame(rows)
 
 
@@ -96,7 +96,7 @@ def extra_tables(study: StudySpec, folder: Path, done: list[Cell]) -> dict[str, 
     """By name, the tables that cells left besides their row; each line begins with its cell's sweep."""
     found: dict[str, list[dict]] = {}
     for cell in done:
-        result = files.read_json(cell_folder(folder, cell) / "result.json")
+        result = result_of(folder, cell)
         keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
         keys |= {key: value_at(cell, key) for key in swept_columns(study)}
         for name, lines in result.get("tables", {}).items():

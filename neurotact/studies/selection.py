@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact.files import read_json
-from neurotact.studies.cell import RESULT, cell_folder
+from neurotact.studies.cell import is_done, result_of
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec, StudySpec, cells
 
 JUDGED = ("accuracy_validation", "sops_validation")
@@ -80,6 +79,11 @@ class Course(NamedTuple):
     due: list[Cell]
     found: Selection | None
 
+    @property
+    def digests(self) -> set[str]:
+        """Of the cells of all steps so far, which may ask for one cell more than once."""
+        return {cell.digest() for step in self.steps for cell in step.cells}
+
 
 def follow(study: StudySpec, row_of: Callable[[Cell], Row | None]) -> Course:
     """The loop as far as results are known.
@@ -103,8 +107,7 @@ def in_folder(folder: Path) -> Callable[[Cell], Row | None]:
     """The rows of the cells that are done in a run folder."""
 
     def row_of(cell: Cell) -> Row | None:
-        path = cell_folder(folder, cell) / RESULT
-        return read_json(path)["row"] if path.is_file() else None
+        return result_of(folder, cell)["row"] if is_done(folder, cell) else None
 
     return row_of
 
@@ -117,7 +120,7 @@ def steps(study: StudySpec, folder: Path) -> Iterator[Step]:
 
 def asked_for(study: StudySpec, folder: Path) -> list[Cell]:
     """The cells of all steps so far, in the order of the sweep."""
-    wanted = {cell.digest() for step in follow(study, in_folder(folder)).steps for cell in step.cells}
+    wanted = follow(study, in_folder(folder)).digests
     return [cell for cell in cells(study) if cell.digest() in wanted]
 
 
