@@ -24,6 +24,7 @@ from neurotact.export.style import (
     sequence,
     series_style,
 )
+from neurotact.export.tables import means_over
 
 NETWORK = ["setting", "pair", "hidden"]
 
@@ -41,19 +42,13 @@ class Published(NamedTuple):
 def over_seeds(results: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
     """Mean, standard deviation over seeds and their number, for each network, in the order of the table.
 
-    Columns: setting, pair, hidden, seeds, and for each measure its mean under its own name and `<measure>_sd`
-    (n - 1 in the denominator; NaN with one seed).
+    Columns: setting, pair, hidden, seeds, and the measures as `tables.means_over` gives them.
 
     >>> rows = {"setting": ["all"] * 2, "pair": ["1&1"] * 2, "hidden": [20] * 2, "accuracy_test": [0.8, 0.9]}
     >>> over_seeds(pd.DataFrame(rows), ["accuracy_test"]).round(3).to_dict("records")
     [{'setting': 'all', 'pair': '1&1', 'hidden': 20, 'seeds': 2, 'accuracy_test': 0.85, 'accuracy_test_sd': 0.071}]
     """
-    groups = results.groupby(NETWORK, sort=False)
-    columns: dict[str, Any] = {"seeds": groups.size()}
-    for measure in measures:
-        columns[measure] = groups[measure].mean()
-        columns[f"{measure}_sd"] = groups[measure].std()
-    return pd.DataFrame(columns).reset_index()
+    return means_over(results, NETWORK, measures, "seeds")
 
 
 def pareto_front(cost: np.ndarray, gain: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Tables on disk: .csv and .json to be computed with, .md to be read."""
 
 import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,24 @@ def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
             return
         text = to_json(table) if suffix == ".json" else "\n\n".join(filter(None, (about.strip(), to_markdown(table))))
         draft.write_bytes(f"{text}\n".encode())
+
+
+def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:
+    """Means and standard deviations of what `by` tells apart, in the order of the table.
+
+    Columns: those of `by`, the number of rows as `counted`, and for each measure its mean under its own name and
+    `<measure>_sd` (n - 1 in the denominator; NaN with one row).
+
+    >>> rows = pd.DataFrame({"kind": ["elm", "elm"], "accuracy": [0.5, 1.0]})
+    >>> means_over(rows, ["kind"], ["accuracy"], "rows").round(3).values.tolist()
+    [['elm', 2, 0.75, 0.354]]
+    """
+    groups = table.groupby(list(by), sort=False, dropna=False)
+    columns: dict[str, Any] = {counted: groups.size()}
+    for measure in measures:
+        columns[measure] = groups[measure].mean()
+        columns[f"{measure}_sd"] = groups[measure].std()
+    return pd.DataFrame(columns).reset_index()
 
 
 def to_json(table: pd.DataFrame) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.export.tables import write_table
+from neurotact.export.tables import means_over, write_table
 from neurotact.files import existing, write_text
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell, report, report_page
@@ -84,29 +84,21 @@ def seen(results: pd.DataFrame, view: View) -> dict[str, Any]:
 
 
 def read_results(path: Path, view: View) -> pd.DataFrame:
-    """A run's results.csv; what names a configuration may read "None" or "nan"."""
-    names = {column: [""] for column in view.by}
-    table = pd.read_csv(existing(path), keep_default_na=True)
-    texts = [column for column in names if column in table and table[column].isna().any()]
+    """A run's results.csv, with a dash where what names a configuration is missing."""
+    table = pd.read_csv(existing(path))
+    texts = [column for column in view.by if column in table and table[column].isna().any()]
     return table.assign(**{column: table[column].fillna("-") for column in texts})
 
 
 def over_rows(results: pd.DataFrame, view: View) -> pd.DataFrame:
-    """Means and standard deviations of each configuration, in the order of the table.
-
-    Columns: those of `view.by`, `rows`, and for each measure its mean under its own name and `<measure>_sd`.
+    """Means and standard deviations of each configuration, as `tables.means_over` gives them.
 
     >>> view = View(("kind",), {"accuracy": "accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy")
     >>> rows = pd.DataFrame({"kind": ["elm", "elm"], "accuracy": [0.5, 1.0], "flops": [10, 10]})
     >>> over_rows(rows, view)[["kind", "rows", "accuracy", "flops"]].values.tolist()
     [['elm', 2, 0.75, 10.0]]
     """
-    groups = results.groupby(list(view.by), sort=False, dropna=False)
-    columns: dict[str, Any] = {"rows": groups.size()}
-    for measure in (name for name in view.measures if name in results):
-        columns[measure] = groups[measure].mean()
-        columns[f"{measure}_sd"] = groups[measure].std()
-    return pd.DataFrame(columns).reset_index()
+    return means_over(results, view.by, [name for name in view.measures if name in results], "rows")
 
 
 def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:

@@ -120,10 +120,9 @@ def unit_cost(
     if classifier == "H-ELM":
         network: tuple[Layer, ...] = (PowerOfTwoDense(nf, neurons), BinaryInputDense(neurons, n_classes, bias=False))
     elif classifier in ELM_ACTIVATION:
-        activation = "sigmoid" if classifier == "S-ELM" else "relu"
-        network = (Dense(nf, neurons, activation), Dense(neurons, n_classes, bias=False))
+        network = (Dense(nf, neurons, ELM_ACTIVATION[classifier]), Dense(neurons, n_classes, bias=False))
     else:
-        network = (Dense(nf, neurons, "sigmoid" if classifier == "S-FC" else "relu"), Dense(neurons, n_classes))
+        network = (Dense(nf, neurons, FC_ACTIVATION[classifier]), Dense(neurons, n_classes))
     before = (MovingAverage(samples, channels), Moments(samples, channels, order), Standardise(nf))
     return cost(*before, *network, signal_ms=signal_ms)
 
