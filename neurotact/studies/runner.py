@@ -8,12 +8,14 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import track
-from neurotact.studies import encoded, kinds, protocol_report, report, report_encoder
+from neurotact.studies import encoded, kinds
 from neurotact.studies.cell import cell_folder, is_done, result_of, write_cell
 from neurotact.studies.executors import executor
 from neurotact.studies.kinds import AnyCell, Study
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
+from neurotact.studies.report import afferents, networks, protocol
+from neurotact.studies.report.tables import read_encoding
 from neurotact.studies.study import Cell, StudySpec, swept_columns, to_toml, value_at
 from neurotact.studies.versions import versions
 
@@ -60,7 +62,7 @@ def finish(study: Study, folder: Path) -> Path:
     if isinstance(study, ProtocolStudy):
         ran = [cell for cell in done if isinstance(cell, ProtocolCell)]
         _write_csv(protocol_table(study, folder, ran), folder / "results.csv")
-        return protocol_report.write(study, folder)
+        return protocol.write(study, folder)
     trained = [cell for cell in done if isinstance(cell, Cell)]
     _write_csv(results_table(study, folder, trained), folder / "results.csv")
     _write_csv(encoding_table(study, folder, trained), folder / "encoding.csv")
@@ -68,10 +70,10 @@ def finish(study: Study, folder: Path) -> Path:
         places = [cell_folder(folder, cell) for cell in trained]
         rows = pd.read_csv(folder / "results.csv")
         _write_csv(encoded.isi_table(places, rows, swept_columns(study)), folder / encoded.ISI)
-        return report_encoder.write(study, folder)
+        return afferents.write(study, folder)
     for name, table in extra_tables(study, folder, trained).items():
         _write_csv(table, folder / f"{name}.csv")
-    return report.write(study, folder)
+    return networks.write(study, folder)
 
 
 def protocol_table(study: ProtocolStudy, folder: Path, done: list[ProtocolCell]) -> pd.DataFrame:
@@ -110,7 +112,7 @@ def encoding_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataF
     tables = {}
     for cell in done:
         if cell.spikes_name not in tables:
-            table = report.read_encoding(spikes_path(folder, cell).with_suffix(".csv"))
+            table = read_encoding(spikes_path(folder, cell).with_suffix(".csv"))
             tables[cell.spikes_name] = table.assign(**{key: value_at(cell, key) for key in keys})
     return pd.concat(tables.values(), ignore_index=True)
 

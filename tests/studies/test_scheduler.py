@@ -49,7 +49,7 @@ def left_by(folder: Path) -> dict[str, bytes]:
 def _no_report():
     """The report is another test's matter."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner.report, "write", lambda *_: None)
+        patch.setattr(runner.networks, "write", lambda *_: None)
         yield
 
 

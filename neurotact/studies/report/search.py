@@ -10,7 +10,7 @@ from neurotact.export import searches_figures
 from neurotact.export.style import Drawn
 from neurotact.networks.tuning import SearchSpec
 from neurotact.studies.cell import SEARCH, cell_folder
-from neurotact.studies.report_page import Table
+from neurotact.studies.report.page import Table
 from neurotact.studies.search import FINISHED, STOPPED
 from neurotact.studies.study import Cell
 

@@ -16,13 +16,14 @@ from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.studies import report, study, trained
+from neurotact.studies import study, trained
 from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Claim
-from neurotact.studies.report_cells import SOPS_COLUMNS
+from neurotact.studies.report import networks, tables
+from neurotact.studies.report.details import SOPS_COLUMNS
 from neurotact.studies.study import StudySpec
 
-TINY = Path(__file__).parent / "tiny.toml"
+TINY = Path(__file__).parents[1] / "tiny.toml"
 CLAIMS = (
     Claim(name="Counts fall", source="Fig. 6", published="1&1 > 10&10", kind="order", table="encoding",
           measure="spikes_total_per_s", order=(({"pair": "1&1"},), ({"pair": "10&10"},))),
@@ -95,7 +96,7 @@ def written(tmp_path_factory):
     pd.DataFrame([{"dataset": "mixed", "n_test": 9, "accuracy_test": 0.456, "chance": 0.25}]).to_csv(
         folder / "baseline.csv", index=False
     )
-    return report.write(what, folder)
+    return networks.write(what, folder)
 
 
 def test_the_report_needs_nothing_from_the_network(written):
@@ -149,8 +150,8 @@ def test_heads_of_tables_have_a_scope(written):
 
 
 def test_tables_hold_the_numbers(written):
-    results = report.with_setting(report.with_pair(pd.read_csv(written.parent / "results.csv")), [])
-    table = report.means_table(results)
+    results = tables.with_setting(tables.with_pair(pd.read_csv(written.parent / "results.csv")), [])
+    table = networks.means_table(results)
     assert len(table.rows) == 12
     rows = results[(results["dataset"] == "mixed") & (results["pair"] == "1&5") & (results["hidden"] == 30)]
     (shown,) = [row for row in table.rows if row[:3] == ["mixed", "1&5", "30"]]
@@ -161,21 +162,21 @@ def test_tables_hold_the_numbers(written):
 
 def test_the_same_run_gives_the_same_report(written):
     before = written.read_bytes()
-    assert report.write(make_study(), written.parent).read_bytes() == before
+    assert networks.write(make_study(), written.parent).read_bytes() == before
 
 
 def test_one_seed_and_a_silent_population(tmp_path):
     what = make_study()
     what = what.model_copy(update={"sweep": {**what.sweep, "seed": [0]}})
-    page = Page(report.write(what, make_run(what, tmp_path, grating_conditions(), silent_ra=True)))
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), silent_ra=True)))
     assert "1 seed," in page.text
-    assert "±" not in "".join(cell for row in report.means_table(_results(tmp_path)).rows for cell in row)
+    assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path)).rows for cell in row)
 
 
 @pytest.mark.parametrize("n_done", [1, 14])
 def test_a_run_that_is_not_complete_says_so(tmp_path, n_done):
     what = make_study()
-    page = Page(report.write(what, make_run(what, tmp_path, grating_conditions(), n_done=n_done)))
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), n_done=n_done)))
     assert f"{n_done} of 24" in page.text
 
 
@@ -184,7 +185,7 @@ def test_other_touch_than_gratings(tmp_path, stratify):
     sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]], "network.hidden": [30]}
     what = make_study(dataset={"file": "fabrics.h5", "stratify": stratify}, sweep=sweep, claims=())
     conditions = pd.DataFrame({"label": ["felt", "None"] * 4, "finger": ["left"] * 4 + ["right"] * 4})
-    page = Page(report.write(what, make_run(what, tmp_path, conditions)))
+    page = Page(networks.write(what, make_run(what, tmp_path, conditions)))
     assert "felt" in page.text
     assert "claims" not in page.ids
 
@@ -192,13 +193,13 @@ def test_other_touch_than_gratings(tmp_path, stratify):
 def test_another_swept_key_tells_its_networks_apart(tmp_path):
     sweep = {"window.length_ms": [50.0, 100.0], "network.hidden": [20]}
     what = make_study(sweep=sweep, claims=())
-    text = Page(report.write(what, make_run(what, tmp_path, grating_conditions()))).text
+    text = Page(networks.write(what, make_run(what, tmp_path, grating_conditions()))).text
     assert "v1 mix, window.length 50 ms" in text
 
 
 def test_a_folder_without_results_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"results\.csv.*no such file"):
-        report.write(make_study(), tmp_path)
+        networks.write(make_study(), tmp_path)
 
 
 def test_texts_are_downloaded_from_the_page_itself(written):
@@ -249,7 +250,7 @@ def test_without_its_networks_a_run_is_still_reported(tmp_path):
     make_run(what, tmp_path, grating_conditions())
     for path in tmp_path.glob("cells/*/network.json"):
         path.unlink()
-    data = json.loads(Page(report.write(what, tmp_path)).json)
+    data = json.loads(Page(networks.write(what, tmp_path)).json)
     assert not any("raster" in cell for cell in data["cells"])
     assert all(cell["training"] for cell in data["cells"])
 
@@ -258,13 +259,13 @@ def test_a_name_cannot_leave_the_script_that_holds_it(tmp_path):
     name = "</script><script>alert('&')</script>"
     sweep = {"dataset": [name], "network.hidden": [20]}
     what = make_study(dataset={**GRATINGS, "subsets": {name: {}}}, sweep=sweep, claims=())
-    page = Page(report.write(what, make_run(what, tmp_path, grating_conditions())))
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
     assert json.loads(page.json)["cells"][0]["setting"] == name
     assert not page.handlers
 
 
 def _results(folder: Path) -> pd.DataFrame:
-    return report.with_setting(report.with_pair(pd.read_csv(folder / "results.csv")), [])
+    return tables.with_setting(tables.with_pair(pd.read_csv(folder / "results.csv")), [])
 
 
 CHOSEN = "document.getElementById('cell-name').textContent"

@@ -8,7 +8,7 @@ import pandas as pd
 from neurotact.export import selection_figures
 from neurotact.export.network_figures import over_seeds
 from neurotact.export.style import Drawn
-from neurotact.studies.report_page import Table
+from neurotact.studies.report.page import Table
 from neurotact.studies.selection import Attempt, Course, Network, Selection
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec
 

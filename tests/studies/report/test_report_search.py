@@ -9,8 +9,10 @@ from test_report import Page, make_study
 
 from neurotact.export import searches_figures
 from neurotact.networks.tuning import SearchSpec
-from neurotact.studies import report, report_search, search, study
+from neurotact.studies import search, study
 from neurotact.studies.cell import SEARCH, cell_folder
+from neurotact.studies.report import networks
+from neurotact.studies.report import search as report_search
 from neurotact.studies.search import Trial
 
 SPACE = {
@@ -41,7 +43,7 @@ def searched(tmp_path_factory):
         place = cell_folder(folder, cell) / SEARCH
         place.mkdir(parents=True)
         search.trials_table(trials_of(cell.seed)).to_csv(place / "trials.csv", index=False)
-    return what, report.write(what, folder)
+    return what, networks.write(what, folder)
 
 
 def test_every_trial_stands_in_one_table_beside_its_cell(searched):
@@ -79,7 +81,7 @@ def test_the_page_shows_figures_and_what_was_chosen(searched):
 
 def test_a_study_without_a_search_says_nothing_of_searches(tmp_path):
     what = make_study(sweep={"network.hidden": [20]}, claims=())
-    page = Page(report.write(what, make_run(what, tmp_path, grating_conditions())))
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
     assert not {"figure-searches", "searches", "cell-search"} & set(page.ids)
     assert not (tmp_path / "searches.csv").exists()
 

@@ -9,15 +9,15 @@ from neurotact.export import gain_figures
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.style import Drawn
 from neurotact.export.tables import write_table
-from neurotact.files import existing, write_text
+from neurotact.files import existing
 from neurotact.spec import to_toml
-from neurotact.studies import encoded, protocol_report, report
-from neurotact.studies import study as studies
+from neurotact.studies import encoded
 from neurotact.studies.cell import is_done
-from neurotact.studies.claims import judge
 from neurotact.studies.encoded import POPULATIONS
 from neurotact.studies.protocol import View
-from neurotact.studies.report_encoding import name_classes
+from neurotact.studies.report import page, protocol
+from neurotact.studies.report.encoding_drawings import name_classes
+from neurotact.studies.report.tables import first_spikes, read_encoding, with_pair
 from neurotact.studies.study import StudySpec, cells
 
 DOWNLOADS = {
@@ -53,36 +53,29 @@ def write(study: StudySpec, folder: Path) -> Path:
     Raises InputError when a table is not there or a claim names a column that is not there.
     """
     done = [cell for cell in cells(study) if is_done(folder, cell)]
-    results = report.with_pair(pd.read_csv(existing(folder / "results.csv")))
+    results = with_pair(pd.read_csv(existing(folder / "results.csv")))
     results = results.assign(
         gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]
     )
-    encoding = report.with_pair(report.read_encoding(folder / "encoding.csv"))
+    encoding = with_pair(read_encoding(folder / "encoding.csv"))
     isi = encoded.read_isi(existing(folder / encoded.ISI))
-    trains = report.first_spikes(folder, done)
+    trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
     write_table(results.drop(columns=["pair", "gain_sa", "gain_ra"]), folder / "results.json")
-    verdicts = [judge(claim, {"results": results, "encoding": encoding}) for claim in study.claims]
-    page = report.template("protocol.html.jinja").render(
-        study=study,
+    return page.write(
+        "protocol.html.jinja",
+        study,
+        folder,
         n_done=len(done),
         n_cells=len(list(cells(study))),
-        verdicts=verdicts,
-        tally=report.tally(verdicts),
-        figures=[report.keep(drawn, folder) for drawn in drawings(results, isi, classes)],
-        timing=report.timing_sentence(folder),
-        downloads=report.listed(folder, DOWNLOADS),
-        specs={
-            "Whole study": studies.to_toml(study),
-            "Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True)),
-        },
+        tables={"results": results, "encoding": encoding},
+        figures=drawings(results, isi, classes),
+        downloads=DOWNLOADS,
+        specs={"Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True))},
         seeds=study.sweep.get("seed", [0]),
-        versions=report.if_there(folder / "versions.json"),
-        data={"recordings": report.if_there(folder / "data.json")},
-        **protocol_report.seen(by_population(results), VIEW),
+        data={"recordings": page.if_there(folder / "data.json")},
+        **protocol.seen(by_population(results), VIEW),
     )
-    write_text(folder / "report.html", page)
-    return folder / "report.html"
 
 
 def by_population(results: pd.DataFrame) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""The report of a protocol study: one HTML file that opens anywhere, offline, and its figures."""
+"""The report of a protocol study: its configurations, their scores and their costs."""
 
 from pathlib import Path
 from typing import Any
@@ -7,15 +7,14 @@ import numpy as np
 import pandas as pd
 
 from neurotact.export.tables import means_over, write_table
-from neurotact.files import existing, write_text
+from neurotact.files import existing
 from neurotact.spec import to_toml
-from neurotact.studies import protocol_cell, report, report_page
-from neurotact.studies import study as studies
+from neurotact.studies import protocol_cell
 from neurotact.studies.cell import is_done
-from neurotact.studies.claims import judge
 from neurotact.studies.protocol import View, module_of
 from neurotact.studies.protocol_study import ProtocolStudy, cells
-from neurotact.studies.report import Entry
+from neurotact.studies.report import page
+from neurotact.studies.report.page import Entry
 
 DOWNLOADS = {
     "results.csv": "one row a run, with its accuracy and its costs",
@@ -44,29 +43,21 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
     every = list(cells(study))
     arrays = protocol_cell.load_arrays(protocol_cell.arrays_path(folder, every[0]))
-    verdicts = [judge(claim, {"results": results}) for claim in study.claims]
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
-    page = report.template("protocol.html.jinja").render(
-        study=study,
+    return page.write(
+        "protocol.html.jinja",
+        study,
+        folder,
         n_done=sum(is_done(folder, cell) for cell in every),
         n_cells=len(every),
-        verdicts=verdicts,
-        tally=report.tally(verdicts),
-        figures=[report.keep(drawn, folder) for drawn in module.draw(results, arrays)],
-        timing=report.timing_sentence(folder),
-        downloads=report.listed(folder, DOWNLOADS),
-        specs={
-            "Whole study": studies.to_toml(study),
-            "Parameters": to_toml(parameters),
-            "Data": to_toml(study.parameters.get("data", {})),
-        },
+        tables={"results": results},
+        figures=module.draw(results, arrays),
+        downloads=DOWNLOADS,
+        specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
-        versions=report.if_there(folder / "versions.json"),
-        data=report.if_there(folder / "data.json"),
+        data=page.if_there(folder / "data.json"),
         **seen(results, module.VIEW),
     )
-    write_text(folder / "report.html", page)
-    return folder / "report.html"
 
 
 def seen(results: pd.DataFrame, view: View) -> dict[str, Any]:
@@ -79,7 +70,7 @@ def seen(results: pd.DataFrame, view: View) -> dict[str, Any]:
         "score": view.measures[view.score],
         "heads": [*map(_words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": report_page.parts(_page_data(means, view), report_page.PROTOCOL),
+        "page": page.parts(_page_data(means, view), page.PROTOCOL),
     }
 
 
@@ -103,7 +94,7 @@ def over_rows(results: pd.DataFrame, view: View) -> pd.DataFrame:
 
 def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
     return [
-        [Entry(_name(row[column]), report.plain(row[column])) for column in view.by]
+        [Entry(_name(row[column]), page.plain(row[column])) for column in view.by]
         + [_entry(head, row.get(measure), row.get(f"{measure}_sd")) for measure, head in view.measures.items()]
         for row in means.to_dict("records")
     ]

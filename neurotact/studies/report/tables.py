@@ -1,0 +1,58 @@
+"""The tables of a run of afferents or networks, as its report reads them."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from neurotact.data.columns import in_unit, quantity
+from neurotact.data.hdf5 import load_spikes
+from neurotact.data.spikes import SpikeTrains
+from neurotact.files import existing
+from neurotact.studies.preparation import spikes_path
+from neurotact.studies.study import Cell
+
+EXTRA_TABLES = ("cut_short", "exit_curve", "conditions", "signals", "same_drive")
+
+
+def read_encoding(path: Path) -> pd.DataFrame:
+    """The encoding table; a class may be called "None", and an interval may be missing."""
+    missing = {"isi_sa_ms": [""], "isi_ra_ms": [""]}
+    return pd.read_csv(existing(path), dtype={"label": str}, keep_default_na=False, na_values=missing)
+
+
+def with_pair(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with the t_ref pair as the paper writes it, RA-I first, in the column `pair`.
+
+    >>> with_pair(pd.DataFrame({"t_ref_ra_ms": [1.0], "t_ref_sa_ms": [10.0]}))["pair"].tolist()
+    ['1&10']
+    """
+    periods = zip(table["t_ref_ra_ms"], table["t_ref_sa_ms"], strict=True)
+    return table.assign(pair=[f"{ra:g}&{sa:g}" for ra, sa in periods])
+
+
+def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
+    """The table with, in the column `setting`, the data set and what else was swept, in words.
+
+    >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0]})
+    >>> with_setting(rows, ["window.length_ms"])["setting"].tolist()
+    ['mixed, window.length 50 ms']
+    """
+    swept = [key for key in swept if key in results]
+    words = [
+        ", ".join([str(row["dataset"]), *(f"{quantity(key)[0]} {in_unit(key, row[key])}" for key in swept)])
+        for _, row in results.iterrows()
+    ]
+    return results.assign(setting=words)
+
+
+def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:
+    """The tables that only some studies leave, by name."""
+    paths = {name: folder / f"{name}.csv" for name in EXTRA_TABLES}
+    found = {name: pd.read_csv(path) for name, path in paths.items() if path.is_file()}
+    return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
+
+
+def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
+    """The spike trains of the first done cell that are there."""
+    held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
+    return load_spikes(held) if held else None
