@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from neurotact.data.curve_features import curve_features, instants
 from neurotact.data.simulate.compliance import (
@@ -31,8 +30,7 @@ from neurotact.data.simulate.compliance import (
 )
 from neurotact.export.compliance_figures import Shown, draw_curves, draw_features, draw_squeezes
 from neurotact.export.style import save
-from neurotact.files import whole
-from neurotact.studies.gratings_calibration import Fact
+from neurotact.studies.facts import Fact, keep, tell
 
 OVOIDS = {"orange": (22, 23, 24), "green": (25, 26, 27), "blue": (16, 17, 18), "purple": (19, 20, 21)}
 """Objects by colour from low to high stiffness (Sec. 3.3)."""
@@ -231,13 +229,9 @@ def main(arguments: list[str] | None = None) -> int:
     spec = ComplianceSpec()
     measured = measure(spec)
     facts = facts_of(measured)
-    for fact in facts:
-        print(f"{'holds' if fact.holds else 'FAILS'}  {fact.fact} [{fact.source}]")
-        print(f"       {fact.target}: {fact.reached}")
-    print(f"{sum(fact.holds for fact in facts)} of {len(facts)} facts hold")
+    tell(facts)
     if given.out is not None:
-        with whole(given.out / "facts.csv") as draft:
-            pd.DataFrame(facts).to_csv(draft, index=False)
+        keep(facts, given.out)
         two = {label: measured.curves[int(label.removeprefix("OBJ-")) - 1] for label in ("OBJ-17", "OBJ-38")}
         rate_Hz = spec.sampling_rate_Hz
         save(draw_squeezes(shown(spec)), given.out / "compliance-squeezes.png")

@@ -26,11 +26,12 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.export.encoding_figures import Classes, draw_isis, draw_rasters, draw_rates, draw_spike_counts
 from neurotact.export.style import add_legend, new_figure, printed, save
-from neurotact.files import whole
+from neurotact.export.tables import write_table
 from neurotact.metrics import spike_trains
 from neurotact.progress import counting, track
 from neurotact.spec import load
 from neurotact.studies.encoding import encode_recordings
+from neurotact.studies.facts import Fact, keep, tell
 from neurotact.studies.preparation import expand
 
 PAIRS_ms = ((1, 1), (1, 5), (5, 5), (1, 10), (5, 10), (10, 10))
@@ -45,16 +46,6 @@ STRONG_TAXELS = 3
 QUIET_CHANNELS = 6
 """Of eight; the other two carry 0.4 mV rms even at rest."""
 PAIR_CONDITIONS = ["force_N", "speed_mm_per_s"]
-
-
-class Fact(NamedTuple):
-    """One thing the paper says, and what the simulation does."""
-
-    fact: str
-    source: str
-    target: str
-    reached: str
-    holds: bool
 
 
 class Measured(NamedTuple):
@@ -396,14 +387,11 @@ def main(arguments: list[str] | None = None) -> int:
         *count_facts(measured.firing),
         *rate_facts(measured.firing),
     ]
-    for fact in facts:
-        print(f"{'holds' if fact.holds else 'FAILS'}  {fact.fact} [{fact.source}]")
-        print(f"       {fact.target}: {fact.reached}")
-    print(f"{sum(fact.holds for fact in facts)} of {len(facts)} facts hold")
+    tell(facts)
     if given.out is not None:
-        for name, table in (("facts", pd.DataFrame(facts)), ("signals", measured.signals), ("firing", measured.firing)):
-            with whole(given.out / f"{name}.csv") as draft:
-                table.to_csv(draft, index=False)
+        keep(facts, given.out)
+        write_table(measured.signals, given.out / "signals.csv")
+        write_table(measured.firing, given.out / "firing.csv")
         draw_all(recordings, measured.firing, encoder, given.out)
     return 0
 
