@@ -13,7 +13,7 @@ from neurotact.data.columns import in_unit
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.export.style import RA, SA, new_figure, printed, save
-from neurotact.files import whole
+from neurotact.export.tables import write_table
 
 ROW_in = 0.15
 MOST_NAMED = 64
@@ -86,8 +86,7 @@ def write_events(trains: SpikeTrains, path: str | Path, trials: Iterable[int] | 
     trial = np.repeat(np.array(chosen, np.int64), [len(trains.steps[t]) for t in chosen])
     times_s = steps / trains.sampling_rate_Hz
     table = pd.DataFrame({"trial": trial, "afferent": names[units], "type": types[units], "time_s": times_s})
-    with whole(path) as draft:
-        table.to_csv(draft, index=False, lineterminator="\n")
+    write_table(table, path)
 
 
 def paint_events(axes: Axes, trains: SpikeTrains, trial: int, start_s: float, stop_s: float) -> None:

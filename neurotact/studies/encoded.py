@@ -15,7 +15,8 @@ import pandas as pd
 
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import whole, write_json
+from neurotact.export.tables import write_table
+from neurotact.files import write_json
 from neurotact.metrics import isi_distributions, spike_trains
 from neurotact.metrics.spike_trains import Events
 from neurotact.studies.preparation import felt_spikes
@@ -52,8 +53,7 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
         parts.append(table)
     with TemporaryDirectory() as scratch:
         place = Path(scratch)
-        with whole(place / ISI) as draft:
-            pd.concat(parts, ignore_index=True).to_csv(draft, index=False, lineterminator="\n")
+        write_table(pd.concat(parts, ignore_index=True), place / ISI)
         write_json(place / "result.json", {"row": row})
         write_json(place / "timing.json", {"seconds": perf_counter() - began})
         return {path.name: path.read_bytes() for path in place.iterdir()}

@@ -1,4 +1,4 @@
-"""The two kinds of study, told apart in this one place: the sweep of a spiking network, and a paper's own protocol."""
+"""What running a study asks of either kind: the sweep of a spiking network, or a paper's own protocol."""
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path

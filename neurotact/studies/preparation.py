@@ -23,7 +23,8 @@ from neurotact.data.windows import Windows, cut
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.files import read_json, whole, write_json
+from neurotact.export.tables import write_table
+from neurotact.files import read_json, write_json
 from neurotact.metrics import spike_trains
 from neurotact.spec import build, digest
 from neurotact.studies.calibration import calibrate
@@ -86,17 +87,14 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     calibrated: dict[str, AfferentSpec] = {}
     for cell in missing.values():
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
-        with whole(folder / "spikes" / f"{cell.spikes_name}.csv") as draft:
-            encoding_table(trains, cell, dataset.stratify).to_csv(draft, index=False)
+        write_table(encoding_table(trains, cell, dataset.stratify), folder / "spikes" / f"{cell.spikes_name}.csv")
         hdf5.save_spikes(trains, spikes_path(folder, cell))
     if wants_signals:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
-        with whole(folder / "signals.csv") as draft:
-            table.to_csv(draft, index=False, lineterminator="\n")
+        write_table(table, folder / "signals.csv")
     if wants_drive and study.same_drive is not None and isinstance(study.encoder, AfferentSpec):
         table = same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)
-        with whole(folder / "same_drive.csv") as draft:
-            table.to_csv(draft, index=False, lineterminator="\n")
+        write_table(table, folder / "same_drive.csv")
     if wants_baseline:
         subsets = {cell.dataset: cell.subset for cell in cells}
         trains = hdf5.load_spikes(spikes_path(folder, cells[0]))
@@ -105,8 +103,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
         table = baseline_table(recordings, windows, features, parts, subsets)
         table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
-        with whole(folder / "baseline.csv") as draft:
-            table.to_csv(draft, index=False)
+        write_table(table, folder / "baseline.csv")
 
 
 def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:

@@ -7,6 +7,7 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.errors import InputError
+from neurotact.export.tables import write_table
 from neurotact.progress import track
 from neurotact.studies import encoded, kinds
 from neurotact.studies.cell import cell_folder, is_done, result_of, write_cell
@@ -58,21 +59,21 @@ def finish(study: Study, folder: Path) -> Path:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
         print(f"{folder}: {len(done)} of {len(every)} cells are done; the report shows these", file=sys.stderr)
-    _write_csv(_timings_table(folder, done), folder / "timings.csv")
+    write_table(_timings_table(folder, done), folder / "timings.csv")
     if isinstance(study, ProtocolStudy):
         ran = [cell for cell in done if isinstance(cell, ProtocolCell)]
-        _write_csv(protocol_table(study, folder, ran), folder / "results.csv")
+        write_table(protocol_table(study, folder, ran), folder / "results.csv")
         return protocol.write(study, folder)
     trained = [cell for cell in done if isinstance(cell, Cell)]
-    _write_csv(results_table(study, folder, trained), folder / "results.csv")
-    _write_csv(encoding_table(study, folder, trained), folder / "encoding.csv")
+    write_table(results_table(study, folder, trained), folder / "results.csv")
+    write_table(encoding_table(study, folder, trained), folder / "encoding.csv")
     if study.network is None:
         places = [cell_folder(folder, cell) for cell in trained]
         rows = pd.read_csv(folder / "results.csv")
-        _write_csv(encoded.isi_table(places, rows, swept_columns(study)), folder / encoded.ISI)
+        write_table(encoded.isi_table(places, rows, swept_columns(study)), folder / encoded.ISI)
         return afferents.write(study, folder)
     for name, table in extra_tables(study, folder, trained).items():
-        _write_csv(table, folder / f"{name}.csv")
+        write_table(table, folder / f"{name}.csv")
     return networks.write(study, folder)
 
 
@@ -137,8 +138,3 @@ def _claim(folder: Path, study: Study) -> None:
 def _numbers(study: Study) -> Study:
     """What decides the numbers of a study: claims only judge them, and may be mended in a folder that holds some."""
     return study.model_copy(update={"claims": ()})
-
-
-def _write_csv(table: pd.DataFrame, path: Path) -> None:
-    with files.whole(path) as draft:
-        table.to_csv(draft, index=False, lineterminator="\n")

@@ -29,6 +29,7 @@ from neurotact.errors import InputError
 from neurotact.export.network_figures import pareto_front
 from neurotact.export.search_figure import Importance, draw_search
 from neurotact.export.style import save as save_figure
+from neurotact.export.tables import write_table
 from neurotact.networks import tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -260,9 +261,9 @@ def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> Non
     """Write what the journal says for people: best.toml, trials.csv and, with two objectives, pareto.csv."""
     best = best_of(trials)
     table = trials_table(trials)
-    _write_csv(table, folder / "trials.csv")
+    write_table(table, folder / "trials.csv")
     if problem.search.objective != "accuracy":
-        _write_csv(front_table(table), folder / "pareto.csv")
+        write_table(front_table(table), folder / "pareto.csv")
     network = problem.network_of(best.parameters)
     comment = f"# The best of {len(trials)} trials (trial {best.id}), by {_value_words(problem.search)}.\n"
     files.write_text(folder / "best.toml", comment + spec.to_toml(network.model_dump(mode="json")))
@@ -419,8 +420,3 @@ def _value_words(search: SearchSpec) -> str:
     if search.objective == "accuracy":
         return "validation accuracy"
     return f"validation accuracy - {search.sops_weight:g} log10(SOPs)"
-
-
-def _write_csv(table: pd.DataFrame, path: Path) -> None:
-    with files.whole(path) as draft:
-        table.to_csv(draft, index=False, lineterminator="\n")

@@ -16,7 +16,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec
 from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.errors import InputError
-from neurotact.files import whole
+from neurotact.export.tables import write_table
 from neurotact.metrics import synops
 from neurotact.networks import checkpoint
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
@@ -121,8 +121,7 @@ def save(trained: Trained, folder: Path, trains: SpikeTrains, spikes_path: Path,
         "exit_patience": trained.rule.patience,
         "best_epoch": trained.training.best.epoch,
     }
-    with whole(folder / "training.csv") as draft:
-        pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)).to_csv(draft, index=False)
+    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / "training.csv")
     checkpoint.save(trained.network, folder, extra)
 
 
