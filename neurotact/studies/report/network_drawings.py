@@ -101,7 +101,7 @@ def _seeds(networks: pd.DataFrame) -> str:
 def _trade_off(results: pd.DataFrame) -> Drawn:
     figure = network_figures.draw_trade_off(results)
     fronts = {str(name): _front(rows) for name, rows in results.groupby("setting", sort=False)}
-    ends = [f"{name}: {len(front)}, from {front[0]} to {front[-1]}" for name, front in fronts.items() if front]
+    ends = [f"{name}: {_first_to_last(front)}" for name, front in fronts.items() if front]
     caption = (
         "Each point is a pair and a hidden size, mean over seeds with SD: filled for the full window, open for early "
         "exit with the patience chosen on validation trials. No network beats one on the front in both accuracy and "
@@ -109,6 +109,10 @@ def _trade_off(results: pd.DataFrame) -> Drawn:
     )
     alt = " ".join(f"Front of {name}, full window: {', '.join(front)}." for name, front in fronts.items())
     return Drawn("trade-off", "Accuracy against synaptic operations", figure, caption, alt)
+
+
+def _first_to_last(front: list[str]) -> str:
+    return f"{len(front)}, from {front[0]} to {front[-1]}" if len(front) > 1 else f"{front[0]} alone"
 
 
 def _front(results: pd.DataFrame) -> list[str]:
