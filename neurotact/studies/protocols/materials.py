@@ -254,9 +254,9 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 VIEW = View(
     by=("problem", "setup", "classifier"),
     measures={
-        "error_validation": "validation error",
-        "error_test": "test error",
-        "accuracy_test": "test accuracy",
+        "error_validation": "validation error (%)",
+        "error_test": "test error (%)",
+        "accuracy_test": "test accuracy (%)",
         "units": "neurons, support vectors or kernels",
         "flops": "FLOPs",
         "energy_estimate_nJ": "energy estimate (nJ)",
