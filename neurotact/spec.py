@@ -8,7 +8,7 @@ key and the file.
 import hashlib
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
 
@@ -85,11 +85,18 @@ def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | No
 
 
 def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:
-    """Validate a table; InputError names the first wrong key, what it must be, and `source`."""
+    """Validate a table; InputError names the first wrong key, what it must be, and `source`.
+
+    A number in quotes is refused, and so is 1 for true.
+    """
     try:
-        return model.model_validate(table)
+        built = model.model_validate(table)
     except ValidationError as error:
         raise InputError(f"{_explain(model, error)} ({source})") from error
+    for key, given, taken in _misread(table, built.model_dump(mode="json")):
+        wanted = "true or false" if isinstance(taken, bool) else "a number"
+        raise InputError(f"{key}: must be {wanted}; got {given!r} ({source})")
+    return built
 
 
 def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,6 +205,19 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         message = message.replace(words, sign)
     given = first["input"]
     return f"{key}: {message}" + ("" if isinstance(given, (dict, Mapping)) else f"; got {given!r}")
+
+
+def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Where text or a truth value was taken for a number, or the other way round: its key, and both."""
+    if isinstance(given, Mapping) and isinstance(taken, Mapping):
+        for name in (name for name in given if name in taken):
+            yield from _misread(given[name], taken[name], f"{key}.{name}" if key else str(name))
+    elif isinstance(given, (list, tuple)) and isinstance(taken, list):
+        for place, pair in enumerate(zip(given, taken, strict=False)):
+            yield from _misread(*pair, f"{key}.{place}")
+    elif isinstance(taken, (bool, int, float)):
+        mixed = isinstance(given, str) or isinstance(given, bool) != isinstance(taken, bool)
+        yield from [(key, given, taken)] if mixed else []
 
 
 def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list[str]]:

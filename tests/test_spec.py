@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.networks.specs import RSNNSpec
-from neurotact.spec import build, digest, find, load, override, parse_assignments, read, shipped, to_toml
+from neurotact.spec import Spec, build, digest, find, load, override, parse_assignments, read, shipped, to_toml
 
 WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 KEYS = (
@@ -184,6 +184,30 @@ def test_a_value_where_a_table_belongs_is_refused(value):
 )
 def test_a_refusal_says_what_a_value_must_be(message, key, value):
     assert message in refusal(AfferentSpec, override(ENCODER, {key: value}))
+
+
+class Switch(Spec):
+    on: bool = False
+    shares: tuple[float, ...] = ()
+
+
+@pytest.mark.parametrize(
+    ("model", "key", "value", "wanted"),
+    [
+        (RSNNSpec, "hidden", "20", "hidden: must be a number; got '20'"),
+        (RSNNSpec, "hidden", True, "hidden: must be a number; got True"),
+        (RSNNSpec, "training.learning_rate", "1e-3", "training.learning_rate: must be a number; got '1e-3'"),
+        (Switch, "on", 1, "on: must be true or false; got 1"),
+        (Switch, "on", "yes", "on: must be true or false; got 'yes'"),
+        (Switch, "shares", [0.5, "0.5"], "shares.1: must be a number; got '0.5'"),
+    ],
+)
+def test_a_number_in_quotes_and_1_for_true_are_refused(model, key, value, wanted):
+    assert refusal(model, override({}, {key: value})) == f"{wanted} (my.toml)"
+
+
+def test_a_whole_number_written_with_a_point_is_taken():
+    assert build(RSNNSpec, {"hidden": 20.0, "tau_mem_ms": 5}, "my.toml").hidden == 20
 
 
 def test_a_spec_is_found_by_name_and_by_path(tmp_path):
