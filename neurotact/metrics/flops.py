@@ -12,7 +12,7 @@ What is counted:
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import pandas as pd
@@ -221,19 +221,12 @@ class PowerOfTwoDense(Layer):
 
 
 @dataclass(frozen=True)
-class BinaryInputDense(Layer):
+class BinaryInputDense(Dense):
     """A fully connected layer that is fed zeros and ones: additions alone (the output of an H-ELM)."""
 
-    inputs: int
-    units: int
-    activation: Activation = "linear"
-    bias: bool = True
-
     def cost(self) -> Cost:
-        parameters = self.units * (self.inputs + self.bias)
-        return _with_weights(
-            parameters, acs=self.inputs * self.units, other_flops=_activations(self.activation, self.units)
-        )
+        dense = super().cost()
+        return replace(dense, macs=0, acs=dense.macs)
 
 
 @dataclass(frozen=True)
