@@ -5,6 +5,7 @@ They mirror the texture paper's Fig. 11. Tables are those of a study's `results.
 """
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,8 @@ from neurotact.export.style import (
 from neurotact.export.tables import means_over
 
 NETWORK = ["setting", "pair", "hidden"]
+TITLE_WIDTH = 44
+"""Characters of a title over half of a figure."""
 
 
 class Published(NamedTuple):
@@ -85,7 +88,7 @@ def draw_accuracy_and_sops(
             _paint_networks(axes, rows, pairs, sizes, measure, scale)
             marks = [p for p in published if p.setting == setting and p.measure == measure and p.pair in pairs]
             _paint_published(axes, marks, pairs, sizes, scale)
-            axes.set(title=setting, ylabel=words)
+            axes.set(title=fill(setting, TITLE_WIDTH), ylabel=words)
             axes.set_xticks(range(len(pairs)), pairs)
             axes.grid(axis="y")
     for axes in grid[-1]:
@@ -114,7 +117,7 @@ def draw_trade_off(results: pd.DataFrame) -> Figure:
         rows = networks[networks["setting"] == setting]
         _paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True)
         _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", filled=False)
-        axes.set(title=setting, xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
+        axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
     for axes in grid[len(settings) :]:

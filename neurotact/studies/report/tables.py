@@ -33,16 +33,23 @@ def with_pair(table: pd.DataFrame) -> pd.DataFrame:
 def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
     """The table with, in the column `setting`, the data set and what else was swept, in words.
 
-    >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0]})
-    >>> with_setting(rows, ["window.length_ms"])["setting"].tolist()
-    ['mixed, window.length 50 ms']
+    >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0], "network.training.patience": [7]})
+    >>> with_setting(rows, ["window.length_ms", "network.training.patience"])["setting"].tolist()
+    ['mixed, window length 50 ms, patience 7']
     """
     swept = [key for key in swept if key in results]
     words = [
-        ", ".join([str(row["dataset"]), *(f"{quantity(key)[0]} {in_unit(key, row[key])}" for key in swept)])
+        ", ".join([str(row["dataset"]), *(f"{_in_words(key)} {in_unit(key, row[key])}" for key in swept)])
         for _, row in results.iterrows()
     ]
     return results.assign(setting=words)
+
+
+def _in_words(key: str) -> str:
+    """A swept key as it is read, without the tables that every such key has."""
+    for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
+        key = key.removeprefix(table)
+    return quantity(key)[0].replace(".", " ")
 
 
 def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:

@@ -194,7 +194,7 @@ def test_another_swept_key_tells_its_networks_apart(tmp_path):
     sweep = {"window.length_ms": [50.0, 100.0], "network.hidden": [20]}
     what = make_study(sweep=sweep, claims=())
     text = Page(networks.write(what, make_run(what, tmp_path, grating_conditions()))).text
-    assert "v1 mix, window.length 50 ms" in text
+    assert "v1 mix, window length 50 ms" in text
 
 
 def test_a_folder_without_results_is_refused(tmp_path):
