@@ -8,7 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from neurotact.export.style import INK, MUTED, PALE, TOTAL, add_legend, name_ticks, new_figure, printed
+from neurotact.export.style import (
+    INK,
+    MUTED,
+    PALE,
+    TOTAL,
+    add_legend,
+    name_ticks,
+    new_figure,
+    printed,
+    write_out_log_ticks,
+)
 
 FAMILIES = ("ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "RSNN", "RSNN, early exit")
 MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "*", "*")
@@ -39,6 +49,7 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
             )
         axes.axhline(rows["chance"].mean(), color=MUTED, ls=":", lw=0.8)
         axes.set(xscale="log", title=task.replace("_", " "), ylim=(0, 1.03))
+        write_out_log_ticks(axes.xaxis)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
         axes.grid(axis="y")
     for axes in panels[-COLUMNS:]:
@@ -66,6 +77,7 @@ def draw_energy_shares(results: pd.DataFrame) -> Figure:
         axes.plot(at, before, "_", color=TOTAL, ms=9, mew=2, label="features, averaging or afferents alone")
         axes.plot(at, whole, "o", color=INK, ms=4, label="the whole decision")
         axes.set(yscale="log", title=task.replace("_", " "))
+        write_out_log_ticks(axes.yaxis)
         axes.grid(axis="y")
         name_ticks(axes, names)
         axes.tick_params(axis="x", labelsize=6.5)

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple, ParamSpec
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from neurotact.errors import InputError
 from neurotact.files import whole
@@ -139,3 +141,15 @@ def class_colours(n: int) -> list[str]:
         return [colour for colour, _ in SERIES[:n]]
     distinct = colormaps["tab10"](np.arange(n)) if n <= 10 else colormaps["viridis"](np.linspace(0, 0.95, n))
     return [to_hex(colour) for colour in distinct]
+
+
+def write_out_log_ticks(axis: Axis) -> None:
+    """Few ticks, written out, on a logarithmic axis whose data are drawn.
+
+    Decades where it spans more than two; within, 1, 2 and 5 of each; round steps below a factor of four.
+    """
+    low, high = sorted(axis.get_view_interval())
+    subs = (1.0,) if high > 100 * low else (1.0, 2.0, 5.0)
+    axis.set_major_locator(LogLocator(subs=subs) if high > 4 * low else MaxNLocator(3))
+    axis.set_major_formatter(StrMethodFormatter("{x:,.10g}"))
+    axis.set_minor_formatter(NullFormatter())
