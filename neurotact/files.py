@@ -1,14 +1,16 @@
 """Files are written whole and then renamed, so that an interrupted run leaves no half of one."""
 
 import json
-import os
-import tempfile
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from neurotact.errors import InputError
+
+DRAFT = ".draft-"
+"""Begins the name of a file that is being written; one that is left shows a process that was killed."""
 
 
 @contextmanager
@@ -27,22 +29,26 @@ def whole(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: cannot be written, it is a folder; name a file")
-    try:
+    # Named before it is there, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
+    # matplotlib and others choose the format by it.
+    draft = path.parent / f"{DRAFT}{secrets.token_hex(8)}{path.suffix}"
+    with _writable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The draft keeps the suffix: matplotlib and others choose the format by it.
-        handle, name = tempfile.mkstemp(prefix=".draft-", suffix=path.suffix, dir=path.parent)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
-    os.close(handle)
-    draft = Path(name)
     try:
+        with _writable(path):
+            draft.touch(exist_ok=False)
         yield draft
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o666 & ~umask)
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def _writable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
 
 
 def write_text(path: str | Path, text: str) -> None:

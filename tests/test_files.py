@@ -2,6 +2,7 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -30,6 +31,18 @@ def test_a_crash_leaves_the_old_file_and_no_draft(tmp_path):
         crash()
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["result.txt"]
+
+
+@pytest.mark.parametrize("call", [Path.touch, Path.replace], ids=["begins", "ends"])
+def test_an_interrupt_as_a_draft_begins_or_ends_leaves_none(tmp_path, monkeypatch, call):
+    def interrupted(draft: Path, *args, **kwargs) -> None:
+        call(draft, *args, **kwargs) if call is Path.touch else None
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, call.__name__, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_text(tmp_path / "result.txt", "new")
+    assert os.listdir(tmp_path) == []
 
 
 def test_the_old_file_stands_until_the_new_one_is_whole(tmp_path):

@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.files import read_json, whole, write_json
+from neurotact.files import DRAFT, read_json, whole, write_json
 from neurotact.networks.specs import RSNNSpec
 from neurotact.spec import Spec
 from neurotact.studies import encoded, search, shortened, trained
@@ -108,7 +108,8 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     best = search.best_of(trials)
     fitted, sides = search.train_best(problem, trains, best)
     row = {"trial": best.id, **{f"network.{key}": search.as_cell(value) for key, value in best.parameters.items()}}
-    left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in sorted(place.iterdir())}
+    written = (path for path in sorted(place.iterdir()) if not path.name.startswith(DRAFT))
+    left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}
     return Searched(fitted, sides, row, left)
 
 
