@@ -2,6 +2,7 @@
 
 import json
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from gzip import compress
@@ -82,6 +83,7 @@ def write(
         n_cells=n_cells,
         verdicts=verdicts,
         tally=tally(verdicts),
+        reasons=shared_reasons(verdicts),
         figures=[_keep(drawn, folder) for drawn in figures],
         timing=timing_sentence(folder),
         downloads=_listed(folder, downloads),
@@ -126,6 +128,13 @@ def tally(verdicts: list[Verdict]) -> str:
     judged = [verdict.reproduced for verdict in verdicts if verdict.reproduced is not None]
     missing = len(verdicts) - len(judged)
     return f"{sum(judged)} of {len(judged)} claims reproduced" + (f", {missing} not in this run" if missing else "")
+
+
+def shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
+    """The reasons that more than one claim is not reproduced for, numbered in the order of the claims."""
+    given = Counter(verdict.why for verdict in verdicts if verdict.why)
+    shared = (why for why, times in given.items() if times > 1)
+    return {why: number for number, why in enumerate(shared, start=1)}
 
 
 def timing_sentence(folder: Path) -> str:

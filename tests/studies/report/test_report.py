@@ -190,6 +190,17 @@ def test_other_touch_than_gratings(tmp_path, stratify):
     assert "claims" not in page.ids
 
 
+def test_a_reason_that_claims_share_stands_once(tmp_path):
+    claims = tuple(CLAIMS[1].model_copy(update={"name": name, "why": "Shared & told once."}) for name in ("a", "b"))
+    what = make_study(claims=(*claims, CLAIMS[1]))
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
+    claims_told = page.text.partition("Explore the trade-off")[0]
+    assert claims_told.count("Shared & told once.") == 1
+    assert claims_told.count("reason 1") == 2
+    assert "reason-1" in page.ids
+    assert "no: Chance & noise." in " ".join(claims_told.split())
+
+
 def test_another_swept_key_tells_its_networks_apart(tmp_path):
     sweep = {"window.length_ms": [50.0, 100.0], "network.hidden": [20]}
     what = make_study(sweep=sweep, claims=())
