@@ -217,7 +217,8 @@ def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, 
             yield from _misread(*pair, f"{key}.{place}")
     elif isinstance(taken, (bool, int, float)):
         mixed = isinstance(given, str) or isinstance(given, bool) != isinstance(taken, bool)
-        yield from [(key, given, taken)] if mixed else []
+        if mixed:
+            yield key, given, taken
 
 
 def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list[str]]:
