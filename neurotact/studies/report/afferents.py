@@ -52,7 +52,8 @@ def write(study: StudySpec, folder: Path) -> Path:
 
     Raises InputError when a table is not there or a claim names a column that is not there.
     """
-    done = [cell for cell in cells(study) if is_done(folder, cell)]
+    every = list(cells(study))
+    done = [cell for cell in every if is_done(folder, cell)]
     results = with_pair(pd.read_csv(existing(folder / "results.csv")))
     results = results.assign(
         gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]
@@ -67,14 +68,14 @@ def write(study: StudySpec, folder: Path) -> Path:
         study,
         folder,
         n_done=len(done),
-        n_cells=len(list(cells(study))),
+        n_cells=len(every),
         tables={"results": results, "encoding": encoding},
         figures=drawings(results, isi, classes),
         downloads=DOWNLOADS,
         specs={"Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True))},
         seeds=study.sweep.get("seed", [0]),
         data={"recordings": page.if_there(folder / "data.json")},
-        **protocol.seen(by_population(results), VIEW),
+        **protocol.seen(protocol.over_rows(by_population(results), VIEW), VIEW),
     )
 
 

@@ -21,6 +21,7 @@ from neurotact.networks.training import Examples
 from neurotact.studies import trained
 from neurotact.studies.cell import cell_folder, result_of
 from neurotact.studies.preparation import spikes_path
+from neurotact.studies.report.tables import confusion
 from neurotact.studies.study import Cell
 from neurotact.studies.trained import Restored
 
@@ -66,8 +67,9 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
         tests: dict[str, _Test] = {}
         for index in indices:
             place = cell_folder(folder, done[index])
+            matrix = confusion(result_of(folder, done[index]), classes)
             found[index] = {
-                "confusion": _confusion(result_of(folder, done[index]), classes),
+                "confusion": None if matrix is None else matrix.tolist(),
                 "training": _training(place),
             }
             if trains is None or not (place / checkpoint.NETWORK).is_file():
@@ -191,14 +193,6 @@ def _raster(
 
 def _events(raster: np.ndarray) -> list[list[int]]:
     return [np.flatnonzero(neuron).tolist() for neuron in raster.T]
-
-
-def _confusion(result: dict[str, Any], classes: Classes) -> list[list[int]] | None:
-    """Test windows by true and chosen class, in the order in which classes are drawn."""
-    matrix = np.array(result["confusion"])
-    alphabetical = sorted(classes.order)
-    at = [alphabetical.index(label) for label in classes.order]
-    return matrix[np.ix_(at, at)].tolist() if matrix.shape == (len(at), len(at)) else None
 
 
 def _training(place: Path) -> dict[str, list[float | None]] | None:

@@ -12,6 +12,7 @@ from neurotact.export.encoding_figures import Classes
 from neurotact.export.network_figures import Published, over_seeds, pareto_front
 from neurotact.export.style import Drawn
 from neurotact.studies.cell import cell_folder, result_of
+from neurotact.studies.report.tables import confusion
 from neurotact.studies.study import Cell, StudySpec
 
 MOST_LISTED = 4
@@ -131,11 +132,8 @@ def _best_network(folder: Path, done: list[Cell], classes: Classes) -> Iterator[
     best = max(range(len(done)), key=lambda i: found[i]["row"]["accuracy_validation"])
     row = found[best]["row"]
     what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, N = {row['hidden']}, seed {row['seed']}"
-    alphabetical = sorted(classes.order)
-    at = [alphabetical.index(label) for label in classes.order]
-    matrix = np.array(found[best]["confusion"])
-    if matrix.shape == (len(at), len(at)):
-        matrix = matrix[np.ix_(at, at)]
+    matrix = confusion(found[best], classes)
+    if matrix is not None:
         right = 100 * np.trace(matrix) / max(matrix.sum(), 1)
         caption = (
             f"Test samples of the network with the highest validation accuracy ({what}): {right:.1f} % lie on the "

@@ -90,14 +90,16 @@ def write(study: StudySpec, folder: Path) -> Path:
     swept = swept_columns(study)
     results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept)
     encoding = with_pair(read_encoding(folder / "encoding.csv"))
-    done = [cell for cell in cells(study) if is_done(folder, cell)]
+    every = list(cells(study))
+    done = [cell for cell in every if is_done(folder, cell)]
     trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
     extra = extra_tables(folder)
     trials = search.trials_table(folder, done, results)
-    costs = _ledger(folder, results, trains, study.network is None or study.network.recurrent)
+    baseline = pd.read_csv(folder / "baseline.csv") if (folder / "baseline.csv").is_file() else None
+    costs = _ledger(results, baseline, trains, study.network is None or study.network.recurrent)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen)
@@ -106,7 +108,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         study,
         folder,
         n_done=len(results),
-        n_cells=len(course.digests if course else list(cells(study))),
+        n_cells=len(course.digests if course else every),
         tables={"results": results, "encoding": encoding, **extra, **left},
         figures=chain(drawn, _searches(study, trials), extra_drawings(study, results, extra, classes)),
         downloads=DOWNLOADS,
@@ -119,7 +121,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         settings=list(dict.fromkeys(results["setting"])),
         means=means_table(results),
         searches=search.table(trials, results),
-        baseline=baseline_table(folder),
+        baseline=_baseline_table(baseline),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,
         page=page.parts(_page_data(folder, done, results, trials, classes, chosen), page.NETWORKS),
@@ -211,12 +213,10 @@ def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
     ]
 
 
-def baseline_table(folder: Path) -> Table | None:
+def _baseline_table(found: pd.DataFrame | None) -> Table | None:
     """The linear baseline as text; None where the study has none."""
-    path = folder / "baseline.csv"
-    if not path.is_file():
+    if found is None:
         return None
-    found = pd.read_csv(path)
     shares = {"accuracy_validation", "accuracy_test", "chance", "majority_class"}
     heads = [f"{c.replace('_', ' ')} (%)" if c in shares else c.replace("_", " ") for c in found.columns]
     rows = [
@@ -227,12 +227,12 @@ def baseline_table(folder: Path) -> Table | None:
     return Table(caption, heads, rows, n_heads=1)
 
 
-def _ledger(folder: Path, results: pd.DataFrame, trains: SpikeTrains | None, recurrent: bool) -> pd.DataFrame | None:
+def _ledger(
+    results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None, recurrent: bool
+) -> pd.DataFrame | None:
     """What a decision costs; None where no spikes say how many afferents there are."""
     if trains is None:
         return None
-    path = folder / "baseline.csv"
-    baseline = pd.read_csv(path) if path.is_file() else None
     sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
     return ledger.study_ledger(
         results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz, recurrent=recurrent, encoder=trains.encoder

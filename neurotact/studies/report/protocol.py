@@ -56,15 +56,14 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         data=page.if_there(folder / "data.json"),
-        **seen(results, module.VIEW),
+        **seen(means, module.VIEW),
     )
 
 
-def seen(results: pd.DataFrame, view: View) -> dict[str, Any]:
-    """What `protocol.html.jinja` shows of results in a view: its points, its table, and their words."""
-    means = over_rows(results, view)
+def seen(means: pd.DataFrame, view: View) -> dict[str, Any]:
+    """What `protocol.html.jinja` shows of the means of `over_rows`: its points, its table, and their words."""
     return {
-        "n_rows": len(results),
+        "n_rows": int(means["rows"].sum()),
         "note": view.note,
         "cost": view.measures[view.cost],
         "score": view.measures[view.score],

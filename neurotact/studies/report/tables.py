@@ -1,12 +1,16 @@
 """The tables of a run of afferents or networks, as its report reads them."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from neurotact.data.columns import in_unit, quantity
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
+from neurotact.export.encoding_figures import Classes
 from neurotact.files import existing
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
@@ -57,6 +61,17 @@ def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:
     paths = {name: folder / f"{name}.csv" for name in EXTRA_TABLES}
     found = {name: pd.read_csv(path) for name, path in paths.items() if path.is_file()}
     return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
+
+
+def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
+    """A cell's test windows by true and chosen class, in the order in which classes are drawn.
+
+    None where its classes are others than those drawn.
+    """
+    matrix = np.array(result["confusion"])
+    alphabetical = sorted(classes.order)
+    at = [alphabetical.index(label) for label in classes.order]
+    return matrix[np.ix_(at, at)] if matrix.shape == (len(at), len(at)) else None
 
 
 def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
