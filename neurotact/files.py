@@ -1,9 +1,14 @@
-"""Files are written whole and then renamed, so that an interrupted run leaves no half of one."""
+"""Files are written whole and then renamed, outputs never replace inputs, and what is read is bounded before."""
 
+import errno
+import fcntl
 import json
+import os
 import secrets
-from collections.abc import Iterator
-from contextlib import contextmanager
+import socket
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +16,13 @@ from neurotact.errors import InputError
 
 DRAFT = ".draft-"
 """Begins the name of a file that is being written; one that is left shows a process that was killed."""
+LOCK = ".lock"
+"""The file in a run folder that the process which works there holds."""
+MAX_MB = "NEUROTACT_MAX_MB"
+"""The environment variable that sets how large one input may be once it is in memory."""
+DEFAULT_MAX_MB = 512
+PLACE_IS_TO_BLAME = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EACCES, errno.EPERM}
+"""Errors of a write that another place, or more room, mends."""
 
 
 @contextmanager
@@ -32,23 +44,122 @@ def whole(path: str | Path) -> Iterator[Path]:
     # Named before it is there, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
     # matplotlib and others choose the format by it.
     draft = path.parent / f"{DRAFT}{secrets.token_hex(8)}{path.suffix}"
-    with _writable(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with _writable(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
             draft.touch(exist_ok=False)
-        yield draft
-        draft.replace(path)
+        with _writable(path, draft):
+            yield draft
+            draft.replace(path)
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(OSError):  # the folder may have become read-only; what the block raised says so
+            draft.unlink(missing_ok=True)
 
 
 @contextmanager
-def _writable(path: Path) -> Iterator[None]:
+def _writable(path: Path, draft: Path | None = None) -> Iterator[None]:
+    """Name `path` in an OSError; with `draft`, in those alone that writing the draft can be to blame for."""
     try:
         yield
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from error
+        is_ours = draft is None or error.errno in PLACE_IS_TO_BLAME or error.filename == str(draft)
+        if not is_ours:
+            raise
+        reason = error.strerror or str(error)
+        raise InputError(f"{path}: cannot be written ({reason}); make room there or choose another place") from error
+
+
+def check_new(path: str | Path, *, force: bool = False, inputs: Iterable[str | Path | None] = ()) -> None:
+    """Refuse an output that exists unless `force`, and always one that is also an input.
+
+    Called before any work is done. Two names of one file, by a link or by another path, are one file.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
+    >>> check_new(path)
+    >>> write_text(path, "")
+    >>> check_new(path, force=True)
+    """
+    path = Path(path)
+    if not path.exists():
+        return
+    for given in inputs:
+        if given is not None and Path(given).exists() and path.samefile(given):
+            raise InputError(f"{path}: is an input of this command; choose another output with -o")
+    if not force:
+        raise InputError(f"{path}: already exists; choose another output or pass --force to replace it")
+
+
+def sweep(folder: str | Path) -> None:
+    """Remove the drafts that a killed process left in `folder` and below; call it while holding the folder's lock."""
+    for draft in Path(folder).rglob(f"{DRAFT}*"):
+        if draft.is_file():
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(folder: str | Path) -> Iterator[None]:
+    """Hold `folder` (made when absent) for this process; InputError says who holds it already.
+
+    The operating system lets go of the lock when the process ends, however it ends. Leaves no file behind.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> with locked(folder):
+    ...     sorted(path.name for path in folder.iterdir())
+    ['.lock']
+    >>> list(folder.iterdir())
+    []
+    """
+    folder = Path(folder)
+    path = folder / LOCK
+    with _writable(path):
+        folder.mkdir(parents=True, exist_ok=True)
+        descriptor = _take(path)
+    if descriptor is None:
+        raise InputError(f"{folder}: {_holder(path)} is working here; wait for it to end, or stop it")
+    try:
+        who = {"pid": os.getpid(), "host": socket.gethostname(), "since": f"{datetime.now():%Y-%m-%d %H:%M:%S}"}
+        with _writable(path):
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, json.dumps(who).encode(), 0)
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _take(path: Path) -> int | None:
+    """The descriptor of the locked file `path`; None where another process holds it."""
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            return None
+        except OSError:  # a file system without locks: work there is not refused
+            return descriptor
+        # Whoever held it before may have removed the file between the two calls above: then lock the new one.
+        if _is_at(descriptor, path):
+            return descriptor
+        os.close(descriptor)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), os.stat(path))
+    except FileNotFoundError:
+        return False
+
+
+def _holder(path: Path) -> str:
+    try:
+        who = json.loads(path.read_text(encoding="utf-8"))
+        return f"another neurotact (process {who['pid']} on {who['host']}, since {who['since']})"
+    except (OSError, ValueError, TypeError, LookupError):
+        return "another neurotact"
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -65,9 +176,49 @@ def write_json(path: str | Path, value: Any) -> None:
 def read_json(path: str | Path) -> Any:
     """Read a JSON file; InputError names the file when it is absent or not JSON."""
     try:
-        return json.loads(existing(path).read_text(encoding="utf-8"))
-    except ValueError as error:
+        return json.loads(read_bytes(path).decode())
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not valid JSON ({error}); restore the file or remove it") from error
+
+
+def read_bytes(path: str | Path) -> bytes:
+    """The content of a file; InputError when there is no such file, it cannot be read, or it is too large."""
+    path = existing(path)
+    with _readable(path):
+        check_size(path, path.stat().st_size)
+        return path.read_bytes()
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"{path}: cannot be read ({reason}); check the file and its rights") from error
+
+
+def check_size(path: str | Path, n_bytes: int) -> None:
+    """Refuse what would take more memory than one input may, by its declared size and before it is read.
+
+    >>> check_size("touch.npz", 10**13)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: touch.npz: holds 10,000,000 MB, more than the limit of 512 MB; set NEUROTACT_MAX_MB=...
+    """
+    limit = max_bytes()
+    if n_bytes > limit:
+        raise InputError(
+            f"{path}: holds {n_bytes / 1e6:,.0f} MB, more than the limit of {limit / 1e6:,.0f} MB; "
+            f"set {MAX_MB}=... to raise the limit"
+        )
+
+
+def max_bytes() -> int:
+    """How many bytes one input may take in memory: `$NEUROTACT_MAX_MB`, by default 512 MB."""
+    text = os.environ.get(MAX_MB, str(DEFAULT_MAX_MB))
+    if not (text.isascii() and text.isdigit() and len(text) <= 9 and int(text) >= 1):
+        raise InputError(f"{MAX_MB}: must be a whole number of megabytes >= 1; got '{text[:40]}'")
+    return int(text) * 1_000_000
 
 
 def is_free(folder: str | Path) -> bool:

@@ -1,7 +1,10 @@
 """A file is whole or as it was before, whatever happens while it is written."""
 
+import errno
 import os
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.files import existing, read_json, whole, write_json, write_text
+from neurotact.files import (
+    MAX_MB,
+    check_new,
+    check_size,
+    existing,
+    locked,
+    read_bytes,
+    read_json,
+    sweep,
+    whole,
+    write_json,
+    write_text,
+)
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
@@ -107,3 +122,105 @@ def test_what_is_not_there_is_named(tmp_path):
     for path, what in ((tmp_path / "x", "file"), (tmp_path, "file"), (tmp_path / "file", "folder")):
         with pytest.raises(InputError, match=f"{path.name}: there is no such {what}"):
             existing(path, what)
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO])
+def test_a_disk_that_fills_while_a_file_is_written_is_one_sentence(tmp_path, number):
+    (tmp_path / "result.txt").write_text("old")
+
+    def fill() -> None:
+        with whole(tmp_path / "result.txt") as draft:
+            draft.write_text("half")
+            raise OSError(number, os.strerror(number))
+
+    with pytest.raises(InputError, match=r"result\.txt: cannot be written \(.*make room"):
+        fill()
+    assert (tmp_path / "result.txt").read_text() == "old"
+    assert os.listdir(tmp_path) == ["result.txt"]
+
+
+def test_a_rename_that_fails_is_one_sentence(tmp_path, monkeypatch):
+    def refused(*_):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "replace", refused)
+    with pytest.raises(InputError, match="cannot be written"):
+        write_text(tmp_path / "result.txt", "new")
+    assert os.listdir(tmp_path) == []
+
+
+def test_an_input_that_cannot_be_read_is_not_blamed_on_the_output(tmp_path):
+    with pytest.raises(FileNotFoundError), whole(tmp_path / "out.txt"):
+        (tmp_path / "input.txt").read_text()
+
+
+def test_an_output_that_exists_is_refused_and_force_replaces_it(tmp_path):
+    write_text(tmp_path / "a.h5", "")
+    with pytest.raises(InputError, match=r"a\.h5: already exists; .*--force"):
+        check_new(tmp_path / "a.h5")
+    check_new(tmp_path / "a.h5", force=True)
+    check_new(tmp_path / "b.h5")
+
+
+@pytest.mark.parametrize("name", ["a.h5", "sub/../a.h5", "soft.h5", "hard.h5"])
+def test_an_output_that_is_an_input_is_refused_by_any_name(tmp_path, name):
+    (tmp_path / "sub").mkdir()
+    write_text(tmp_path / "a.h5", "")
+    (tmp_path / "soft.h5").symlink_to(tmp_path / "a.h5")
+    (tmp_path / "hard.h5").hardlink_to(tmp_path / "a.h5")
+    with pytest.raises(InputError, match="is an input of this command"):
+        check_new(tmp_path / name, force=True, inputs=[None, "absent", tmp_path / "a.h5"])
+
+
+def test_a_sweep_removes_drafts_alone(tmp_path):
+    for name in (".draft-1.csv", "deep/.draft-2", "deep/result.json", "draft"):
+        write_text(tmp_path / name, "")
+    sweep(tmp_path)
+    left = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
+    assert left == ["deep/result.json", "draft"]
+
+
+HOLD = """
+import sys, time
+from neurotact.files import locked
+with locked(sys.argv[1]):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_lock_says_who_holds_it_and_is_let_go_by_a_kill(tmp_path):
+    with subprocess.Popen([sys.executable, "-c", HOLD, tmp_path], stdout=subprocess.PIPE, text=True) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(InputError, match=f"process {holder.pid} on .* is working here"), locked(tmp_path):
+            pytest.fail("two at once")
+        holder.kill()
+        holder.wait()
+    with locked(tmp_path):
+        assert os.listdir(tmp_path) == [".lock"]
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_lock_ends_with_its_block_however_that_ends(tmp_path):
+    with pytest.raises(RuntimeError), locked(tmp_path):
+        raise RuntimeError
+    with locked(tmp_path):
+        pass
+
+
+def test_the_size_of_an_input_is_bounded_before_it_is_read(tmp_path, monkeypatch):
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(3_000_000)
+    assert len(read_bytes(tmp_path / "large")) == 3_000_000
+    monkeypatch.setenv(MAX_MB, "2")
+    with pytest.raises(InputError, match=f"large: holds 3 MB, more than the limit of 2 MB; .*{MAX_MB}"):
+        read_bytes(tmp_path / "large")
+    check_size("large", 2_000_000)
+
+
+@pytest.mark.parametrize("limit", ["", "0", "-1", "1.5", "many", "1" * 5000, "\u00b2"])
+def test_a_limit_that_is_no_number_is_refused(monkeypatch, limit):
+    monkeypatch.setenv(MAX_MB, limit)
+    with pytest.raises(InputError, match=f"{MAX_MB}: must be a whole number"):
+        check_size("x", 1)
