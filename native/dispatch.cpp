@@ -64,8 +64,10 @@ template const Kernels<float>& kernels<float>();
 template const Kernels<double>& kernels<double>();
 
 // The register kernel takes a fused network whose layers fit; the figures that drew this line are in docs/kernels.md.
-Layout layout_of(const Sizes& n, bool recurrent, bool learned_dynamics_or_inputs) {
-    const bool small = recurrent && !learned_dynamics_or_inputs && n.hidden <= 64 && n.classes >= 1 && n.classes <= 16;
+// It is compiled with a recurrent delay for `delayed` alone, where published networks have one: it is most of the code.
+Layout layout_of(const Sizes& n, Membrane membrane, int recurrent_delay, bool recurrent, bool learned_dynamics_or_inputs) {
+    const bool compiled = recurrent && (recurrent_delay == 0 || membrane == Membrane::delayed);
+    const bool small = compiled && !learned_dynamics_or_inputs && n.hidden <= 64 && n.classes >= 1 && n.classes <= 16;
     const int readout_pitch = small && n.classes <= 8 ? 8 : round_up(n.classes, 16);
     return {round_up(n.hidden, 16), readout_pitch, small};
 }

@@ -16,20 +16,19 @@ NT_INLINE int64_t population(const uint64_t* bits, int64_t n_words) {
 template <class T>
 struct InferState {
     T *current, *membrane, *readout_current, *readout_membrane;
-    uint64_t *inputs, *spikes, *next, *decided;
+    uint64_t *inputs, *decided;
+    SpikeHistory spikes;
     uint32_t* rows;
     size_t cleared;  // bytes from `current` on
 
-    InferState(const Sizes& n, const Layout& layout, Carver& carver) {
+    InferState(const Sizes& n, const Layout& layout, Carver& carver) : spikes(n.hidden, carver) {
         const size_t start = carver.bytes();
         current = carver.take<T>(layout.hidden_pitch);
         membrane = carver.take<T>(layout.hidden_pitch);
         readout_current = carver.take<T>(layout.readout_pitch);
         readout_membrane = carver.take<T>(layout.readout_pitch);
-        spikes = carver.take<uint64_t>(words(n.hidden));
         decided = carver.take<uint64_t>(words(n.classes));
         cleared = carver.bytes() - start;
-        next = carver.take<uint64_t>(words(n.hidden));
         inputs = carver.take<uint64_t>(words(n.inputs));
         rows = carver.take<uint32_t>(n.inputs + n.hidden);
     }
@@ -70,6 +69,7 @@ bool infer_trial(const Net<T>& net, const ForwardTables<T>& tables, InferState<T
     const int64_t in_words = words(n.inputs), hid_words = words(n.hidden);
     bool binary = true;
     std::memset(s.current, 0, s.cleared);
+    s.spikes.clear(n.hidden);
     int64_t* counts = to.readout + trial * n.classes;
     std::memset(counts, 0, n.classes * sizeof(int64_t));
     Leader leader;
@@ -78,18 +78,16 @@ bool infer_trial(const Net<T>& net, const ForwardTables<T>& tables, InferState<T
         binary &= pack_step(net.spikes, trial, steps, n.inputs, s.inputs);
         int n_rows = list_rows(s.inputs, in_words, 0, s.rows, 0);
         input_spikes += n_rows;
-        n_rows = list_rows(s.spikes, hid_words, n.inputs, s.rows, n_rows);
-        advance_layer<T, M, R>(tables.hidden, tables.table, s.rows, n_rows, s.current, s.membrane, s.next);
-        const uint64_t* emitted = M == Membrane::immediate ? s.next : s.spikes;
+        n_rows = list_rows(s.spikes.recurrent(net.recurrent_delay), hid_words, n.inputs, s.rows, n_rows);
+        advance_layer<T, M, R>(tables.hidden, tables.table, s.rows, n_rows, s.current, s.membrane, s.spikes.next);
+        const uint64_t* emitted = M == Membrane::immediate ? s.spikes.next : s.spikes.now;
         hidden_spikes += population(emitted, hid_words);
         if (M != Membrane::immediate) leader.after(s.decided, n.classes, counts);
         n_rows = list_rows(emitted, hid_words, 0, s.rows, 0);
         advance_layer<T, M, R>(tables.readout, tables.readout_table, s.rows, n_rows, s.readout_current,
                                s.readout_membrane, s.decided);
         if (M == Membrane::immediate) leader.after(s.decided, n.classes, counts);
-        uint64_t* swapped = s.spikes;
-        s.spikes = s.next;
-        s.next = swapped;
+        s.spikes.step();
         steps++;
         if (leader.exits(rule)) break;
     }

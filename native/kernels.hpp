@@ -37,6 +37,7 @@ struct Net {
     SpikesIn spikes;
     Membrane membrane;
     Reset reset;
+    int recurrent_delay;  // d of the recurrent input V s[t-d] to I[t+1]: 0 or 1
     const T *w_in, *w_rec, *w_out;
     Dynamics<T> hidden, readout;
     T scale;  // lambda of the surrogate
@@ -74,7 +75,8 @@ struct Layout {
     int hidden_pitch, readout_pitch;
     bool small;  // the register kernel of small_net.cpp; else wide_net.cpp
 };
-Layout layout_of(const Sizes& sizes, bool recurrent, bool learned_dynamics_or_inputs);
+Layout layout_of(const Sizes& sizes, Membrane membrane, int recurrent_delay, bool recurrent,
+                 bool learned_dynamics_or_inputs);
 
 // Exit when the leading class has stood for more than `patience` steps; negative: never.
 struct ExitRule {

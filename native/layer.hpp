@@ -42,6 +42,27 @@ NT_INLINE int list_rows(const uint64_t* events, int64_t n_words, uint32_t first,
     return count;
 }
 
+// The spikes of a layer in the steps that it still needs: s[t+1], s[t] and s[t-1].
+struct SpikeHistory {
+    uint64_t *next, *now, *before;
+
+    SpikeHistory(int neurons, Carver& carver)
+        : next(carver.take<uint64_t>(words(neurons))), now(carver.take<uint64_t>(words(neurons))),
+          before(carver.take<uint64_t>(words(neurons))) {}
+    void clear(int neurons) {
+        std::memset(now, 0, words(neurons) * sizeof(uint64_t));
+        std::memset(before, 0, words(neurons) * sizeof(uint64_t));
+    }
+    // What comes back to the layer in step t: s[t-d].
+    NT_INLINE const uint64_t* recurrent(int delay) const { return delay ? before : now; }
+    NT_INLINE void step() {
+        uint64_t* oldest = before;
+        before = now;
+        now = next;
+        next = oldest;
+    }
+};
+
 template <class T, Membrane M, Reset R, int N>
 NT_INLINE void advance_panel(const LayerTables<T>& layer, const T* table, const uint32_t* rows, int n_rows, int at,
                              T* current, T* membrane, uint64_t* fired) {

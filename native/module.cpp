@@ -27,16 +27,18 @@ struct Shape {
     Sizes sizes;
     Membrane membrane;
     Reset reset;
+    int recurrent_delay;
     double scale;
     bool recurrent, per_neuron, keep_currents, with_inputs;
     Layout layout;
 };
 
-Shape make_shape(int inputs, int hidden, int classes, int membrane, int reset, double scale, bool recurrent,
-                 bool per_neuron, bool keep_currents, bool with_inputs) {
+Shape make_shape(int inputs, int hidden, int classes, int membrane, int reset, int recurrent_delay, double scale,
+                 bool recurrent, bool per_neuron, bool keep_currents, bool with_inputs) {
     const Sizes sizes{0, 0, inputs, hidden, classes};
-    return {sizes,      Membrane(membrane), Reset(reset), scale, recurrent, per_neuron, keep_currents, with_inputs,
-            layout_of(sizes, recurrent, keep_currents || with_inputs)};
+    const Layout layout = layout_of(sizes, Membrane(membrane), recurrent_delay, recurrent, keep_currents || with_inputs);
+    return {sizes,     Membrane(membrane), Reset(reset),  recurrent_delay, scale,
+            recurrent, per_neuron,         keep_currents, with_inputs,     layout};
 }
 
 template <class T>
@@ -77,8 +79,9 @@ Net<T> make_net(const Shape& shape, int64_t trials, int64_t steps, const SpikesI
     const int stride = shape.per_neuron ? 1 : 0;
     const Dynamics<T> hidden{at<const T>(alpha), at<const T>(beta), at<const T>(threshold), stride};
     const Dynamics<T> readout{hidden.alpha + 1, hidden.beta + 1, hidden.threshold + 1, stride};
-    return {sizes, spikes, shape.membrane, shape.reset, at<const T>(w_in), shape.recurrent ? at<const T>(w_rec) : nullptr,
-            sizes.classes ? at<const T>(w_out) : nullptr, hidden, readout, static_cast<T>(shape.scale), threads};
+    return {sizes, spikes, shape.membrane, shape.reset, shape.recurrent_delay, at<const T>(w_in),
+            shape.recurrent ? at<const T>(w_rec) : nullptr, sizes.classes ? at<const T>(w_out) : nullptr,
+            hidden, readout, static_cast<T>(shape.scale), threads};
 }
 
 template <class T>

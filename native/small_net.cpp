@@ -2,9 +2,10 @@
 // registers over the whole window, spikes are one word a step, and sums cost what the spikes cost. Two trials at once
 // hide each other's latencies and share every load of a weight in the dense product of the backward pass.
 //
-// A spike s[t] of the hidden layer goes into I[t+1] of that layer and into the readout: at step t under `eq4` and
-// `delayed`, at step t-1 under `immediate`. So that either way one list of events serves both, the readout runs a step
-// behind (`lag`) under `immediate`.
+// A spike s[t] of the hidden layer goes into I[t+1+d] of that layer, d the recurrent delay, and into the readout: at
+// step t under `eq4` and `delayed`, at step t-1 under `immediate`. So that one list of events serves both, the readout
+// runs a step behind (`lag`) under `immediate`, and with a delay, which is known here under `delayed` alone: turn t of
+// the loop takes s[t-d] into step t of the hidden layer and into step t-lag of the readout.
 #include <omp.h>
 
 #include "dispatch.hpp"
@@ -135,6 +136,9 @@ NT_INLINE void advance(Layer<S, N>& layer, const Vectors<S, N>& before, typename
     layer.spikes = spikes & lanes;
 }
 
+template <Membrane M, int D>
+constexpr int64_t kLag = M == Membrane::immediate || D ? 1 : 0;
+
 template <class S, int N, class T>
 NT_INLINE void write_counts(Layer<S, N>& layer, bool last_is_sent, int n, T* to) {
     if (to == nullptr) return;
@@ -145,7 +149,7 @@ NT_INLINE void write_counts(Layer<S, N>& layer, bool last_is_sent, int n, T* to)
     std::memcpy(to, counts, n * sizeof(T));
 }
 
-template <class T, int HP, int OP, Membrane M, Reset R>
+template <class T, int HP, int OP, Membrane M, Reset R, int D>
 void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, const uint64_t* inputs,
                     const Outputs<T>& out, const Tape<T>* tape) {
     using F = Form<T, HP, OP>;
@@ -160,7 +164,8 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     const uint64_t hidden_lanes = n.hidden == 64 ? ~0ull : (1ull << n.hidden) - 1;
     const Events list(n);
     const int64_t steps = n.steps;
-    constexpr int64_t lag = M == Membrane::immediate ? 1 : 0;
+    constexpr int64_t lag = kLag<M, D>;
+    uint64_t spikes_before[N] = {};  // s[t-1], for turn t of a network with a delay
     Layer<SH, NH> hidden[N];
     Layer<SO, NO> readout[N];
     for (int s = 0; s < N; s++) {
@@ -184,7 +189,8 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
         }
         for (int k = 0; k < list.n_words; k++) {
             uint64_t events[N];
-            for (int s = 0; s < N; s++) events[s] = list(k, inputs + (s * steps + t) * list.in_words, hidden[s].spikes);
+            for (int s = 0; s < N; s++)
+                events[s] = list(k, inputs + (s * steps + t) * list.in_words, D ? spikes_before[s] : hidden[s].spikes);
             const T* table = tables.events + k * kRows * F::pitch;
             while (any(events))
                 for (int s = 0; s < N; s++) {
@@ -195,6 +201,7 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
                 }
         }
         for (int s = 0; s < N; s++) {
+            if (D) spikes_before[s] = hidden[s].spikes;
             advance<M, R>(hidden[s], before[s], beta, threshold, hidden_lanes);
             if (t >= lag) {
                 advance<M, R>(readout[s], before_out[s], beta_out, threshold_out, ~0ull);
@@ -208,10 +215,11 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     }
     if (lag && steps)
         for (int s = 0; s < N; s++) {
+            const uint64_t sent = D ? spikes_before[s] : hidden[s].spikes;
             const Vectors<SO, NO> before_out = readout[s].current;
             for (int q = 0; q < NO; q++) readout[s].current[q] = alpha_out * before_out[q];
             for (int i = 0; i < n.hidden; i++)
-                if (hidden[s].spikes >> i & 1)
+                if (sent >> i & 1)
                     for (int q = 0; q < NO; q++)
                         readout[s].current[q] +=
                             load<SO>(tables.events + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes);
@@ -272,7 +280,7 @@ NT_INLINE void add_product(Vectors<S, N> (&sum)[P], const T* g, int g_pitch, con
         for (int q = 0; q < N; q++) sum[s][q] += odd[s][q];
 }
 
-template <class T, int HP, int OP, Membrane M, Reset R>
+template <class T, int HP, int OP, Membrane M, Reset R, int D>
 void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& tape, const Gradients<T>& grad,
                      T* sums, int64_t first) {
     using F = Form<T, HP, OP>;
@@ -286,7 +294,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
     const auto threshold_out = all<SO>(net.readout.threshold[0]), scale_out = all<SO>(net.scale);
     const Events list(n);
     const int64_t steps = n.steps;
-    constexpr int64_t lag = M == Membrane::immediate ? 1 : 0;
+    constexpr int64_t lag = kLag<M, D>;
     if (steps == 0) return;
     const T* membrane = tape.membrane + first * steps * HP;
     const T* readout_membrane = tape.readout_membrane + first * steps * OP;
@@ -297,7 +305,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
     alignas(64) T g[N][HP], g_out[N][OP];
     LayerAdjoint<SH, NH> hidden[N];
     LayerAdjoint<SO, NO> readout[N];
-    Vectors<SH, NH> spike_gradient[N];
+    Vectors<SH, NH> spike_gradient[N], waiting[N];  // dL/ds[t+1] in turn t; with a delay, dL/ds[t]
     const int64_t last = steps - 1;
     for (int s = 0; s < N; s++) {
         const int64_t trial = first + s;
@@ -306,7 +314,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
         if (grad.readout && real) std::memcpy(class_gradient[s], grad.readout + trial * n.classes, n.classes * sizeof(T));
         hidden[s].after = load_all<SH, NH>(membrane + (s * steps + last) * HP);
         readout[s].after = load_all<SO, NO>(readout_membrane + (s * steps + last) * OP);
-        spike_gradient[s] = Vectors<SH, NH>{};
+        spike_gradient[s] = waiting[s] = Vectors<SH, NH>{};
     }
     const int out_rows = n.classes + n.classes % 2, hidden_rows = n.hidden + n.hidden % 2;
     Vectors<SO, NO> current_out[N];
@@ -314,20 +322,33 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
         const T* row = readout_membrane + (s * steps + step) * OP;
         const Vectors<SO, NO> before = step ? load_all<SO, NO>(row - OP) : Vectors<SO, NO>{};
         Vectors<SO, NO> decided{};  // s[T] is sent only under `immediate`
-        if (lag || step < last) decided = load_all<SO, NO>(class_gradient[s]);
+        if (M == Membrane::immediate || step < last) decided = load_all<SO, NO>(class_gradient[s]);
         current_out[s] = layer_back<M, R>(readout[s], before, decided, alpha_out, beta_out, threshold_out, scale_out);
         store_all(g_out[s], current_out[s]);
+    };
+    const auto spikes_at = [&](int s, int64_t step) __attribute__((always_inline)) {
+        return step > 0 ? spikes[s * steps + step - 1] : 0;
+    };
+    // dL/ds[t-D], from where turn t took it: into the readout and, but for the turn after the last step, into the
+    // hidden layer.
+    const auto gather_spike_gradient = [&](bool into_hidden) __attribute__((always_inline)) {
+        auto& gathered = D ? waiting : spike_gradient;
+        for (int s = 0; s < N; s++) {
+            if (D) spike_gradient[s] = waiting[s];
+            gathered[s] = load_all<SH, NH>(count_gradient[s]);
+        }
+        add_product(gathered, g_out[0], OP, tables.w_out_transposed, out_rows);
+        if (into_hidden) add_product(gathered, g[0], HP, tables.w_rec_transposed, hidden_rows);
     };
     if (lag) {
         for (int s = 0; s < N; s++) {
             readout_back(s, last);
             for (int i = 0; i < n.hidden; i++)
-                if (spikes[s * steps + last] >> i & 1)
+                if (spikes_at(s, steps - D) >> i & 1)
                     for (int q = 0; q < NO; q++)
                         add_at<SO>(sums + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes, current_out[s][q]);
-            spike_gradient[s] = load_all<SH, NH>(count_gradient[s]);
         }
-        add_product(spike_gradient, g_out[0], OP, tables.w_out_transposed, out_rows);
+        gather_spike_gradient(false);
     }
     for (int64_t t = last; t >= 0; t--) {
         Vectors<SH, NH> current[N];
@@ -342,8 +363,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
         for (int k = 0; k < list.n_words; k++) {
             uint64_t events[N];
             for (int s = 0; s < N; s++) {
-                const int64_t row = s * steps + t;
-                events[s] = list(k, inputs + row * list.in_words, t ? spikes[row - 1] : 0);
+                events[s] = list(k, inputs + (s * steps + t) * list.in_words, spikes_at(s, t - D));
             }
             T* table = sums + k * kRows * F::pitch;
             while (any(events))
@@ -354,10 +374,7 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
                     for (int q = 0; q < NO; q++) add_at<SO>(row + HP + q * SO::lanes, current_out[s][q]);
                 }
         }
-        // dL/ds[t], from where s[t] went: into the hidden layer and into the readout.
-        for (int s = 0; s < N; s++) spike_gradient[s] = load_all<SH, NH>(count_gradient[s]);
-        add_product(spike_gradient, g_out[0], OP, tables.w_out_transposed, out_rows);
-        add_product(spike_gradient, g[0], HP, tables.w_rec_transposed, hidden_rows);
+        gather_spike_gradient(true);
     }
 }
 
@@ -377,6 +394,18 @@ NT_INLINE void with_form(const Layout& layout, const Run& run) {
     }
 }
 
+template <class T, class Run>
+NT_INLINE void with_kernel(const Net<T>& net, const Layout& layout, const Run& run) {
+    with_form(layout, [&](auto HP, auto OP) __attribute__((always_inline)) {
+        with_variant(net.membrane, net.reset, [&](auto M, auto R) __attribute__((always_inline)) {
+            if constexpr (M == Membrane::delayed) {
+                if (net.recurrent_delay) return run(HP, OP, M, R, std::integral_constant<int, 1>());
+            }
+            run(HP, OP, M, R, std::integral_constant<int, 0>());
+        });
+    });
+}
+
 }  // namespace
 
 template <class T>
@@ -392,20 +421,18 @@ bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& ou
 #pragma omp parallel num_threads(net.threads) reduction(+ : others)
     {
         uint64_t* mine = (uint64_t*)(block.data() + measure.bytes()) + omp_get_thread_num() * kPair * trial_words;
-        with_form(layout, [&](auto HP, auto OP) __attribute__((always_inline)) {
-            with_variant(net.membrane, net.reset, [&](auto M, auto R) {
+        with_kernel(net, layout, [&](auto HP, auto OP, auto M, auto R, auto D) {
 #pragma omp for schedule(dynamic, 4)
-                for (int64_t pair = 0; pair < pairs; pair++) {
-                    const int64_t first = pair * kPair;
-                    uint64_t* inputs = tape ? tape->inputs + first * trial_words : mine;
-                    for (int s = 0; s < kPair; s++) {
-                        uint64_t* to = inputs + s * trial_words;
-                        if (first + s < n.trials) others += !pack_trial(net.spikes, first + s, n.steps, n.inputs, to);
-                        else std::memset(to, 0, trial_words * sizeof(uint64_t));
-                    }
-                    forward_trials<T, HP.value, OP.value, M.value, R.value>(net, tables, first, inputs, out, tape);
+            for (int64_t pair = 0; pair < pairs; pair++) {
+                const int64_t first = pair * kPair;
+                uint64_t* inputs = tape ? tape->inputs + first * trial_words : mine;
+                for (int s = 0; s < kPair; s++) {
+                    uint64_t* to = inputs + s * trial_words;
+                    if (first + s < n.trials) others += !pack_trial(net.spikes, first + s, n.steps, n.inputs, to);
+                    else std::memset(to, 0, trial_words * sizeof(uint64_t));
                 }
-            });
+                forward_trials<T, HP.value, OP.value, M.value, R.value, D.value>(net, tables, first, inputs, out, tape);
+            }
         });
     }
     return others == 0;
@@ -425,17 +452,15 @@ void small_backward(const Net<T>& net, const Layout& layout, const Tape<T>& tape
     const Tables<T> tables = backward_tables(net, layout, carver);
     T* all_sums = carver.take<T>(groups * sums_size);
 #pragma omp parallel num_threads(net.threads)
-    with_form(layout, [&](auto HP, auto OP) __attribute__((always_inline)) {
-        with_variant(net.membrane, net.reset, [&](auto M, auto R) {
+    with_kernel(net, layout, [&](auto HP, auto OP, auto M, auto R, auto D) {
 #pragma omp for schedule(dynamic, 1)
-            for (int group = 0; group < groups; group++) {
-                T* sums = all_sums + group * sums_size;
-                std::memset(sums, 0, sums_size * sizeof(T));
-                const int64_t end = blocks * (group + 1) / groups * kBlock;
-                for (int64_t first = blocks * group / groups * kBlock; first < end && first < n.trials; first += kPair)
-                    backward_trials<T, HP.value, OP.value, M.value, R.value>(net, tables, tape, grad, sums, first);
-            }
-        });
+        for (int group = 0; group < groups; group++) {
+            T* sums = all_sums + group * sums_size;
+            std::memset(sums, 0, sums_size * sizeof(T));
+            const int64_t end = blocks * (group + 1) / groups * kBlock;
+            for (int64_t first = blocks * group / groups * kBlock; first < end && first < n.trials; first += kPair)
+                backward_trials<T, HP.value, OP.value, M.value, R.value, D.value>(net, tables, tape, grad, sums, first);
+        }
     });
     // Group after group, whatever thread did them.
     const auto add_up = [&](int event, int offset, int columns, T* to) {

@@ -20,19 +20,18 @@ constexpr int kTileVectors = kVectorBytes == 64 ? 3 : 2;
 template <class T>
 struct TrialState {
     T *current, *membrane, *readout_current, *readout_membrane;
-    uint64_t *inputs, *spikes, *next, *decided;
+    uint64_t *inputs, *decided;
+    SpikeHistory spikes;
     uint32_t *rows, *counts, *readout_counts;
     int hidden_pitch, readout_pitch;
 
     TrialState(const Sizes& n, const Layout& layout, Carver& carver)
-        : hidden_pitch(layout.hidden_pitch), readout_pitch(layout.readout_pitch) {
+        : spikes(n.hidden, carver), hidden_pitch(layout.hidden_pitch), readout_pitch(layout.readout_pitch) {
         current = carver.take<T>(hidden_pitch);
         membrane = carver.take<T>(hidden_pitch);
         readout_current = carver.take<T>(readout_pitch);
         readout_membrane = carver.take<T>(readout_pitch);
         inputs = carver.take<uint64_t>(words(n.inputs));
-        spikes = carver.take<uint64_t>(words(n.hidden));
-        next = carver.take<uint64_t>(words(n.hidden));
         decided = carver.take<uint64_t>(words(n.classes) + 1);
         rows = carver.take<uint32_t>(n.inputs + n.hidden);
         counts = carver.take<uint32_t>(n.hidden);
@@ -43,7 +42,7 @@ struct TrialState {
         std::memset(membrane, 0, hidden_pitch * sizeof(T));
         std::memset(readout_current, 0, readout_pitch * sizeof(T));
         std::memset(readout_membrane, 0, readout_pitch * sizeof(T));
-        std::memset(spikes, 0, words(n.hidden) * 8);
+        spikes.clear(n.hidden);
         std::memset(decided, 0, (words(n.classes) + 1) * 8);
         std::memset(counts, 0, n.hidden * 4);
         std::memset(readout_counts, 0, n.classes * 4);
@@ -66,9 +65,10 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         const int64_t row = trial * n.steps + t;
         binary &= pack_step(net.spikes, trial, t, n.inputs, s.inputs);
         int n_rows = list_rows(s.inputs, in_words, 0, s.rows, 0);
-        if (net.w_rec) n_rows = list_rows(s.spikes, hid_words, n.inputs, s.rows, n_rows);
-        advance_layer<T, M, R>(tables.hidden, tables.table, s.rows, n_rows, s.current, s.membrane, s.next);
-        const uint64_t* emitted = M == Membrane::immediate ? s.next : s.spikes;
+        if (net.w_rec)
+            n_rows = list_rows(s.spikes.recurrent(net.recurrent_delay), hid_words, n.inputs, s.rows, n_rows);
+        advance_layer<T, M, R>(tables.hidden, tables.table, s.rows, n_rows, s.current, s.membrane, s.spikes.next);
+        const uint64_t* emitted = M == Membrane::immediate ? s.spikes.next : s.spikes.now;
         count_bits(emitted, hid_words, s.counts);
         if (out.raster) {
             T* line = out.raster + row * n.hidden;
@@ -84,7 +84,7 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         if (tape) {
             std::memcpy(tape->membrane + row * s.hidden_pitch, s.membrane, s.hidden_pitch * sizeof(T));
             std::memcpy(tape->inputs + row * in_words, s.inputs, in_words * 8);
-            std::memcpy(tape->spikes + row * hid_words, s.next, hid_words * 8);
+            std::memcpy(tape->spikes + row * hid_words, s.spikes.next, hid_words * 8);
             if (tape->current) std::memcpy(tape->current + row * s.hidden_pitch, s.current, s.hidden_pitch * sizeof(T));
             if (n.classes)
                 std::memcpy(tape->readout_membrane + row * s.readout_pitch, s.readout_membrane,
@@ -93,9 +93,7 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
                 std::memcpy(tape->readout_current + row * s.readout_pitch, s.readout_current,
                             s.readout_pitch * sizeof(T));
         }
-        uint64_t* swapped = s.spikes;
-        s.spikes = s.next;
-        s.next = swapped;
+        s.spikes.step();
     }
     if (out.hidden)
         for (int i = 0; i < n.hidden; i++) out.hidden[trial * n.hidden + i] = (T)s.counts[i];
@@ -346,6 +344,7 @@ void backward_block(const Net<T>& net, const BackwardTables<T>& tables, const Ta
         if (n.classes) add_product(readout_history, readout_pitch, tables.out, s.emitted, trials);
     };
     int filled = 0;  // steps in the history
+    const T* later = nullptr;  // the history of step t+1
     s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
     for (int64_t t = n.steps - 1; t >= 0; t--) {
         T* history = s.history + (int64_t)filled * kBlock * pitch;
@@ -372,13 +371,19 @@ void backward_block(const Net<T>& net, const BackwardTables<T>& tables, const Ta
                                 tape.current ? tape.current + row * pitch : nullptr, s.emitted + at, s.current + at,
                                 s.membrane + at, history + at, learned ? sums.hidden_dynamics : nullptr);
             const int slot = filled * kBlock + m;
-            const uint64_t* spikes = t ? tape.spikes + (row - 1) * hid_words : s.silent;
+            const auto spikes_of = [&](int64_t step) { // s[step]
+                return step > 0 ? tape.spikes + (row - t + step - 1) * hid_words : s.silent;
+            };
+            const uint64_t* spikes = spikes_of(t);
             s.inputs.add(tape.inputs + row * in_words, slot);
-            if (net.w_rec) s.recurrent.add(spikes, slot);
+            if (net.w_rec) s.recurrent.add(spikes_of(t - net.recurrent_delay), slot);
             if (n.classes) s.sent.add(M == Membrane::immediate ? tape.spikes + row * hid_words : spikes, slot);
         }
         clear(s.emitted, (int64_t)trials * pitch);
-        if (net.w_rec) add_product(history, pitch, tables.recurrent, s.emitted, trials);
+        // dL/ds[t] through what comes back to the layer: in I[t+1+d]
+        const T* returning = net.recurrent_delay ? later : history;
+        if (net.w_rec && returning) add_product(returning, pitch, tables.recurrent, s.emitted, trials);
+        later = history;
         if (M != Membrane::immediate) add_emission(t, readout_history);
         if (grad.spikes) {
             clear(s.input_gradient, (int64_t)trials * tables.in.pitch);

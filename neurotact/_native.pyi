@@ -11,6 +11,7 @@ def make_shape(
     classes: int,
     membrane: int,
     reset: int,
+    recurrent_delay: int,
     scale: float,
     recurrent: bool,
     per_neuron: bool,

@@ -195,29 +195,38 @@ SpikeFunction = Callable[[Tensor], Tensor]
 
 
 class CubaLIFState(NamedTuple):
-    """Synaptic current, membrane potential and transmitted spikes, each `(trial, neuron)`."""
+    """Synaptic current I[t], membrane potential U[t] and spikes s[t] and s[t-1], each `(trial, neuron)`."""
 
     current: Tensor
     membrane: Tensor
     spikes: Tensor
+    spikes_before: Tensor
 
 
 @dataclass(frozen=True)
 class CubaLIF:
-    """A current-based LIF neuron (texture paper, Eqs. 4 to 6): which membrane, which reset.
+    """A current-based LIF neuron (texture paper, Eqs. 4 to 6): which membrane, which reset, which recurrent delay.
 
-    membrane: `eq4` b(U[t] + I[t]) (texture paper), `delayed` b U[t] + I[t] (SpyTorch, the Braille study),
+    membrane: `eq4` b(U[t] + I[t]) (texture paper), `delayed` b U[t] + I[t] (SpyTorch),
         `immediate` b U[t] + I[t+1] (snnTorch, NIR), with b = exp(-dt / tau_mem).
-    reset: `zero` multiplies that sum by (1 - s[t]) (texture paper, snnTorch), `subtract` takes the threshold off
-        it, `hard` sets U[t] to 0 before it is formed (NIR, Loihi). The reset carries no gradient.
+    reset: `zero` multiplies that sum by (1 - s[t]) (texture paper, SpyTorch, snnTorch), `subtract` takes the
+        threshold off it, `hard` sets U[t] to 0 before it is formed (NIR, Loihi). The reset carries no gradient.
+    recurrent_delay_steps: d of the recurrent input V s[t-d] to I[t+1]: 0 (texture paper, snnTorch) or 1 (SpyTorch).
 
-    Step t transmits s[t] under `eq4` and `delayed`, and s[t+1] under `immediate`.
+    Step t transmits s[t] under `eq4` and `delayed`, and s[t+1] under `immediate`. So what comes back in step t was
+    transmitted d steps before under `eq4` and `delayed`, and d + 1 steps before under `immediate`.
+
+    The Braille-reading study has two networks: its recurrent one, after SpyTorch's tutorials, is `delayed`, `zero`
+    and d = 1; the one for Loihi is `immediate`, `hard` and d = 0.
     """
 
     membrane: Membrane = "eq4"
     reset: Reset = "zero"
+    recurrent_delay_steps: int = 0
 
     def __post_init__(self) -> None:
+        if self.recurrent_delay_steps not in (0, 1):
+            raise InputError(f"recurrent_delay_steps: must be 0 or 1; got {self.recurrent_delay_steps!r}")
         for key, value, known in (("membrane", self.membrane, Membrane), ("reset", self.reset, Reset)):
             if value not in get_args(known):
                 raise InputError(f"{key}: '{value}' is unknown; {nearest(value, get_args(known))}")
@@ -226,7 +235,17 @@ class CubaLIF:
 def cuba_lif_start(n_trials: int, n_neurons: int, like: Tensor) -> CubaLIFState:
     """The zero state, with the float type and device of `like`."""
     zero = torch.zeros(n_trials, n_neurons, dtype=like.dtype, device=like.device)
-    return CubaLIFState(zero, zero, zero)
+    return CubaLIFState(zero, zero, zero, zero)
+
+
+def recurrent_spikes(neuron: CubaLIF, state: CubaLIFState) -> Tensor:
+    """The spikes that drive `I[t+1]` through the recurrent weights: s[t-d].
+
+    >>> state = CubaLIFState(*(torch.full((1, 1), value) for value in (0.0, 0.0, 1.0, 0.0)))  # s[t] = 1, s[t-1] = 0
+    >>> [recurrent_spikes(CubaLIF(recurrent_delay_steps=d), state).item() for d in (0, 1)]
+    [1.0, 0.0]
+    """
+    return state.spikes_before if neuron.recurrent_delay_steps else state.spikes
 
 
 def cuba_lif_step(
@@ -264,7 +283,7 @@ def cuba_lif_step(
     elif neuron.reset == "subtract":
         membrane = membrane - (1 - keep) * _detached(threshold)
     # The surrogates of snntorch give float32 whatever they are given.
-    following = CubaLIFState(current, membrane, spike(membrane - threshold).to(membrane.dtype))
+    following = CubaLIFState(current, membrane, spike(membrane - threshold).to(membrane.dtype), state.spikes)
     return (following if neuron.membrane == "immediate" else state).spikes, following
 
 

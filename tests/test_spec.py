@@ -162,6 +162,21 @@ def test_a_choice_names_what_it_may_be(key, value):
         assert refusal(RSNNSpec, {key: value}).startswith(f"{key}: must be '")
 
 
+@given(value=BAD_NUMBERS | NO_NUMBERS | st.sampled_from([2, -1, 0.5, True, False, "0"]))
+def test_a_recurrent_delay_is_no_step_or_one(value):
+    assert refusal(RSNNSpec, {"recurrent_delay_steps": value}).startswith("recurrent_delay_steps: must be ")
+
+
+def test_a_spec_without_a_delay_is_written_as_before_there_were_delays():
+    """Seeds are drawn from what is written: numbers that were published must come out again."""
+    none, one = RSNNSpec(recurrent_delay_steps=0), RSNNSpec(recurrent_delay_steps=1)
+    assert one.model_dump(mode="json") == none.model_dump(mode="json") | {"recurrent_delay_steps": 1}
+    assert "recurrent_delay_steps" not in none.model_dump() | none.model_dump(mode="json")
+    assert none.digest() == RSNNSpec().digest() != one.digest()
+    for spec in (none, one):
+        assert build(RSNNSpec, spec.model_dump(mode="json"), "my.toml") == spec
+
+
 @pytest.mark.parametrize("value", [5, "sa1", [], True])
 def test_a_value_where_a_table_belongs_is_refused(value):
     assert refusal(AfferentSpec, override(ENCODER, {"sa1": value})).startswith("sa1: must be a table; got")

@@ -2,6 +2,8 @@
 
 Texture paper, Eqs. 8 and 9, per projection: input to hidden, hidden to hidden, hidden to readout. The paper
 leaves open whether the recurrent fan-out counts, so both totals are given. Only steps that were simulated count.
+A spike counts whole in the step that sends it, also where it comes back to the hidden layer a step or two later (under
+the membrane `immediate`, with a recurrent delay) and the window has ended by then.
 """
 
 from collections.abc import Sequence

@@ -27,6 +27,7 @@ def cuba_lif_layer(
     w: weights `(presynaptic, postsynaptic)`, float32 or float64.
     v: recurrent weights `(postsynaptic, postsynaptic)`; none, no recurrence.
     alpha, beta, threshold: synaptic and membrane decay a step and the threshold, one value or one a neuron.
+    neuron: membrane, reset and recurrent delay.
 
     Differentiable in x, w, v, alpha, beta and threshold, so that layers stack:
 

@@ -222,7 +222,7 @@ def _shape(
 ) -> Any:  # fmt: skip
     return native.make_shape(
         n_inputs, n_hidden, n_classes, get_args(Membrane).index(neuron.membrane), get_args(Reset).index(neuron.reset),
-        scale, recurrent, per_neuron, keep_currents, with_inputs,
+        neuron.recurrent_delay_steps, scale, recurrent, per_neuron, keep_currents, with_inputs,
     )  # fmt: skip
 
 

@@ -3,7 +3,15 @@
 import torch
 from torch import Tensor
 
-from neurotact.neurons import CubaLIF, CubaLIFState, Decay, SpikeFunction, cuba_lif_start, cuba_lif_step
+from neurotact.neurons import (
+    CubaLIF,
+    CubaLIFState,
+    Decay,
+    SpikeFunction,
+    cuba_lif_start,
+    cuba_lif_step,
+    recurrent_spikes,
+)
 
 
 def cuba_lif_layer(
@@ -19,11 +27,12 @@ def cuba_lif_layer(
     state: CubaLIFState | None = None,
     ordered: bool = False,
 ) -> tuple[Tensor, CubaLIFState]:
-    """Run one layer over a window: `I[t+1] = alpha I[t] + x[t] w + s[t] v` (texture paper, Eq. 5).
+    """Run one layer over a window: `I[t+1] = alpha I[t] + x[t] w + s[t-d] v` (texture paper, Eq. 5, has d = 0).
 
     x: spikes into the layer, `(trial, time, presynaptic)`, of the weights' float type.
     w, v: weights `(presynaptic, postsynaptic)`; no `v`, no recurrence.
     alpha, beta, threshold: numbers or tensors that broadcast over `(postsynaptic,)`.
+    neuron: membrane, reset and d, the recurrent delay.
     ordered: add decay, then inputs, then recurrence in ascending order, as the native kernels do. A matrix
         product changes its last bits with the batch; this does not.
 
@@ -35,13 +44,13 @@ def cuba_lif_layer(
     transmitted = []
     # unbind, not indexing: its gradient is one stack, where an index a step would cost steps squared.
     for arriving in (x if ordered else x @ w).unbind(dim=1):
-        current = alpha * state.current
+        current, returning = alpha * state.current, recurrent_spikes(neuron, state)
         if ordered:
             current = _add_ascending(current, arriving, w)
-            current = current if v is None else _add_ascending(current, state.spikes, v)
+            current = current if v is None else _add_ascending(current, returning, v)
         else:
             current = current + arriving
-            current = current if v is None else torch.addmm(current, state.spikes, v)
+            current = current if v is None else torch.addmm(current, returning, v)
         spikes, state = cuba_lif_step(neuron, current, state, beta, threshold, spike)
         transmitted.append(spikes)
     if not transmitted:

@@ -77,7 +77,7 @@ class RSNN(nn.Module):
         self.spec = spec
         self.sampling_rate_Hz = sampling_rate_Hz
         self.backend: Backend = backend
-        self.neuron = CubaLIF(spec.membrane, spec.reset)
+        self.neuron = CubaLIF(spec.membrane, spec.reset, spec.recurrent_delay_steps)
         self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
 
         def normal(rows: int, columns: int, deviation: float) -> nn.Parameter:

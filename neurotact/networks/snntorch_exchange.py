@@ -1,8 +1,8 @@
 """Exchange of networks with snnTorch: Linear, RSynaptic, Linear, Synaptic, stepped over time.
 
-snnTorch's neurons are those with membrane `immediate` and reset `zero` or `subtract`; they clamp alpha and beta
-to [0, 1] and have a bias in every projection, which must be zero here. Weights are transposed on the way, because
-torch.nn.Linear keeps them as (postsynaptic, presynaptic).
+snnTorch's neurons are those with membrane `immediate`, reset `zero` or `subtract` and no recurrent delay; they clamp
+alpha and beta to [0, 1] and have a bias in every projection, which must be zero here. Weights are transposed on the
+way, because torch.nn.Linear keeps them as (postsynaptic, presynaptic).
 """
 
 import math
@@ -54,7 +54,8 @@ class SnnTorchNetwork(nn.Module):
 def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
-    Raises InputError unless the network is float32, `immediate`, reset `zero` or `subtract`, alpha and beta in [0, 1].
+    Raises InputError unless the network is float32, recurrent without a delay, `immediate`, reset `zero` or `subtract`,
+    alpha and beta in [0, 1].
     In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20, membrane="immediate"), sampling_rate_Hz=2000.0)
@@ -69,6 +70,8 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     w_rec = network.w_rec
     if w_rec is None:
         raise InputError("model: networks without recurrence ('snn') are not exchanged with snnTorch; train an 'rsnn'")
+    if network.spec.recurrent_delay_steps:
+        raise InputError("recurrent_delay_steps: snnTorch has no delay; train the network with 0")
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)

@@ -1,8 +1,8 @@
 """What a network spec says (`networks/*.toml`)."""
 
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec
@@ -28,11 +28,13 @@ class RSNNSpec(Spec):
     folder: ClassVar[str] = "networks"
 
     model: Literal["rsnn", "snn"] = "rsnn"
-    """rsnn: the hidden layer is recurrent; snn: it is not, and `recurrent_weight_scale` is not looked at."""
+    """rsnn: the hidden layer is recurrent; snn: it is not, and the two `recurrent_...` keys are not looked at."""
     hidden: int = Field(default=30, ge=1, le=1024)
     """Neurons in the hidden layer."""
     membrane: Membrane = "eq4"
     reset: Reset = "zero"
+    recurrent_delay_steps: int = Field(default=0, ge=0, le=1, strict=True)
+    """d of `I[t+1] = alpha I[t] + W x[t] + V s[t-d]`: by how many steps a hidden spike comes back later."""
     tau_mem_ms: float = Field(default=20.0, gt=0)
     tau_syn_ms: float = Field(default=10.0, gt=0)
     surrogate_scale: float = Field(default=10.0, gt=0)
@@ -49,3 +51,11 @@ class RSNNSpec(Spec):
     def recurrent(self) -> bool:
         """Whether hidden neurons hear one another."""
         return self.model == "rsnn"
+
+    @model_serializer(mode="wrap")
+    def _without_no_delay(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A spec without a delay is written as before there were delays: seeds are drawn from what is written."""
+        table = dump(self)
+        if self.recurrent_delay_steps == 0:
+            table.pop("recurrent_delay_steps", None)
+        return table

@@ -4,6 +4,8 @@ import torch
 
 from neurotact.errors import InputError
 from neurotact.metrics.synops import COLUMNS, summary, synops, to_table
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
 
 # Trial 0: 2 afferents send 5 spikes, of 3 hidden neurons come 2, there are 4 readout neurons.
 #   input to hidden   5 spikes reach 3 neurons each   15
@@ -33,6 +35,21 @@ def test_sops_counted_by_hand():
     assert counted.readout.tolist() == [8, 0]
     assert counted.total.tolist() == [29, 0]
     assert counted.total_feedforward.tolist() == [23, 0]
+
+
+@pytest.mark.parametrize(("membrane", "delay", "sent"), [("immediate", 0, 1), ("immediate", 1, 1), ("delayed", 1, 0)])
+def test_a_spike_counts_in_the_step_that_sends_it(membrane, delay, sent):
+    # A window of one step: under `immediate` both hidden neurons spike in it, and their spikes come back after it;
+    # under `delayed` they would spike after it.
+    spec = RSNNSpec(hidden=2, membrane=membrane, recurrent_delay_steps=delay)
+    net = RSNN(1, 3, spec, 2000.0, dtype=torch.float64)
+    with torch.no_grad():
+        net.w_in.fill_(16.0)
+    decided = net.infer(torch.ones(1, 1, 1))
+    counted = synops(decided.input_spikes, decided.hidden_spikes, n_hidden=2, n_readout=3, recurrent=True)
+    assert counted.input.tolist() == [2]
+    assert counted.recurrent.tolist() == [2 * 2 * sent]
+    assert counted.readout.tolist() == [2 * 3 * sent]
 
 
 def test_tensors_count_as_arrays_and_do_not_overflow():

@@ -29,8 +29,10 @@ def spikes() -> torch.Tensor:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("membrane", ["eq4", "delayed", "immediate"])
-def test_a_round_trip_gives_identical_outputs(tmp_path, membrane, dtype):
-    net = network(dtype=dtype, membrane=membrane, reset="subtract", learn=("alpha",), surrogate_scale=7.0)
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_round_trip_gives_identical_outputs(tmp_path, membrane, delay, dtype):
+    variant = {"membrane": membrane, "reset": "subtract", "recurrent_delay_steps": delay}
+    net = network(dtype=dtype, **variant, learn=("alpha",), surrogate_scale=7.0)
     extra = {"classes": ["rough", "smooth", "ärmel", "d"], "best_epoch": 12, "losses": [1.5, 0.25], "encoder": None}
     save(net, tmp_path / "new" / "run", extra)
     again, metadata = load(tmp_path / "new" / "run", backend="reference")
@@ -51,6 +53,14 @@ def test_a_round_trip_gives_identical_outputs(tmp_path, membrane, dtype):
     a.readout.sum().backward()
     b.readout.sum().backward()
     assert torch.equal(net.w_in.grad, again.w_in.grad)
+
+
+def test_a_network_without_a_delay_is_written_as_before_there_were_delays(tmp_path):
+    save(network(), tmp_path / "none")
+    save(network(recurrent_delay_steps=1), tmp_path / "one")
+    kept = [json.loads((tmp_path / name / NETWORK).read_text())["spec"] for name in ("none", "one")]
+    assert "recurrent_delay_steps" not in kept[0]
+    assert kept[1] == kept[0] | {"recurrent_delay_steps": 1}
 
 
 def test_saving_twice_replaces_and_leaves_no_draft(tmp_path):
@@ -127,6 +137,8 @@ def rewrite(folder, tensors=None, **changes):
         ({"dtype": ["float32"]}, "dtype"),
         ({"spec": {"hiden": 10}}, "hiden: unknown key; did you mean 'hidden'"),
         ({"spec": {"hidden": 11}}, "'w_in'"),
+        ({"spec": {"hidden": 10, "recurrent_delay_steps": 2}}, "recurrent_delay_steps: must be <= 1; got 2"),
+        ({"spec": {"hidden": 10, "recurrent_delay_steps": True}}, "recurrent_delay_steps: must be a valid integer"),
         ({"spec": []}, "spec must be a table"),
     ],
 )

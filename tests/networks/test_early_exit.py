@@ -174,8 +174,9 @@ def test_the_oracle_worked_by_hand():
 
 @pytest.mark.parametrize("membrane", ["eq4", "delayed", "immediate"])
 @pytest.mark.parametrize("since_spike", [False, True])
-def test_infinite_patience_is_the_full_window(membrane, since_spike):
-    network, spikes = lively(membrane=membrane)
+@pytest.mark.parametrize("delay", [0, 1])
+def test_infinite_patience_is_the_full_window(membrane, since_spike, delay):
+    network, spikes = lively(membrane=membrane, recurrent_delay_steps=delay)
     counts, rasters = network(spikes), network.simulate(spikes)
     full = network.infer(spikes)
     for rule in (FULL_WINDOW, ExitRule(None, since_spike), ExitRule(80, since_spike)):
@@ -189,8 +190,9 @@ def test_infinite_patience_is_the_full_window(membrane, since_spike):
     assert full.readout.sum() > 100  # the network did speak
 
 
-def test_only_simulated_steps_are_computed_and_counted():
-    network, spikes = lively()
+@pytest.mark.parametrize("delay", [0, 1])
+def test_only_simulated_steps_are_computed_and_counted(delay):
+    network, spikes = lively(recurrent_delay_steps=delay)
     rasters, rule = network.simulate(spikes), ExitRule(15, from_first_spike=True)
     worked = 0
 

@@ -24,6 +24,7 @@ TOLERANCE = {torch.float32: 1e-4, torch.float64: 1e-9}
 LEARNED = ("alpha", "beta", "threshold")
 each_variant = pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
 dtypes = st.sampled_from([torch.float32, torch.float64])
+delays = st.sampled_from([0, 1])
 isas = st.sampled_from(native.isas() if native.native else ["plain"])
 
 
@@ -123,14 +124,16 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
     n_threads=st.integers(1, 4),
     learns=st.booleans(),
     with_inputs=st.booleans(),
+    delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=12)
+@settings(max_examples=24)
 def test_counts_and_gradients_are_the_reference_s(
-    membrane, reset, sizes, window, density, dtype, isa, n_threads, learns, with_inputs, seed
+    membrane, reset, sizes, window, density, dtype, isa, n_threads, learns, with_inputs, delay, seed
 ):
     n_in, hidden, classes = sizes
-    net = network(n_in, hidden, classes, seed, dtype, membrane=membrane, reset=reset, learn=LEARNED if learns else ())
+    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
+    net = network(n_in, hidden, classes, seed, dtype, **variant, learn=LEARNED if learns else ())
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
     compare(net, spikes(*window, n_in, density, seed), with_inputs)
@@ -138,8 +141,18 @@ def test_counts_and_gradients_are_the_reference_s(
 
 @pytest.mark.parametrize("hidden", [64, 65, 128, 200])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_wide_layers_agree(hidden, dtype):
-    compare(network(70, hidden, 27, dtype=dtype), spikes(19, 40, 70, 0.1))
+@pytest.mark.parametrize("delay", [0, 1])
+def test_wide_layers_agree(hidden, dtype, delay):
+    compare(network(70, hidden, 27, dtype=dtype, recurrent_delay_steps=delay), spikes(19, 40, 70, 0.1))
+
+
+@each_variant
+@pytest.mark.parametrize("delay", [0, 1])
+@pytest.mark.parametrize("n_steps", [1, 2, 3])
+@pytest.mark.parametrize("hidden", [20, 70])
+def test_windows_no_longer_than_the_delays_agree(membrane, reset, delay, n_steps, hidden):
+    net = network(5, hidden, membrane=membrane, reset=reset, recurrent_delay_steps=delay, dtype=torch.float64)
+    compare(net, spikes(5, n_steps, density=0.8))
 
 
 @pytest.mark.slow
@@ -149,8 +162,10 @@ def test_the_widest_layer_agrees(membrane):
 
 
 @each_variant
-def test_a_negative_threshold_is_no_special_case(membrane, reset):
-    net = network(membrane=membrane, reset=reset, learn=LEARNED, dtype=torch.float64)
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_negative_threshold_is_no_special_case(membrane, reset, delay):
+    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
+    net = network(**variant, learn=LEARNED, dtype=torch.float64)
     with torch.no_grad():
         net.threshold.copy_(torch.tensor([-0.1, -0.2]))
     compare(net, spikes(5, 12))
@@ -187,10 +202,10 @@ def test_spikes_other_than_0_and_1_are_refused(value):
 # --- what training needs -----------------------------------------------------------------------------
 
 
-def trained(n_threads: int, hidden: int, isa: str, steps: int = 100) -> list[Tensor]:
+def trained(n_threads: int, hidden: int, delay: int, isa: str, steps: int = 100) -> list[Tensor]:
     torch.set_num_threads(n_threads)
     native.set_isa(isa)
-    net, x = network(6, hidden, 4), spikes(37, 40, 6)
+    net, x = network(6, hidden, 4, recurrent_delay_steps=delay), spikes(37, 40, 6)
     labels = torch.arange(37) % 4
     optimiser = torch.optim.Adam(net.parameters(), lr=1e-2)
     for _ in range(steps):
@@ -203,10 +218,11 @@ def trained(n_threads: int, hidden: int, isa: str, steps: int = 100) -> list[Ten
 
 
 @pytest.mark.parametrize("hidden", [20, 70])
-def test_a_hundred_adam_steps_give_the_same_weights_on_any_thread_count_and_instruction_set(hidden):
-    wanted = trained(1, hidden, native.isas()[-1])
-    assert all(map(torch.equal, trained(2, hidden, native.isas()[-1]), wanted))
-    assert all(map(torch.equal, trained(1, hidden, native.isas()[0]), wanted))
+@pytest.mark.parametrize("delay", [0, 1])
+def test_a_hundred_adam_steps_give_the_same_weights_on_any_thread_count_and_instruction_set(hidden, delay):
+    wanted = trained(1, hidden, delay, native.isas()[-1])
+    assert all(map(torch.equal, trained(2, hidden, delay, native.isas()[-1]), wanted))
+    assert all(map(torch.equal, trained(1, hidden, delay, native.isas()[0]), wanted))
 
 
 def test_an_unused_output_has_no_gradient():
@@ -266,12 +282,14 @@ def test_gradients_follow_finite_differences_between_spikes(membrane):
     dtype=dtypes,
     isa=isas,
     n_threads=st.integers(1, 4),
+    delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=10)
-def test_inference_is_the_reference_s(membrane, reset, sizes, window, rule, dtype, isa, n_threads, seed):
+@settings(max_examples=20)
+def test_inference_is_the_reference_s(membrane, reset, sizes, window, rule, dtype, isa, n_threads, delay, seed):
     n_in, hidden, classes = sizes
-    net = network(n_in, hidden, classes, seed, dtype, membrane=membrane, reset=reset)
+    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
+    net = network(n_in, hidden, classes, seed, dtype, **variant)
     x = spikes(*window, n_in, seed=seed)
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
@@ -298,10 +316,13 @@ def test_inference_of_an_empty_window():
     dtype=dtypes,
     isa=isas,
     n_threads=st.integers(1, 4),
+    delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=10)
-def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, seed):
+@settings(max_examples=20)
+def test_a_layer_is_the_reference_s(
+    membrane, reset, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, delay, seed
+):
     n_in, n_out = sizes
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
@@ -315,7 +336,7 @@ def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, p
     shape = (n_out,) if per_neuron else ()
     dynamics = {"alpha": between(0.5, 0.9, *shape), "beta": between(0.7, 0.95, *shape)}
     dynamics["threshold"] = between(0.7, 1.2, *shape)
-    neuron = CubaLIF(membrane, reset)
+    neuron = CubaLIF(membrane, reset, delay)
     ours = cuba_lif_layer(x, w, v, neuron=neuron, backend="native", **dynamics)
     wanted, _ = reference.cuba_lif_layer(x, w, v, neuron=neuron, spike=FastSigmoid(10.0), ordered=True, **dynamics)
     assert torch.equal(ours, wanted)
@@ -324,8 +345,9 @@ def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, p
     assert all(farthest(a, b) <= limit(b) for a, b in pairs)
 
 
-def test_two_layers_are_the_fused_network():
-    net, x = network(dtype=torch.float64), spikes()
+@pytest.mark.parametrize("delay", [0, 1])
+def test_two_layers_are_the_fused_network(delay):
+    net, x = network(dtype=torch.float64, recurrent_delay_steps=delay), spikes()
     layer = {"neuron": net.neuron, "backend": "native"}
     hidden, out = (
         dict(zip(LEARNED, (net.alpha[k].detach(), net.beta[k].detach(), net.threshold[k].detach()), strict=True))
@@ -379,6 +401,16 @@ def test_a_feed_forward_network_is_the_reference_s(membrane, reset, sizes, windo
     net = network(n_in, hidden, classes, dtype=dtype, model="snn", membrane=membrane, reset=reset, learn=chosen)
     assert net.w_rec is None
     compare(net, spikes(*window, n_in), with_inputs=learn)
+
+
+@each_variant
+@pytest.mark.parametrize("hidden", [20, 70])
+def test_a_delay_changes_the_spikes(membrane, reset, hidden):
+    """Or else the tests of this file would compare two networks without one."""
+    nets = [network(5, hidden, membrane=membrane, reset=reset, recurrent_delay_steps=delay) for delay in (0, 1)]
+    x = spikes(8, 40)
+    assert not torch.equal(*(net(x).hidden for net in nets))
+    assert not torch.equal(*(net.infer(x).hidden_spikes for net in nets))
 
 
 @pytest.mark.parametrize("rule", [FULL_WINDOW, ExitRule(4), ExitRule(4, from_first_spike=True)])

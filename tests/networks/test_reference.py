@@ -19,6 +19,8 @@ from neurotact.neurons import CubaLIF, Membrane, Reset
 MEMBRANES, RESETS = get_args(Membrane), get_args(Reset)
 VARIANTS = [(membrane, reset) for membrane in MEMBRANES for reset in RESETS]
 SCALE = 3.0
+DELAYS = (0, 1)
+each_delay = pytest.mark.parametrize("delay", DELAYS)
 
 
 def network(membrane: str, reset: str, seed: int = 0, dtype=torch.float64, hidden: int = 5, **spec) -> RSNN:
@@ -83,9 +85,10 @@ def finite_difference(net: RSNN, x: Tensor, parameter: Tensor, h: float = 1e-6) 
     return slope
 
 
+@each_delay
 @pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
-def test_gradients_equal_finite_differences(membrane, reset):
-    net, x = network(membrane, reset), spikes()
+def test_gradients_equal_finite_differences(membrane, reset, delay):
+    net, x = network(membrane, reset, recurrent_delay_steps=delay), spikes()
     loss, resets = loss_of(net, x)
     loss.backward()
     assert 0.05 < resets.double().mean() < 0.95  # resets do act
@@ -205,29 +208,56 @@ def test_which_step_sends_what_worked_by_hand(membrane, reset):
     assert sent[0, :, 0].nonzero().flatten().tolist() == SENT_AT[membrane, reset]
 
 
+@each_delay
 @pytest.mark.parametrize(("membrane", "steps"), [("eq4", (2, 4)), ("delayed", (2, 4)), ("immediate", (0, 1))])
-def test_a_recurrent_spike_arrives_as_an_input_would(membrane, steps):
-    # Neuron 0 fires once and drives neuron 1 through v: s[t] stands in I[t+1], as x[t] does.
+def test_a_recurrent_spike_arrives_as_an_input_would(membrane, steps, delay):
+    # Neuron 0 fires once and drives neuron 1 through v: s[t-d] stands in I[t+1], as x[t] does.
     x = torch.zeros(1, 6, 1)
     x[0, 0] = 1
     w, v = torch.tensor([[8.0, 0.0]]), torch.tensor([[0.0, 8.0], [0.0, 0.0]])
     sent, _ = cuba_lif_layer(
-        x, w, v, alpha=0.0, beta=0.5, threshold=1.0, neuron=CubaLIF(membrane, "zero"), spike=FastSigmoid()
+        x, w, v, alpha=0.0, beta=0.5, threshold=1.0, neuron=CubaLIF(membrane, "zero", delay), spike=FastSigmoid()
     )
     assert sent[0, :, 0].nonzero().flatten().tolist() == [steps[0]]
-    assert sent[0, :, 1].nonzero().flatten().tolist() == [steps[1]]
+    assert sent[0, :, 1].nonzero().flatten().tolist() == [steps[1] + delay]
 
 
+# One neuron that inhibits itself: w = 16, v = -4, alpha = beta = 1/2, reset zero, a single input at step 0. By hand,
+# from t = 1; * marks a spike.
+INHIBITED = {
+    ("eq4", 0): [2],  # I 16 8 0 0      U 0  8* 0  0
+    ("eq4", 1): [2, 4],  # I 16 8 4 -2 -1  U 0  8* 0  2* 0  -1/2
+    ("delayed", 0): [2],  # I 16 8 0 0      U 0 16* 0  0
+    ("delayed", 1): [2, 4],  # I 16 8 4 -2 -1  U 0 16* 0  4* 0  -1
+    ("immediate", 0): [0, 2],  # I 16 4 2 -3 -3/2  U 16* 0  2* 0  -3/2
+    ("immediate", 1): [0],  # I 16 8 0 0       U 16* 0  0  0
+}
+
+
+@pytest.mark.parametrize(("membrane", "delay"), INHIBITED)
+@pytest.mark.parametrize("ordered", [False, True])
+def test_when_a_spike_comes_back_worked_by_hand(membrane, delay, ordered):
+    x = torch.zeros(1, 6, 1)
+    x[0, 0] = 1
+    sent, _ = cuba_lif_layer(
+        x, torch.tensor([[16.0]]), torch.tensor([[-4.0]]), alpha=0.5, beta=0.5, threshold=1.0,
+        neuron=CubaLIF(membrane, "zero", delay), spike=FastSigmoid(), ordered=ordered,
+    )  # fmt: skip
+    assert sent[0, :, 0].nonzero().flatten().tolist() == INHIBITED[membrane, delay]
+
+
+@each_delay
 @pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
-def test_the_layer_is_the_equations_written_with_indices(membrane, reset):
-    net, x = network(membrane, reset), spikes(4, 25)
+def test_the_layer_is_the_equations_written_with_indices(membrane, reset, delay):
+    net, x = network(membrane, reset, recurrent_delay_steps=delay), spikes(4, 25)
     W, V, alpha, beta, theta = (
         p.detach().numpy() for p in (net.w_in, net.w_rec, net.alpha[0], net.beta[0], net.threshold[0])
     )
     T = x.shape[1]
     current, u, s = (np.zeros((T + 1, 4, 5)) for _ in range(3))
     for t in range(T):
-        current[t + 1] = alpha * current[t] + x[:, t].numpy() @ W + s[t] @ V
+        returning = s[t - delay] if t >= delay else s[0]
+        current[t + 1] = alpha * current[t] + x[:, t].numpy() @ W + returning @ V
         before = u[t] * (1 - s[t]) if reset == "hard" else u[t]
         u[t + 1] = {
             "eq4": beta * (before + current[t]),
@@ -248,10 +278,11 @@ def test_the_layer_is_the_equations_written_with_indices(membrane, reset):
 # --- state and order ---------------------------------------------------------------------------------
 
 
+@each_delay
 @pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
 @pytest.mark.parametrize("cut", [0, 1, 11, 24, 25])
-def test_two_pieces_equal_the_whole(membrane, reset, cut):
-    net, x = network(membrane, reset), spikes(4, 25)
+def test_two_pieces_equal_the_whole(membrane, reset, cut, delay):
+    net, x = network(membrane, reset, recurrent_delay_steps=delay), spikes(4, 25)
 
     def run(x, state=None):
         return cuba_lif_layer(
@@ -266,9 +297,10 @@ def test_two_pieces_equal_the_whole(membrane, reset, cut):
     assert all(torch.equal(a, b) for a, b in zip(end, last, strict=True))
 
 
+@each_delay
 @pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
-def test_ordered_equals_plain_up_to_rounding(membrane, reset):
-    net, x = network(membrane, reset), spikes(10, 40)
+def test_ordered_equals_plain_up_to_rounding(membrane, reset, delay):
+    net, x = network(membrane, reset, recurrent_delay_steps=delay), spikes(10, 40)
     plain, ordered = net.simulate(x), net.simulate(x, ordered=True)
     assert torch.equal(plain.hidden, ordered.hidden)
     assert torch.equal(plain.readout, ordered.readout)
@@ -312,6 +344,8 @@ def test_spikes_of_other_afferents_are_refused():
         CubaLIF(membrane="imediate")  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError, match="did you mean 'subtract'"):
         CubaLIF(reset="substract")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="recurrent_delay_steps: must be 0 or 1; got 2"):
+        CubaLIF(recurrent_delay_steps=2)
 
 
 def test_a_feed_forward_network_is_a_recurrent_one_whose_recurrent_weights_are_zero():

@@ -225,6 +225,8 @@ def test_other_membranes_are_refused(membrane):
 def test_networks_that_snntorch_cannot_hold_are_refused():
     with pytest.raises(InputError, match="got 'hard'"):
         to_snntorch(network(reset="hard"))
+    with pytest.raises(InputError, match="recurrent_delay_steps: snnTorch has no delay; train the network with 0"):
+        to_snntorch(network(recurrent_delay_steps=1))
     with pytest.raises(InputError, match="float32"):
         to_snntorch(network().double())
     net = network()
