@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.room import check_room
 from neurotact.spec import Spec
 
 SUBSTEPS = 4
@@ -164,6 +165,7 @@ def simulate(spec: StiffnessSpec, progress: Callable[[int, int], None] | None = 
     >>> touch.signals.shape, touch.unit, touch.classes
     ((6, 6000, 4), 'mV', ('HR', 'RW', 'SR'))
     """
+    check_room(spec.n_trials, spec.n_samples, len(spec.taxel_x_mm))
     conditions = pd.DataFrame(
         [
             (label, placement, grasp)
