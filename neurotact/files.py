@@ -181,6 +181,14 @@ def read_json(path: str | Path) -> Any:
         raise InputError(f"{path}: is not valid JSON ({error}); restore the file or remove it") from error
 
 
+def read_text(path: str | Path) -> str:
+    """The text of a UTF-8 file; InputError as of `read_bytes`, and when it is not UTF-8."""
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8 text again") from error
+
+
 def read_bytes(path: str | Path) -> bytes:
     """The content of a file; InputError when there is no such file, it cannot be read, or it is too large."""
     path = existing(path)
@@ -228,10 +236,49 @@ def is_free(folder: str | Path) -> bool:
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
-    """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`)."""
+    """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`).
+
+    What is neither, such as a pipe or a device, is never opened: reading it may not end.
+    """
     path = Path(path)
-    if what == "folder" and not path.is_dir():
+    # os.path and not Path: a name that is too long, or in a folder without rights, is not there either.
+    if what == "folder" and not os.path.isdir(path):
         raise InputError(f"{path}: there is no such folder; check the path")
-    if what == "file" and not path.is_file():
+    if what == "file" and not os.path.isfile(path):
+        if os.path.exists(path) and not os.path.isdir(path):
+            raise InputError(f"{path}: is not a regular file (a pipe, a socket or a device); give a file on disk")
         raise InputError(f"{path}: there is no such file; check the path")
     return path
+
+
+def below(folder: str | Path) -> list[Path]:
+    """The files in `folder` and its sub-folders, sorted by path; a hidden sub-folder stands there itself.
+
+    Links to folders are followed; InputError when one leads to a folder that is read already, which might never end.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_text(folder / "felt" / "day1" / "a.csv", "")
+    >>> [path.relative_to(folder).as_posix() for path in below(folder)]
+    ['felt/day1/a.csv']
+    """
+    found: list[Path] = []
+    seen: dict[tuple[int, int], Path] = {}
+    waiting = [existing(folder, "folder")]
+    while waiting:
+        here = waiting.pop()
+        with _readable(here):
+            place = here.stat()
+            names = sorted(os.listdir(here))
+        first = seen.setdefault((place.st_dev, place.st_ino), here)
+        if first is not here:
+            raise InputError(f"{here}: leads to {first}, which is read already; remove the link")
+        for name in names:
+            enters = os.path.isdir(here / name) and not is_hidden(name)
+            (waiting if enters else found).append(here / name)
+    return sorted(found)
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder is hidden or a program's own, such as `.DS_Store` or `__MACOSX`."""
+    return name.startswith((".", "__"))
