@@ -39,7 +39,7 @@ def whole(path: str | Path) -> Iterator[Path]:
     'done'
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(f"{path}: cannot be written, it is a folder; name a file")
     # Named before it is there, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
     # matplotlib and others choose the format by it.
@@ -81,10 +81,12 @@ def check_new(path: str | Path, *, force: bool = False, inputs: Iterable[str | P
     >>> check_new(path, force=True)
     """
     path = Path(path)
-    if not path.exists():
+    with _writable(path), suppress(FileNotFoundError, NotADirectoryError):
+        path.stat()  # a name that is too long is refused now, not after the work
+    if not os.path.exists(path):
         return
     for given in inputs:
-        if given is not None and Path(given).exists() and path.samefile(given):
+        if given is not None and os.path.exists(given) and path.samefile(given):
             raise InputError(f"{path}: is an input of this command; choose another output with -o")
     if not force:
         raise InputError(f"{path}: already exists; choose another output or pass --force to replace it")
@@ -232,7 +234,7 @@ def max_bytes() -> int:
 def is_free(folder: str | Path) -> bool:
     """Whether a run may be written there: nothing is there, or an empty folder."""
     folder = Path(folder)
-    return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
+    return not os.path.exists(folder) or (os.path.isdir(folder) and not any(folder.iterdir()))
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
