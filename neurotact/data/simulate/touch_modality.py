@@ -90,7 +90,7 @@ class TouchModalitySpec(Spec):
     """Scale of a gamma distribution of shape 2."""
     duration_s: float = Field(default=2.4, gt=0)
     """Of the contact, median; of it, about 2 s lie outside the activity band (Sec. IV-A)."""
-    span_mm: float = Field(default=34.0, gt=0)
+    span_mm: float = Field(default=34.0, gt=0, le=1e4)
     """Of a pass over the array, median."""
     back_and_forth: tuple[float, ...] = Field(default=(0.6, 0.3, 0.1), min_length=1)
     """Shares of people who pass once, twice, three times, a habit for each modality."""
