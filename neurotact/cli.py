@@ -32,7 +32,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch
 from neurotact.progress import counting, track
-from neurotact.studies import calibration, kinds, ledger, preparation, runner, search, trained
+from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
 
@@ -269,6 +269,9 @@ def encode(
     hdf5.save_spikes(trains, out)
     spikes = sum(map(len, trains.steps))
     seconds = trains.trial_steps.sum() / trains.sampling_rate_Hz
+    counts, steps = firing.spike_counts(trains), int(trains.trial_steps.sum())
+    for complaint in firing.complaints(counts, steps, trains.sampling_rate_Hz, what):
+        _say(complaint)
     print(f"{out}: {len(trains)} trials, {spikes} spikes of {len(trains.afferents)} afferents in {seconds:.1f} s")
 
 

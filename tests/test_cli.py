@@ -321,6 +321,30 @@ def test_the_command_begins_where_ctrl_c_is_heard():
     assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
 
 
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (("sa1.gain=1e-6",), ["no SA-I afferent fires in any trial; raise sa1.gain, or"]),
+        (("ra1.gain=1e-6",), ["no RA-I afferent fires in any trial; raise ra1.gain, or"]),
+        (("sa1.gain=1e-6", "ra1.gain=1e-6"), ["no SA-I afferent fires", "no RA-I afferent fires"]),
+        (
+            ("ra1.gain=1e6",),
+            ["RA-I afferent that fires does so at over 90% of the 500 Hz that its t_ref allows;"],
+        ),
+        (("ra1.gain=1e6", "ra1.t_ref_ms=0"), ["at over 90% of the 1000 Hz"]),
+        ((), []),
+    ],
+)
+def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, changes, expected):
+    options = [word for change in changes for word in ("--set", change)]
+    code, _, err = neurotact("encode", made / "touch.h5", *options, "-o", tmp_path / "s.h5")
+    said = [line for line in err.splitlines() if line.startswith("neurotact: ")]
+    assert (code, len(said)) == (0, len(expected))
+    for line, words in zip(said, expected, strict=True):
+        assert words in line
+        assert line.endswith("or find gains for this sensor with neurotact calibrate")
+
+
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -403,6 +427,12 @@ def test_a_wrong_command_line_is_one_line_that_names_the_help(refused, words, ex
         ("sa1.t_ref=5", "sa1.t_ref: unknown key; did you mean 't_ref_ms'?"),
         ("sa3.t_ref_ms=5", "sa3: unknown key; did you mean 'sa1'?"),
         ("sa1.t_ref_ms=-1", "sa1.t_ref_ms: must be >= 0; got -1"),
+        ("sa1.t_ref_ms=300", "sa1.t_ref_ms: 300 ms is not shorter than the shortest trial, which lasts 300 ms"),
+        ("ra1.t_ref_ms=1e9", "ra1.t_ref_ms: 1e+09 ms is not shorter than the shortest trial"),
+        ("sa1.t_ref_ms=1e999", "sa1.t_ref_ms: must be a finite number; got inf (--set)"),
+        (f"sa1.t_ref_ms={10**400}", "sa1.t_ref_ms: must be a number within 64 bits"),
+        (f"sa1.t_ref_ms={'[' * 5000}", "--set sa1.t_ref_ms=["),
+        ("conditioning.resample_Hz=1e12", "a trial resampled to 1e+12 Hz: holds"),
         ("sa1.t_ref_ms=nan", "sa1.t_ref_ms: must be a finite number; got nan"),
         ("sa1.t_ref_ms=soon", "sa1.t_ref_ms: must be a valid number"),
         ("sa1=5", "sa1: must be a table; got 5"),
