@@ -32,7 +32,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Epoch
 from neurotact.progress import counting, track
-from neurotact.studies import calibration, kinds, ledger, preparation, runner, search, trained
+from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
 
@@ -45,6 +45,15 @@ app.add_typer(import_app, name="import")
 app.add_typer(study_app, name="study")
 console = Console(soft_wrap=True, highlight=False)
 INTERRUPTED = 130
+LONGEST_LINE = 500
+"""Characters of an error; what is cut out is the middle, since the end says what to do."""
+MOST_SEEDS = 2**63 - 2
+"""Of a training, which draws its order from the next seed."""
+MOST_SPLITS = 2**32 - 2
+"""Of a split, in the same way; scikit-learn takes 32 bits."""
+MOST_WORKERS = 1024
+IMPORTED = (".csv", ".npz", ".lvm")
+"""Files of recordings as they were published."""
 SHOWN = ["label", "trials", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """What of a SOP summary fits a terminal; the files hold all of it."""
 
@@ -52,29 +61,38 @@ SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the spec; may be repeated.")
 ]
 OutFile = Annotated[Path, typer.Option("-o", "--out", dir_okay=False, help="The file to write.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the output if it already exists.")]
 OutFolder = Annotated[Path, typer.Option("-o", "--out", help="The folder to write.")]
 EncoderOption = Annotated[str, typer.Option(help="Name or path of an encoder spec.")]
 DeviceOption = Annotated[str, typer.Option(help="A torch device: cpu, cuda, cuda:1, mps.")]
 WorkersOption = Annotated[
     int | None,
-    typer.Option("--workers", min=1, show_default="2", help="Processes; the results are the same for any number."),
+    typer.Option(
+        "--workers",
+        min=1,
+        max=MOST_WORKERS,
+        show_default="2",
+        help="Processes; the results are the same for any number.",
+    ),
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786: its workers do the work.")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Fixes every number.")]
+Seed = Annotated[int, typer.Option(min=0, max=MOST_SEEDS, help="Fixes every number.")]
 WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")]
 StartMs = Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")]
 HopMs = Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")]
 PerTrial = Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")]
 Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")]
-SplitSeed = Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")]
+SplitSeed = Annotated[
+    int, typer.Option(min=0, max=MOST_SPLITS, help="Of the split into training, validation and test.")
+]
 Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
 
 
 def main() -> None:
     """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
-    logging.basicConfig(level=logging.WARNING, format="neurotact: %(message)s")
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
     warnings.showwarning = lambda message, *_: _say(message)
     try:
         code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
@@ -90,8 +108,20 @@ def main() -> None:
 
 
 def _say(what: object) -> None:
-    """One line on stderr."""
-    print(f"neurotact: {' '.join(str(what).split())}", file=sys.stderr)
+    """One line on stderr, of a length that is read; what a terminal would obey is written out."""
+    line = " ".join(str(what).split())
+    if len(line) > LONGEST_LINE:
+        half = LONGEST_LINE // 2
+        line = f"{line[:half]} ... {line[-half:]}"
+    line = "".join(character if character.isprintable() else f"{character!a}"[1:-1] for character in line)
+    print(f"neurotact: {line}", file=sys.stderr)
+
+
+class _Said(logging.Handler):
+    """What neurotact logs, said like its errors."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        _say(self.format(record))
 
 
 def _command_of(error: typer.TyperException) -> str:
@@ -127,20 +157,21 @@ def show(name: Annotated[str, typer.Argument(help="Name or path of a spec.")]) -
 def copy(
     name: Annotated[str, typer.Argument(help="Name of a spec.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; NAME.toml here when absent.")] = None,
+    force: Force = False,
 ) -> None:
     """Copy a spec here, to be edited and given by its path."""
     source = _find_any(name)
     target = out or Path(source.name)
-    if target.exists():
-        raise InputError(f"{target}: is there already; remove it or choose another place with -o")
+    files.check_new(target, force=force, inputs=[source])
     files.write_text(target, source.read_text(encoding="utf-8"))
     print(target)
 
 
-def _simulator(name: str, experiment: Experiment) -> Callable[[Path, list[str] | None], None]:
+def _simulator(name: str, experiment: Experiment) -> Callable[[Path, list[str] | None, bool], None]:
     """The command that simulates an experiment; a change within a nested table keeps the rest of it."""
 
-    def command(out: OutFile, set_: SetOption = None) -> None:
+    def command(out: OutFile, set_: SetOption = None, force: Force = False) -> None:
+        files.check_new(out, force=force)
         table = spec.override(experiment.model().model_dump(mode="json"), spec.parse_assignments(set_ or []))
         what: Any = spec.build(experiment.model, table, source=f"simulate {name}")
         with track("simulate", what.n_trials) as advance:
@@ -154,21 +185,28 @@ for _name, _experiment in EXPERIMENTS.items():
     simulate_app.command(_name, help=_experiment.about)(_simulator(_name, _experiment))
 
 
+def _check_import(source: Path, out: Path, force: bool) -> None:
+    files.check_new(out, force=force, inputs=[p for p in files.below(source) if p.suffix.lower() in IMPORTED])
+
+
 @import_app.command("fabricslide")
-def import_fabricslide(source: Path, out: OutFile) -> None:
+def import_fabricslide(source: Path, out: OutFile, force: Force = False) -> None:
     """FabricSlide: 7 fabrics under a 16-taxel finger (Wang et al. 2022), a folder of CSV files."""
+    _check_import(source, out, force)
     _save_recordings(fabricslide.read(source), out)
 
 
 @import_app.command("pvdf-hardness")
-def import_pvdf_hardness(source: Path, out: OutFile) -> None:
+def import_pvdf_hardness(source: Path, out: OutFile, force: Force = False) -> None:
     """A P(VDF-TrFE) patch pressed on five cubes: the published .lvm folders, or a folder of cube*.npz."""
+    _check_import(source, out, force)
     _save_recordings(pvdf_hardness.read(source), out)
 
 
 @import_app.command("touch-modality")
-def import_touch_modality(source: Path, out: OutFile) -> None:
+def import_touch_modality(source: Path, out: OutFile, force: Force = False) -> None:
     """Sliding, brushing and rolling on a 4 x 4 array (Mendeley Data dmcdp33ctt): three folders of .lvm files."""
+    _check_import(source, out, force)
     _save_recordings(touch_modality.read(source), out)
 
 
@@ -178,8 +216,10 @@ def import_folder(
     out: OutFile,
     sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples a second.")],
     unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
+    force: Force = False,
 ) -> None:
     """Any recordings: a sub-folder a class, holding CSV or NPZ files, a row a sample and a column a taxel."""
+    _check_import(source, out, force)
     _save_recordings(folder.read(source, sampling_rate_hz, unit), out)
 
 
@@ -189,11 +229,15 @@ def calibrate(
     out: OutFile,
     encoder: EncoderOption = "sa1-ra1-lif",
     set_: SetOption = None,
-    split_seed: Annotated[int, typer.Option(min=0, help="Of the split; only its training trials are looked at.")] = 0,
+    split_seed: Annotated[
+        int, typer.Option(min=0, max=MOST_SPLITS, help="Of the split; only its training trials are looked at.")
+    ] = 0,
     stratify: Stratify = None,
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
+    force: Force = False,
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
+    _check_outputs([out, figure], force, [recordings, encoder])
     data = hdf5.load_recordings(recordings)
     split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
     rule = calibration.CalibrationRule()
@@ -209,8 +253,15 @@ def calibrate(
 
 
 @app.command()
-def encode(recordings: Path, out: OutFile, encoder: EncoderOption = "sa1-ra1-lif", set_: SetOption = None) -> None:
+def encode(
+    recordings: Path,
+    out: OutFile,
+    encoder: EncoderOption = "sa1-ra1-lif",
+    set_: SetOption = None,
+    force: Force = False,
+) -> None:
     """Turn whole trials into the spikes of SA-I and RA-I afferents."""
+    files.check_new(out, force=force, inputs=[recordings, encoder])
     data = hdf5.load_recordings(recordings)
     what = encoders.load(encoder, spec.parse_assignments(set_ or []))
     with track("encode", len(data)) as advance:
@@ -218,6 +269,9 @@ def encode(recordings: Path, out: OutFile, encoder: EncoderOption = "sa1-ra1-lif
     hdf5.save_spikes(trains, out)
     spikes = sum(map(len, trains.steps))
     seconds = trains.trial_steps.sum() / trains.sampling_rate_Hz
+    counts, steps = firing.spike_counts(trains), int(trains.trial_steps.sum())
+    for complaint in firing.complaints(counts, steps, trains.sampling_rate_Hz, what):
+        _say(complaint)
     print(f"{out}: {len(trains)} trials, {spikes} spikes of {len(trains.afferents)} afferents in {seconds:.1f} s")
 
 
@@ -229,9 +283,12 @@ def raster(
     start_s: Annotated[float, typer.Option("--start-s", min=0, help="Beginning of the stretch.")] = 0.0,
     stop_s: Annotated[float | None, typer.Option("--stop-s", help="Its end; the trial's end when absent.")] = None,
     recordings: Annotated[Path | None, typer.Option(help="The recordings, when they moved since encoding.")] = None,
+    force: Force = False,
 ) -> None:
     """Draw a trial's spikes with the signal above (.png, .svg, .pdf), or write all events (.csv)."""
+    files.check_new(out, force=force, inputs=[spikes, recordings])
     trains = hdf5.load_spikes(spikes)
+    files.check_new(out, force=force, inputs=[trains.source or None])
     if trial >= len(trains):
         raise InputError(f"--trial {trial}: {spikes} holds trials 0 to {len(trains) - 1}; choose one of them")
     if out.suffix == ".csv":
@@ -307,7 +364,9 @@ def tune(
     stratify: Stratify = None,
     split_seed: SplitSeed = 0,
     tolerance: Tolerance = 0.01,
-    workers: Annotated[int, typer.Option(min=1, help="Processes; the journal is the same for any number.")] = 2,
+    workers: Annotated[
+        int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
+    ] = 2,
 ) -> None:
     """Search a network's hyperparameters on validation windows; given the same folder again, it goes on there."""
     settings = {
@@ -354,8 +413,11 @@ def infer(
         bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
     ] = False,
     device: DeviceOption = "cpu",
+    force: Force = False,
 ) -> None:
     """Classify every window of spike trains with a trained network, and count what it cost."""
+    if out:
+        files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run, device=_device(device))
     table = trained.infer(restored, hdf5.load_spikes(spikes), early_exit=early_exit)
     if out:
@@ -369,9 +431,12 @@ def sops(
     out: OutFile,
     spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
     early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
+    force: Force = False,
 ) -> None:
     """Write the synaptic operations of each test window of a trained network (.csv, .json, .md)."""
+    files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run)
+    files.check_new(out, force=force, inputs=[restored.spikes_path])
     trains = hdf5.load_spikes(spikes or restored.spikes_path)
     table = trained.infer(restored, trains, trained.test_trials(restored, trains), early_exit=early_exit)
     summary = synops.summary(table)
@@ -437,6 +502,20 @@ def _task(command: str, window: dict[str, Any], split_seed: int, stratify: list[
     split = {"seed": split_seed}
     table = {"window": window, "split": split, "stratify": stratify or [], "exit_tolerance": tolerance}
     return spec.build(Task, table, source=command)
+
+
+def _check_outputs(outputs: list[Path | None], force: bool, inputs: list[str | Path]) -> None:
+    """Refuse outputs that exist or are inputs, and two outputs that are one file."""
+    given = [out for out in outputs if out]
+    for out in given:
+        files.check_new(out, force=force, inputs=inputs)
+    places = [out.resolve() for out in given]
+    if len(set(places)) < len(places):
+        raise InputError(f"{given[-1]}: is the place of two outputs of this command; give each its own file")
+
+
+def _network_files(run: Path) -> list[Path]:
+    return [path for path in run.glob("*") if path.is_file() and path.suffix in (".json", ".safetensors")]
 
 
 def _save_recordings(recordings: Recordings, out: Path) -> None:

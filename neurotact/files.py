@@ -39,7 +39,7 @@ def whole(path: str | Path) -> Iterator[Path]:
     'done'
     """
     path = Path(path)
-    if path.is_dir():
+    if os.path.isdir(path):
         raise InputError(f"{path}: cannot be written, it is a folder; name a file")
     # Named before it is there, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
     # matplotlib and others choose the format by it.
@@ -81,10 +81,12 @@ def check_new(path: str | Path, *, force: bool = False, inputs: Iterable[str | P
     >>> check_new(path, force=True)
     """
     path = Path(path)
-    if not path.exists():
+    with _writable(path), suppress(FileNotFoundError, NotADirectoryError):
+        path.stat()  # a name that is too long is refused now, not after the work
+    if not os.path.exists(path):
         return
     for given in inputs:
-        if given is not None and Path(given).exists() and path.samefile(given):
+        if given is not None and os.path.exists(given) and path.samefile(given):
             raise InputError(f"{path}: is an input of this command; choose another output with -o")
     if not force:
         raise InputError(f"{path}: already exists; choose another output or pass --force to replace it")
@@ -181,6 +183,14 @@ def read_json(path: str | Path) -> Any:
         raise InputError(f"{path}: is not valid JSON ({error}); restore the file or remove it") from error
 
 
+def read_text(path: str | Path) -> str:
+    """The text of a UTF-8 file; InputError as of `read_bytes`, and when it is not UTF-8."""
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8 text again") from error
+
+
 def read_bytes(path: str | Path) -> bytes:
     """The content of a file; InputError when there is no such file, it cannot be read, or it is too large."""
     path = existing(path)
@@ -224,14 +234,53 @@ def max_bytes() -> int:
 def is_free(folder: str | Path) -> bool:
     """Whether a run may be written there: nothing is there, or an empty folder."""
     folder = Path(folder)
-    return not folder.exists() or (folder.is_dir() and not any(folder.iterdir()))
+    return not os.path.exists(folder) or (os.path.isdir(folder) and not any(folder.iterdir()))
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
-    """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`)."""
+    """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`).
+
+    What is neither, such as a pipe or a device, is never opened: reading it may not end.
+    """
     path = Path(path)
-    if what == "folder" and not path.is_dir():
+    # os.path and not Path: a name that is too long, or in a folder without rights, is not there either.
+    if what == "folder" and not os.path.isdir(path):
         raise InputError(f"{path}: there is no such folder; check the path")
-    if what == "file" and not path.is_file():
+    if what == "file" and not os.path.isfile(path):
+        if os.path.exists(path) and not os.path.isdir(path):
+            raise InputError(f"{path}: is not a regular file (a pipe, a socket or a device); give a file on disk")
         raise InputError(f"{path}: there is no such file; check the path")
     return path
+
+
+def below(folder: str | Path) -> list[Path]:
+    """The files in `folder` and its sub-folders, sorted by path; a hidden sub-folder stands there itself.
+
+    Links to folders are followed; InputError when one leads to a folder that is read already, which might never end.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_text(folder / "felt" / "day1" / "a.csv", "")
+    >>> [path.relative_to(folder).as_posix() for path in below(folder)]
+    ['felt/day1/a.csv']
+    """
+    found: list[Path] = []
+    seen: dict[tuple[int, int], Path] = {}
+    waiting = [existing(folder, "folder")]
+    while waiting:
+        here = waiting.pop()
+        with _readable(here):
+            place = here.stat()
+            names = sorted(os.listdir(here))
+        first = seen.setdefault((place.st_dev, place.st_ino), here)
+        if first is not here:
+            raise InputError(f"{here}: leads to {first}, which is read already; remove the link")
+        for name in names:
+            enters = os.path.isdir(here / name) and not is_hidden(name)
+            (waiting if enters else found).append(here / name)
+    return sorted(found)
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file or folder is hidden or a program's own, such as `.DS_Store` or `__MACOSX`."""
+    return name.startswith((".", "__"))

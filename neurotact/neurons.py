@@ -91,6 +91,8 @@ def refractory_steps(t_ref_ms: float, sampling_rate_Hz: float) -> int:
     10
     """
     steps = t_ref_ms * 1e-3 * sampling_rate_Hz
+    if steps >= 2**31:
+        raise InputError(f"t_ref_ms: {t_ref_ms:g} ms is {steps:g} steps, more than 32 bits count; shorten it")
     if abs(steps - round(steps)) <= 1e-9 * max(1.0, steps):
         return round(steps)
     rounded = math.ceil(steps)

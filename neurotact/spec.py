@@ -7,8 +7,10 @@ key and the file.
 
 import hashlib
 import json
+import math
 import tomllib
 from collections.abc import Iterator, Mapping
+from datetime import date, time
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
 
@@ -16,7 +18,14 @@ from pydantic import BaseModel, ConfigDict, Tag, ValidationError
 
 import neurotact
 from neurotact.errors import InputError, nearest
-from neurotact.files import existing
+from neurotact.files import existing, read_text
+
+DEEPEST = 32
+"""Tables and lists within one another."""
+LARGEST, SMALLEST = 1e15, 1e-100
+"""Magnitudes of a number in a spec; beyond them, steps and sizes that are formed of it overflow."""
+LONGEST = 2_000_000
+"""Characters of a spec."""
 
 KINDS = ("encoders", "networks", "networks/spaces", "studies")
 
@@ -71,11 +80,44 @@ def find(kind: str, name: str | Path) -> Path:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """The table in a TOML file; InputError when it does not parse."""
+    """The table in a TOML file; InputError when it does not parse or holds a number that no spec can have."""
+    if existing(path).stat().st_size > LONGEST:
+        raise InputError(f"{path}: is longer than {LONGEST:,} bytes, which no spec is; check the file")
     try:
-        return tomllib.loads(existing(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        table = tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path}: is not valid TOML ({error}); mend that line") from error
+    return _plain(table, str(path))
+
+
+def pop_table(table: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
+    """The table that stands under `key`, taken out of `table`; empty where it is absent."""
+    value = table.pop(key, {})
+    if not isinstance(value, dict):
+        raise InputError(f"{key}: must be a table; got {value!r} ({path})")
+    return value
+
+
+def _plain(value: Any, source: str, key: str = "", depth: int = 0) -> Any:
+    """What a TOML text holds, dates as text; InputError for a number or a nesting that nothing later can take."""
+    if depth > DEEPEST:
+        raise InputError(f"{key[:40]}...: is nested more than {DEEPEST} tables or lists deep; flatten it ({source})")
+    if isinstance(value, dict):
+        return {name: _plain(v, source, f"{key}.{name}" if key else name, depth + 1) for name, v in value.items()}
+    if isinstance(value, list):
+        return [_plain(v, source, f"{key}.{place}", depth + 1) for place, v in enumerate(value)]
+    if isinstance(value, (date, time)):
+        return str(value)
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise InputError(f"{key}: must be a finite number; got {value} ({source})")
+        if value and not SMALLEST <= abs(value) <= LARGEST:
+            raise InputError(f"{key}: must be between {SMALLEST:g} and {LARGEST:g} in size; got {value} ({source})")
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise InputError(f"{key}: must be a number within 64 bits; got one of {value.bit_length()} bits ({source})")
+    return value
 
 
 def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | None = None) -> SpecT:
@@ -108,6 +150,8 @@ def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
     result = json.loads(json.dumps(table, default=str))
     for dotted, value in overrides.items():
         *path, last = dotted.split(".")
+        if len(path) > DEEPEST:
+            raise InputError(f"{dotted[:40]}...: names tables more than {DEEPEST} deep; no spec has that key")
         node = result
         for key in path:
             node = node.setdefault(key, {})
@@ -128,11 +172,17 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
             raise InputError(f"--set {assignment}: must read KEY=VALUE, as in sa1.t_ref_ms=5")
-        try:
-            parsed[key.strip()] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
-            parsed[key.strip()] = text.strip()
+        parsed[key.strip()] = _plain(_value_of(text, assignment), "--set", key.strip())
     return parsed
+
+
+def _value_of(text: str, assignment: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+    except (ValueError, RecursionError) as error:  # more digits or brackets than Python reads
+        raise InputError(f"--set {assignment[:40]}...: cannot be read ({error}); write a simpler value") from error
 
 
 def to_toml(table: Mapping[str, Any]) -> str:

@@ -18,6 +18,7 @@ FLOORS = (
     ("export",),
     ("studies",),
     ("cli",),
+    ("__main__",),
 )
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
 PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}

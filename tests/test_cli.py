@@ -1,8 +1,10 @@
 """The command as a user types it: what it writes, and one line with exit code 2 for what it cannot use."""
 
 import os
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import h5py
@@ -287,6 +289,62 @@ def test_a_rounded_refractory_period_is_said_in_one_line(neurotact, made, tmp_pa
     assert "neurotact: t_ref of 0.3 ms is 0.3 steps at 1000 Hz; 1 are taken" in err.splitlines()
 
 
+INTERRUPTED_BY_IMPORT = """
+import os, signal, sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            os.kill(os.getpid(), signal.SIGINT)
+from neurotact.__main__ import main
+sys.meta_path.insert(0, Interrupt())
+sys.argv = ["neurotact", "list"]
+main()
+"""
+
+
+@pytest.mark.parametrize("module", ["neurotact.cli", "typer", "torch._C", "numpy.random", "neurotact.studies.trained"])
+def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED_BY_IMPORT.format(module=module)],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "neurotact: interrupted\n")
+
+
+def test_the_command_begins_where_ctrl_c_is_heard():
+    with open(ROOT / "pyproject.toml", "rb") as file:
+        assert tomllib.load(file)["project"]["scripts"]["neurotact"] == "neurotact.__main__:main"
+    done = subprocess.run(
+        [sys.executable, "-m", "neurotact", "--version"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        (("sa1.gain=1e-6",), ["no SA-I afferent fires in any trial; raise sa1.gain, or"]),
+        (("ra1.gain=1e-6",), ["no RA-I afferent fires in any trial; raise ra1.gain, or"]),
+        (("sa1.gain=1e-6", "ra1.gain=1e-6"), ["no SA-I afferent fires", "no RA-I afferent fires"]),
+        (
+            ("ra1.gain=1e6",),
+            ["RA-I afferent that fires does so at over 90% of the 500 Hz that its t_ref allows;"],
+        ),
+        (("ra1.gain=1e6", "ra1.t_ref_ms=0"), ["at over 90% of the 1000 Hz"]),
+        ((), []),
+    ],
+)
+def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, changes, expected):
+    options = [word for change in changes for word in ("--set", change)]
+    code, _, err = neurotact("encode", made / "touch.h5", *options, "-o", tmp_path / "s.h5")
+    said = [line for line in err.splitlines() if line.startswith("neurotact: ")]
+    assert (code, len(said)) == (0, len(expected))
+    for line, words in zip(said, expected, strict=True):
+        assert words in line
+        assert line.endswith("or find gains for this sensor with neurotact calibrate")
+
+
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -307,6 +365,30 @@ def test_a_fault_of_ours_is_not_hidden(monkeypatch, made, tmp_path):
 
 
 # --- what it refuses --------------------------------------------------------------------------------
+
+
+def test_an_error_is_one_line_of_a_length_that_is_read(refused, tmp_path):
+    line = refused(("encode", tmp_path / ("x/" * 2000), "-o", tmp_path / "s.h5"))
+    assert len(line) < 530
+    assert line.endswith("there is no such file; check the path\n")
+    assert refused(("show", "a\x1b[31m\nb")).startswith("neurotact: a\\x1b[31m b: there is no such spec")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("train", "x.h5", "-o", "y", "--seed", 10**30),
+        ("train", "x.h5", "-o", "y", "--split-seed", 2**32),
+        ("train", "x.h5", "-o", "y", "--window-ms", "1" + 400 * "0"),
+        ("calibrate", "x.h5", "-o", "y", "--split-seed", 10**30),
+        ("study", "run", "x", "-o", "y", "--workers", 10**9),
+        ("raster", "x.h5", "-o", "y.png", "--trial", "1" + 5000 * "0"),
+    ],
+    ids=lambda words: f"{words[0]} {words[-2]}",
+)
+def test_a_number_that_is_too_large_is_refused(refused, made, monkeypatch, words):
+    monkeypatch.chdir(made)
+    refused(tuple("spikes.h5" if word == "x.h5" else word for word in words))
 
 
 def test_a_refusal_as_a_user_meets_it(made):
@@ -345,6 +427,12 @@ def test_a_wrong_command_line_is_one_line_that_names_the_help(refused, words, ex
         ("sa1.t_ref=5", "sa1.t_ref: unknown key; did you mean 't_ref_ms'?"),
         ("sa3.t_ref_ms=5", "sa3: unknown key; did you mean 'sa1'?"),
         ("sa1.t_ref_ms=-1", "sa1.t_ref_ms: must be >= 0; got -1"),
+        ("sa1.t_ref_ms=300", "sa1.t_ref_ms: 300 ms is not shorter than the shortest trial, which lasts 300 ms"),
+        ("ra1.t_ref_ms=1e9", "ra1.t_ref_ms: 1e+09 ms is not shorter than the shortest trial"),
+        ("sa1.t_ref_ms=1e999", "sa1.t_ref_ms: must be a finite number; got inf (--set)"),
+        (f"sa1.t_ref_ms={10**400}", "sa1.t_ref_ms: must be a number within 64 bits"),
+        (f"sa1.t_ref_ms={'[' * 5000}", "--set sa1.t_ref_ms=["),
+        ("conditioning.resample_Hz=1e12", "a trial resampled to 1e+12 Hz: holds"),
         ("sa1.t_ref_ms=nan", "sa1.t_ref_ms: must be a finite number; got nan"),
         ("sa1.t_ref_ms=soon", "sa1.t_ref_ms: must be a valid number"),
         ("sa1=5", "sa1: must be a table; got 5"),
@@ -391,8 +479,77 @@ def test_a_spec_that_is_not_there_is_named(refused, made, tmp_path):
 
 def test_a_copy_overwrites_nothing(refused, tmp_path):
     (tmp_path / "mine.toml").write_text("precious")
-    refused(("copy", "rsnn", "-o", tmp_path / "mine.toml"), "mine.toml: is there already")
+    refused(("copy", "rsnn", "-o", tmp_path / "mine.toml"), "mine.toml: already exists", "--force")
     assert (tmp_path / "mine.toml").read_text() == "precious"
+
+
+WRITERS = [
+    ("simulate", "gratings", "--set", "trials=1", "--set", "duration_s=0.1", "--set", "forces_N=[3]", "-o", "x.h5"),
+    ("import", "folder", "in", "--sampling-rate-Hz", 3, "--unit", "V", "-o", "x.h5"),
+    ("calibrate", "touch.h5", "-o", "x.toml"),
+    ("calibrate", "touch.h5", "-o", "y.toml", "--figure", "x.png"),
+    ("encode", "touch.h5", "-o", "x.h5"),
+    ("raster", "spikes.h5", "-o", "x.svg"),
+    ("raster", "spikes.h5", "-o", "x.csv"),
+    ("infer", "run", "spikes.h5", "-o", "x.csv"),
+    ("sops", "run", "-o", "x.json"),
+    ("copy", "rsnn", "-o", "x.toml"),
+]
+
+
+@pytest.mark.parametrize("words", WRITERS, ids=lambda words: " ".join(map(str, words[:2])))
+def test_an_output_that_exists_is_refused_and_force_replaces_it(neurotact, refused, made, tmp_path, monkeypatch, words):
+    for path in made.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / "in" / "felt").mkdir(parents=True)
+    (tmp_path / "in" / "felt" / "a.csv").write_text("left,right\n1,2\n3,4\n5,6\n")
+    monkeypatch.chdir(tmp_path)
+    out = next(tmp_path / str(word) for word in words if str(word).startswith("x."))
+    out.write_text("precious")
+    refused(words, f"{out.name}: already exists; choose another output or pass --force to replace it")
+    assert out.read_text() == "precious"
+    assert neurotact(*words, "--force")[0] == 0
+    assert out.read_bytes() != b"precious"
+
+
+INPUTS = [
+    ("encode", "touch.h5", "-o", "touch.h5"),
+    ("encode", "touch.h5", "--encoder", "mine.toml", "-o", "mine.toml"),
+    ("calibrate", "touch.h5", "-o", "linked.h5"),
+    ("calibrate", "touch.h5", "--encoder", "mine.toml", "-o", "mine.toml"),
+    ("calibrate", "touch.h5", "-o", "x.toml", "--figure", "touch.h5"),
+    ("raster", "spikes.h5", "-o", "spikes.h5"),
+    ("raster", "spikes.h5", "--recordings", "mine.toml", "-o", "mine.toml"),
+    ("infer", "run", "spikes.h5", "-o", "spikes.h5"),
+    ("infer", "run", "spikes.h5", "-o", "run/network.json"),
+    ("sops", "run", "-o", "spikes.h5"),
+    ("sops", "run", "-o", "run/network.json"),
+    ("copy", "mine.toml", "-o", "./mine.toml"),
+    ("import", "folder", "in", "--sampling-rate-Hz", 3, "--unit", "V", "-o", "in/felt/a.csv"),
+]
+
+
+@pytest.mark.parametrize("words", INPUTS, ids=lambda words: " ".join(map(str, words)))
+def test_an_output_never_replaces_an_input(refused, made, tmp_path, monkeypatch, words):
+    shutil.copytree(made, tmp_path / "made")
+    monkeypatch.chdir(tmp_path / "made")
+    Path("mine.toml").write_text(spec.find("encoders", "sa1-ra1-lif").read_text())
+    Path("linked.h5").symlink_to("touch.h5")
+    Path("in/felt").mkdir(parents=True)
+    Path("in/felt/a.csv").write_text("left,right\n1,2\n3,4\n5,6\n")
+    before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
+    refused((*words, "--force"), "is an input of this command; choose another output with -o")
+    assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
+
+
+def test_two_outputs_of_a_command_are_two_files(refused, made, tmp_path):
+    words = ("calibrate", made / "touch.h5", "-o", tmp_path / "x.png", "--figure", tmp_path / "." / "x.png", "--force")
+    refused(words, "x.png: is the place of two outputs of this command")
+
+
+def test_a_name_that_is_too_long_is_refused_before_any_work(refused, made, tmp_path, monkeypatch):
+    monkeypatch.setattr(cli, "encode_recordings", lambda *_: pytest.fail("it worked"))
+    refused(("encode", made / "touch.h5", "-o", tmp_path / ("x" * 300)), "File name too long")
 
 
 def test_a_file_that_is_not_there_is_named(refused, made, tmp_path):

@@ -12,6 +12,7 @@ from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
+from neurotact.files import check_size
 
 Baseline = Literal["none", "mean", "median", "first"]
 
@@ -61,6 +62,9 @@ def condition(
     return recordings
 
 
+BYTES_WHILE_RESAMPLED = 32
+"""For each value of the result: its place, its neighbours and itself."""
+
 BASELINES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "mean": lambda x: x.mean(axis=-2, keepdims=True),
     "median": lambda x: np.median(x, axis=-2, keepdims=True).astype(x.dtype),
@@ -108,6 +112,7 @@ def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     """
     n_samples = signal.shape[-2]
     n_resampled = int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
+    check_size(f"a trial resampled to {to_Hz:g} Hz", n_resampled * signal[..., :1, :].size * BYTES_WHILE_RESAMPLED)
     position = np.arange(n_resampled) * (rate_Hz / to_Hz)
     before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)

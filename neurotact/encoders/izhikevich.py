@@ -55,7 +55,7 @@ class IzhikevichSpec(Spec):
     """What a spike adds to u."""
     v_peak_mV: float = 30.0
     """Where a spike is cut off."""
-    euler_step_ms: float = Field(default=0.1, gt=0, le=0.5)
+    euler_step_ms: float = Field(default=0.1, ge=1e-3, le=0.5)
     """The longest step of the integration; a step of the clock is divided evenly."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: IzhikevichType

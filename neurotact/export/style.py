@@ -11,7 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.text import Text
+from matplotlib.ticker import (
+    FixedFormatter,
+    FuncFormatter,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+    StrMethodFormatter,
+)
 
 from neurotact.errors import InputError
 from neurotact.files import whole
@@ -26,6 +34,9 @@ SUFFIXES = (".png", ".svg", ".pdf")
 # grey print tell apart (after Okabe and Ito).
 SA, RA, TOTAL = "#0072B2", "#E06C00", "#009E73"
 INK, MUTED, PALE = "#1f1f1f", "#666666", "#d9d9d9"
+SYMBOLS = (r"$t_\mathrm{ref}$", r"$N_\mathrm{max}$")
+"""What alone is set as a formula; any other dollar sign is one in somebody's name of a class."""
+LONGEST_WORDS, LONGEST_TICK = 200, 40
 PAIR_AXIS = r"$t_\mathrm{ref}$ of RA-I & SA-I (ms)"
 SERIES = (
     ("#0072B2", "o"),
@@ -106,9 +117,40 @@ def save(figure: Figure, path: str | Path) -> None:
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{path}: figures are written as {', '.join(SUFFIXES)}; end the name with one of them")
+    _show_names_as_they_are(figure)
     undated: dict[str, Any] = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
     with rc_context(RC), whole(path) as draft:
         figure.savefig(draft, format=suffix[1:], dpi=200, metadata=undated[suffix])
+
+
+def _show_names_as_they_are(figure: Figure) -> None:
+    """No name is read as a formula, and none holds what no font has or takes the figure's room.
+
+    Ticks of numbers keep their powers of ten.
+    """
+    for text in figure.findobj(Text):
+        words = text.get_text()
+        text.set_text(as_shown(words, LONGEST_WORDS))
+        text.set_parse_math(words.count("$") == 2 * sum(map(words.count, SYMBOLS)))
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        formatter = axis.get_major_formatter()
+        is_named = isinstance(formatter, (FuncFormatter, FixedFormatter))
+        names = [label.get_text() for label in axis.get_majorticklabels()]
+        shown = [as_shown(name, LONGEST_TICK) for name in names]
+        if is_named and names != shown:
+            axis.set_major_formatter(FixedFormatter(shown))
+        for label in (*axis.get_majorticklabels(), *axis.get_minorticklabels()):
+            label.set_parse_math(not is_named)
+
+
+def as_shown(words: str, longest: int) -> str:
+    """Words as a figure shows them: control characters replaced, what is too long cut.
+
+    >>> as_shown("felt", 4), as_shown("polyester", 5)
+    ('felt', 'poly…')
+    """
+    plain = "".join(letter if letter.isprintable() or letter in "\n\xa0" else "\ufffd" for letter in words)
+    return plain if len(plain) <= longest else f"{plain[: longest - 1]}…"
 
 
 def add_legend(figure: Figure, panels: Iterable[Axes], ncols: int, **kwargs: Any) -> None:

@@ -1,16 +1,26 @@
-"""Tables on disk: .csv and .json to be computed with, .md to be read."""
+"""Tables on disk: .csv and .json to be computed with, .md to be read.
+
+A class may be named as its user likes. In a .csv, a text that a spreadsheet would run as a formula is led by `'`,
+which `read_table` takes off again; in a .md, what would be markup is escaped.
+"""
 
 import json
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from neurotact.errors import InputError
-from neurotact.files import whole
+from neurotact.files import existing, whole
 
 SUFFIXES = (".csv", ".json", ".md")
+FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
+"""A text that a spreadsheet runs, or that is led by ' already."""
+NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+MARKUP = re.compile(r"[\\|*`<~]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(|&(?=#?\w+;)")
+"""What Markdown takes for markup; an underscore within a word is none."""
 
 
 def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
@@ -24,10 +34,49 @@ def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
         raise InputError(f"{path}: cannot be written as '{suffix}'; known: {', '.join(SUFFIXES)}")
     with whole(path) as draft:
         if suffix == ".csv":
-            table.to_csv(draft, index=False, lineterminator="\n")
+            _with_text(table, _guarded).to_csv(draft, index=False, lineterminator="\n")
             return
         text = to_json(table) if suffix == ".json" else "\n\n".join(filter(None, (about.strip(), to_markdown(table))))
         draft.write_bytes(f"{text}\n".encode())
+
+
+def read_table(path: str | Path, **how: Any) -> pd.DataFrame:
+    """A .csv that `write_table` wrote, with its texts as they were; `how` as of pandas.read_csv.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "table.csv"
+    >>> write_table(pd.DataFrame({"label": ["=1+1", "felt"], "n": [-1, 2]}), path)
+    >>> path.read_text().splitlines()
+    ['label,n', "'=1+1,-1", 'felt,2']
+    >>> read_table(path)["label"].tolist()
+    ['=1+1', 'felt']
+    """
+    return _with_text(pd.read_csv(existing(path), **how), _unguarded)
+
+
+def _with_text(table: pd.DataFrame, change: Callable[[Any], Any]) -> pd.DataFrame:
+    """The table with its texts and the names of its columns changed; the same where nothing changes."""
+    columns = [change(column) for column in table.columns]
+    changed = table if columns == list(table.columns) else table.set_axis(columns, axis=1)
+    for place, kind in enumerate(table.dtypes):
+        if pd.api.types.is_numeric_dtype(kind):
+            continue
+        column = table.iloc[:, place]
+        new = {text: change(text) for text in column.unique() if isinstance(text, str) and change(text) != text}
+        if new:
+            changed = changed.copy() if changed is table else changed
+            changed.isetitem(place, column.map(lambda value, new=new: new.get(value, value)))
+    return changed
+
+
+def _guarded(text: Any) -> Any:
+    if isinstance(text, str) and "\r" in text:
+        text = text.replace("\r\n", "\n").replace("\r", "\n")  # pandas quotes a line feed, and no carriage return
+    return f"'{text}" if isinstance(text, str) and FORMULA.match(text) and not NUMBER.fullmatch(text) else text
+
+
+def _unguarded(text: Any) -> Any:
+    return text[1:] if isinstance(text, str) and text.startswith("'") and FORMULA.match(text) else text
 
 
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:
@@ -78,7 +127,7 @@ def to_markdown(table: pd.DataFrame) -> str:
     sides = ["--:" if pd.api.types.is_numeric_dtype(kind) else ":--" for kind in table.dtypes]
     rows = [[_text(value) for value in row] for row in table.itertuples(index=False)]
     lines = [columns, *rows]
-    head, *body = ("| " + " | ".join(map(_escaped, line)) + " |" for line in lines)
+    head, *body = ("| " + " | ".join(map(escaped, line)) + " |" for line in lines)
     return "\n".join([head, f"|{'|'.join(sides)}|", *body])
 
 
@@ -87,6 +136,7 @@ def sops_summary(summary: pd.DataFrame, what: str) -> str:
 
     summary: of `metrics.synops.summary`.
     """
+    what = escaped(what)
     return f"# Synaptic operations (SOPs) of {what}\n\nMeans for each class:\n\n{to_markdown(summary)}\n\nEach window:"
 
 
@@ -96,5 +146,10 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _escaped(text: str) -> str:
-    return " ".join(text.replace("\\", "\\\\").replace("|", "\\|").split())
+def escaped(text: str) -> str:
+    """One line of Markdown that shows `text` as it is.
+
+    >>> print(escaped("a_b | *c* <d>"), escaped("_e_"))
+    a_b \\| \\*c\\* \\<d> \\_e\\_
+    """
+    return MARKUP.sub(r"\\\g<0>", " ".join(text.split()))

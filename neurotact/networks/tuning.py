@@ -35,6 +35,7 @@ ARGUMENTS = {
     "qlognormal": "[mean, deviation, q], mean and deviation of the logarithm, deviation and q > 0",
 }
 """What `_value` holds for each `_type`."""
+LARGEST_LOGARITHM = math.log(specs.LARGEST)
 
 
 class SearchSpec(Spec):
@@ -294,7 +295,7 @@ def _complaint(dimension: Mapping[str, Any]) -> str:
     if set(dimension) != {"_type", "_value"}:
         return "must have _type and _value, and nothing else, as in { _type = 'choice', _value = [20, 30] }"
     kind, arguments = dimension["_type"], dimension["_value"]
-    if kind not in ARGUMENTS:
+    if not isinstance(kind, str) or kind not in ARGUMENTS:
         return f"has the _type '{kind}', which NNI does not know; {nearest(str(kind), list(ARGUMENTS))}"
     if not isinstance(arguments, (list, tuple)) or not _suits(kind, list(arguments)):
         return f"has the _value {arguments!r}, but a {kind} needs {ARGUMENTS[kind]}"
@@ -313,7 +314,7 @@ def _suits(kind: str, arguments: list[Any]) -> bool:
     if any(step <= 0 for step in q):
         return False
     if "normal" in kind:
-        return second > 0
+        return second > 0 and ("log" not in kind or abs(first) <= LARGEST_LOGARITHM)
     return first < second and (first > 0 or "log" not in kind)
 
 

@@ -9,6 +9,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.encoders.afferents import afferent_names
 from neurotact.encoders.specs import EncoderSpec, encode
+from neurotact.studies import firing
 
 CHUNK_SAMPLES = 8_000_000
 
@@ -19,7 +20,7 @@ def encode_recordings(
     """Spike trains of whole trials.
 
     progress: called with the number of trials done since its last call.
-    Raises InputError where the unit, the sampling rate or the taxels do not suit the spec.
+    Raises InputError where the unit, the sampling rate, the taxels or the trials' length do not suit the spec.
 
     >>> import pandas as pd
     >>> from neurotact.encoders.specs import load
@@ -30,6 +31,7 @@ def encode_recordings(
     """
     rasters: list[np.ndarray] = []
     rate_Hz = recordings.sampling_rate_Hz
+    firing.check_periods(spec, min(map(len, recordings.signals)) / rate_Hz)
     for chunk in _chunks(recordings):
         felt = condition(recordings.select(chunk).to_unit(spec.unit), **spec.conditioning.model_dump())
         rate_Hz = felt.sampling_rate_Hz

@@ -59,7 +59,7 @@ def resolve(
     overrides: dotted keys of the parameters (`data.trials`, or in full `parameters.data.trials`), or `sweep.KEY`.
     quick: apply the file's `[quick]` table of overrides first.
     """
-    quick_overrides = table.pop("quick", {})
+    quick_overrides = specs.pop_table(table, "quick", path)
     both = {**(quick_overrides if quick else {}), **(overrides or {})}
     both = {key.removeprefix("parameters."): value for key, value in both.items()}
     others = sweeps.unswept(table.setdefault("sweep", {}), both, path)

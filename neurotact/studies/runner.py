@@ -7,7 +7,7 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.errors import InputError
-from neurotact.export.tables import write_table
+from neurotact.export.tables import read_table, write_table
 from neurotact.progress import track
 from neurotact.studies import encoded, kinds
 from neurotact.studies.cell import cell_folder, is_done, result_of, write_cell
@@ -69,7 +69,7 @@ def finish(study: Study, folder: Path) -> Path:
     write_table(encoding_table(study, folder, trained), folder / "encoding.csv")
     if study.network is None:
         places = [cell_folder(folder, cell) for cell in trained]
-        rows = pd.read_csv(folder / "results.csv")
+        rows = read_table(folder / "results.csv")
         write_table(encoded.isi_table(places, rows, swept_columns(study)), folder / encoded.ISI)
         return afferents.write(study, folder)
     for name, table in extra_tables(study, folder, trained).items():

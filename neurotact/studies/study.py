@@ -208,9 +208,10 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     """
     path = specs.find(StudySpec.folder, name)
     table = specs.read(path)
-    quick_overrides = table.pop("quick", {})
+    quick_overrides = specs.pop_table(table, "quick", path)
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
-    overrides = {**_pop_set(table), **overrides}
+    # A study's own table `set` says what it changes in its parts.
+    overrides = {**specs.pop_table(table, "set", path), **overrides}
     for part, load in PARTS.items():
         if isinstance(table.get(part), str):
             table[part] = _whole(load(_beside(path, table[part])))
@@ -274,11 +275,6 @@ def value_at(cell: Cell, dotted: str) -> Any:
     for name in dotted.split("."):
         value = getattr(value, name)
     return value
-
-
-def _pop_set(table: dict[str, Any]) -> dict[str, Any]:
-    """A study's own `[set]` table: what it changes in its parts."""
-    return table.pop("set", {})
 
 
 def _whole(spec: Spec) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """A sweep: axes of dotted keys and their values; the product of the axes gives the cells of a study."""
 
+import math
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import Any
 
 from neurotact.errors import InputError
 
+MOST_POINTS = 100_000
 JOIN = " & "
 """Joins keys that are swept together, each point of the axis a list of their values."""
 
@@ -18,6 +20,8 @@ def check(sweep: Mapping[str, list[Any]]) -> None:
             raise ValueError(f"sweep of '{axis}' has no value")
         if any(not isinstance(v, list) or len(v) != len(axis.split(JOIN)) for v in values if JOIN in axis):
             raise ValueError(f"sweep of '{axis}' needs a list of {len(axis.split(JOIN))} values for each point")
+    if math.prod(map(len, sweep.values())) > MOST_POINTS:
+        raise ValueError(f"the sweep has more than {MOST_POINTS:,} points; drop values or axes")
     if not all(isinstance(seed, int) and seed >= 0 for seed in sweep.get("seed", [])):
         raise ValueError("sweep.seed must be whole numbers >= 0")
 
@@ -43,6 +47,8 @@ def keys(sweep: Mapping[str, list[Any]]) -> list[str]:
 
 def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> dict[str, Any]:
     """Turn overrides of swept keys into sweeps of one value, in `sweep`; return the other overrides."""
+    if not isinstance(sweep, dict):
+        raise InputError(f"sweep: must be a table; got {sweep!r} ({path})")
     others = {}
     for key, value in overrides.items():
         joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]

@@ -9,11 +9,13 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.text import Text
 
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.export import encoding_figures, network_figures, style
 from neurotact.export.network_figures import Published, over_seeds, pareto_front
+from neurotact.export.raster import draw_raster
 
 PAIRS = ("1&1", "1&5", "10&10")
 
@@ -204,3 +206,31 @@ def test_figures_leave_matplotlib_as_they_found_it(tmp_path):
 def test_an_unknown_suffix_names_the_known_ones(tmp_path):
     with pytest.raises(InputError, match=r"figure\.jpg.*\.png, \.svg, \.pdf"):
         style.save(style.new_figure(1.0), tmp_path / "figure.jpg")
+
+
+NAMES = [r"$\frac{$", "$5 & $6", r"\alpha $x_1$", "a\x00b", "a\x1bb", "a\nb", "x" * 5000]
+
+
+@pytest.mark.parametrize("name", NAMES, ids=range(len(NAMES)))
+@pytest.mark.parametrize("suffix", style.SUFFIXES)
+def test_a_name_is_shown_as_it_is_and_never_read_as_a_formula(tmp_path, name, suffix):
+    raster = np.eye(4, 2, dtype=np.uint8)[None]
+    trains = from_rasters(raster, 1000.0, (f"SA-I {name}", f"RA-I {name}"), pd.DataFrame({"label": [name]}))
+    table = make_encoding(labels=(name, "silk"))
+    for figure in (draw_raster(trains, 0), encoding_figures.draw_isis(table, "force_N", classes_of(table))):
+        style.save(figure, tmp_path / f"a{suffix}")
+        shown = [text for text in figure.findobj(Text) if "$" in text.get_text()]
+        assert not any(text.get_parse_math() for text in shown if "t_\\mathrm" not in text.get_text())
+
+
+def test_our_own_symbols_and_powers_of_ten_are_formulas(tmp_path):
+    figure = style.new_figure(2.0)
+    axes = figure.subplots()
+    axes.plot([1, 1e6], [1, 1e6])
+    axes.set(xscale="log", xlabel=style.PAIR_AXIS, ylabel=f"$a$ at {style.SYMBOLS[0]}", title="$a$ and $b$")
+    style.save(figure, tmp_path / "a.svg")
+    ticks = [label for label in axes.get_xticklabels() if "10^" in label.get_text()]
+    assert len(ticks) > 1
+    assert all(label.get_parse_math() for label in (*ticks, axes.xaxis.label))
+    assert not axes.yaxis.label.get_parse_math()
+    assert not axes.title.get_parse_math()

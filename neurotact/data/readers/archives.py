@@ -1,17 +1,22 @@
 """Arrays out of NumPy .npz archives: never unpickled, and a damaged archive is named."""
 
+import math
 import zipfile
 from pathlib import Path
+from typing import IO
 
 import numpy as np
+from numpy.lib import format as npy
 
+from neurotact.data.readers.tables import check_width
 from neurotact.errors import InputError
+from neurotact.files import check_size, existing
 
 FLOAT32_MAX = np.finfo(np.float32).max
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """The arrays of an .npz archive by key; InputError when it is damaged, or holds pickled objects.
+    """The arrays of an .npz archive by key; InputError when it is damaged, too large, or holds pickled objects.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "touch.npz"
@@ -19,14 +24,19 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     >>> {key: array.shape for key, array in read_arrays(path).items()}
     {'press': (4, 2)}
     """
+    check_size(path, existing(path).stat().st_size)
     if not zipfile.is_zipfile(path):
         raise InputError(
             f"{path}: is no .npz archive, or was cut off; save it with numpy.savez (pickles are never loaded)"
         )
     try:
         # opened here, because np.load leaves a damaged file open
-        with open(path, "rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files}
+        with open(path, "rb") as stream:
+            check_size(path, _declared_bytes(stream))
+            with np.load(stream, allow_pickle=False) as archive:
+                arrays = {key: archive[key] for key in archive.files}
+    except InputError:
+        raise
     except Exception as error:  # damaged bytes make zipfile, zlib and numpy raise nearly anything
         if "Object arrays" in str(error):
             raise InputError(
@@ -42,6 +52,27 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     return arrays
 
 
+def _declared_bytes(stream: IO[bytes]) -> int:
+    """What the members take in memory, by the archive's directory or by their own headers, whichever says more."""
+    with zipfile.ZipFile(stream) as archive:
+        members = archive.infolist()
+        declared = sum(max(member.file_size, _array_bytes(archive, member)) for member in members)
+    stream.seek(0)
+    return declared
+
+
+def _array_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """The size of the array that a member's header declares; 0 where it is no array."""
+    with archive.open(member) as stream:
+        if stream.read(len(npy.MAGIC_PREFIX)) != npy.MAGIC_PREFIX:
+            return 0
+        stream.seek(0)
+        version = npy.read_magic(stream)
+        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, dtype = read_header(stream)
+        return math.prod(shape) * dtype.itemsize
+
+
 def as_signal(array: np.ndarray, where: str) -> np.ndarray:
     """`array` as a `(time, channel)` float32 signal; InputError, beginning with `where`, when it is none.
 
@@ -52,6 +83,7 @@ def as_signal(array: np.ndarray, where: str) -> np.ndarray:
         raise InputError(f"{where}: holds {array.dtype}, not numbers; save a (time, channel) array of real numbers")
     if array.ndim != 2 or 0 in array.shape:
         raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty")
+    check_width(where, array.shape[1])
     fits = np.abs(array) <= FLOAT32_MAX if array.dtype.kind == "f" else np.ones(array.shape, dtype=bool)
     if not fits.all():
         sample, channel = np.argwhere(~fits)[0]

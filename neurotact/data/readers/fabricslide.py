@@ -14,7 +14,7 @@ import pandas as pd
 from neurotact.data.readers.tables import cells, numbers, read_text, split_header
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.files import existing
+from neurotact.files import check_size, existing
 
 SOURCE = "FabricSlide (doi 10.3389/fnbot.2022.808222)"
 PATTERN = "<Fabric>_F<set-point>_V<speed>mmps_<repetition>.csv"
@@ -54,10 +54,13 @@ def read(folder: str | Path) -> Recordings:
     paths = _slides(existing(folder, "folder"))
     conditions = pd.DataFrame([_conditions(path) for path in paths])
     times_ms, signals = [], []
+    n_bytes = 0
     for path in paths:
         time_ms, signal = _read_slide(path)
         times_ms.append(time_ms)
         signals.append(signal)
+        n_bytes += signal.nbytes
+        check_size(folder, n_bytes)
     return Recordings(signals, _sampling_rate(times_ms, paths), "count", conditions, CHANNELS, SOURCE)
 
 

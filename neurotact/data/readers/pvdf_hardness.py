@@ -15,7 +15,7 @@ from neurotact.data.readers.archives import as_signal, read_arrays
 from neurotact.data.readers.tables import numbers, read_text, split_header
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.files import existing
+from neurotact.files import check_size, existing
 
 SOURCE = "P(VDF-TrFE) hardness (github.com/cosmiclabunige/Tactile_Heatmaps)"
 SAMPLING_RATE_HZ = 2000.0  # inferred from the electronics; the authors do not state it
@@ -91,11 +91,14 @@ def read(folder: str | Path) -> Recordings:
 
 def _read_texts(paths: list[Path], folder: Path) -> dict[Press, Trial]:
     trials = {}
+    n_bytes = 0
     files = [path.relative_to(folder).as_posix() for path in paths]
     for press, file in _pair(files, LVM_NAME, LVM_LAYOUT, folder, "Voltage").items():
         signal = _read_lvm(folder / file["Voltage"], TAXELS).astype(np.float32)
         force_N = _read_lvm(folder / file["Force"], ("force",)) if "Force" in file else np.array(np.nan)
         trials[press] = Trial(signal, float(force_N.max()), file["Voltage"])
+        n_bytes += signal.nbytes
+        check_size(folder, n_bytes)
     return trials
 
 
@@ -108,6 +111,7 @@ def _read_lvm(path: Path, names: tuple[str, ...]) -> np.ndarray:
 
 def _read_archives(paths: list[Path]) -> dict[Press, Trial]:
     trials: dict[Press, Trial] = {}
+    n_bytes = 0
     for path in paths:
         arrays = read_arrays(path)
         for press, key in _pair(list(arrays), KEY, KEY_LAYOUT, path, "adc").items():
@@ -116,6 +120,8 @@ def _read_archives(paths: list[Path]) -> dict[Press, Trial]:
             signal = _volts(arrays[key["adc"]], f"{path}, key '{key['adc']}'")
             force_N = _force(arrays[key["force"]], f"{path}, key '{key['force']}'") if "force" in key else np.nan
             trials[press] = Trial(signal, float(np.max(force_N)), f"{path.name}:{key['adc']}")
+            n_bytes += signal.nbytes
+            check_size(path.parent, n_bytes)
     return trials
 
 

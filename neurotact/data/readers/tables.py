@@ -3,14 +3,18 @@
 import csv
 import io
 import re
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from neurotact import files
 from neurotact.errors import InputError
 
+MAX_CHANNELS = 10_000
+"""Columns that a table may have; more are a table on its side, or no table."""
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
@@ -18,13 +22,7 @@ NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
 
 def read_text(path: str | Path) -> str:
     """The file's text, its line ends as `\\n`, without a byte-order mark; InputError if it is not UTF-8 text."""
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check that the file is there") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: byte {error.start} is not UTF-8 text; save the file as UTF-8 text again") from error
-    return text.replace("\r\n", "\n").replace("\r", "\n")
+    return files.read_text(path).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def split_header(text: str, path: str | Path) -> tuple[str, str]:
@@ -39,11 +37,13 @@ def split_header(text: str, path: str | Path) -> tuple[str, str]:
 
 
 def cells(line: str, separator: str = ",") -> list[str]:
-    """The cells of one line, without quotes and surrounding spaces.
+    """The cells of one line, without quotes and surrounding spaces; what follows MAX_CHANNELS cells is left together.
 
     >>> cells('time, "felt, left",3')
     ['time', 'felt, left', '3']
     """
+    if line.count(separator) > MAX_CHANNELS:
+        return [cell.strip() for cell in line.split(separator, MAX_CHANNELS)]
     try:
         row = next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True), [])
     except csv.Error:
@@ -62,7 +62,8 @@ def numbers(
     """The `(row, column)` float64 table in `text`, each value finite and within the range of float32.
 
     first_line: the file's line on which `text` begins. names: of the columns; none given, the first row says
-    how many there are. Empty lines are allowed at the end only. InputError names `path`, line and column.
+    how many there are. Empty lines are allowed at the end only. InputError names `path`, line and column, and
+    refuses a table that is too wide or takes too much memory.
 
     >>> numbers("1,2\\n3,4\\n", "a.csv")
     array([[1., 2.],
@@ -74,6 +75,9 @@ def numbers(
     body = text.rstrip("\n")
     if not body:
         raise InputError(f"{path}: holds no row of numbers; record it again or drop the file")
+    first_end = body.find("\n") if "\n" in body else len(body)
+    check_width(path, body.count(separator, 0, first_end) + 1)
+    files.check_size(path, 8 * (body.count(separator) + body.count("\n") + 1))
     values = _parse_at_once(body, separator)
     right_width = values is not None and len(names) in (0, values.shape[1])
     if values is None or not right_width or not (np.abs(values) <= FLOAT32_MAX).all():
@@ -81,13 +85,23 @@ def numbers(
     return values
 
 
+def check_width(where: str | Path, n_channels: int) -> None:
+    """Refuse a table with more columns than a skin has taxels; `where` begins the message."""
+    if n_channels > MAX_CHANNELS:
+        raise InputError(
+            f"{where}: has {n_channels} columns, more than {MAX_CHANNELS} taxels; "
+            "a row must be a sample and a column a taxel"
+        )
+
+
 def _parse_at_once(body: str, separator: str) -> np.ndarray | None:
     """The table by pandas' C parser; None where `_parse_by_cell` has to look closer."""
-    if body.encode().translate(None, b"0123456789+-.eE \n" + separator.encode()):
+    encoded = body.encode()
+    if encoded.translate(None, b"0123456789+-.eE \n" + separator.encode()):
         return None  # other characters: the C parser would take 'true' for 1 and end a cell at a NUL
     try:
         table = pd.read_csv(
-            io.StringIO(body),
+            io.BytesIO(encoded),
             sep=separator,
             header=None,
             dtype="float64",
@@ -102,9 +116,9 @@ def _parse_at_once(body: str, separator: str) -> np.ndarray | None:
 
 def _parse_by_cell(body: str, path: str | Path, separator: str, first_line: int, names: Sequence[str]) -> np.ndarray:
     """What a valid table is; `_parse_at_once` is the same, faster, for tables without a fault."""
-    rows: list[list[float]] = []
+    values = array("d")
     width = len(names)
-    for line_number, line in enumerate(body.split("\n"), first_line):
+    for line_number, line in enumerate(_lines(body), first_line):
         row = cells(line, separator)
         width = width or len(row)
         if not any(row):
@@ -118,8 +132,17 @@ def _parse_by_cell(body: str, path: str | Path, separator: str, first_line: int,
             if not (NUMBER.fullmatch(cell) and abs(float(cell)) <= FLOAT32_MAX):
                 name = f" ({names[column]})" if names else ""
                 raise InputError(f"{path}: line {line_number}, column {column + 1}{name} {_fault(cell)}")
-        rows.append([float(cell) for cell in row])
-    return np.array(rows)
+        values.extend(map(float, row))
+    return np.array(values).reshape(-1, width)
+
+
+def _lines(text: str) -> Iterator[str]:
+    """Each line, without holding them all."""
+    start = 0
+    while (end := text.find("\n", start)) >= 0:
+        yield text[start:end]
+        start = end + 1
+    yield text[start:]
 
 
 def _fault(cell: str) -> str:

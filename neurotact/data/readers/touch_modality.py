@@ -3,6 +3,7 @@
 Published as Mendeley Data dmcdp33ctt, version 2 (University of Genoa, COSMIC lab); used by the touch-modality paper.
 """
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from neurotact.data.readers.tables import cells, is_value, numbers, read_text
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.files import existing
+from neurotact.files import check_size, existing
 
 SOURCE = "touch modality (Mendeley Data dmcdp33ctt)"
 SAMPLING_RATE_HZ = 3000.0
@@ -26,7 +27,8 @@ def read(folder: str | Path) -> Recordings:
 
     Files are tab-separated without a header: at least 30,000 rows of 17 columns, of which the first is no taxel and
     dropped. Classes come in the order above, files in the order of their names. Conditions: label, file.
-    The published layout does not say who touched, so there is no condition `person`.
+    The published layout does not say who touched, so there is no condition `person`. The 840 published files take
+    1.6 GB in memory, for which NEUROTACT_MAX_MB must be raised.
 
     Raises InputError, which names the file, the place and the fix.
 
@@ -42,7 +44,9 @@ def read(folder: str | Path) -> Recordings:
     """
     folder = existing(folder, "folder")
     files = [(label, path) for label, place in _class_folders(folder).items() for path in _recordings_in(place)]
-    signals = np.empty((len(files), N_SAMPLES, len(COLUMNS) - 1), np.float32)
+    shape = (len(files), N_SAMPLES, len(COLUMNS) - 1)
+    check_size(folder, math.prod(shape) * np.dtype(np.float32).itemsize)
+    signals = np.empty(shape, np.float32)
     for i, (_, path) in enumerate(files):
         signals[i] = _read_lvm(path)
     names = [path.relative_to(folder).as_posix() for _, path in files]

@@ -15,6 +15,7 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.room import check_room
 from neurotact.data.simulate.viscoelastic import Bodies, Squeeze, deformation_at, squeeze
 from neurotact.data.tactile_moments import NAMES, moment_weights
 from neurotact.spec import Spec
@@ -211,6 +212,9 @@ def simulate(spec: ComplianceSpec, progress: Callable[[int, int], None] | None =
     >>> np.asarray(touch.signals).shape, touch.unit, touch.channels[6]
     ((42, 49, 12), 'count', 'palm M00')
     """
+    check_room(spec.n_trials, spec.n_samples, len(CHANNELS))
+    for skin in (spec.finger, spec.palm):
+        check_room(1, spec.n_samples, skin.rows * skin.columns)
     rows = [(i, trial) for trial in range(spec.trials) for i in range(len(load_objects()))]
     things = [load_objects()[i] for i, _ in rows]
     generators = [trial_generator(spec.seed, i + 1, trial) for i, trial in rows]

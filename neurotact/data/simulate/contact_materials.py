@@ -17,6 +17,7 @@ from scipy.signal import lfilter
 
 from neurotact.data.lock_in import lock_in, phase_between
 from neurotact.data.recordings import LABEL, Recordings
+from neurotact.data.simulate.room import check_room
 from neurotact.spec import Spec
 
 Positive = Annotated[float, Field(gt=0)]
@@ -196,6 +197,7 @@ def simulate(spec: ContactMaterialsSpec, progress: Callable[[int, int], None] | 
     >>> touch.signals.shape, touch.channels, touch.classes
     ((8, 4000, 2), ('force', 'output'), ('brass', 'lead', 'plastic', 'wood'))
     """
+    check_room(spec.n_trials, spec.n_samples, len(CHANNELS))
     conditions = _conditions(spec)
     signals = np.empty((len(conditions), spec.n_samples, len(CHANNELS)), np.float32)
     rows = zip(conditions.label, conditions.set_force_N, conditions.frequency_Hz, conditions.trial, strict=True)

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.room import check_room
 from neurotact.spec import Spec
 
 Positive = Annotated[float, Field(gt=0)]
@@ -143,6 +144,8 @@ def simulate(spec: GratingsSpec, progress: Callable[[int, int], None] | None = N
     >>> touch.signals.shape, touch.unit, touch.classes
     ((4, 2500, 8), 'mV', ('P0.5', 'P4.0'))
     """
+    check_room(spec.n_trials, spec.n_samples, len(spec.taxel_gains))
+    check_room(1, _settling_samples(spec), len(spec.taxel_gains))
     conditions = _conditions(spec)
     signals = np.empty((len(conditions), spec.n_samples, len(spec.taxel_gains)), np.float32)
     rows = zip(conditions.pitch_mm, conditions.force_N, conditions.speed_mm_per_s, conditions.trial, strict=True)

@@ -6,6 +6,7 @@ sources and what does not match: docs/stiffness-simulator.md.
 """
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +15,14 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.room import check_room
+from neurotact.errors import InputError
 from neurotact.spec import Spec
 
 SUBSTEPS = 4
 """Steps of the equation of motion a sample: 0.125 ms at 2 kS/s, a fifth of the fastest time constant."""
+MOST_CANDIDATES = 10_000
+"""Placements that are tried until one touches a taxel; of the published ones nearly every one does."""
 PLACEMENT_KEY, GRASP_KEY, PATCH_KEY = 0, 1, 2
 
 
@@ -111,6 +116,8 @@ class StiffnessSpec(Spec):
 
     @model_validator(mode="after")
     def _fits_together(self) -> "StiffnessSpec":
+        if self.n_samples < 1:
+            raise ValueError("grasp_s and release_s are shorter than one sample")
         if len(self.taxel_x_mm) != len(self.taxel_y_mm):
             raise ValueError(
                 f"taxel_x_mm has {len(self.taxel_x_mm)} places but taxel_y_mm has {len(self.taxel_y_mm)}; "
@@ -164,6 +171,7 @@ def simulate(spec: StiffnessSpec, progress: Callable[[int, int], None] | None = 
     >>> touch.signals.shape, touch.unit, touch.classes
     ((6, 6000, 4), 'mV', ('HR', 'RW', 'SR'))
     """
+    check_room(spec.n_trials, spec.n_samples, len(spec.taxel_x_mm))
     conditions = pd.DataFrame(
         [
             (label, placement, grasp)
@@ -287,13 +295,16 @@ def patch_gains(spec: StiffnessSpec) -> np.ndarray:
 
 def _draw_placement(spec: StiffnessSpec, rng: np.random.Generator) -> tuple[float, float, float]:
     """Offset, turn and tilt of a placement that has a taxel near its line of contact."""
-    for offset, turn, tilt in _candidates(spec, rng):
+    for offset, turn, tilt in islice(_candidates(spec, rng), MOST_CANDIDATES):
         angle = np.deg2rad(turn)
         x, y = np.array(spec.taxel_x_mm), np.array(spec.taxel_y_mm)
         distance = np.abs((x - offset) * np.cos(angle) + y * np.sin(angle))
         if distance.min() <= spec.contact_mm:
             return offset, turn, tilt
-    raise AssertionError("unreachable: candidates never end")
+    raise InputError(
+        f"contact_mm: of {MOST_CANDIDATES} placements within reach_mm = {spec.reach_mm:g} none has a taxel within "
+        f"{spec.contact_mm:g} mm of the line of contact; lower reach_mm or raise contact_mm"
+    )
 
 
 def _candidates(spec: StiffnessSpec, rng: np.random.Generator) -> Iterator[tuple[float, float, float]]:

@@ -32,7 +32,7 @@ class FingerSpec(Spec):
     """Distance of papillary ridges (0.4 to 0.5 mm on an adult finger)."""
     ridge_depth: float = Field(default=0.12, ge=0)
     """Share of the stress that vibrates as ridges pass."""
-    stick_mm: float = Field(default=2.0, gt=0)
+    stick_mm: float = Field(default=2.0, ge=1e-3)
     """Mean way that the skin is dragged before it slips."""
     stick_depth: float = Field(default=0.3, ge=0, lt=1)
     """Share of the load that builds up while the skin sticks and is gone when it slips."""
@@ -49,7 +49,7 @@ class BrushSpec(Spec):
     """Of that width, as the deviation of its logarithm: how far the brush is turned and pressed."""
     depth_mm: float = Field(default=3.0, gt=0)
     """Of the bundle along the stroke, standard deviation."""
-    tufts: int = Field(default=14, ge=1)
+    tufts: int = Field(default=14, ge=1, le=1000)
     tuft_mm: float = Field(default=1.5, gt=0)
     """Standard deviation of a tuft's pressure."""
     catch_depth: float = Field(default=0.8, ge=0)

@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.room import check_room
 from neurotact.data.simulate.touch_contacts import (
     BrushSpec,
     FingerSpec,
@@ -89,7 +90,7 @@ class TouchModalitySpec(Spec):
     """Scale of a gamma distribution of shape 2."""
     duration_s: float = Field(default=2.4, gt=0)
     """Of the contact, median; of it, about 2 s lie outside the activity band (Sec. IV-A)."""
-    span_mm: float = Field(default=34.0, gt=0)
+    span_mm: float = Field(default=34.0, gt=0, le=1e4)
     """Of a pass over the array, median."""
     back_and_forth: tuple[float, ...] = Field(default=(0.6, 0.3, 0.1), min_length=1)
     """Shares of people who pass once, twice, three times, a habit for each modality."""
@@ -160,6 +161,8 @@ class Stroke(NamedTuple):
 def simulate(spec: TouchModalitySpec, progress: Callable[[int, int], None] | None = None) -> Recordings:
     """All touches in V, float32 `(touch, time, taxel)`; 1.6 GB for 70 people, so see `each_person` too.
 
+    That is more than one input may take unless NEUROTACT_MAX_MB is raised.
+
     conditions: label (brushing, rolling, sliding), person, direction, repetition, force_N, duration_s, passes. Rows go
         person by person. Taxel 4 r + c stands in row r and column c; a horizontal stroke runs along rows.
     progress: called as (touches done, touches in all), after each person.
@@ -168,6 +171,7 @@ def simulate(spec: TouchModalitySpec, progress: Callable[[int, int], None] | Non
     >>> touch.signals.shape, touch.unit, touch.classes
     ((12, 30000, 16), 'V', ('brushing', 'rolling', 'sliding'))
     """
+    check_room(spec.n_trials, spec.n_samples, SIDE**2)
     signals = np.empty((spec.n_trials, spec.n_samples, SIDE**2), np.float32)
     tables = []
     for person, (touches, table) in enumerate(each_person(spec)):
@@ -181,6 +185,7 @@ def simulate(spec: TouchModalitySpec, progress: Callable[[int, int], None] | Non
 
 def each_person(spec: TouchModalitySpec) -> Iterator[tuple[np.ndarray, pd.DataFrame]]:
     """The touches of one person after the other: `(TOUCHES, time, taxel)` in V and their conditions."""
+    check_room(TOUCHES, spec.n_samples, SIDE**2)
     gains = np.exp(spec.gain_spread * _generator(spec.seed, ARRAY_KEY).standard_normal(SIDE**2))
     for index in range(spec.people):
         person = draw_person(spec, _generator(spec.seed, PERSON_KEY, index))

@@ -8,7 +8,7 @@ import pandas as pd
 from neurotact.export import gain_figures
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.style import Drawn
-from neurotact.export.tables import write_table
+from neurotact.export.tables import read_table, write_table
 from neurotact.files import existing
 from neurotact.spec import to_toml
 from neurotact.studies import encoded
@@ -54,7 +54,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     """
     every = list(cells(study))
     done = [cell for cell in every if is_done(folder, cell)]
-    results = with_pair(pd.read_csv(existing(folder / "results.csv")))
+    results = with_pair(read_table(folder / "results.csv"))
     results = results.assign(
         gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]
     )

@@ -11,8 +11,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.network_figures import over_seeds
 from neurotact.export.style import Drawn
-from neurotact.export.tables import write_table
-from neurotact.files import existing
+from neurotact.export.tables import read_table, write_table
 from neurotact.spec import to_toml
 from neurotact.studies import ledger, selection
 from neurotact.studies import study as studies
@@ -88,7 +87,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     Raises InputError when `results.csv` or `encoding.csv` is not there or a claim names a column that is not there.
     """
     swept = swept_columns(study)
-    results = with_setting(with_pair(pd.read_csv(existing(folder / "results.csv"))), swept)
+    results = with_setting(with_pair(read_table(folder / "results.csv")), swept)
     encoding = with_pair(read_encoding(folder / "encoding.csv"))
     every = list(cells(study))
     done = [cell for cell in every if is_done(folder, cell)]
@@ -98,7 +97,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     chosen = course.found if course else None
     extra = extra_tables(folder)
     trials = search.trials_table(folder, done, results)
-    baseline = pd.read_csv(folder / "baseline.csv") if (folder / "baseline.csv").is_file() else None
+    baseline = read_table(folder / "baseline.csv") if (folder / "baseline.csv").is_file() else None
     costs = _ledger(results, baseline, trains, study.network is None or study.network.recurrent)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.export.tables import means_over, write_table
-from neurotact.files import existing
+from neurotact.export.tables import means_over, read_table, write_table
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell
 from neurotact.studies.cell import is_done
@@ -75,7 +74,7 @@ def seen(means: pd.DataFrame, view: View) -> dict[str, Any]:
 
 def read_results(path: Path, view: View) -> pd.DataFrame:
     """A run's results.csv, with a dash where what names a configuration is missing."""
-    table = pd.read_csv(existing(path))
+    table = read_table(path)
     texts = [column for column in view.by if column in table and table[column].isna().any()]
     return table.assign(**{column: table[column].fillna("-") for column in texts})
 

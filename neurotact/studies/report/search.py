@@ -8,6 +8,7 @@ import pandas as pd
 
 from neurotact.export import searches_figures
 from neurotact.export.style import Drawn
+from neurotact.export.tables import read_table
 from neurotact.networks.tuning import SearchSpec
 from neurotact.studies.cell import SEARCH, cell_folder
 from neurotact.studies.report.page import Table
@@ -32,7 +33,7 @@ def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.Da
         path = cell_folder(folder, cell) / SEARCH / "trials.csv"
         if not path.is_file():
             continue
-        table = pd.read_csv(path).rename(columns={"id": "trial", "hidden": "searched hidden"})
+        table = read_table(path).rename(columns={"id": "trial", "hidden": "searched hidden"})
         for key in reversed(["cell", *NAMED, "setting", "pair"]):
             table.insert(0, key, index if key == "cell" else row[key])
         parts.append(table)

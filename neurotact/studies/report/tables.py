@@ -11,7 +11,7 @@ from neurotact.data.columns import in_unit, quantity
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export.encoding_figures import Classes
-from neurotact.files import existing
+from neurotact.export.tables import read_table
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.study import Cell
 
@@ -21,7 +21,7 @@ EXTRA_TABLES = ("cut_short", "exit_curve", "conditions", "signals", "same_drive"
 def read_encoding(path: Path) -> pd.DataFrame:
     """The encoding table; a class may be called "None", and an interval may be missing."""
     missing = {"isi_sa_ms": [""], "isi_ra_ms": [""]}
-    return pd.read_csv(existing(path), dtype={"label": str}, keep_default_na=False, na_values=missing)
+    return read_table(path, dtype={"label": str}, keep_default_na=False, na_values=missing)
 
 
 def with_pair(table: pd.DataFrame) -> pd.DataFrame:
@@ -59,7 +59,7 @@ def _in_words(key: str) -> str:
 def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:
     """The tables that only some studies leave, by name."""
     paths = {name: folder / f"{name}.csv" for name in EXTRA_TABLES}
-    found = {name: pd.read_csv(path) for name, path in paths.items() if path.is_file()}
+    found = {name: read_table(path) for name, path in paths.items() if path.is_file()}
     return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
 
 

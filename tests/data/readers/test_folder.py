@@ -1,5 +1,11 @@
 """A plain folder: what is written is read, and what cannot be is refused by name."""
 
+import logging
+import os
+import socket
+import tracemalloc
+import zipfile
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -7,13 +13,14 @@ from hypothesis import strategies as st
 
 from neurotact.data.readers import folder
 from neurotact.errors import InputError
+from neurotact.files import MAX_MB
 
 SHORT = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SIGNAL = np.round(np.random.default_rng(5).normal(size=(15, 3)), 3)
 
 
 def write(place, name, signal: np.ndarray = SIGNAL, header="a,b,c", end="\n"):
-    place.mkdir(exist_ok=True)
+    place.mkdir(parents=True, exist_ok=True)
     lines = [header] * bool(header) + [",".join(map(repr, row)) for row in np.asarray(signal).tolist()]
     (place / name).write_text("\n".join(lines) + end)
 
@@ -62,22 +69,143 @@ def test_csv_and_npz_come_back_alike(tmp_path_factory, signals, header, end):
         np.testing.assert_array_equal(b, array)
 
 
-def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path):
+def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
     for name in ("b.csv", "a.CSV"):
         write(tmp_path / "silk", name)
     write(tmp_path / "felt", "z.csv", header="")
     np.savez(tmp_path / "felt" / "y.npz", two=SIGNAL, one=SIGNAL[:4])
-    for stray in ("silk/notes.txt", "silk/.b.csv", "readme.csv"):
+    for stray in ("silk/notes.txt", "silk/.b.csv", "README", "a/deeper/one.lvm", ".git/a.csv", "__MACOSX/felt/z.csv"):
+        (tmp_path / stray).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / stray).write_text("stray")
-    (tmp_path / ".git").mkdir()
-    (tmp_path / "__MACOSX").mkdir()
-    touch = folder.read(tmp_path, 100, "mV")
+    write(tmp_path / "a" / "deeper", "two.csv")
+    with caplog.at_level(logging.WARNING, "neurotact"):
+        touch = folder.read(tmp_path, 100, "mV")
+    assert caplog.messages == [
+        f"{tmp_path}: 6 ignored, being hidden or no .csv or .npz file: "
+        ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv, ..."
+    ]
     assert list(touch.conditions.file) == [
-        "felt/y.npz:two", "felt/y.npz:one", "felt/z.csv", "silk/a.CSV", "silk/b.csv"
+        "a/deeper/two.csv", "felt/y.npz:two", "felt/y.npz:one", "felt/z.csv", "silk/a.CSV", "silk/b.csv"
     ]  # fmt: skip
-    assert list(touch.conditions.label) == ["felt"] * 3 + ["silk"] * 2
+    assert list(touch.conditions.label) == ["a"] + ["felt"] * 3 + ["silk"] * 2
     assert touch.channels == ("a", "b", "c")
-    assert [len(s) for s in touch.signals] == [15, 4, 15, 15, 15]
+    assert [len(s) for s in touch.signals] == [15, 15, 4, 15, 15, 15]
+
+
+@given(places=st.lists(st.lists(st.sampled_from("abc"), min_size=1, max_size=4), min_size=1, max_size=12))
+@SHORT
+def test_no_nested_file_is_lost(tmp_path_factory, places):
+    root = tmp_path_factory.mktemp("nested")
+    for i, place in enumerate(places):
+        root.joinpath(*place).mkdir(parents=True, exist_ok=True)
+        write(root.joinpath(*place), f"{i}.csv", SIGNAL + i)
+    touch = folder.read(root, 100, "mV")
+    read = {(row.label, row.file): touch.signals[i][0, 0] for i, row in touch.conditions.iterrows()}
+    written = {(place[0], f"{'/'.join(place)}/{i}.csv"): np.float32(SIGNAL[0, 0] + i) for i, place in enumerate(places)}
+    assert read == written
+
+
+def test_a_data_file_that_would_be_lost_is_refused(tmp_path):
+    write(tmp_path / "felt", "a.csv")
+    write(tmp_path, "b.CSV")
+    refused(tmp_path, "b.CSV: lies beside the sub-folders and has no label; put it in the sub-folder of its class")
+    (tmp_path / "b.CSV").unlink()
+    np.savez(tmp_path / "c.npz", press=SIGNAL)
+    refused(tmp_path, "c.npz: lies beside the sub-folders")
+
+
+def test_links_are_followed_and_loops_are_named(tmp_path):
+    root, elsewhere = tmp_path / "in", tmp_path / "elsewhere"
+    write(elsewhere, "a.csv")
+    root.mkdir()
+    (root / "felt").symlink_to(elsewhere)
+    assert list(folder.read(root, 100, "mV").conditions.file) == ["felt/a.csv"]
+    for target in (root, elsewhere):
+        (elsewhere / "loop").symlink_to(target)
+        refused(root, "loop: leads to ")
+        (elsewhere / "loop").unlink()
+
+
+@pytest.mark.parametrize("kind", ["pipe", "socket", "device", "nothing"])
+def test_what_is_no_regular_file_is_never_opened(tmp_path, monkeypatch, kind):
+    (tmp_path / "felt").mkdir()
+    for suffix in folder.SUFFIXES:
+        path = tmp_path / "felt" / f"a{suffix}"
+        if kind == "pipe":
+            os.mkfifo(path)
+        elif kind == "socket":
+            with socket.socket(socket.AF_UNIX) as server:
+                monkeypatch.chdir(path.parent)  # the path of a socket is short
+                server.bind(path.name)
+        else:
+            path.symlink_to("/dev/zero" if kind == "device" else "absent")
+        refused(tmp_path, f"{path}: " + ("there is no such file" if kind == "nothing" else "is not a regular file"))
+        path.unlink()
+
+
+@pytest.mark.parametrize("name", ["fe\nlt", "fe\x1blt", os.fsdecode(b"fe\xfflt")])
+def test_a_name_that_cannot_be_shown_is_refused(tmp_path, name):
+    write(tmp_path / name, "a.csv")
+    refused(tmp_path, "is no text; rename that file or folder")
+
+
+def test_columns_are_bounded_and_compared_at_once(tmp_path):
+    def header(n):
+        return ",".join(f"t{i}x" for i in range(n)) + "\n" + ",".join("1" * n) + "\n"
+
+    (tmp_path / "felt").mkdir()
+    path = tmp_path / "felt" / "a.csv"
+    path.write_text(header(10_000))
+    assert folder.read(tmp_path, 100, "mV").n_channels == 10_000
+    path.write_text(header(50_000))
+    refused(tmp_path, "a.csv: has 10001 columns, more than 10000 taxels")
+    path.write_text(",".join("1" * 50_000))
+    refused(tmp_path, "columns, more than 10000 taxels")
+    path.unlink()
+    np.savez(tmp_path / "felt" / "a.npz", press=np.zeros((2, 10_001)))
+    refused(tmp_path, "a.npz, key 'press': has 10001 columns, more than 10000 taxels")
+
+
+def npy_header(shape: str, descr: str = "<f8") -> bytes:
+    text = f"{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
+
+
+@pytest.mark.parametrize("bomb", ["one member", "many members", "a header that lies", "a huge header", "text"])
+def test_an_archive_is_bounded_by_what_it_declares(tmp_path, monkeypatch, bomb):
+    monkeypatch.setenv(MAX_MB, "50")
+    (tmp_path / "felt").mkdir()
+    path = tmp_path / "felt" / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        if bomb == "one member":
+            archive.writestr("x.npy", npy_header("(7000000, 1)") + bytes(56_000_000))
+        elif bomb == "many members":
+            for i in range(6):
+                archive.writestr(f"x{i}.npy", npy_header("(1250000, 1)") + bytes(10_000_000))
+        elif bomb == "text":
+            archive.writestr("x", bytes(56_000_000))
+        else:
+            shape = "(10**6, 10**6)" if bomb == "a huge header" else "(1000000, 1000000)"
+            archive.writestr("x.npy", npy_header(shape) + bytes(80))
+    assert path.stat().st_size < 200_000
+    tracemalloc.start()
+    is_damaged = bomb == "a huge header"  # numpy reads shapes as literals
+    refused(tmp_path, "a.npz: is a damaged" if is_damaged else "MB, more than the limit of 50 MB; set NEUROTACT_MAX_MB")
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+
+
+def test_a_table_is_bounded_by_its_size_and_by_that_of_its_numbers(tmp_path, monkeypatch):
+    monkeypatch.setenv(MAX_MB, "1")
+    (tmp_path / "felt").mkdir()
+    path = tmp_path / "felt" / "a.csv"
+    for content, n_bytes in ((b"1\n" * 200_000, 8 * 200_000), (b"0.00000000001\n" * 120_000, 14 * 120_000)):
+        path.write_bytes(content)
+        refused(tmp_path, f"{path}: holds {n_bytes / 1e6:,.0f} MB, more than the limit of 1 MB")
+    path.unlink()
+    for i in range(5):
+        (tmp_path / "felt" / f"{i}.csv").write_bytes(b"1\n" * 60_000)
+    refused(tmp_path, f"{tmp_path}: holds 1 MB, more than the limit of 1 MB")
 
 
 def test_trials_of_other_taxels_are_refused(tmp_path):

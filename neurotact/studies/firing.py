@@ -1,0 +1,65 @@
+"""Whether an encoder suits what it encodes: afferents neither silent, nor saturated, nor refractory for a trial."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+
+POPULATIONS = (("SA-I", "sa1"), ("RA-I", "ra1"))
+"""Each population as it is called, and as the encoder's spec names it; their afferents come in this order."""
+SATURATED = 0.9
+"""Share of the highest rate that a refractory period allows, above which an afferent tells no more of its drive."""
+
+
+def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
+    """InputError where a refractory period is as long as the shortest trial, which lasts `trial_s`.
+
+    >>> from neurotact.encoders.specs import load
+    >>> check_periods(load("sa1-ra1-lif", {"sa1.t_ref_ms": 20}), trial_s=0.01)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: sa1.t_ref_ms: 20 ms is not shorter than the shortest trial, which lasts 10 ms; shorten it
+    """  # noqa: E501
+    for _, part in POPULATIONS:
+        t_ref_ms = getattr(encoder, part).t_ref_ms
+        if t_ref_ms >= 1e3 * trial_s:
+            raise InputError(
+                f"{part}.t_ref_ms: {t_ref_ms:g} ms is not shorter than the shortest trial, which lasts "
+                f"{1e3 * trial_s:g} ms; shorten it"
+            )
+
+
+def spike_counts(trains: SpikeTrains) -> np.ndarray:
+    """Spikes of each afferent over all trials, `(afferent,)`."""
+    counts = np.zeros(len(trains.afferents), np.int64)
+    for units in trains.units:
+        counts += np.bincount(units, minlength=len(counts))
+    return counts
+
+
+def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: EncoderSpec) -> Iterator[str]:
+    """A sentence for each population that is silent, or all of whose firing afferents are saturated.
+
+    counts: spikes of each afferent in `n_steps` steps of the clock, SA-I before RA-I, `(afferent,)`.
+
+    >>> from neurotact.encoders.specs import load
+    >>> list(complaints(np.array([0, 3]), n_steps=1000, clock_Hz=1000.0, encoder=load("sa1-ra1-lif")))
+    ['no SA-I afferent fires in any trial; raise sa1.gain, or find gains for this sensor with neurotact calibrate']
+    """
+    for (name, part), fired in zip(POPULATIONS, np.split(counts, len(POPULATIONS)), strict=True):
+        population = getattr(encoder, part)
+        gain = next(key for key in type(population).model_fields if key.startswith("gain"))
+        remedy = f"{part}.{gain}, or find gains for this sensor with neurotact calibrate"
+        silent_steps = max(0, math.ceil(population.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
+        highest_Hz = clock_Hz / (silent_steps + 1)
+        rates_Hz = fired[fired > 0] * clock_Hz / n_steps
+        if not len(rates_Hz):
+            yield f"no {name} afferent fires in any trial; raise {remedy}"
+        elif rates_Hz.min() > SATURATED * highest_Hz:
+            yield (
+                f"every {name} afferent that fires does so at over {SATURATED:.0%} of the {highest_Hz:g} Hz that its "
+                f"t_ref allows; lower {remedy}"
+            )
