@@ -471,6 +471,7 @@ class SpikingLayer(Layer):
     """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
 
     sops: operations into this layer in one decision, a mean or a number: an AC each.
+    recurrent: whether its neurons hear one another.
     Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
     """
 
@@ -478,7 +479,7 @@ class SpikingLayer(Layer):
     neurons: int
     steps: float
     sops: float
-    recurrent: bool = False
+    recurrent: bool
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -96,10 +96,10 @@ def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
 def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
     found = network.infer(test.spikes, rule)
-    hidden, n_classes = network.spec.hidden, network.n_classes
     measured = {f"sops_{name}": float(v.mean()) for name, v in trained.synops_of(found, network)._asdict().items()}
     steps = float(found.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
     encoder = cost(Afferents(len(trains.afferents) // 2, max(1, round(steps))), signal_ms=signal_ms)
-    network_spent = network_cost(len(trains.afferents), hidden, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    sizes = len(trains.afferents), network.n_classes
+    network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
     return trained.accuracy_of(found, test), encoder, network_spent

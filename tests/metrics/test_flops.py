@@ -48,7 +48,7 @@ EVERY_LAYER = [
     Afferents(8, 300),
     IzhikevichAfferents(8, 300, 5),
     PoissonAfferents(8, 300),
-    SpikingLayer(16, 30, 300, 1000.0),
+    SpikingLayer(16, 30, 300, 1000.0, recurrent=True),
 ]
 
 
@@ -132,7 +132,7 @@ def test_encoder_by_hand():
 def test_spiking_network_by_hand():
     # 2 afferents, 3 hidden neurons, 4 readouts, 3 steps; SOPs as counted by hand in test_synops: 15, 6 and 8.
     hidden = SpikingLayer(2, 3, steps=3, sops=15 + 6, recurrent=True)
-    readout = SpikingLayer(3, 4, steps=3, sops=8)
+    readout = SpikingLayer(3, 4, steps=3, sops=8, recurrent=False)
     counted = cost(hidden, readout, signal_ms=1.5)
     assert counted.acs == counted.sops == 29
     assert counted.macs == 2 * 3 * (3 + 4)
@@ -212,8 +212,8 @@ def test_a_layer_of_your_own_counts():
         (lambda: Dense(0, 3), r"Dense.inputs: must be a whole number, at least 1; got 0"),
         (lambda: LSTM(16, 10, steps=-1), "LSTM.steps"),
         (lambda: GRU(16, 1.5), "GRU.units"),  # type: ignore[arg-type]
-        (lambda: SpikingLayer(1, 1, steps=3, sops=-1.0), "sops must be >= 0"),
-        (lambda: SpikingLayer(1, 1, steps=3, sops=float("nan")), "sops must be >= 0"),
+        (lambda: SpikingLayer(1, 1, steps=3, sops=-1.0, recurrent=False), "sops must be >= 0"),
+        (lambda: SpikingLayer(1, 1, steps=3, sops=float("nan"), recurrent=False), "sops must be >= 0"),
         (lambda: cost(Dense(1, 1, "swish")), "'swish' is not known"),  # type: ignore[arg-type]
         (lambda: cost(Moments(10, 1, 5)), "four moments"),
         (lambda: Cost(macs=-1), "cost.macs"),

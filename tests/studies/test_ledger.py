@@ -4,15 +4,17 @@ import pandas as pd
 import pytest
 
 from neurotact.metrics import synops
+from neurotact.networks.specs import RSNNSpec
 from neurotact.studies import ledger
 
 
 def test_a_network_by_hand():
     # 2 afferents, 3 hidden neurons, 4 readouts, 10 steps; 5 input spikes and 2 hidden ones: 15 + 6 + 8 SOPs.
     table = synops.to_table(
-        labels=["a"], predicted=["a"], steps=[10], input_spikes=[5], hidden_spikes=[2], n_hidden=3, n_readout=4
-    )
-    costs = ledger.decision_ledger(2, 4, 3, 2000.0, synops.summary(table)).set_index("name")
+        labels=["a"], predicted=["a"], steps=[10], input_spikes=[5], hidden_spikes=[2], n_hidden=3, n_readout=4,
+        recurrent=True,
+    )  # fmt: skip
+    costs = ledger.decision_ledger(RSNNSpec(hidden=3), 2, 4, 2000.0, synops.summary(table)).set_index("name")
     network = costs.loc["network"]
     assert (network.macs, network.acs, network.sops) == (2 * 10 * 7, 29, 29)
     assert network.parameters == 2 * 3 + 3 * 3 + 3 * 4
@@ -38,7 +40,7 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     ]  # fmt: skip
     results = pd.DataFrame(rows)
     sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0}
-    table = ledger.study_ledger(results, pd.DataFrame({"samples": [300]}), **sizes)
+    table = ledger.study_ledger(RSNNSpec(), results, pd.DataFrame({"samples": [300]}), **sizes)
     assert table["name"].tolist() == [
         "linear baseline",
         "conditioning and encoding alone, 150 ms",
@@ -47,15 +49,28 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     assert table["sops"].tolist() == [0.0, 0.0, 115.5]
     assert (table["signal_ms"] == 150).all()
     older = pd.DataFrame({"accuracy_test": [0.5]})
-    assert ledger.study_ledger(results, older, **sizes)["name"].iloc[0].startswith("conditioning")
-    assert len(ledger.study_ledger(results, None, **sizes)) == 2
+    assert ledger.study_ledger(RSNNSpec(), results, older, **sizes)["name"].iloc[0].startswith("conditioning")
+    assert len(ledger.study_ledger(RSNNSpec(), results, None, **sizes)) == 2
 
 
 def test_a_feed_forward_network_has_no_recurrent_weights():
     measured = {"sops_input": 15.0, "sops_recurrent": 0.0, "sops_readout": 8.0}
-    counted = ledger.network_cost(2, 3, 4, measured, steps=10, signal_ms=5.0, recurrent=False)
+    counted = ledger.network_cost(RSNNSpec(hidden=3, model="snn"), 2, 4, measured, steps=10, signal_ms=5.0)
     assert counted.parameters == 2 * 3 + 3 * 4
     assert counted.sops == 23
+
+
+def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
+    # 16 afferents, 20 hidden neurons, 8 readouts; LIF encoders keep 2 parameters beside.
+    row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": 300, "sops_input": 1.0, "sops_readout": 1.0}
+    rows = [
+        {**row, "setting": f"all, model {model}", "network.model": model, "sops_recurrent": sops}
+        for model, sops in (("rsnn", 10.0), ("snn", 0.0))
+    ]
+    table = ledger.study_ledger(RSNNSpec(), pd.DataFrame(rows), None, n_afferents=16, n_classes=8, rate_Hz=2000.0)
+    of_networks = table[table["name"].str.startswith("spiking")]
+    assert of_networks["sops"].tolist() == [12.0, 2.0]
+    assert of_networks["parameters"].diff().iloc[1] == -20 * 20
 
 
 def test_encoders_by_hand():

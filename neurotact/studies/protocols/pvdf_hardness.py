@@ -223,8 +223,8 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
     ):
         measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-        sizes = (len(trains.afferents), parameters.spiking.hidden, len(trains.classes))
-        network = ledger.network_cost(*sizes, measured, steps=steps, signal_ms=signal_ms)
+        sizes = len(trains.afferents), len(trains.classes)
+        network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {
             "chain": chain,
             "features": "spikes",

@@ -398,7 +398,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
         tried.append(trained.fit(trains, spec, task, (seed, seed + 1)))
     fitted, sides = max(tried, key=lambda pair: pair[0].training.best.validation_accuracy)
     row, spec = trained.measure(fitted, sides.test, trains.is_sa)["row"], fitted.network.spec
-    sizes = len(trains.afferents), spec.hidden, len(trains.classes)
+    sizes = len(trains.afferents), len(trains.classes)
     chosen = f"tau = {spec.tau_mem_ms:g} ms"
     for decision, start, accuracy, steps in (
         ("window", "", row["accuracy_test"], row["window_steps"]),
@@ -406,7 +406,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
     ):
         sops = {name: row[start + name] for name in ledger.SOPS}
         signal_ms = 1e3 * steps / seen.rate_Hz
-        counted = ledger.network_cost(*sizes, sops, steps=steps, signal_ms=signal_ms, recurrent=spec.recurrent)
+        counted = ledger.network_cost(spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
         validated = row["accuracy_validation"] if decision == "window" else float("nan")
         yield Decided(decision, validated, accuracy, chosen, Cost(), counted, signal_ms, seed)
 
