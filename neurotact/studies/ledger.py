@@ -4,7 +4,7 @@ The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measur
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pandas as pd
@@ -25,6 +25,13 @@ from neurotact.metrics.flops import (
     cost,
     ledger_table,
 )
+from neurotact.metrics.signal_flops import (
+    BaselineRemoval,
+    Interpolation,
+    Rectification,
+    ScaledSteps,
+    StandardisedSteps,
+)
 from neurotact.networks.specs import RSNNSpec
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
@@ -36,19 +43,43 @@ ABOUT = (
 )
 
 
-def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mapping[str, Any] | None = None) -> Cost:
-    """Smoothing and both populations of afferents over a window.
+def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mapping[str, Any]) -> Cost:
+    """What an encoder does over a window, from the recording to the spikes: conditioning and both populations.
 
-    encoder: the spec of the afferents, as spike trains carry it; LIF when absent.
+    encoder: its spec, as spike trains carry it; LIF without conditioning where it says neither.
 
-    >>> lif = encoding_cost(8, 300, 150.0)
-    >>> izhikevich = encoding_cost(8, 300, 150.0, {"model": "izhikevich", "euler_step_ms": 0.1})
-    >>> lif.flops, izhikevich.flops
-    (36000, 328800)
+    Every step of the encoder's clock counts, the moving average too where a slower recording is resampled after it.
+    Parameters are what a sensor's calibration fits: a gain a population, an offset and a scale a taxel. Constants that
+    all afferents share (decay, threshold, t_ref, the average's weight) are none, as in every layer of the ledger.
+
+    >>> lif = {"conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "mean"}}
+    >>> encoding_cost(8, 300, 150.0, {}).flops, encoding_cost(8, 300, 150.0, lif).flops
+    (28800, 40808)
+    >>> calibrated = {"conditioning": {"resample_Hz": 1000.0, "offset": [0.0] * 16, "scale": [1.0] * 16}}
+    >>> encoding_cost(16, 300, 300.0, calibrated).parameters
+    34
     """
     window = max(1, round(steps))
-    afferents = _afferents(encoder or {}, n_taxels, window, signal_ms / steps if steps else 0.0)
-    return cost(MovingAverage(window, n_taxels), afferents, signal_ms=signal_ms)
+    conditioning = _conditioning(encoder.get("conditioning") or {}, n_taxels, window)
+    afferents = _afferents(encoder, n_taxels, window, signal_ms / steps if steps else 0.0)
+    return cost(*conditioning, afferents, signal_ms=signal_ms)
+
+
+def _conditioning(spec: Mapping[str, Any], n_taxels: int, steps: int) -> Iterator[Layer]:
+    """The layers of `data.conditioning.condition`, in its order."""
+    size = steps, n_taxels
+    if spec.get("ema_cutoff_Hz") is not None:
+        yield MovingAverage(*size)
+    if spec.get("resample_Hz") is not None:
+        yield Interpolation(*size)
+    if spec.get("baseline", "none") != "none":
+        yield BaselineRemoval(*size, level=spec["baseline"])
+    if spec.get("offset") is not None:
+        yield StandardisedSteps(*size)  # an offset with scales of 1, or without any, costs as one with scales
+    elif spec.get("scale") is not None:
+        yield ScaledSteps(*size)
+    if spec.get("rectify"):
+        yield Rectification(*size)
 
 
 def _afferents(encoder: Mapping[str, Any], n_taxels: int, steps: int, step_ms: float) -> Layer:
@@ -94,7 +125,7 @@ def decision_ledger(
     rate_Hz: float,
     summary: pd.DataFrame,
     *,
-    encoder: Mapping[str, Any] | None = None,
+    encoder: Mapping[str, Any],
 ) -> pd.DataFrame:
     """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
 
@@ -116,7 +147,7 @@ def study_ledger(
     n_afferents: int,
     n_classes: int,
     rate_Hz: float,
-    encoder: Mapping[str, Any] | None = None,
+    encoder: Mapping[str, Any],
 ) -> pd.DataFrame:
     """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
 

@@ -1,8 +1,10 @@
 """Costs counted by hand."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.svm import SVC
 
 from neurotact.errors import InputError
 from neurotact.metrics import flops, published_flops
@@ -27,6 +29,7 @@ from neurotact.metrics.flops import (
     RBFExpansion,
     SpikingLayer,
     Standardise,
+    SupportVectorMachines,
     cost,
     ledger_table,
 )
@@ -40,6 +43,7 @@ EVERY_LAYER = [
     Conv2d(4, 4, 1, 2, 3),
     ConvLSTM(4, 4, 1, 2, 3),
     RBFExpansion(5, 4),
+    SupportVectorMachines(5, 4, 3),
     NearestPoints(3, 4),
     MovingAverage(150, 4),
     Moments(150, 4),
@@ -116,6 +120,19 @@ def test_nearest_points_by_hand():
     # 3 centroids of 2 features: 6 differences, 6 squares added, 3 comparisons.
     assert cost(NearestPoints(3, 2)) == Cost(macs=6, acs=6, other_flops=3, parameters=6, bytes=24)
     assert cost(NearestPoints(3, 2, neighbours=2)).other_flops == 6
+
+
+@pytest.mark.parametrize("classes", [2, 3, 4, 8])
+def test_support_vector_machines_store_what_scikit_learn_stores(classes):
+    rng = np.random.default_rng(0)
+    labels = np.arange(60) % classes
+    machine = SVC(gamma=0.5).fit(rng.normal(size=(60, 3)) + labels[:, None], labels)
+    counted = cost(SupportVectorMachines(len(machine.support_), 3, classes))
+    stored = machine.support_vectors_.size + machine.dual_coef_.size + machine.intercept_.size
+    assert counted.parameters == stored + 1  # and gamma
+    assert counted.macs == machine.support_vectors_.size + machine.dual_coef_.size
+    with pytest.raises(InputError, match="at least 2; got 1"):
+        cost(SupportVectorMachines(3, 3, 1))
 
 
 def test_projection_and_scaling_by_hand():
