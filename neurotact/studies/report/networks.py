@@ -38,7 +38,8 @@ DOWNLOADS = {
     "sops.csv": "the SOP report: what each network's decisions cost, and with early exit",
     "sops.json": "the same",
     "sops.md": "the same, to be read",
-    "encoding.csv": "firing of both populations for each class and condition",
+    "encoding.csv": "firing of both populations for each class and condition, in the classified windows and over the "
+    "whole touch",
     "searches.csv": "every trial of every cell's search",
     "selection.csv": "what each step of the selection saw and chose",
     "baseline.csv": "the linear classifier",
