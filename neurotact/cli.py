@@ -444,10 +444,8 @@ def sops(
     write_table(table, out, about=sops_summary(summary, what))
     _print_table(summary[SHOWN])
     network = restored.network
-    sizes = (len(trains.afferents), network.n_classes, network.spec.hidden)
-    costs = ledger.decision_ledger(
-        *sizes, trains.sampling_rate_Hz, summary, recurrent=network.spec.recurrent, encoder=trains.encoder
-    )
+    sizes = len(trains.afferents), network.n_classes
+    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)
     _print_table(costs[["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]])
 
 

@@ -14,6 +14,8 @@ from neurotact.export.style import (
     PALE,
     TOTAL,
     add_legend,
+    bars,
+    keep_within,
     name_ticks,
     new_figure,
     printed,
@@ -37,21 +39,22 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
     for axes, task in zip(panels, tasks, strict=True):
         rows = results[results["task"] == task]
         for family, mine in rows.groupby("family", sort=False):
-            spread = mine["accuracy_test"].std(ddof=0)
+            accuracy = mine["accuracy_test"].mean()
             axes.errorbar(
                 mine[cost].mean(),
-                mine["accuracy_test"].mean(),
-                spread,
+                accuracy,
+                bars(accuracy, mine["accuracy_test"].std(ddof=0), 1.0),
                 ls="",
                 lw=0.8,
                 label=family,
                 **_style(str(family)),
             )
         axes.axhline(rows["chance"].mean(), color=MUTED, ls=":", lw=0.8)
-        axes.set(xscale="log", title=task.replace("_", " "), ylim=(0, 1.03))
+        axes.set(xscale="log", title=task.replace("_", " "), ylim=(0, 1))
         write_out_log_ticks(axes.xaxis)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
         axes.grid(axis="y")
+    keep_within(panels, 1.0)
     for axes in panels[-COLUMNS:]:
         axes.set_xlabel(words)
     for axes in panels[::COLUMNS]:

@@ -19,6 +19,7 @@ from neurotact.export.style import (
     SERIES,
     Drawn,
     add_legend,
+    keep_within,
     new_figure,
     printed,
     sequence,
@@ -167,12 +168,13 @@ def _accuracy(chosen: pd.DataFrame, published: pd.DataFrame) -> Figure:
             bound = theirs[theirs["below"]]
             axes.plot(bound["moments"], 100 * bound["accuracy"], "v", color=INK, markersize=4)
             axes.set_title(f"{sensors}, {bits} bits")
-            axes.set_ylim(0, 102)
+            axes.set_ylim(0, 100)
             axes.grid(axis="y")
     for axes in grid[-1]:
         axes.set(xlabel="moments", xticks=range(1, 7))
     for axes in grid[:, 0]:
         axes.set_ylabel("test accuracy (%)")
+    keep_within(grid.ravel())
     add_legend(figure, grid.ravel(), ncols=3)
     return figure
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from neurotact.export.style import INK, add_legend, name_ticks, new_figure, printed, series_style
+from neurotact.export.style import INK, add_legend, bars, keep_within, name_ticks, new_figure, printed, series_style
 
 CLASSIFIERS = ("RELM", "RLS", "SVM")
 SETUPS = ("A", "B", "C")
@@ -106,6 +106,7 @@ def draw_pairs(results: pd.DataFrame) -> Figure:
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
         name_ticks(axes, problems)
     panels[0].set(ylabel="test error", ylim=(0, panels[0].get_ylim()[1]))
+    keep_within(panels, 1.0)
     add_legend(figure, [panels[0]], ncols=4)
     return figure
 
@@ -127,6 +128,7 @@ def draw_multiclass(results: pd.DataFrame) -> Figure:
     for axes in (errors, units):
         name_ticks(axes, setups)
         axes.set_ylim(0, axes.get_ylim()[1])
+    keep_within([errors], 1.0)
     add_legend(figure, [errors], ncols=4)
     return figure
 
@@ -141,7 +143,8 @@ def _draw_beside(
         mean, deviation = mine.mean().reindex(names), mine.std(ddof=0).reindex(names).fillna(0.0)
         at = np.arange(len(names)) + 0.22 * (index - (len(classifiers) - 1) / 2)
         style = series_style((0, 2, 4)[CLASSIFIERS.index(classifier)])
-        axes.errorbar(at, mean, deviation, ls="", ms=4, lw=0.9, label=classifier, **style)
+        spread = bars(mean, deviation, 1.0 if measure.startswith("error") else None)
+        axes.errorbar(at, mean, spread, ls="", ms=4, lw=0.9, label=classifier, **style)
         printed_values = [p[CLASSIFIERS.index(classifier)] if p else np.nan for p in published]
         label = "published" if index == len(classifiers) - 1 else None
         axes.plot(at, printed_values, "o", mfc="none", mec=INK, ms=6, mew=0.7, label=label, clip_on=False)

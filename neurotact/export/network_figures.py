@@ -19,6 +19,8 @@ from neurotact.export.style import (
     MUTED,
     PAIR_AXIS,
     add_legend,
+    bars,
+    keep_within,
     name_ticks,
     new_figure,
     printed,
@@ -94,6 +96,7 @@ def draw_accuracy_and_sops(
     for axes in grid[-1]:
         axes.set_xlabel(PAIR_AXIS)
     grid[0, 1].set_ylim(bottom=0)
+    keep_within(grid[:, 0])
     if chance is not None:
         _mark_chance(list(grid[:, 0]), chance)
     add_legend(figure, grid.ravel(), ncols=6, handlelength=1.2)
@@ -120,6 +123,7 @@ def draw_trade_off(results: pd.DataFrame) -> Figure:
         axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
+    keep_within(grid[: len(settings)])
     for axes in grid[len(settings) :]:
         axes.set_visible(False)
     add_legend(figure, grid[: len(settings)], ncols=4, handlelength=2.2)
@@ -166,6 +170,7 @@ def draw_training(log: pd.DataFrame) -> Figure:
         axes.set(xlabel="epoch", ylabel=words)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(axis="y")
+    keep_within(panels[1:])
     add_legend(figure, panels, ncols=3)
     return figure
 
@@ -182,9 +187,11 @@ def _paint_networks(
         x = np.array([pairs.index(pair) for pair in seeds["pair"]], float) + shift
         axes.plot(x, scale * seeds[measure], ls="", marker=".", ms=2.5, color=shade, alpha=0.45, gid="seed")
         mean = means[means["hidden"] == size].set_index("pair").reindex(pairs)
-        y, sd = scale * mean[measure], scale * mean[f"{measure}_sd"].fillna(0.0)
+        y, sd = scale * mean[measure], scale * mean[f"{measure}_sd"]
+        whole = 100.0 if measure.startswith("accuracy") else None
         style = series_style(place) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
-        axes.errorbar(np.arange(len(pairs)) + shift, y, sd, label=f"N = {size}", gid="mean", **style)
+        spread = bars(y, sd, whole)
+        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"N = {size}", gid="mean", **style)
 
 
 def _paint_published(
@@ -230,7 +237,7 @@ def _paint_points(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: st
         of_pair = (rows["pair"] == pair).to_numpy()
         style = series_style(index)
         face = style["color"] if filled else "white"
-        here = (x[of_pair], y[of_pair], y_sd[of_pair], x_sd[of_pair])
+        here = (x[of_pair], y[of_pair], bars(y[of_pair], y_sd[of_pair]), x_sd[of_pair])
         label = pair if filled else None
         axes.errorbar(*here, ls="", ms=4.5, mfc=face, elinewidth=0.6, ecolor="#bdbdbd", label=label, zorder=3, **style)
     front = pareto_front(x, y)

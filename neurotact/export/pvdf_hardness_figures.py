@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, SERIES, Drawn, new_figure, printed
+from neurotact.export.style import INK, MUTED, SERIES, Drawn, keep_within, new_figure, printed
 from neurotact.metrics.resampled import resampled_interval
 
 
@@ -66,6 +66,7 @@ def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
     for axes, protocol in zip(grid, protocols, strict=False):
         _paint_accuracy(axes, results[results["protocol"] == protocol], heights)
         axes.set(title=protocol, xlabel="test accuracy (%)")
+        keep_within([axes], axis="x")
     energy = found.groupby(["chain", "features"], sort=False)["energy_estimate_nJ"].mean()
     grid[-1].barh([heights[str(chain), str(name)] for chain, name in energy.index], energy, 0.6, color=MUTED)
     grid[-1].set(title="cost of a decision", xlabel="energy, estimate (nJ)")

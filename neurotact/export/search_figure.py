@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from neurotact.export.style import INK, MUTED, add_legend, new_figure, printed
+from neurotact.export.style import INK, MUTED, add_legend, keep_within, new_figure, printed
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
@@ -107,5 +107,6 @@ def _paint_front(axes: Axes, trials: pd.DataFrame, front: pd.DataFrame) -> None:
               mec="#D55E00", mew=1.3, label="chosen")  # fmt: skip
     axes.set(title="Pareto front", xlabel="SOPs per sample (thousands)", ylabel="validation accuracy (%)")
     axes.set_xscale("log")
+    keep_within([axes])
     axes.grid(color="#e6e6e6")
     axes.tick_params(axis="x", which="minor", labelsize=6.5, color=MUTED)

@@ -17,6 +17,7 @@ from neurotact.export.style import (
     MUTED,
     PALE,
     add_legend,
+    keep_within,
     new_figure,
     printed,
     sequence,
@@ -49,6 +50,7 @@ def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) 
         _name_lengths(axes, means[LENGTH].tolist())
         axes.set(ylabel=words)
         axes.set_ylim(bottom=0)
+    keep_within(panels[:1])
     best = 100 * means["accuracy_validation"].max()
     panels[0].axhspan(best - 100 * tolerance, best, color=PALE, alpha=0.6, lw=0, label="within the tolerance")
     _mark_least(panels, float(means[LENGTH][means["chosen"]].iloc[0]))
@@ -82,6 +84,7 @@ def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
     axes.set(xlabel="SOPs per window (thousands)", ylabel="validation accuracy (%)")
     axes.set_xlim(left=0)
     axes.margins(y=0.12)
+    keep_within([axes])
     axes.grid()
     add_legend(figure, [axes], ncols=4)
     return figure
@@ -103,6 +106,7 @@ def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float)
         _name_lengths(axes, sorted(set(table[LENGTH])))
         axes.set(ylabel=words)
         axes.set_ylim(bottom=0)
+    keep_within(panels[:1])
     _mark_least(panels, least_ms)
     add_legend(figure, panels, ncols=3)
     return figure

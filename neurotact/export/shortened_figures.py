@@ -8,7 +8,17 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, add_legend, new_figure, printed, sequence, series_style
+from neurotact.export.style import (
+    INK,
+    MUTED,
+    add_legend,
+    bars,
+    keep_within,
+    new_figure,
+    printed,
+    sequence,
+    series_style,
+)
 
 MODES = {"validated": "counted from the first readout spike", "oracle": "Algorithm 1, which knows the true label"}
 PANELS = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
@@ -50,9 +60,9 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
                 axes.plot(of["cut_ms"], scale * of["mean"], label=f"trained on {length:g} ms, cut short", **style)
             whole = means[means["trained_ms"] == means["cut_ms"]].sort_values("cut_ms")
             style = {"color": INK, "marker": "o", "ms": 4, "lw": 1.4, "elinewidth": 1.0, "zorder": 3}
-            axes.errorbar(
-                whole["cut_ms"], scale * whole["mean"], scale * whole["sd"], label="trained on that length", **style
-            )
+            mean = scale * whole["mean"]
+            spread = bars(mean, scale * whole["sd"], 100.0 if measure == "accuracy_test" else None)
+            axes.errorbar(whole["cut_ms"], mean, spread, label="trained on that length", **style)
             axes.set(title=title, ylabel=words)
             axes.grid()
     for axes in grid[-1]:
@@ -62,6 +72,7 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
         axes.minorticks_off()
         axes.set_xlabel("length that is heard (ms)")
     grid[0, 1].set_ylim(bottom=0)
+    keep_within(grid[:, 0])
     add_legend(figure, [grid[0, 0]], ncols=3)
     return figure
 
@@ -103,8 +114,9 @@ def _paint_curve(axes: Axes, rows: pd.DataFrame, measure: str, name: str, series
     """Means with a band of the deviation over networks; each network as a thin line."""
     wide = 100 * rows.pivot_table(index="patience", columns=["hidden", "seed"], values=measure)
     colour = series_style(series)["color"]
-    mean, sd = wide.mean(axis=1), wide.std(axis=1).fillna(0.0)
-    axes.fill_between(
-        wide.index.to_numpy(float), np.asarray(mean - sd), np.asarray(mean + sd), color=colour, alpha=0.15, lw=0
-    )
+    mean = wide.mean(axis=1)
+    # What is saved is a share; accuracy may be gained too, but neither more than all of it.
+    below, above = bars(mean, wide.std(axis=1), None if measure == "accuracy_lost" else 100.0)
+    ends = np.clip([mean - below, mean + above], -100.0, 100.0)
+    axes.fill_between(wide.index.to_numpy(float), *ends, color=colour, alpha=0.15, lw=0)
     axes.plot(wide.index, mean, label=name, **{**series_style(series), "ms": 3})

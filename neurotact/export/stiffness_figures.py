@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, Drawn, add_legend, new_figure, printed, series_style
+from neurotact.export.style import INK, MUTED, Drawn, add_legend, keep_within, new_figure, printed, series_style
 
 CLASSIFIERS = ("R-FC", "S-FC", "R-ELM", "S-ELM", "H-ELM")
 FEATURES = ("4F", "8F", "16F")
@@ -95,6 +95,7 @@ def draw_trade_off(means: pd.DataFrame) -> Figure:
     for axes, title in zip(grid, ["published", *titles], strict=True):
         axes.set_title(title)
         axes.grid()
+    keep_within(grid)
     figure.supxlabel("FLOPs of the whole unit (thousands)", size="medium")
     grid[0].set_ylabel("test accuracy (%)")
     add_legend(figure, grid, ncols=5)
@@ -117,6 +118,7 @@ def draw_by_n_max(rows: pd.DataFrame) -> Figure:
             axes.plot(N_MAX, published, ls=":", lw=0.7, ms=5, mfc="none", alpha=0.8, **style)
         axes.set(title=features, xlabel="$N_\\mathrm{max}$", xticks=N_MAX)
         axes.grid(axis="y")
+    keep_within(grid)
     grid[0].set_ylabel("test accuracy (%)")
     add_legend(figure, grid, ncols=5)
     return figure

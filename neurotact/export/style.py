@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple, ParamSpec
+from typing import Any, Literal, NamedTuple, ParamSpec
 
 import numpy as np
 from matplotlib import colormaps, rc_context
@@ -158,6 +158,35 @@ def add_legend(figure: Figure, panels: Iterable[Axes], ncols: int, **kwargs: Any
     found = [axes.get_legend_handles_labels() for axes in panels]
     handles = {label: handle for both in found for handle, label in zip(*both, strict=True)}
     figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=ncols, **kwargs)
+
+
+def bars(mean: Any, deviation: Any, whole: float | None = 100.0) -> np.ndarray:
+    """Lengths below and above a mean of a bar that ends within 0 and `whole`, `(2, point)`: an accuracy knows no more.
+
+    mean, deviation: a number or `(point,)`; where either is absent (NaN) there is no bar.
+    whole: 100 for percent, 1 for shares; None for what has no ends, whose bars are as long as the deviation both ways.
+
+    >>> bars([98.0, 50.0, 1.0], [5.0, 5.0, 5.0]).tolist()
+    [[5.0, 5.0, 1.0], [2.0, 5.0, 5.0]]
+    """
+    mean, deviation = np.atleast_1d(np.asarray(mean, float)), np.nan_to_num(np.asarray(deviation, float))
+    if whole is None:
+        return np.stack([np.where(np.isnan(mean), 0.0, deviation)] * 2)
+    ends = np.clip(mean - deviation, 0.0, whole), np.clip(mean + deviation, 0.0, whole)
+    return np.nan_to_num(np.maximum([mean - ends[0], ends[1] - mean], 0.0))
+
+
+def keep_within(panels: Iterable[Axes], whole: float = 100.0, axis: Literal["x", "y"] = "y") -> None:
+    """End the axis of drawn accuracies at 0 and `whole`; marks that stand on an end are still drawn whole.
+
+    Call it when everything is drawn: limits no longer follow what is drawn afterwards.
+    """
+    for panel in panels:
+        low, high = panel.get_ylim() if axis == "y" else panel.get_xlim()
+        (panel.set_ylim if axis == "y" else panel.set_xlim)(max(low, 0.0), min(high, whole))
+        for line in panel.lines:
+            line.set_clip_on(False)
+            line.set_in_layout(False)
 
 
 def name_ticks(axes: Axes, names: Sequence[str], at: Sequence[float] | np.ndarray | None = None) -> None:

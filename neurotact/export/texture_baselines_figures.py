@@ -6,7 +6,17 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, Drawn, add_legend, new_figure, printed, series_style
+from neurotact.export.style import (
+    INK,
+    MUTED,
+    Drawn,
+    add_legend,
+    bars,
+    keep_within,
+    new_figure,
+    printed,
+    series_style,
+)
 
 CLASSIFIERS = ("kNN", "SVM", "ELM", "SNN", "RSNN")
 PARTS = (("flops_encoder", "encoder"), ("flops_features", "features"), ("flops_classifier", "classifier"))
@@ -91,7 +101,7 @@ def draw_over_signal(results: pd.DataFrame) -> Figure:
                 if not len(mine):
                     continue
                 accuracy = 100 * mine["accuracy_test"].mean()
-                spread = 100 * mine["accuracy_test"].std(ddof=0)
+                spread = bars(accuracy, 100 * mine["accuracy_test"].std(ddof=0))
                 signal_ms = mine["signal_ms"].mean()
                 axes.errorbar(signal_ms, accuracy, spread, markersize=4, capsize=1.5, elinewidth=0.7, **style, **shown)
         axes.axhline(12.5, color=MUTED, linestyle=":", linewidth=0.8)
@@ -100,6 +110,7 @@ def draw_over_signal(results: pd.DataFrame) -> Figure:
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         axes.minorticks_off()
         axes.grid(True)
+    keep_within(panels)
     panels[0].set_ylabel("test accuracy (%)")
     add_legend(figure, panels, ncols=len(CLASSIFIERS))
     return figure
@@ -150,6 +161,7 @@ def draw_over_cost(results: pd.DataFrame, at_ms: float) -> Figure:
                 axes.plot(mine["flops"], 100 * mine["accuracy_test"], linestyle="", markersize=4.5, **style, **shown)
         axes.set(title=encoder, xscale="log", xlabel="FLOPs of a decision", ylim=(0, 100))
         axes.grid(True)
+    keep_within(panels)
     panels[0].set_ylabel("test accuracy (%)")
     add_legend(figure, panels, ncols=len(CLASSIFIERS))
     return figure

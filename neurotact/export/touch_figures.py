@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.export.style import INK, MUTED, PALE, SERIES, add_legend, new_figure, printed, sequence
+from neurotact.export.style import INK, MUTED, PALE, SERIES, add_legend, keep_within, new_figure, printed, sequence
 from neurotact.metrics.flops import GRU, LSTM, Dense, cost
 from neurotact.metrics.published_flops import touch_modality_flops
 
@@ -81,6 +81,7 @@ def draw_accuracy(results: pd.DataFrame, published: Mapping[tuple[str, int], Seq
             panel.set_title(network if row == 0 else "")
             panel.set_xlabel("steps N" if row == len(protocols) - 1 else "")
         axes[row, 0].set_ylabel(f"{protocol}\n{ACCURACY}")
+    keep_within(axes.ravel())
     add_legend(figure, axes.ravel().tolist(), ncols=5)
     return figure
 

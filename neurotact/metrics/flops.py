@@ -312,7 +312,8 @@ class RBFExpansion(Layer):
     """Sum over `units` kernels `exp(-gamma |x - u|²)`, for each of `outputs` (RLS, SVM).
 
     An RLS has a unit for every training example, an SVM one for every support vector. `outputs` machines may share
-    their units (RLS one against all); otherwise give one expansion a machine. `bias`: one number an output (SVM).
+    their units (RLS one against all); otherwise give one expansion a machine. `bias`: one number an output (the SVM of
+    two classes). Machines of all pairs of classes are a `SupportVectorMachines`.
     """
 
     units: int
@@ -326,6 +327,30 @@ class RBFExpansion(Layer):
         parameters = differences + weighted + self.outputs * self.bias + 1
         exponentials = self.units * (1 + EXPONENTIAL)  # gamma times the distance, and exp of it
         return _with_weights(parameters, macs=differences + weighted, acs=differences, other_flops=exponentials)
+
+
+@dataclass(frozen=True)
+class SupportVectorMachines(Layer):
+    """RBF machines of all pairs of `classes`, one against one, that share `vectors` support vectors (libsvm's form).
+
+    A vector takes part in the machines of its class with every other class, so that it has `classes - 1` coefficients;
+    each of the `classes (classes - 1) / 2` machines has a bias. Kernels are computed once. That the machines vote is
+    not counted, as the comparison of a network's outputs is not.
+
+    >>> SupportVectorMachines(vectors=10, features=3, classes=4).cost().parameters  # 30 + 30 + 6 + gamma
+    67
+    """
+
+    vectors: int
+    features: int
+    classes: int
+
+    def cost(self) -> Cost:
+        if self.classes < 2:
+            raise InputError(f"SupportVectorMachines.classes: must be at least 2; got {self.classes}")
+        expansion = RBFExpansion(self.vectors, self.features, outputs=self.classes - 1).cost()
+        biases = self.classes * (self.classes - 1) // 2
+        return expansion + _with_weights(biases)
 
 
 @dataclass(frozen=True)
@@ -471,6 +496,7 @@ class SpikingLayer(Layer):
     """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
 
     sops: operations into this layer in one decision, a mean or a number: an AC each.
+    recurrent: whether its neurons hear one another.
     Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
     """
 
@@ -478,7 +504,7 @@ class SpikingLayer(Layer):
     neurons: int
     steps: float
     sops: float
-    recurrent: bool = False
+    recurrent: bool
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -7,7 +7,7 @@ the membrane `immediate`, with a recurrent delay) and the window has ended by th
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pandas as pd
@@ -43,8 +43,38 @@ class Synops(NamedTuple):
     total_feedforward: np.ndarray
 
 
+class NetworkSpec(Protocol):
+    """What of a network's spec decides where a hidden spike goes."""
+
+    @property
+    def hidden(self) -> int: ...
+    @property
+    def recurrent(self) -> bool: ...
+
+
+class Network(Protocol):
+    """A network as far as its spikes are counted, such as `networks.rsnn.RSNN`."""
+
+    @property
+    def spec(self) -> NetworkSpec: ...
+    @property
+    def n_classes(self) -> int: ...
+
+
+def of_network(network: Network, input_spikes: np.ndarray, hidden_spikes: np.ndarray) -> Synops:
+    """SOPs of trials on a network: `synops` with its own sizes and its own recurrence.
+
+    >>> from types import SimpleNamespace
+    >>> feed_forward = SimpleNamespace(spec=SimpleNamespace(hidden=30, recurrent=False), n_classes=8)
+    >>> of_network(feed_forward, np.array([10]), np.array([4])).total.tolist()
+    [332]
+    """
+    spec = network.spec
+    return synops(input_spikes, hidden_spikes, spec.hidden, network.n_classes, recurrent=spec.recurrent)
+
+
 def synops(
-    input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool = True
+    input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool
 ) -> Synops:
     """SOPs of trials, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
 
@@ -53,7 +83,7 @@ def synops(
     recurrent: whether a hidden spike also reaches the hidden neurons.
     Raises InputError for counts that are negative, not whole or of two shapes.
 
-    >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8).total.tolist()
+    >>> synops(np.array([10]), np.array([4]), n_hidden=30, n_readout=8, recurrent=True).total.tolist()
     [452]
     """
     sent, heard = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
@@ -75,7 +105,7 @@ def to_table(
     hidden_spikes: np.ndarray,
     n_hidden: int,
     n_readout: int,
-    recurrent: bool = True,
+    recurrent: bool,
     trials: np.ndarray | None = None,
 ) -> pd.DataFrame:
     """The SOP report: one row a trial, with the columns of `COLUMNS`.
@@ -85,7 +115,7 @@ def to_table(
     trials: numbers that name the trials; 0, 1, ... when absent.
 
     >>> table = to_table(labels=["a"], predicted=["b"], steps=[300], input_spikes=[10], hidden_spikes=[4],
-    ...                  n_hidden=30, n_readout=8)
+    ...                  n_hidden=30, n_readout=8, recurrent=True)
     >>> table[["label", "predicted", "sops_input", "sops_recurrent", "sops_readout"]].values.tolist()
     [['a', 'b', 300, 120, 32]]
     """
@@ -106,7 +136,7 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
     Columns: label, trials (how many), accuracy, and the means of steps, spikes and SOPs.
 
     >>> table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
-    ...                  hidden_spikes=[4, 0], n_hidden=30, n_readout=8)
+    ...                  hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)
     >>> summary(table)[["label", "trials", "accuracy", "steps", "sops_total"]].values.tolist()
     [['a', 1, 0.0, 300.0, 452.0], ['b', 1, 1.0, 100.0, 0.0], ['all', 2, 0.5, 200.0, 226.0]]
     """

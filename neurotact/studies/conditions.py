@@ -8,10 +8,9 @@ import pandas as pd
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export.tables import records
-from neurotact.metrics import synops
 from neurotact.networks.rsnn import RSNN
 from neurotact.studies.preparation import split_conditions
-from neurotact.studies.trained import Task, examples_of
+from neurotact.studies.trained import Task, examples_of, synops_of
 
 
 def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[str, Any]]:
@@ -30,8 +29,7 @@ def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[st
         for is_known in sorted(set(known[trials].tolist())):
             examples, _ = examples_of(trains, trials[known[trials] == is_known], task.window)
             inference = network.infer(examples.spikes.to(network.w_in.device))
-            counts = (inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
-            cost = synops.synops(*counts, n_hidden=network.spec.hidden, n_readout=network.n_classes)
+            cost = synops_of(inference, network)
             sent = examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
             rows.append(
                 {

@@ -119,7 +119,7 @@ def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
     ]
     for gamma, c, fitted in sorted(fits, key=lambda fit: int(fit[2].n_support_.sum())):
         vectors = int(fitted.n_support_.sum())
-        layer = flops.RBFExpansion(vectors, n_features, outputs=n_classes - 1, bias=True)
+        layer = flops.SupportVectorMachines(vectors, n_features, n_classes)
         yield Candidate(f"C {c:g}, gamma {gamma:g}/{n_features}, {vectors} vectors", fitted, (layer,))
 
 

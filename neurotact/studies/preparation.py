@@ -3,7 +3,7 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -107,31 +107,68 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
 
 
 def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:
-    """Firing of both populations for each class and condition, from the window's start to the trial's end.
+    """Firing of both populations for each class and condition, in the windows that the cell's network classifies.
 
-    Columns: the t_ref pair, label, the conditions in `by`, spikes_sa_per_s and spikes_ra_per_s (the whole population),
-    spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means): texture paper, Figs. 6 and 10.
+    Columns: the t_ref pair, label, the conditions in `by`, stretch (what was looked at, in words), spikes_sa_per_s and
+    spikes_ra_per_s (the whole population), spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means
+    of the intervals within a window); and the same with `touch_` before their names, from the window's start to the
+    trial's end: what the texture paper counts in its Figs. 6 and 10, where intervals may be longer than a window.
+
+    A cell without a network classifies no windows: there the plain columns are of the touch, and no others follow. Of
+    a study that sweeps its windows the table is of the cell's own, as `stretch` says.
     """
-    rate_Hz = trains.sampling_rate_Hz
-    felt = felt_spikes(trains, cell.window.start_ms)
-    rates = spike_trains.rates_Hz(felt, rate_Hz)
-    isis = spike_trains.isis_ms(felt, rate_Hz)
-    rows = []
     columns = [LABEL, *by]
-    for _, group in trains.conditions.groupby(columns, sort=False):
-        trials = group.index.to_numpy()
-        row: dict[str, Any] = group.iloc[0][columns].to_dict()
+    touch = felt_spikes(trains, cell.window.start_ms)
+    whole = np.arange(len(trains))
+    if cell.network is None:
+        stretch = f"from {cell.window.start_ms:g} ms to the trial's end"
+        table = _firing(trains, touch, whole, columns)
+    else:
+        windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cell.window)
+        stretch = f"windows of {cell.window.length_ms:g} ms from {cell.window.start_ms:g} ms on"
+        of_touch = _firing(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
+        table = _firing(trains, windowed_spikes(trains, windows), windows.trial, columns).join(of_touch)
+    table.insert(len(columns), "stretch", stretch)
+    table.insert(0, "t_ref_ra_ms", cell.encoder.ra1.t_ref_ms)
+    table.insert(1, "t_ref_sa_ms", cell.encoder.sa1.t_ref_ms)
+    return table
+
+
+TOUCH = "touch_"
+"""Before the columns of `encoding.csv` that are of the whole touch where the others are of windows."""
+
+
+def _firing(
+    trains: SpikeTrains, felt: spike_trains.Events, trial_of: np.ndarray, columns: Sequence[str]
+) -> pd.DataFrame:
+    """Rates and mean intervals of both populations, a row a combination of `columns` in the order of the trials.
+
+    felt: spikes of stretches of trials; trial_of: the trial of each stretch, `(stretch,)`.
+    """
+    rates = spike_trains.rates_Hz(felt, trains.sampling_rate_Hz)
+    isis = spike_trains.isis_ms(felt, trains.sampling_rate_Hz)
+    rows = []
+    for _, group in trains.conditions.groupby(list(columns), sort=False):
+        chosen = np.isin(trial_of, group.index.to_numpy())
+        row: dict[str, Any] = group.iloc[0][list(columns)].to_dict()
         for kind, is_kind in (("sa", trains.is_sa), ("ra", ~trains.is_sa)):
-            row[f"spikes_{kind}_per_s"] = rates[trials][:, is_kind].sum(axis=1).mean()
-            these = isis.isi_ms[np.isin(isis.trial, trials) & is_kind[isis.afferent]]
+            row[f"spikes_{kind}_per_s"] = rates[chosen][:, is_kind].sum(axis=1).mean()
+            these = isis.isi_ms[chosen[isis.trial] & is_kind[isis.afferent]]
             row[f"isi_{kind}_ms"] = these.mean() if len(these) else float("nan")
         total = row["spikes_total_per_s"] = row["spikes_sa_per_s"] + row["spikes_ra_per_s"]
         row["sa_share"] = row["spikes_sa_per_s"] / total if total else float("nan")
         rows.append(row)
-    table = pd.DataFrame(rows)
-    table.insert(0, "t_ref_ra_ms", cell.encoder.ra1.t_ref_ms)
-    table.insert(1, "t_ref_sa_ms", cell.encoder.sa1.t_ref_ms)
-    return table
+    return pd.DataFrame(rows)
+
+
+def windowed_spikes(trains: SpikeTrains, windows: Windows) -> spike_trains.Events:
+    """The spikes of each window, counted from its start: a window takes the place of a trial."""
+    steps, units = [], []
+    for trial, start in zip(windows.trial.tolist(), windows.start.tolist(), strict=True):
+        inside = (trains.steps[trial] >= start) & (trains.steps[trial] < start + windows.n_steps)
+        steps.append(trains.steps[trial][inside] - start)
+        units.append(trains.units[trial][inside])
+    return spike_trains.events(steps, units, np.full(len(windows), windows.n_steps), len(trains.afferents))
 
 
 def felt_spikes(trains: SpikeTrains, start_ms: float) -> spike_trains.Events:

@@ -107,7 +107,7 @@ def _oracle(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor
 def _judged(network: RSNN, heard: Heard, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
     sent, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (heard.input, heard.hidden))
-    cost = synops.synops(sent, hidden, n_hidden=network.spec.hidden, n_readout=network.n_classes)
+    cost = synops.of_network(network, sent, hidden)
     sops = {f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()}
     return {"accuracy_test": _share(chosen == heard.labels), **sops}
 

@@ -11,7 +11,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
-from neurotact.metrics.flops import Afferents, Cost, cost
+from neurotact.metrics.flops import Cost
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
@@ -19,7 +19,7 @@ from neurotact.networks.training import Examples, train
 from neurotact.studies import trained
 from neurotact.studies.calibration import calibrate
 from neurotact.studies.encoding import encode_recordings
-from neurotact.studies.ledger import network_cost
+from neurotact.studies.ledger import encoding_cost, network_cost
 from neurotact.studies.protocol import TaskData
 
 TRAINING = TrainingSpec(batch=32, epochs=150, patience=40)
@@ -59,7 +59,8 @@ def encode(task: TaskData, train_examples: np.ndarray) -> SpikeTrains:
 def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     """The network that validates best, over the whole window and with early exit.
 
-    Costs count the afferents of every taxel on every step that was needed, and the network from its measured SOPs.
+    Costs count conditioning and afferents of every taxel on every step that was needed, and the network from its
+    measured SOPs.
     """
     trains = encode(task, split.train)
     training, validation, test = (_examples(trains, side) for side in split)
@@ -96,10 +97,10 @@ def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
 def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
     found = network.infer(test.spikes, rule)
-    hidden, n_classes = network.spec.hidden, network.n_classes
     measured = {f"sops_{name}": float(v.mean()) for name, v in trained.synops_of(found, network)._asdict().items()}
     steps = float(found.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-    encoder = cost(Afferents(len(trains.afferents) // 2, max(1, round(steps))), signal_ms=signal_ms)
-    network_spent = network_cost(len(trains.afferents), hidden, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    encoder = encoding_cost(len(trains.afferents) // 2, steps, signal_ms, trains.encoder)
+    sizes = len(trains.afferents), network.n_classes
+    network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
     return trained.accuracy_of(found, test), encoder, network_spent

@@ -242,8 +242,7 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
         sent, heard = ((part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden))
         steps.append(found.steps)
         right.append(found.labels == labels)
-        sizes = network.spec.hidden, network.n_classes
-        sops.append(synops.synops(sent, heard, *sizes, recurrent=network.spec.recurrent).total)
+        sops.append(synops.of_network(network, sent, heard).total)
     return {
         "oracle_steps": float(torch.cat(steps).double().mean()),
         "oracle_accuracy": float(torch.cat(right).double().mean()),
@@ -253,9 +252,7 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
 
 def synops_of(inference: Inference, network: RSNN) -> synops.Synops:
     """The synaptic operations of each window that was decided."""
-    counts = (inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
-    spec = network.spec
-    return synops.synops(*counts, n_hidden=spec.hidden, n_readout=network.n_classes, recurrent=spec.recurrent)
+    return synops.of_network(network, inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
 
 
 def accuracy_of(inference: Inference, examples: Examples) -> float:

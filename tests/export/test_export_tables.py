@@ -36,7 +36,7 @@ def test_markdown_begins_with_what_it_is_about(tmp_path):
 
 def test_the_sops_of_single_windows_stand_under_their_means():
     table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
-                     hidden_spikes=[4, 0], n_hidden=30, n_readout=8)  # fmt: skip
+                     hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)  # fmt: skip
     told = sops_summary(summary(table), "run, full window")
     assert "| all | 2 | 0.5 | 200 |" in told
     assert told.startswith("# Synaptic operations (SOPs) of run, full window")

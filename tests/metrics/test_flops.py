@@ -1,8 +1,10 @@
 """Costs counted by hand."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.svm import SVC
 
 from neurotact.errors import InputError
 from neurotact.metrics import flops, published_flops
@@ -27,6 +29,7 @@ from neurotact.metrics.flops import (
     RBFExpansion,
     SpikingLayer,
     Standardise,
+    SupportVectorMachines,
     cost,
     ledger_table,
 )
@@ -40,6 +43,7 @@ EVERY_LAYER = [
     Conv2d(4, 4, 1, 2, 3),
     ConvLSTM(4, 4, 1, 2, 3),
     RBFExpansion(5, 4),
+    SupportVectorMachines(5, 4, 3),
     NearestPoints(3, 4),
     MovingAverage(150, 4),
     Moments(150, 4),
@@ -48,7 +52,7 @@ EVERY_LAYER = [
     Afferents(8, 300),
     IzhikevichAfferents(8, 300, 5),
     PoissonAfferents(8, 300),
-    SpikingLayer(16, 30, 300, 1000.0),
+    SpikingLayer(16, 30, 300, 1000.0, recurrent=True),
 ]
 
 
@@ -118,6 +122,19 @@ def test_nearest_points_by_hand():
     assert cost(NearestPoints(3, 2, neighbours=2)).other_flops == 6
 
 
+@pytest.mark.parametrize("classes", [2, 3, 4, 8])
+def test_support_vector_machines_store_what_scikit_learn_stores(classes):
+    rng = np.random.default_rng(0)
+    labels = np.arange(60) % classes
+    machine = SVC(gamma=0.5).fit(rng.normal(size=(60, 3)) + labels[:, None], labels)
+    counted = cost(SupportVectorMachines(len(machine.support_), 3, classes))
+    stored = machine.support_vectors_.size + machine.dual_coef_.size + machine.intercept_.size
+    assert counted.parameters == stored + 1  # and gamma
+    assert counted.macs == machine.support_vectors_.size + machine.dual_coef_.size
+    with pytest.raises(InputError, match="at least 2; got 1"):
+        cost(SupportVectorMachines(3, 3, 1))
+
+
 def test_projection_and_scaling_by_hand():
     assert cost(Projection(4, 2)) == Cost(macs=8, acs=4, parameters=12, bytes=48)
     assert cost(Standardise(4)) == Cost(macs=4, parameters=8, bytes=32)
@@ -132,7 +149,7 @@ def test_encoder_by_hand():
 def test_spiking_network_by_hand():
     # 2 afferents, 3 hidden neurons, 4 readouts, 3 steps; SOPs as counted by hand in test_synops: 15, 6 and 8.
     hidden = SpikingLayer(2, 3, steps=3, sops=15 + 6, recurrent=True)
-    readout = SpikingLayer(3, 4, steps=3, sops=8)
+    readout = SpikingLayer(3, 4, steps=3, sops=8, recurrent=False)
     counted = cost(hidden, readout, signal_ms=1.5)
     assert counted.acs == counted.sops == 29
     assert counted.macs == 2 * 3 * (3 + 4)
@@ -212,8 +229,8 @@ def test_a_layer_of_your_own_counts():
         (lambda: Dense(0, 3), r"Dense.inputs: must be a whole number, at least 1; got 0"),
         (lambda: LSTM(16, 10, steps=-1), "LSTM.steps"),
         (lambda: GRU(16, 1.5), "GRU.units"),  # type: ignore[arg-type]
-        (lambda: SpikingLayer(1, 1, steps=3, sops=-1.0), "sops must be >= 0"),
-        (lambda: SpikingLayer(1, 1, steps=3, sops=float("nan")), "sops must be >= 0"),
+        (lambda: SpikingLayer(1, 1, steps=3, sops=-1.0, recurrent=False), "sops must be >= 0"),
+        (lambda: SpikingLayer(1, 1, steps=3, sops=float("nan"), recurrent=False), "sops must be >= 0"),
         (lambda: cost(Dense(1, 1, "swish")), "'swish' is not known"),  # type: ignore[arg-type]
         (lambda: cost(Moments(10, 1, 5)), "four moments"),
         (lambda: Cost(macs=-1), "cost.macs"),

@@ -24,12 +24,13 @@ def table(**changes):
         "hidden_spikes": [2, 0, 4],
         "n_hidden": 3,
         "n_readout": 4,
+        "recurrent": True,
     }
     return to_table(**{**given, **changes})
 
 
 def test_sops_counted_by_hand():
-    counted = synops(INPUT.sum(axis=(1, 2)), HIDDEN.sum(axis=(1, 2)), n_hidden=3, n_readout=4)
+    counted = synops(INPUT.sum(axis=(1, 2)), HIDDEN.sum(axis=(1, 2)), n_hidden=3, n_readout=4, recurrent=True)
     assert counted.input.tolist() == [15, 0]
     assert counted.recurrent.tolist() == [6, 0]
     assert counted.readout.tolist() == [8, 0]
@@ -53,9 +54,9 @@ def test_a_spike_counts_in_the_step_that_sends_it(membrane, delay, sent):
 
 
 def test_tensors_count_as_arrays_and_do_not_overflow():
-    counted = synops(torch.tensor([5, 0]), torch.tensor([2, 0]), 3, 4)
+    counted = synops(torch.tensor([5, 0]), torch.tensor([2, 0]), 3, 4, recurrent=True)
     assert counted.total.tolist() == [29, 0]
-    many = synops(np.array([2**31 - 1], np.int32), np.array([0], np.int32), 1024, 8)
+    many = synops(np.array([2**31 - 1], np.int32), np.array([0], np.int32), 1024, 8, recurrent=True)
     assert many.input.tolist() == [1024 * (2**31 - 1)]
 
 
@@ -63,7 +64,7 @@ def test_every_operation_is_a_spike_at_a_neuron_that_receives_it():
     rng = np.random.default_rng(1)
     sent, heard = rng.integers(0, 2, (6, 20, 5)), rng.integers(0, 2, (6, 20, 7))
     w_in, w_rec, w_out = np.ones((5, 7)), np.ones((7, 7)), np.ones((7, 3))
-    counted = synops(sent.sum(axis=(1, 2)), heard.sum(axis=(1, 2)), 7, 3)
+    counted = synops(sent.sum(axis=(1, 2)), heard.sum(axis=(1, 2)), 7, 3, recurrent=True)
     # With all weights 1, what arrives is what was operated.
     np.testing.assert_array_equal(counted.input, (sent @ w_in).sum(axis=(1, 2)))
     np.testing.assert_array_equal(counted.recurrent, (heard @ w_rec).sum(axis=(1, 2)))
@@ -105,7 +106,7 @@ def test_summary_of_numbered_classes_and_of_nothing():
 )
 def test_counts_that_are_none_are_refused(input_spikes, hidden_spikes, complaint):
     with pytest.raises(InputError, match=complaint):
-        synops(np.array(input_spikes), np.array(hidden_spikes), 3, 4)
+        synops(np.array(input_spikes), np.array(hidden_spikes), 3, 4, recurrent=True)
 
 
 def test_reports_that_do_not_fit_together_are_refused():
@@ -116,7 +117,7 @@ def test_reports_that_do_not_fit_together_are_refused():
     with pytest.raises(InputError, match="'predicted'"):
         summary(table().drop(columns="predicted"))
     with pytest.raises(InputError, match="at least one neuron"):
-        synops(np.array([1]), np.array([1]), 0, 4)
+        synops(np.array([1]), np.array([1]), 0, 4, recurrent=True)
 
 
 def test_without_recurrence_hidden_spikes_reach_the_readout_alone():

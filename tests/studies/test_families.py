@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.studies import families, spiking_family
 from neurotact.studies.protocol import TaskData
+from neurotact.studies.protocols import texture_baselines
 from neurotact.studies.tasks import level_spread_rate, split_groups
 
 
@@ -108,7 +110,9 @@ def test_the_spiking_family_decides_early_too(task, split):
     assert full.cost.signal_ms == 200.0
     assert early.cost.signal_ms <= 200.0
     assert early.accuracy_validation >= full.accuracy_validation - spiking_family.EXIT_TOLERANCE - 1e-9
-    assert full.encoder.macs == 4 * 2 * 200  # two taxels, two populations, two MACs a step
+    # Two taxels, 200 steps: two MACs a step of both populations, one for standardisation.
+    assert full.encoder.macs == (4 + 1) * 2 * 200
+    assert full.encoder.parameters == 2 + 2 * 2
     assert full.network.macs == 2 * (12 + 2) * 200
     assert full.network.acs == full.network.sops
     again = spiking_family.decide(task, split, 0)[0]
@@ -121,3 +125,18 @@ def test_afferents_are_calibrated_on_training_examples_alone(task, split):
     before = spiking_family.encode(task, split.train)
     after = spiking_family.encode(task._replace(sequences=changed), split.train)
     assert before.encoder == after.encoder
+
+
+def test_one_machine_costs_the_same_in_every_study(monkeypatch):
+    monkeypatch.setattr(families, "SVM_CS", (10.0,))
+    monkeypatch.setattr(families, "SVM_GAMMAS", (1.0,))
+    monkeypatch.setattr(texture_baselines, "SVM_C", (10.0,))
+    monkeypatch.setattr(texture_baselines, "SVM_GAMMA", (1.0,))
+    rng = np.random.default_rng(0)
+    labels = np.arange(120) % 4
+    features = rng.normal(size=(120, 3)) + labels[:, None]
+    split = Split(np.arange(80), np.arange(80, 100), np.arange(100, 120))
+    sides = families.Sides(*(features[side] for side in split), *(labels[side] for side in split))
+    (candidate,) = families.svm(sides, 0)
+    *_, layers = texture_baselines.svm(features, labels, split, 0)
+    assert flops.cost(*candidate.layers) == flops.cost(*layers)

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import from_rasters
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.errors import InputError
@@ -25,11 +26,61 @@ def test_the_table_of_firing_has_a_row_a_class_and_condition():
     trains = trains_of(0.5)
     table = encoding_table(trains, CELL, ["force_N"])
     assert table[["label", "force_N"]].values.tolist() == [["felt", 3], ["felt", 6], ["silk", 3], ["silk", 6]]
-    felt = [
-        np.isin(u, np.flatnonzero(trains.is_sa)) & (s >= 100) for s, u in zip(trains.steps, trains.units, strict=True)
-    ]
-    np.testing.assert_allclose(table.spikes_sa_per_s, [inside.sum() / 0.45 for inside in felt])
+    # The one window of a trial lasts from 50 to 150 ms, the touch from 50 ms to its end; both at 2 kHz.
+    for columns, last, seconds in (("", 300, 0.1), ("touch_", 1000, 0.45)):
+        felt = [
+            np.isin(u, np.flatnonzero(trains.is_sa)) & (s >= 100) & (s < last)
+            for s, u in zip(trains.steps, trains.units, strict=True)
+        ]
+        np.testing.assert_allclose(table[f"{columns}spikes_sa_per_s"], [inside.sum() / seconds for inside in felt])
+    assert set(table.stretch) == {"windows of 100 ms from 50 ms on"}
     np.testing.assert_allclose(table.spikes_total_per_s, table.spikes_sa_per_s + table.spikes_ra_per_s)
+
+
+def cell_of(**changes):
+    return CELL.model_copy(update=changes)
+
+
+def one_train(steps, n_steps=100):
+    """One trial at 1 kHz whose SA-I afferent spikes at these steps, and its RA-I afferent never."""
+    raster = np.zeros((1, n_steps, 2), np.uint8)
+    raster[0, steps, 0] = 1
+    return from_rasters(raster, 1000.0, ("SA-I a", "RA-I a"), pd.DataFrame({"label": ["felt"]}))
+
+
+def test_rates_and_intervals_are_of_the_classified_windows():
+    """Windows from 10, 30 and 50 ms on, of 20 ms: spikes before, after and intervals across their ends do not count."""
+    trains = one_train([5, 9, 10, 14, 29, 30, 36, 71, 99])
+    cell = cell_of(window=WindowSpec(length_ms=20, start_ms=10, per_trial=3))
+    (row,) = encoding_table(trains, cell, []).to_dict("records")
+    assert row["spikes_sa_per_s"] == pytest.approx(5 / 0.060)
+    assert row["isi_sa_ms"] == pytest.approx((4 + 15 + 6) / 3)
+    assert row["touch_spikes_sa_per_s"] == pytest.approx(7 / 0.090)
+    assert row["touch_isi_sa_ms"] == pytest.approx((99 - 10) / 6)
+    assert (row["spikes_ra_per_s"], row["sa_share"]) == (0.0, 1.0)
+
+
+def test_windows_that_overlap_each_count_their_spikes():
+    cell = cell_of(window=WindowSpec(length_ms=20, hop_ms=10))
+    (row,) = encoding_table(one_train([15], n_steps=40), cell, []).to_dict("records")
+    assert row["spikes_sa_per_s"] == pytest.approx(2 / 0.060)  # windows from 0, 10 and 20 ms on, two of which hold it
+
+
+def test_what_encodes_alone_has_the_rates_of_the_touch():
+    trains = one_train([5, 50, 80])
+    (row,) = encoding_table(trains, cell_of(network=None, window=WindowSpec(start_ms=10)), []).to_dict("records")
+    assert row["spikes_sa_per_s"] == pytest.approx(2 / 0.090)
+    assert row["stretch"] == "from 10 ms to the trial's end"
+    assert not any(column.startswith("touch_") for column in row)
+
+
+def test_the_rates_of_windows_are_the_input_spikes_of_results():
+    """What the networks are fed and what the table says are the same spikes."""
+    trains = trains_of(0.5)
+    table = encoding_table(trains, CELL, [])
+    windows = cut(trains.trial_steps, trains.sampling_rate_Hz, CELL.window)
+    sent = trains.raster(windows).sum(axis=(1, 2)) / 0.1
+    np.testing.assert_allclose(table.spikes_total_per_s, [sent[:2].mean(), sent[2:].mean()])
 
 
 def test_a_window_that_starts_past_the_end_is_refused():

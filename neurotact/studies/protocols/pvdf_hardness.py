@@ -22,7 +22,7 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.errors import InputError
 from neurotact.export import pvdf_hardness_figures
 from neurotact.export.style import Drawn
-from neurotact.metrics.flops import Cost
+from neurotact.metrics.flops import Cost, MovingAverage, cost
 from neurotact.metrics.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
 from neurotact.networks.specs import RSNNSpec
 from neurotact.spec import Spec
@@ -223,8 +223,10 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
     ):
         measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-        sizes = (len(trains.afferents), parameters.spiking.hidden, len(trains.classes))
-        network = ledger.network_cost(*sizes, measured, steps=steps, signal_ms=signal_ms)
+        smoothing = cost(MovingAverage(max(1, round(steps)), felt.n_channels))  # `load` took it, for all chains
+        encoding = ledger.encoding_cost(felt.n_channels, steps, signal_ms, trains.encoder)
+        sizes = len(trains.afferents), len(trains.classes)
+        network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {
             "chain": chain,
             "features": "spikes",
@@ -237,7 +239,7 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
             "n_train": len(split.train),
             "n_test": len(split.test),
             "flops_published": float("nan"),
-            **_costs(ledger.encoding_cost(felt.n_channels, steps, signal_ms) + network),
+            **_costs(smoothing + encoding + network),
         }
 
 

@@ -31,7 +31,7 @@ from neurotact.export import texture_baselines_figures as figures
 from neurotact.export.style import Drawn
 from neurotact.metrics import spike_feature_flops as spent
 from neurotact.metrics import spike_features
-from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, RBFExpansion, Standardise, cost
+from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
 from neurotact.metrics.spike_distances import van_rossum, victor_purpura
 from neurotact.metrics.spike_trains import Events, events_of_raster, spike_counts
 from neurotact.networks.specs import RSNNSpec
@@ -332,8 +332,7 @@ def svm(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Ch
     tried = [SVC(C=c, gamma=gamma).fit(features[train], labels[train]) for c, gamma in grid]
     scores = [machine.score(features[validation], labels[validation]) for machine in tried]
     best = tried[int(np.argmax(scores))]
-    # Each support vector takes part in one machine with every other class.
-    layers: list[Layer] = [RBFExpansion(len(best.support_), features.shape[1], outputs=len(best.classes_) - 1)]
+    layers: list[Layer] = [SupportVectorMachines(len(best.support_), features.shape[1], len(best.classes_))]
     tested = float(best.score(features[test], labels[test]))
     return float(max(scores)), tested, f"C = {best.C:g}, gamma = {best.gamma:.3g}", layers
 
@@ -398,7 +397,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
         tried.append(trained.fit(trains, spec, task, (seed, seed + 1)))
     fitted, sides = max(tried, key=lambda pair: pair[0].training.best.validation_accuracy)
     row, spec = trained.measure(fitted, sides.test, trains.is_sa)["row"], fitted.network.spec
-    sizes = len(trains.afferents), spec.hidden, len(trains.classes)
+    sizes = len(trains.afferents), len(trains.classes)
     chosen = f"tau = {spec.tau_mem_ms:g} ms"
     for decision, start, accuracy, steps in (
         ("window", "", row["accuracy_test"], row["window_steps"]),
@@ -406,7 +405,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
     ):
         sops = {name: row[start + name] for name in ledger.SOPS}
         signal_ms = 1e3 * steps / seen.rate_Hz
-        counted = ledger.network_cost(*sizes, sops, steps=steps, signal_ms=signal_ms, recurrent=spec.recurrent)
+        counted = ledger.network_cost(spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
         validated = row["accuracy_validation"] if decision == "window" else float("nan")
         yield Decided(decision, validated, accuracy, chosen, Cost(), counted, signal_ms, seed)
 

@@ -24,7 +24,7 @@ DOWNLOADS = {
     "results.csv": "one row an encoding, both populations",
     "results.json": "the same",
     "isi.csv": "distributions of inter-spike intervals: a row a population, gain, t_ref, class and bin",
-    "encoding.csv": "firing of both populations for each class and condition",
+    "encoding.csv": "firing of both populations for each class and condition, from window.start_ms to the trial's end",
     "timings.csv": "time that each cell took",
     "study.toml": "the study as it was run, every part whole",
     "versions.json": "versions of what computed it",

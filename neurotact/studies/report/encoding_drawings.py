@@ -12,6 +12,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.export import encoding_figures
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.style import Drawn
+from neurotact.studies.preparation import TOUCH
 from neurotact.studies.study import StudySpec
 
 MOST_ROWS = 3
@@ -136,7 +137,8 @@ def _spike_counts(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn
     order = ", ".join(f"{pair} ({value:.0f})" for pair, value in falling.items())
     at = f" at {in_words(view.at)}" if view.at else ""
     caption = (
-        f"Spikes per second of all SA-I and all RA-I afferents, and of both, over the pairs of refractory periods{at}. "
+        f"Spikes per second of all SA-I and all RA-I afferents, and of both, over the pairs of refractory periods{at}"
+        f"{_stretch(rows)}. "
         f"Both together, mean of these classes, from most to least: {order}. As the texture paper's Fig. 6."
     )
     alt = f"Bars of spikes per second for {len(shown)} classes over the pairs; from most to least: {order}."
@@ -148,7 +150,7 @@ def _rates(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     figure = encoding_figures.draw_rates(rows, view.by, classes)
     caption = (
         f"Firing rate of each population for each {classes.word}{' and condition' if view.by else ''}, as a share of "
-        f"the population's highest, at t_ref {pair} ms. As the texture paper's Fig. 10(a)."
+        f"the population's highest, at t_ref {pair} ms{_stretch(rows)}. As the texture paper's Fig. 10(a)."
     )
     alt = f"Two matrices of firing rates, {_trends(rows, view, 'spikes', '_per_s')}"
     return Drawn("rates", "Firing rates", figure, caption, alt)
@@ -157,11 +159,15 @@ def _rates(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
 def _isis(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     pair, rows = _first_pair(encoding)
     rows = _select(rows, view.fixed)
+    within = _stretch(rows)
+    of_touch = {name: rows[TOUCH + name] for name in ("isi_sa_ms", "isi_ra_ms") if TOUCH + name in rows}
+    if of_touch:  # a window is too short for the longer ones
+        rows, within = rows.assign(**of_touch), "; over the whole touch, from a window's start on"
     figure = encoding_figures.draw_isis(rows, view.vary, classes)
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     caption = (
-        f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms; a gap where the population is silent. "
-        "As the texture paper's Fig. 10(b)."
+        f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap where the population is "
+        "silent. As the texture paper's Fig. 10(b)."
     )
     alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms')}"
     return Drawn("isis", "Inter-spike intervals", figure, caption, alt)
@@ -176,6 +182,11 @@ def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str) -> str:
         values = [f"{value:.3g}{f' at {in_unit(view.vary, at)}' if view.vary else ''}" for at, value in groups.items()]
         words.append(f"{name} mean {', '.join(values)}")
     return "; ".join(words) + "."
+
+
+def _stretch(rows: pd.DataFrame) -> str:
+    """What the rates are of, in words that end a phrase; nothing where the table does not say."""
+    return f"; {rows['stretch'].iloc[0]}" if "stretch" in rows else ""
 
 
 def _first_pair(encoding: pd.DataFrame) -> tuple[str, pd.DataFrame]:

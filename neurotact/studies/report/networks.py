@@ -37,7 +37,8 @@ DOWNLOADS = {
     "sops.csv": "the SOP report: what each network's decisions cost, and with early exit",
     "sops.json": "the same",
     "sops.md": "the same, to be read",
-    "encoding.csv": "firing of both populations for each class and condition",
+    "encoding.csv": "firing of both populations for each class and condition, in the classified windows and over the "
+    "whole touch",
     "searches.csv": "every trial of every cell's search",
     "selection.csv": "what each step of the selection saw and chose",
     "baseline.csv": "the linear classifier",
@@ -98,7 +99,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     extra = extra_tables(folder)
     trials = search.trials_table(folder, done, results)
     baseline = read_table(folder / "baseline.csv") if (folder / "baseline.csv").is_file() else None
-    costs = _ledger(results, baseline, trains, study.network is None or study.network.recurrent)
+    costs = _ledger(study, results, baseline, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen)
@@ -227,14 +228,14 @@ def _baseline_table(found: pd.DataFrame | None) -> Table | None:
 
 
 def _ledger(
-    results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None, recurrent: bool
+    study: StudySpec, results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None
 ) -> pd.DataFrame | None:
     """What a decision costs; None where no spikes say how many afferents there are."""
-    if trains is None:
+    if trains is None or study.network is None:
         return None
     sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
     return ledger.study_ledger(
-        results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz, recurrent=recurrent, encoder=trains.encoder
+        study.network, results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz, encoder=trains.encoder
     )
 
 

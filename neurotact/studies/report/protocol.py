@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from neurotact.export.style import bars
 from neurotact.export.tables import means_over, read_table, write_table
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell
@@ -114,6 +115,7 @@ def _entry(head: str, mean: Any, sd: Any) -> Entry:
 def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
     """A point a configuration; series are told apart by what is named first."""
     scale = _scale(view.measures[view.score])
+    whole = 100.0 if scale > 1 else None
     costs = means[view.cost].to_numpy(float)
     known = costs[np.isfinite(costs) & (costs > 0)]
     points = [
@@ -122,12 +124,13 @@ def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
             "series": _name(row[view.by[0]]),
             "x": _number(row[view.cost]),
             "y": _number(scale * row[view.score]),
-            "sd": _number(scale * row[f"{view.score}_sd"]),
+            "bar": bars(scale * row[view.score], scale * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
         }
         for row in means.to_dict("records")
     ]
     is_log = len(known) == len(costs) and len(known) > 0 and known.max() > LOG_FROM * known.min()
-    return {"points": points, "cost": view.measures[view.cost], "score": view.measures[view.score], "log": bool(is_log)}
+    words = {"cost": view.measures[view.cost], "score": view.measures[view.score]}
+    return {"points": points, **words, "log": bool(is_log), "whole": whole}
 
 
 def _scale(head: str) -> float:

@@ -12,15 +12,16 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.tables import read_table
-from neurotact.studies.preparation import spikes_path
+from neurotact.studies.preparation import TOUCH, spikes_path
 from neurotact.studies.study import Cell
 
 EXTRA_TABLES = ("cut_short", "exit_curve", "conditions", "signals", "same_drive")
 
 
 def read_encoding(path: Path) -> pd.DataFrame:
-    """The encoding table; a class may be called "None", and an interval may be missing."""
-    missing = {"isi_sa_ms": [""], "isi_ra_ms": [""]}
+    """The encoding table; a class may be called "None", and an interval or a share may be missing."""
+    measures = ("isi_sa_ms", "isi_ra_ms", "sa_share")
+    missing = {f"{stretch}{name}": [""] for stretch in ("", TOUCH) for name in measures}
     return read_table(path, dtype={"label": str}, keep_default_na=False, na_values=missing)
 
 

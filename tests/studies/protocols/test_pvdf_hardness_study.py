@@ -71,6 +71,18 @@ def test_the_spiking_chain_is_on_the_same_splits_with_its_measured_operations():
     ]
 
 
+def test_a_feed_forward_network_is_charged_no_recurrent_weights():
+    arrays = made(per_class=12)
+    both = [
+        pd.DataFrame(
+            hardness.run(parameters(chain="RSNN", spiking=SPIKING.model_copy(update={"model": model})), arrays)
+        )
+        for model in ("rsnn", "snn")
+    ]
+    recurrent, feed_forward = (pd.DataFrame(rows)["parameters"] for rows in both)
+    assert (recurrent - feed_forward == SPIKING.hidden**2).all()
+
+
 def test_the_best_start_on_validation_is_kept():
     arrays = made(per_class=12)
     one, three = (pd.DataFrame(hardness.run(parameters(chain="RSNN", starts=n), arrays)) for n in (1, 3))

@@ -19,6 +19,11 @@ function axisStyle() {
   return { gridcolor: style("--line"), zerolinecolor: style("--line"), linecolor: style("--soft"), automargin: true };
 }
 
+/* An axis of accuracies: it ends at 0 and at the whole, however far one zooms out. */
+function within(whole) {
+  return { minallowed: 0, maxallowed: whole };
+}
+
 /* The layout that drawings share; `narrow` on a telephone. */
 function sharedLayout(narrow) {
   return {

@@ -23,7 +23,11 @@ function seriesTrace(name, index) {
   return {
     type: "scatter", mode: "markers", name: plain(name), x: points.map((p) => p.x), y: points.map((p) => p.y), customdata: here,
     text: points.map((p) => plain(p.name)), hovertemplate: `<b>%{text}</b><br>${study.score}: %{y:.1f}<br>${study.cost}: %{x:,.4~g}<extra></extra>`,
-    error_y: { type: "data", array: points.map((p) => p.sd ?? 0), color: colour, thickness: 1, width: 2 },
+    error_y: {
+      type: "data", symmetric: false, arrayminus: points.map((p) => p.bar[0]), array: points.map((p) => p.bar[1]),
+      color: colour, thickness: 1, width: 2,
+    },
+    cliponaxis: false,
     marker: {
       symbol: SYMBOLS[index % SYMBOLS.length] + open, color: colour, size: 10, opacity: 0.9,
       line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
@@ -44,7 +48,7 @@ function redraw() {
   return draw(plotly, host, traces, {
     ...sharedLayout(host.clientWidth < 600),
     xaxis: { ...axisStyle(), title: { text: plain(study.cost), standoff: 8 }, type: study.log ? "log" : "linear" },
-    yaxis: { ...axisStyle(), title: { text: plain(study.score) } },
+    yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), title: { text: plain(study.score) } },
   });
 }
 

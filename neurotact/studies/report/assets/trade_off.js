@@ -11,7 +11,7 @@ function pointTraces(study, cells, kind) {
     const here = cells.filter((i) => study.cells[i].pair === pair && study.cells[i].row[gain] != null);
     const rows = here.map((i) => study.cells[i].row);
     return {
-      type: "scatter", mode: "markers", name: plain(pair), legendgroup: pair,
+      type: "scatter", mode: "markers", cliponaxis: false, name: plain(pair), legendgroup: pair,
       showlegend: here.length > 0 && (kind === "full" || study.only === "exit"),
       x: rows.map((row) => row[cost]), y: rows.map((row) => 100 * row[gain]), customdata: here,
       text: here.map((i) => plain(study.cells[i].name)),
@@ -30,7 +30,7 @@ function frontTraces(study, settings, kind) {
   return settings.map((setting, index) => {
     const front = study.fronts[setting][kind];
     return {
-      type: "scatter", mode: "lines+markers", name: `Pareto front, ${words}`, legendgroup: `front ${kind}`, showlegend: index === 0,
+      type: "scatter", mode: "lines+markers", cliponaxis: false, name: `Pareto front, ${words}`, legendgroup: `front ${kind}`, showlegend: index === 0,
       x: front.map((network) => network.sops), y: front.map((network) => 100 * network.accuracy),
       text: front.map((network) => `${plain(network.name)}, mean of ${network.seeds} seed${network.seeds > 1 ? "s" : ""}`),
       hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.0f} SOPs<br>Pareto front, ${words}<extra></extra>`,
@@ -44,7 +44,7 @@ function chosenTrace(study, kinds) {
   const row = study.cells[study.chosen].row;
   const shown = kinds.filter((kind) => row[KINDS[kind].gain] != null);
   return {
-    type: "scatter", mode: "markers", name: "chosen", showlegend: false, hoverinfo: "skip",
+    type: "scatter", mode: "markers", cliponaxis: false, name: "chosen", showlegend: false, hoverinfo: "skip",
     x: shown.map((kind) => row[KINDS[kind].cost]), y: shown.map((kind) => 100 * row[KINDS[kind].gain]),
     marker: { symbol: "circle-open", size: 21, color: style("--ink"), line: { width: 2.5 } },
   };
@@ -64,7 +64,7 @@ function drawTradeOff(plotly, host, study) {
   return draw(plotly, host, traces, {
     ...shared,
     xaxis: { ...axisStyle(), title: { text: "SOPs per sample", standoff: 8 }, rangemode: "tozero" },
-    yaxis: { ...axisStyle(), title: { text: "test accuracy (%)" } },
+    yaxis: { ...axisStyle(), ...within(100), title: { text: "test accuracy (%)" } },
     legend: { ...shared.legend, title: { text: "t<sub>ref</sub> RA-I & SA-I (ms) ", side: "top" } },
     uirevision: study.setting,
   });
