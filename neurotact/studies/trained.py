@@ -111,8 +111,9 @@ def exit_rule(network: RSNN, validation: Examples, tolerance: float) -> ExitRule
     return validated_rule(rasters, validation.labels.to(device), tolerance)
 
 
-def save(trained: Trained, folder: Path, trains: SpikeTrains, spikes_path: Path, task: Task) -> None:
+def save(trained: Trained, folder: str | Path, trains: SpikeTrains, spikes_path: str | Path, task: Task) -> None:
     """Write the network with its task, its exit rule and its training log into `folder`."""
+    folder = Path(folder)
     extra = {
         "classes": list(trains.classes),
         "encoder": dict(trains.encoder),
@@ -135,16 +136,31 @@ class Restored(NamedTuple):
     spikes_path: Path
 
 
-def restore(folder: Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
+class _Extra(Spec):
+    """What `network.json` must hold of a trained network besides the network."""
+
+    task: Task
+    classes: tuple[str, ...]
+    spikes: str
+    exit_patience: int | None = Field(ge=1, le=2**31 - 1)
+
+
+def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
     """Read what `save` wrote; InputError names the file that is absent or damaged."""
+    folder = Path(folder)
     network, metadata = checkpoint.load(folder, backend=backend)
-    extra = metadata["extra"]
-    missing = [key for key in ("task", "classes", "spikes", "exit_patience") if key not in extra]
+    path, extra = folder / checkpoint.NETWORK, metadata["extra"]
+    missing = [key for key in _Extra.model_fields if key not in extra]
     if missing:
-        raise InputError(f"{folder}: network.json lacks '{missing[0]}'; make the network with neurotact train")
-    task = build(Task, extra["task"], source=str(folder / checkpoint.NETWORK))
-    rule = ExitRule(extra["exit_patience"], from_first_spike=True)
-    return Restored(network.to(device), task, rule, tuple(extra["classes"]), folder / extra["spikes"])
+        raise InputError(f"{path}: '{missing[0]}' is missing; make the network with neurotact train")
+    known = build(_Extra, {key: extra[key] for key in _Extra.model_fields}, source=str(path))
+    if len(known.classes) != network.n_classes:
+        raise InputError(
+            f"{path}: names {len(known.classes)} classes where the network knows {network.n_classes}; "
+            "make the network with neurotact train"
+        )
+    rule = ExitRule(known.exit_patience, from_first_spike=True)
+    return Restored(network.to(device), known.task, rule, known.classes, folder / known.spikes)
 
 
 def infer(
