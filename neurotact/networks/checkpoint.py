@@ -153,7 +153,7 @@ def check(tensors: Mapping[str, Tensor], expected: Expected, path: Path, fix: st
         if name not in tensors:
             raise InputError(f"{path}: '{name}' is missing; {fix}")
         if name not in expected:
-            raise InputError(f"{path}: '{name}' is unknown; {nearest(name, [*expected])}")
+            raise InputError(f"{path}: '{name}' is unknown ({nearest(name, [*expected])}); {fix}")
     for name, (shape, dtype) in expected.items():
         found = tensors[name]
         if tuple(found.shape) != shape or found.dtype != dtype:

@@ -1,6 +1,7 @@
 """A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,9 +25,12 @@ from neurotact.networks.exit_choice import oracle_exit, validated_rule
 from neurotact.networks.kernels import Backend
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Epoch, Examples, Training, train
+from neurotact.networks.training import Checkpoint, Epoch, Examples, Training, train
 from neurotact.spec import Spec, build
 from neurotact.studies.preparation import split_conditions
+
+LOG = "training.csv"
+"""The training log: a row an epoch."""
 
 
 class Task(Spec):
@@ -82,15 +86,18 @@ def fit(
     backend: Backend = "auto",
     progress=None,
     split: Split | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
 ) -> tuple[Trained, Sides]:
     """Train a network; the two seeds (initial weights, order of trials) fix every number.
 
     split: sides of trials in place of those that the task draws.
+    start, keep: where to go on, and what is called after each epoch with what `start` takes (see `training.train`).
     """
     sides = sides_of(trains, task, split)
     network, order = new_network(trains, spec, seeds, backend=backend)
     network = network.to(device)
-    training = train(network, sides.train, sides.validation, generator=order, progress=progress)
+    training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
     return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance)), sides
 
 
@@ -122,7 +129,7 @@ def save(trained: Trained, folder: str | Path, trains: SpikeTrains, spikes_path:
         "exit_patience": trained.rule.patience,
         "best_epoch": trained.training.best.epoch,
     }
-    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / "training.csv")
+    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / LOG)
     checkpoint.save(trained.network, folder, extra)
 
 

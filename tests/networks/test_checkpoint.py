@@ -147,7 +147,7 @@ def test_weights_that_do_not_fit_are_refused(tmp_path):
     tensors = safetensors.torch.load((tmp_path / WEIGHTS).read_bytes())
     for change, complaint in (
         ({"w_rec": None}, "'w_rec' is missing"),
-        ({"w_reck": torch.zeros(2)}, "'w_reck' is unknown; did you mean 'w_rec'"),
+        ({"w_reck": torch.zeros(2)}, r"'w_reck' is unknown \(did you mean 'w_rec'\?\); save the network again"),
         ({"w_rec": torch.zeros(10, 9)}, "'w_rec' is"),
         ({"alpha": torch.zeros(())}, "'alpha' is"),
         ({"alpha": torch.zeros(2, dtype=torch.float64)}, "'alpha' is"),
