@@ -1,6 +1,7 @@
 """The command line: it parses, calls and prints."""
 
 import logging
+import shlex
 import sys
 import warnings
 from collections.abc import Callable
@@ -30,9 +31,8 @@ from neurotact.export.tables import sops_summary, write_table
 from neurotact.metrics import synops
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Epoch
 from neurotact.progress import counting, track
-from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, trained
+from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, train_run, trained
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.trained import Task
 
@@ -320,22 +320,35 @@ def train_command(
     tolerance: Tolerance = 0.01,
     seed: Seed = 0,
     device: DeviceOption = "cpu",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted training; begin where there is none.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
 ) -> None:
-    """Train a network on windows of spike trains; the best on validation is kept."""
-    if not files.is_free(out):
-        raise InputError(f"{out}: is there already and not empty; choose another folder or remove it")
-    trains = hdf5.load_spikes(spikes)
+    """Train a network on windows of spike trains; the best on validation is kept.
+
+    What is interrupted goes on with the same command and --resume, and leaves the same files.
+    """
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
     task = _task("train", window, split_seed, stratify, tolerance)
-    with track("train", what.training.epochs) as advance:
-        fitted, sides = trained.fit(
-            trains, what, task, (seed, seed + 1), device=_device(device), progress=lambda e: advance(1, _line(e))
-        )
-    trained.save(fitted, out, trains, spikes, task)
-    result = trained.measure(fitted, sides.test, trains.is_sa)
-    files.write_json(out / "result.json", result)
-    _print_row(f"{out}: test of {len(sides.test.labels)} windows", result["row"])
+    try:
+        done = train_run.run(spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume)
+    except train_run.Interrupted as interrupted:
+        _say(_how_to_go_on(interrupted.epochs))
+        sys.exit(INTERRUPTED)
+    if done is None:
+        print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
+    else:
+        _print_row(f"{out}: test of {done.n_test} windows", done.row)
+
+
+def _how_to_go_on(epochs: int) -> str:
+    """What an interrupted training says, with the command that goes on."""
+    if epochs == 0:
+        return "interrupted before the first epoch was over; nothing is saved"
+    words = [word for word in sys.argv[1:] if word not in ("--force", "--resume")]
+    return f"interrupted after epoch {epochs}; go on with: {shlex.join(['neurotact', *words, '--resume'])}"
 
 
 @app.command()
@@ -541,10 +554,6 @@ def _device(name: str) -> str:
             f"--device {name}: torch cannot use it here ({str(error).splitlines()[0]}); try cpu"
         ) from error
     return name
-
-
-def _line(epoch: Epoch) -> str:
-    return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"
 
 
 def _print_row(title: str, row: dict[str, Any]) -> None:

@@ -13,8 +13,11 @@ SECONDS_BETWEEN_LINES = 10.0
 
 
 @contextmanager
-def track(what: str, total: int) -> Iterator[Advance]:
+def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Iterator[Advance]:
     """Yield `advance(n, note)`, to be called when `n` more of `total` are done; writes to stderr.
+
+    done: how many were done before, by a run that this one goes on with; they say nothing of the time left.
+    at_most: the work may be over before the total is reached; the time left is told beside a note, as a bound.
 
     >>> with track("encode", 2) as advance:
     ...     advance(1, "trial 1")
@@ -22,13 +25,14 @@ def track(what: str, total: int) -> Iterator[Advance]:
     """
     if sys.stderr.isatty():
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        left = (TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
+        bound = (TextColumn("at most"),) if at_most else ()
+        left = (*bound, TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
         with Progress(*columns, *left, console=Console(stderr=True)) as bar:
-            task = bar.add_task(what, total=total, note="")
+            task = bar.add_task(what, total=total, completed=done, note="")
             yield lambda n, note: bar.update(task, advance=n, note=note)
         return
     began = last = time.monotonic()
-    done = 0
+    before = done
 
     def advance(n: int, note: str) -> None:
         nonlocal done, last
@@ -36,7 +40,9 @@ def track(what: str, total: int) -> Iterator[Advance]:
         now = time.monotonic()
         if done >= total or now - last >= SECONDS_BETWEEN_LINES:
             last = now
-            told = note or (time_left((now - began) / done * (total - done)) if 0 < done < total else "")
+            known = before < done < total and (at_most or not note)
+            left = time_left((now - began) / (done - before) * (total - done)) if known else ""
+            told = ", ".join(filter(None, (note, f"at most {left}" if left and at_most else left)))
             print(f"{what} {done}/{total}{f'  {told}' if told else ''}", file=sys.stderr, flush=True)
 
     yield advance

@@ -676,7 +676,8 @@ def test_an_output_folder_that_is_not_free_is_left_alone(refused, made, tmp_path
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("precious")
     for place in (tmp_path / "full", tmp_path / "full" / "thesis.txt"):
-        refused(("train", made / "spikes.h5", "-o", place), f"{place}: is there already and not empty")
+        reason = "already exists and is not empty" if place.is_dir() else "is a file; name a folder"
+        refused(("train", made / "spikes.h5", "-o", place), f"{place}: {reason}")
         refused(("study", "run", "refractory-period", "-o", place), f"{place}: is not empty and holds no study")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
 

@@ -1,5 +1,6 @@
 """Progress elsewhere than on a terminal: plain lines, with the time that is left."""
 
+import io
 import re
 
 from neurotact import progress
@@ -27,3 +28,33 @@ def test_nothing_done_tells_no_time(capsys, monkeypatch):
     with progress.track("tune", 2) as advance:
         advance(0, "")
     assert capsys.readouterr().err == "tune 0/2\n"
+
+
+def test_work_that_may_end_early_is_told_a_bound_beside_its_note(capsys, monkeypatch):
+    clock = iter([0.0, 20.0, 40.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.track("train", 100, at_most=True) as advance:
+        advance(2, "loss 0.5")
+        advance(98, "loss 0.4")
+    assert capsys.readouterr().err.splitlines() == [
+        "train 2/100  loss 0.5, at most 16 min left",
+        "train 100/100  loss 0.4",
+    ]
+
+
+def test_what_was_done_before_says_nothing_of_the_time_left(capsys, monkeypatch):
+    clock = iter([0.0, 20.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.track("train", 100, done=90) as advance:
+        advance(2, "")  # ten seconds each
+    assert capsys.readouterr().err == "train 92/100  80 s left\n"
+
+
+def test_a_bar_on_a_terminal_begins_where_the_work_does(monkeypatch):
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(progress.sys, "stderr", terminal)
+    with progress.track("train", 100, done=90, at_most=True) as advance:
+        advance(2, "loss 0.5")
+    assert "92/100" in terminal.getvalue()
+    assert "at most" in terminal.getvalue()

@@ -6,6 +6,7 @@ file and a foreign one are all noticed on loading.
 
 import hashlib
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from torch import Tensor
 
 from neurotact import __version__
 from neurotact.errors import InputError, nearest
-from neurotact.files import existing, read_json, whole, write_json
+from neurotact.files import existing, read_bytes, read_json, whole, write_json
 from neurotact.networks.kernels import Backend
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -34,7 +35,8 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
     """Write a network into `folder`, each file whole and then renamed.
 
     extra: what else belongs to it, as JSON holds it: class names, training history, encoder spec.
-    Raises InputError for what JSON cannot hold and for a surrogate that the spec does not describe.
+    Raises InputError for what JSON cannot hold, for a surrogate that the spec does not describe and for weights that
+    are NaN or infinite.
 
     >>> import tempfile
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
@@ -52,6 +54,9 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
             "network: its surrogate is not the one that its spec describes, so that a checkpoint would lose it; "
             "set network.spike = FastSigmoid(network.spec.surrogate_scale) before saving"
         )
+    for name, tensor in network.state_dict().items():
+        if not tensor.isfinite().all():
+            raise InputError(f"network: '{name}' holds NaN or infinity; train it with a lower training.learning_rate")
     extra = dict(extra or {})
     try:
         json.dumps(extra, allow_nan=False)
@@ -102,38 +107,58 @@ def _metadata(path: Path) -> dict[str, Any]:
         if type(table[key]) is not int or table[key] < 1:
             raise InputError(f"{path}: {key} must be a whole number >= 1; got {table[key]!r}")
     rate = table["sampling_rate_Hz"]
-    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate < float("inf"):
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not 0 < rate <= sys.float_info.max:
         raise InputError(f"{path}: sampling_rate_Hz must be a positive number; got {rate!r}")
     if str(table["dtype"]) not in DTYPES:
         raise InputError(f"{path}: dtype {table['dtype']!r} is unknown; {nearest(str(table['dtype']), [*DTYPES])}")
-    if not isinstance(table["spec"], dict):
-        raise InputError(f"{path}: spec must be a table; got {table['spec']!r}")
+    for key in ("spec", "extra"):
+        if not isinstance(table[key], dict):
+            raise InputError(f"{path}: {key} must be a table; got {table[key]!r}")
     return table
 
 
 def _weights(path: Path, metadata: dict[str, Any], spec: RSNNSpec) -> dict[str, Tensor]:
     """The tensors, checked against the shapes that the metadata call for before anything is built."""
-    content = existing(path).read_bytes()
+    content = read_bytes(path)
     if hashlib.sha256(content).hexdigest() != metadata["weights_sha256"]:
         raise InputError(f"{path}: is damaged, or not the file that {NETWORK} was saved with; save the network again")
     try:
         tensors = safetensors.torch.load(content)
     except SafetensorError as error:
         raise InputError(f"{path}: is not a safetensors file ({error}); save the network again") from error
-    n_inputs, n_classes, hidden = metadata["n_inputs"], metadata["n_classes"], spec.hidden
-    shapes = {"w_in": (n_inputs, hidden), "w_out": (hidden, n_classes)}
-    shapes |= {"w_rec": (hidden, hidden)} if spec.recurrent else {}
-    shapes |= dict.fromkeys(("alpha", "beta", "threshold"), (2,))
-    for name in (*shapes, *tensors):
-        if name not in tensors:
-            raise InputError(f"{path}: '{name}' is missing; save the network again")
-        if name not in shapes:
-            raise InputError(f"{path}: '{name}' is unknown; {nearest(name, [*shapes])}")
-    for name, shape in shapes.items():
-        found = tensors[name]
-        if tuple(found.shape) != shape or found.dtype != DTYPES[metadata["dtype"]]:
-            raise InputError(
-                f"{path}: '{name}' is {tuple(found.shape)} {found.dtype} where {shape} {metadata['dtype']} is "
-                f"expected by {NETWORK}; save the network again"
-            )
+    shapes = shapes_of(spec, metadata["n_inputs"], metadata["n_classes"])
+    dtype = DTYPES[metadata["dtype"]]
+    check(tensors, {name: (shape, dtype) for name, shape in shapes.items()}, path, "save the network again")
     return tensors
+
+
+def shapes_of(spec: RSNNSpec, n_inputs: int, n_classes: int) -> dict[str, tuple[int, ...]]:
+    """The tensors of a network's state and their shapes, known before it is built.
+
+    >>> shapes_of(RSNNSpec(hidden=20, model="snn"), 16, 8)
+    {'w_in': (16, 20), 'w_out': (20, 8), 'alpha': (2,), 'beta': (2,), 'threshold': (2,)}
+    """
+    recurrent = {"w_rec": (spec.hidden, spec.hidden)} if spec.recurrent else {}
+    dynamics = dict.fromkeys(("alpha", "beta", "threshold"), (2,))
+    return {"w_in": (n_inputs, spec.hidden), **recurrent, "w_out": (spec.hidden, n_classes), **dynamics}
+
+
+Expected = Mapping[str, tuple[tuple[int, ...], torch.dtype]]
+"""Shape and type of each tensor that a file must hold."""
+
+
+def check(tensors: Mapping[str, Tensor], expected: Expected, path: Path, fix: str) -> None:
+    """Refuse tensors that are missing, unknown, of another shape or type, NaN or infinite; the error ends in `fix`."""
+    for name in (*expected, *tensors):
+        if name not in tensors:
+            raise InputError(f"{path}: '{name}' is missing; {fix}")
+        if name not in expected:
+            raise InputError(f"{path}: '{name}' is unknown ({nearest(name, [*expected])}); {fix}")
+    for name, (shape, dtype) in expected.items():
+        found = tensors[name]
+        if tuple(found.shape) != shape or found.dtype != dtype:
+            raise InputError(
+                f"{path}: '{name}' is {tuple(found.shape)} {found.dtype} where {shape} {dtype} is expected; {fix}"
+            )
+        if not found.isfinite().all():
+            raise InputError(f"{path}: '{name}' holds NaN or infinity; {fix}")

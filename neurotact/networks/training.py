@@ -1,9 +1,8 @@
 """Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam, early stopping."""
 
-import copy
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -39,6 +38,27 @@ class Training:
     best: Epoch
 
 
+@dataclass(frozen=True)
+class Checkpoint:
+    """A training between two epochs: all that decides how it goes on, as copies on the CPU.
+
+    epochs: the log so far.
+    weights: the network's state after the last of them; best_weights: after the one with the lowest validation loss.
+    optimiser: Adam's values of each trained parameter, named as in "w_in.exp_avg".
+    generator: the state of the generator that orders the trials.
+    """
+
+    epochs: tuple[Epoch, ...]
+    weights: Mapping[str, Tensor]
+    best_weights: Mapping[str, Tensor]
+    optimiser: Mapping[str, Tensor]
+    generator: Tensor
+
+
+ADAM = ("step", "exp_avg", "exp_avg_sq")
+"""What Adam keeps of each parameter: the count of its steps, and running means of the gradient and of its square."""
+
+
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
     """Cross-entropy of the readout counts and the two rate penalties of the Braille-reading study.
 
@@ -60,11 +80,15 @@ def train(
     *,
     generator: torch.Generator,
     progress: Callable[[Epoch], None] | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
 ) -> Training:
     """Train `network` in place by its spec and leave it with the weights of the lowest validation loss.
 
     generator: orders the trials; with the network's own it fixes every number.
     progress: called after each epoch.
+    start: where an earlier call with the same arguments had come to; the result is the one it would have had.
+    keep: called after each epoch with what `start` takes.
     Raises InputError when a weight is no longer finite: its neurons would fall silent, not fail.
 
     >>> from neurotact.networks.specs import RSNNSpec, TrainingSpec
@@ -74,40 +98,76 @@ def train(
     >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
     2
     """
-    spec = network.spec.training
-    device = network.w_in.device
     optimiser = torch.optim.Adam(
-        (p for p in network.parameters() if p.requires_grad), lr=spec.learning_rate, fused=True
+        (p for p in network.parameters() if p.requires_grad), lr=network.spec.training.learning_rate, fused=True
     )
     log: list[Epoch] = []
-    best, best_weights = None, None
-    for epoch in range(1, spec.epochs + 1):
+    best_weights: Mapping[str, Tensor] = {}
+    if start is not None:
+        log, best_weights = list(start.epochs), start.best_weights
+        _go_back(start, network, optimiser, generator)
+    while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
-        total, correct = 0.0, 0
-        for batch in order.split(spec.batch):
-            spikes, labels = training.spikes[batch].to(device), training.labels[batch].to(device)
-            optimiser.zero_grad()
-            counts = network(spikes)
-            batch_loss = loss(counts, labels, spec)
-            batch_loss.backward()
-            optimiser.step()
-            _bound(network)
-            total += batch_loss.item() * len(batch)
-            correct += int((counts.readout.argmax(dim=1) == labels).sum())
-        n_trials = len(training.labels)
-        log.append(Epoch(epoch, total / n_trials, correct / n_trials, *evaluate(network, validation)))
+        fitted = _pass(network, training, order, optimiser)
+        log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
         if not all(p.isfinite().all() for p in network.parameters()):
-            raise InputError(f"training: weights are not finite after epoch {epoch}; lower training.learning_rate")
+            raise InputError(f"training: weights are not finite after epoch {len(log)}; lower training.learning_rate")
         if progress:
             progress(log[-1])
-        if best is None or log[-1].validation_loss < best.validation_loss:
-            best, best_weights = log[-1], copy.deepcopy(network.state_dict())
-        elif epoch - best.epoch >= spec.patience:
-            break
-    assert best is not None  # there is at least one epoch
-    assert best_weights is not None
+        if best_of(log) is log[-1]:
+            best_weights = _copied(network.state_dict())
+        if keep:
+            state = _copied(network.state_dict()), best_weights, _adam(network, optimiser)
+            keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
-    return Training(tuple(log), best)
+    return Training(tuple(log), best_of(log))
+
+
+def best_of(log: Sequence[Epoch]) -> Epoch:
+    """The first epoch with the lowest validation loss."""
+    return min(log, key=lambda epoch: epoch.validation_loss)
+
+
+def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
+    """Whether a training with this log has run its epochs, or has waited its patience for a better loss."""
+    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log).epoch >= spec.patience)
+
+
+def _pass(network: RSNN, training: Examples, order: Tensor, optimiser: torch.optim.Optimizer) -> tuple[float, float]:
+    """Train on every trial once, in this order; `(loss, accuracy)`, each batch before its step."""
+    spec, device = network.spec.training, network.w_in.device
+    total, correct = 0.0, 0
+    for batch in order.split(spec.batch):
+        spikes, labels = training.spikes[batch].to(device), training.labels[batch].to(device)
+        optimiser.zero_grad()
+        counts = network(spikes)
+        batch_loss = loss(counts, labels, spec)
+        batch_loss.backward()
+        optimiser.step()
+        _bound(network)
+        total += batch_loss.item() * len(batch)
+        correct += int((counts.readout.argmax(dim=1) == labels).sum())
+    return total / len(order), correct / len(order)
+
+
+def _go_back(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:
+    """Give network, optimiser and generator the state that they had then."""
+    network.load_state_dict(start.weights)
+    trained = [name for name, p in network.named_parameters() if p.requires_grad]
+    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in ADAM} for i, name in enumerate(trained)}
+    # Loading keeps tensors that fit as they are, and steps work in place: the checkpoint stays as it was.
+    state = {i: _copied(values) for i, values in state.items()}
+    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+    generator.set_state(start.generator)
+
+
+def _adam(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+    parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
+    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in ADAM})
+
+
+def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
+    return {name: tensor.detach().to("cpu", copy=True) for name, tensor in tensors.items()}
 
 
 @torch.no_grad()

@@ -1,6 +1,7 @@
 """A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,9 +25,12 @@ from neurotact.networks.exit_choice import oracle_exit, validated_rule
 from neurotact.networks.kernels import Backend
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Epoch, Examples, Training, train
+from neurotact.networks.training import Checkpoint, Epoch, Examples, Training, train
 from neurotact.spec import Spec, build
 from neurotact.studies.preparation import split_conditions
+
+LOG = "training.csv"
+"""The training log: a row an epoch."""
 
 
 class Task(Spec):
@@ -82,15 +86,18 @@ def fit(
     backend: Backend = "auto",
     progress=None,
     split: Split | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
 ) -> tuple[Trained, Sides]:
     """Train a network; the two seeds (initial weights, order of trials) fix every number.
 
     split: sides of trials in place of those that the task draws.
+    start, keep: where to go on, and what is called after each epoch with what `start` takes (see `training.train`).
     """
     sides = sides_of(trains, task, split)
     network, order = new_network(trains, spec, seeds, backend=backend)
     network = network.to(device)
-    training = train(network, sides.train, sides.validation, generator=order, progress=progress)
+    training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
     return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance)), sides
 
 
@@ -111,8 +118,9 @@ def exit_rule(network: RSNN, validation: Examples, tolerance: float) -> ExitRule
     return validated_rule(rasters, validation.labels.to(device), tolerance)
 
 
-def save(trained: Trained, folder: Path, trains: SpikeTrains, spikes_path: Path, task: Task) -> None:
+def save(trained: Trained, folder: str | Path, trains: SpikeTrains, spikes_path: str | Path, task: Task) -> None:
     """Write the network with its task, its exit rule and its training log into `folder`."""
+    folder = Path(folder)
     extra = {
         "classes": list(trains.classes),
         "encoder": dict(trains.encoder),
@@ -121,7 +129,7 @@ def save(trained: Trained, folder: Path, trains: SpikeTrains, spikes_path: Path,
         "exit_patience": trained.rule.patience,
         "best_epoch": trained.training.best.epoch,
     }
-    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / "training.csv")
+    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / LOG)
     checkpoint.save(trained.network, folder, extra)
 
 
@@ -135,16 +143,31 @@ class Restored(NamedTuple):
     spikes_path: Path
 
 
-def restore(folder: Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
+class _Extra(Spec):
+    """What `network.json` must hold of a trained network besides the network."""
+
+    task: Task
+    classes: tuple[str, ...]
+    spikes: str
+    exit_patience: int | None = Field(ge=1, le=2**31 - 1)
+
+
+def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
     """Read what `save` wrote; InputError names the file that is absent or damaged."""
+    folder = Path(folder)
     network, metadata = checkpoint.load(folder, backend=backend)
-    extra = metadata["extra"]
-    missing = [key for key in ("task", "classes", "spikes", "exit_patience") if key not in extra]
+    path, extra = folder / checkpoint.NETWORK, metadata["extra"]
+    missing = [key for key in _Extra.model_fields if key not in extra]
     if missing:
-        raise InputError(f"{folder}: network.json lacks '{missing[0]}'; make the network with neurotact train")
-    task = build(Task, extra["task"], source=str(folder / checkpoint.NETWORK))
-    rule = ExitRule(extra["exit_patience"], from_first_spike=True)
-    return Restored(network.to(device), task, rule, tuple(extra["classes"]), folder / extra["spikes"])
+        raise InputError(f"{path}: '{missing[0]}' is missing; make the network with neurotact train")
+    known = build(_Extra, {key: extra[key] for key in _Extra.model_fields}, source=str(path))
+    if len(known.classes) != network.n_classes:
+        raise InputError(
+            f"{path}: names {len(known.classes)} classes where the network knows {network.n_classes}; "
+            "make the network with neurotact train"
+        )
+    rule = ExitRule(known.exit_patience, from_first_spike=True)
+    return Restored(network.to(device), known.task, rule, known.classes, folder / known.spikes)
 
 
 def infer(

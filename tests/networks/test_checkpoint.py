@@ -1,13 +1,16 @@
+import contextlib
 import json
 import os
 
 import pytest
 import safetensors.torch
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from snntorch import surrogate
 
 from neurotact.errors import InputError
-from neurotact.networks.checkpoint import NETWORK, WEIGHTS, load, save
+from neurotact.networks.checkpoint import KEYS, NETWORK, WEIGHTS, load, save
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
@@ -140,6 +143,8 @@ def rewrite(folder, tensors=None, **changes):
         ({"spec": {"hidden": 10, "recurrent_delay_steps": 2}}, "recurrent_delay_steps: must be <= 1; got 2"),
         ({"spec": {"hidden": 10, "recurrent_delay_steps": True}}, "recurrent_delay_steps: must be a valid integer"),
         ({"spec": []}, "spec must be a table"),
+        ({"extra": ["classes"]}, "extra must be a table"),
+        ({"sampling_rate_Hz": 10**400}, "sampling_rate_Hz must be a positive"),
     ],
 )
 def test_tables_that_do_not_fit_are_refused(tmp_path, changes, complaint):
@@ -154,7 +159,7 @@ def test_weights_that_do_not_fit_are_refused(tmp_path):
     tensors = safetensors.torch.load((tmp_path / WEIGHTS).read_bytes())
     for change, complaint in (
         ({"w_rec": None}, "'w_rec' is missing"),
-        ({"w_reck": torch.zeros(2)}, "'w_reck' is unknown; did you mean 'w_rec'"),
+        ({"w_reck": torch.zeros(2)}, r"'w_reck' is unknown \(did you mean 'w_rec'\?\); save the network again"),
         ({"w_rec": torch.zeros(10, 9)}, "'w_rec' is"),
         ({"alpha": torch.zeros(())}, "'alpha' is"),
         ({"alpha": torch.zeros(2, dtype=torch.float64)}, "'alpha' is"),
@@ -205,3 +210,43 @@ def test_a_feed_forward_network_is_kept_without_recurrent_weights(tmp_path):
     again, _ = load(tmp_path, backend="reference")
     assert not again.spec.recurrent
     assert torch.equal(net.simulate(spikes()).readout, again.simulate(spikes()).readout)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+@pytest.mark.parametrize("name", ["w_in", "w_rec", "w_out", "alpha", "beta", "threshold"])
+def test_weights_that_are_nan_or_infinite_are_refused(tmp_path, name, value):
+    save(network(), tmp_path / "run")
+    tensors = safetensors.torch.load((tmp_path / "run" / WEIGHTS).read_bytes())
+    tensors[name].flatten()[1] = value
+    rewrite(tmp_path / "run", tensors)
+    with pytest.raises(InputError, match=f"{WEIGHTS}: '{name}' holds NaN or infinity"):
+        load(tmp_path / "run")
+    broken = network()
+    broken.load_state_dict(tensors)
+    with pytest.raises(InputError, match=f"network: '{name}' holds NaN or infinity"):
+        save(broken, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.just(10**400) | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.sampled_from(KEYS[:-2]), JUNK)
+def test_junk_in_the_table_is_refused_or_changes_nothing_that_runs(tmp_path, key, junk):
+    save(network(), tmp_path)
+    rewrite(tmp_path, **{key: junk})
+    with contextlib.suppress(InputError):
+        load(tmp_path)[0].infer(spikes())
+
+
+def test_a_large_weights_file_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    save(network(), tmp_path)
+    with (tmp_path / WEIGHTS).open("ab") as file:
+        file.truncate(2_000_000)
+    monkeypatch.setenv("NEUROTACT_MAX_MB", "1")
+    with pytest.raises(InputError, match=f"{WEIGHTS}: holds 2 MB, more than the limit of 1 MB"):
+        load(tmp_path)

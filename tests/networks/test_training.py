@@ -2,19 +2,21 @@
 
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN, Counts
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Examples, evaluate, loss, train
+from neurotact.networks.training import Epoch, Examples, best_of, evaluate, is_over, loss, train
 
 
-def touches(n_trials, seed):
+def touches(n_trials, seed, n_steps=60):
     """Two classes that fire on different afferents."""
     generator = torch.Generator().manual_seed(seed)
     labels = torch.arange(n_trials) % 2
     rates = torch.where(labels[:, None] == torch.tensor([[0, 0, 1, 1]]), 0.3, 0.02)
-    spikes = torch.rand(n_trials, 60, 4, generator=generator) < rates[:, None]
+    spikes = torch.rand(n_trials, n_steps, 4, generator=generator) < rates[:, None]
     return Examples(spikes.to(torch.uint8), labels)
 
 
@@ -86,3 +88,45 @@ def test_weights_that_are_not_finite_are_refused():
         net.w_in.fill_(float("nan"))
     with pytest.raises(InputError, match="not finite after epoch 1"):
         fit(net)
+
+
+def trained_state(net, training):
+    return training, {name: tensor.numpy().tobytes() for name, tensor in net.state_dict().items()}
+
+
+@settings(max_examples=8)
+@given(
+    stop=st.integers(1, 5),
+    learn=st.sets(st.sampled_from(["alpha", "beta", "threshold"])),
+    model=st.sampled_from(["rsnn", "snn"]),
+    patience=st.integers(1, 7),
+    dtype=st.sampled_from([torch.float32, torch.float64]),
+)
+def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(stop, learn, model, patience, dtype):
+    training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience)
+    spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), training=training)
+
+    def run(weights_seed, order_seed, **state):
+        generator = torch.Generator().manual_seed(weights_seed)
+        net = RSNN(4, 2, spec, 2000.0, backend="reference", generator=generator, dtype=dtype)
+        order = torch.Generator().manual_seed(order_seed)
+        return trained_state(net, train(net, touches(16, 0, 15), touches(8, 1, 15), generator=order, **state))
+
+    kept = []
+    whole = run(1, 2, keep=kept.append)
+    assert whole == run(1, 2)  # keeping changes nothing
+    assert tuple(len(checkpoint.epochs) for checkpoint in kept) == tuple(range(1, len(whole[0].epochs) + 1))
+    start = kept[min(stop, len(kept)) - 1]
+    told = []
+    # Another network and another order: what goes on depends on the checkpoint alone, and leaves it as it is.
+    assert run(8, 9, start=start, progress=told.append) == whole
+    assert run(8, 9, start=start) == whole
+    assert tuple(told) == whole[0].epochs[len(start.epochs) :]
+
+
+def test_the_first_of_equal_epochs_is_the_best_and_patience_counts_from_it():
+    log = [Epoch(i, 0.0, 0.0, loss, 0.0) for i, loss in enumerate([3.0, 2.0, 2.0, 5.0], 1)]
+    assert best_of(log).epoch == 2
+    over = [is_over(log[:n], TrainingSpec(epochs=9, patience=2)) for n in range(5)]
+    assert over == [False, False, False, False, True]
+    assert is_over(log[:2], TrainingSpec(epochs=2, patience=7))
