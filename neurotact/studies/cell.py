@@ -132,12 +132,15 @@ def seal(folder: Path, cell: AnyCell, names: Iterable[str]) -> None:
 
 
 def is_done(folder: Path, cell: AnyCell) -> bool:
-    """Whether all that the cell left is there, is as it was written, and was made from the spikes that are there."""
-    return not _flaws(folder, cell)
+    """Whether what the cell left is as it was written, and was made from the spikes that are there.
+
+    Its result must be there; a report does without the network and the other files, as of a run that was made smaller.
+    """
+    return all(flaw == manifest.MISSING and name != RESULT for name, flaw in _flaws(folder, cell).items())
 
 
 def damage(folder: Path, cell: AnyCell) -> str | None:
-    """Why a cell that was done no longer is, in words; None where it is done or was never done."""
+    """Why a cell that was done is no longer whole, in words; None where it is whole or was never done."""
     return next((f"{name} {flaw}" for name, flaw in _flaws(folder, cell).items() if flaw is not None), None)
 
 

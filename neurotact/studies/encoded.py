@@ -15,7 +15,7 @@ import pandas as pd
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export.tables import write_table
-from neurotact.files import scratch, write_json
+from neurotact.files import existing, scratch, write_json
 from neurotact.metrics import isi_distributions, spike_trains
 from neurotact.metrics.spike_trains import Events
 from neurotact.studies.preparation import felt_spikes
@@ -118,4 +118,4 @@ def isi_table(folders: Sequence[Path], rows: pd.DataFrame, keys: Sequence[str]) 
 
 def read_isi(path: Path) -> pd.DataFrame:
     """An `isi.csv`; a class may be called "None"."""
-    return pd.read_csv(path, dtype={"label": str}, keep_default_na=False)
+    return pd.read_csv(existing(path), dtype={"label": str}, keep_default_na=False)

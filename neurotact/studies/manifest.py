@@ -18,6 +18,7 @@ from neurotact.errors import InputError
 FILES = "files.json"
 Flaws = dict[str, str | None]
 """What is wrong with each file, in words that follow its name; None for one that was never written whole."""
+MISSING = "is missing"
 
 
 class Manifest(NamedTuple):
@@ -84,7 +85,7 @@ def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[st
         keys = {*made_from, *known.made_from}
         return f"was made from other {min(key for key in keys if made_from.get(key) != known.made_from.get(key))}"
     if not path.is_file():
-        return "is missing"
+        return MISSING
     return "" if files.sha256(path) == known.files[name] else "was changed"
 
 

@@ -14,7 +14,7 @@ from neurotact.spec import digest
 from neurotact.studies import encoded, kinds, manifest
 from neurotact.studies.cell import cell_folder, damage, discard, is_done, result_of, timing_of, write_cell
 from neurotact.studies.executors import executor
-from neurotact.studies.kinds import AnyCell, Study
+from neurotact.studies.kinds import AnyCell, MapCells, Study
 from neurotact.studies.preparation import check_files, spikes_path
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
 from neurotact.studies.report import afferents, networks, protocol
@@ -39,20 +39,25 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
         with executor(workers, scheduler) as map_cells:
             _claim(folder, study)
             files.sweep(folder)
-            with track("prepare", 1) as advance:
-                kinds.prepare(study, folder)
-                advance(1, "")
-            for cell, place, why in _damaged(study, folder):
-                print(f"{place}: {why}; computed again", file=sys.stderr)
-                discard(folder, cell)
-            for name, asked in kinds.steps(study, folder):
-                todo = [cell for cell in asked if not is_done(folder, cell)]
-                if todo:
-                    with track(name, len(todo)) as advance:
-                        for cell, left in map_cells(todo, folder):
-                            write_cell(left, cell, folder)
-                            advance(1, "")
+            _compute(study, folder, map_cells)
         return finish(study, folder)
+
+
+def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
+    """Write what cells share and what each leaves, as far as it is not there or damaged."""
+    with track("prepare", 1) as advance:
+        kinds.prepare(study, folder)
+        advance(1, "")
+    for cell, place, why in _damaged(study, folder):
+        print(f"{place}: {why}; computed again", file=sys.stderr)
+        discard(folder, cell)
+    for name, asked in kinds.steps(study, folder):
+        todo = [cell for cell in asked if not is_done(folder, cell)]
+        if todo:
+            with track(name, len(todo)) as advance:
+                for cell, left in map_cells(todo, folder):
+                    write_cell(left, cell, folder)
+                    advance(1, "")
 
 
 def report(folder: Path) -> Path:
@@ -66,8 +71,9 @@ def report(folder: Path) -> Path:
         files.sweep(folder)
         check_files(folder, [VERSIONS])
         kinds.check(study, folder)
-        for _, place, why in _damaged(study, folder):
-            print(f"{place}: {why}; left out, neurotact study resume {folder} computes it again", file=sys.stderr)
+        for cell, place, why in _damaged(study, folder):
+            if not is_done(folder, cell):
+                print(f"{place}: {why}; left out, neurotact study resume {folder} computes it again", file=sys.stderr)
         return finish(study, folder)
 
 
@@ -164,7 +170,7 @@ def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
 
 
 def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
-    """Each cell that was done and is damaged, where it lies in the run folder, and why."""
+    """Each cell that was done and is no longer whole, where it lies in the run folder, and why."""
     for cell in kinds.cells(study):
         why = damage(folder, cell)
         if why is not None:

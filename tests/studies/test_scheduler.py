@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from threading import Thread
 
@@ -40,8 +39,9 @@ def wait_for(found: Callable[[], object]) -> None:
 
 
 def left_by(folder: Path) -> dict[str, bytes]:
-    """The tables and what every cell left, but for how long it took."""
-    found = [folder / "results.csv", folder / "encoding.csv", *folder.glob("cells/*/*")]
+    """The tables, what every cell left, and every manifest, but for how long it took."""
+    assert not list(folder.rglob(".*")), "a draft or a lock is left"
+    found = [folder / "results.csv", folder / "encoding.csv", *folder.glob("cells/*/*"), *folder.rglob("files.json")]
     return {str(p.relative_to(folder)): p.read_bytes() for p in found if p.name != "timing.json"}
 
 
@@ -196,5 +196,5 @@ def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys
 
 
 def test_a_job_that_kills_every_process_ends_the_run():
-    with pytest.raises(BrokenProcessPool):
+    with pytest.raises(InputError, match=r"3 worker processes died at the same work .*too little memory"):
         workers.in_a_process(os.system, "kill -9 $PPID")

@@ -96,9 +96,9 @@ def write(study: StudySpec, folder: Path) -> Path:
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
-    extra = extra_tables(folder)
+    extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    baseline = pd.read_csv(folder / "baseline.csv") if (folder / "baseline.csv").is_file() else None
+    baseline = pd.read_csv(existing(folder / "baseline.csv")) if study.linear_baseline else None
     costs = _ledger(results, baseline, trains, study.network is None or study.network.recurrent)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
