@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import cycle
 from pathlib import Path
 
 import h5py
@@ -36,7 +37,7 @@ KINDS = {
 
 
 @contextmanager
-def one_process() -> Iterator[None]:
+def one_process() -> Iterator[pytest.MonkeyPatch]:
     """Studies run in this process, which knows the toy protocol, and networks are not drawn."""
 
     @contextmanager
@@ -51,13 +52,13 @@ def one_process() -> Iterator[None]:
         patch.setattr(kinds, "in_a_process", lambda task, *arguments: task(*arguments))
         patch.setattr(runner, "executor", here)
         patch.setattr(runner.networks, "write", lambda *_: None)
-        yield
+        yield patch
 
 
 @pytest.fixture(autouse=True)
-def _here():
-    with one_process():
-        yield
+def patched() -> Iterator[pytest.MonkeyPatch]:
+    with one_process() as patch:
+        yield patch
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -290,8 +291,8 @@ def test_other_versions_are_told_and_not_written_over(run, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize("path", shipped("studies"), ids=lambda path: path.stem)
-def test_a_study_is_known_again_from_its_file(path, tmp_path, monkeypatch):
-    monkeypatch.undo()
+def test_a_study_is_known_again_from_its_file(path, tmp_path, patched):
+    patched.undo()
     what = kinds.resolve(path)
     files.write_text(tmp_path / "study.toml", study.to_toml(what))
     assert runner._made_from(kinds.read_back(tmp_path / "study.toml")) == runner._made_from(what)
@@ -371,11 +372,11 @@ def test_a_report_leaves_out_what_is_damaged(run, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("junk", JUNK)
-def test_no_junk_anywhere_breaks_a_report(run, junk, monkeypatch):
-    monkeypatch.undo()
+def test_no_junk_anywhere_breaks_a_report(run, patched, monkeypatch):
+    patched.undo()
     monkeypatch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
-    for path in [path for path in sorted(run.rglob("*")) if path.is_file() and "figures" not in path.parts]:
+    paths = [path for path in sorted(run.rglob("*")) if path.is_file() and "figures" not in path.parts]
+    for path, junk in zip(paths, cycle(JUNK), strict=False):
         kept = path.read_bytes()
         path.write_bytes(junk)
         with suppress(InputError):
