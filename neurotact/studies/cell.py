@@ -179,7 +179,8 @@ def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
         found = read_json(cell_folder(folder, cell) / TIMING)
     except InputError:
         return {}
-    known = {name: found.get(name) for name in ("seconds", "epochs")} if isinstance(found, dict) else {}
+    parts = ("seconds", "epochs")
+    known: dict[str, Any] = {name: found.get(name) for name in parts} if isinstance(found, dict) else {}
     return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}
 
 

@@ -59,7 +59,7 @@ def read(folder: Path) -> Manifest | None:
         found = files.read_json(folder / FILES)
     except InputError:
         return None
-    parts = [found.get(name) for name in Manifest._fields] if isinstance(found, dict) else []
+    parts: list[Any] = [found.get(name) for name in Manifest._fields] if isinstance(found, dict) else []
     are_texts = [isinstance(part, dict) and all(isinstance(text, str) for text in part.values()) for part in parts]
     return Manifest(*parts) if parts and all(are_texts) else None
 

@@ -366,9 +366,10 @@ def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folde
 
 def _adds_up(trial: Trial, search: SearchSpec) -> bool:
     """Whether a trial's value is that of its accuracy and its SOPs."""
-    if not all(type(part) in (int, float) for part in (trial.accuracy, trial.sops)):
+    accuracy, sops = trial.accuracy, trial.sops
+    if not isinstance(accuracy, (int, float)) or not isinstance(sops, (int, float)):
         return False
-    return trial.value == search.value(trial.accuracy, trial.sops)
+    return trial.value == search.value(accuracy, sops)
 
 
 def _tell(tuner: Tuner, trial: Trial) -> None:

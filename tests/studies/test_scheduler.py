@@ -1,6 +1,7 @@
 """Who computes a study's cells, and who dies over it, changes no byte of the results."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,9 @@ ROOT = Path(__file__).parents[2]
 TINY = Path(__file__).parent / "tiny.toml"
 WITHOUT_DASK = "distributed is not installed; pip install 'neurotact[dask]'"
 DEADLINE_S = 120.0
+UNTRAINABLE = {"network.training.learning_rate": 1e30, "network.hidden": 4}
+OPTIONS = [word for key, value in UNTRAINABLE.items() for word in ("--set", f"{key}={value}")]
+NOT_TRAINED = "training: weights are not finite after epoch 1"
 
 
 def typed(*words: object) -> subprocess.Popen:
@@ -119,6 +123,12 @@ def test_a_worker_killed_in_the_middle_of_a_cell_changes_nothing(dask, expected,
     assert left_by(tmp_path / "run") == expected
 
 
+def test_a_cell_that_cannot_be_trained_is_one_sentence_from_there_too(dask, tmp_path):
+    with pytest.raises(InputError, match=NOT_TRAINED):
+        runner.run(study.resolve(TINY, UNTRAINABLE), tmp_path / "run", scheduler=dask[0])
+    assert not list((tmp_path / "run").rglob(".*"))
+
+
 def kill_one_in_a_cell(address: str, started: dict[str, subprocess.Popen], killed: list[str]) -> None:
     """Stop a worker that computes a cell, see that it has not finished it, and kill it."""
     from distributed import Client
@@ -183,6 +193,14 @@ def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
 
 
 # --- processes of this machine ---------------------------------------------------------------------------
+
+
+def test_a_cell_that_cannot_be_trained_is_one_sentence(tmp_path):
+    process = typed("neurotact", "study", "run", TINY, *OPTIONS, "-o", tmp_path / "run")
+    _, said = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2
+    assert re.match(f"neurotact: {NOT_TRAINED}", said.splitlines()[-1])
+    assert "Traceback" not in said
 
 
 def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys):
