@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pandas as pd
@@ -35,10 +36,11 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
     Raises InputError when the folder holds another study or anything else, when another process works in it, and when
     the scheduler cannot be used.
     """
-    with files.locked(folder):
+    with files.locked(folder), ExitStack() as at_last:
         with executor(workers, scheduler) as map_cells:
             _claim(folder, study)
             files.sweep(folder)
+            at_last.callback(files.sweep, folder)  # of worker processes that were stopped
             _compute(study, folder, map_cells)
         return finish(study, folder)
 
