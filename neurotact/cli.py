@@ -400,16 +400,17 @@ def tune(
         spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
         _task("tune", window, split_seed, stratify, tolerance),
     )
-    try:
-        with search.processes(spikes, workers) as run, track("tune", trials) as advance:
-            found, timing = search.search(problem, out, run, advance)
-    except KeyboardInterrupt:
-        _say(f"interrupted; the same command goes on in {out}")
-        sys.exit(INTERRUPTED)
-    search.write_tables(problem, out, found)
-    search.draw(problem, found, out / "search.png")
-    torch.set_num_threads(1)  # as in the search, so that its best network comes out again to the last bit
-    result = search.save_best(problem, spikes, out, found)
+    with files.locked(out):
+        try:
+            with search.processes(spikes, workers) as run, track("tune", trials) as advance:
+                found, timing = search.search(problem, out, run, advance)
+        except KeyboardInterrupt:
+            _say(f"interrupted; the same command goes on in {out}")
+            sys.exit(INTERRUPTED)
+        search.write_tables(problem, out, found)
+        search.draw(problem, found, out / "search.png")
+        torch.set_num_threads(1)  # as in the search, so that its best network comes out again to the last bit
+        result = search.save_best(problem, spikes, out, found)
     best = search.best_of(found)
     _print_row(f"{out}: trial {best.id} of {len(found)} is the best; its test", result["row"])
     print(f"{out / 'best.toml'}: proposals took {timing.proposals:.1f} s of {timing.seconds:.1f} s")
@@ -484,7 +485,7 @@ def study_resume(folder: Path, workers: WorkersOption = None, scheduler: Schedul
 @study_app.command("report")
 def study_report(folder: Path) -> None:
     """Write the tables, figures and report again from the cells that are done."""
-    print(runner.finish(runner.load(folder), folder))
+    print(runner.report(folder))
 
 
 def _run_study(what: kinds.Study, out: Path, workers: int | None, scheduler: str | None) -> None:

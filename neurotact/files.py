@@ -2,14 +2,16 @@
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import secrets
 import socket
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from neurotact.errors import InputError
@@ -104,7 +106,8 @@ def sweep(folder: str | Path) -> None:
 def locked(folder: str | Path) -> Iterator[None]:
     """Hold `folder` (made when absent) for this process; InputError says who holds it already.
 
-    The operating system lets go of the lock when the process ends, however it ends. Leaves no file behind.
+    The operating system lets go of the lock when the process ends, however it ends. Leaves no file behind, and no
+    folder that it made and nothing was written to.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -116,6 +119,7 @@ def locked(folder: str | Path) -> Iterator[None]:
     """
     folder = Path(folder)
     path = folder / LOCK
+    is_new = not folder.exists()
     with _writable(path):
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _take(path)
@@ -128,8 +132,12 @@ def locked(folder: str | Path) -> Iterator[None]:
             os.pwrite(descriptor, json.dumps(who).encode(), 0)
         yield
     finally:
-        path.unlink(missing_ok=True)
+        with suppress(OSError):  # the folder may have become read-only; a lock that is let go may stay
+            path.unlink(missing_ok=True)
         os.close(descriptor)
+        if is_new:
+            with suppress(OSError):  # something was written to it
+                folder.rmdir()
 
 
 def _take(path: Path) -> int | None:
@@ -175,6 +183,20 @@ def write_json(path: str | Path, value: Any) -> None:
     write_text(path, json.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
+def append(path: str | Path, text: str) -> None:
+    """Add `text` to the end of a file; when this returns it is on the disk, and when it raises nothing was added."""
+    path = Path(path)
+    with _writable(path), path.open("ab", buffering=0) as file:
+        before = file.tell()
+        try:
+            if file.write(text.encode()) < len(text.encode()):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(file.fileno())
+        except OSError:
+            file.truncate(before)
+            raise
+
+
 def read_json(path: str | Path) -> Any:
     """Read a JSON file; InputError names the file when it is absent or not JSON."""
     try:
@@ -197,6 +219,20 @@ def read_bytes(path: str | Path) -> bytes:
     with _readable(path):
         check_size(path, path.stat().st_size)
         return path.read_bytes()
+
+
+def sha256(path: str | Path) -> str:
+    """The SHA-256 of a file's content, which is read piece by piece; InputError as `read_bytes` raises it.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "empty"
+    >>> write_text(path, "")
+    >>> sha256(path)[:12]
+    'e3b0c44298fc'
+    """
+    path = existing(path)
+    with _readable(path), path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
@@ -231,10 +267,24 @@ def max_bytes() -> int:
     return int(text) * 1_000_000
 
 
+@contextmanager
+def scratch() -> Iterator[Path]:
+    """Yield an empty folder for temporary files, which is removed when the block ends."""
+    with ExitStack() as stack:
+        try:
+            folder = stack.enter_context(TemporaryDirectory(prefix="neurotact-", ignore_cleanup_errors=True))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InputError(f"temporary files cannot be written ({reason}); set TMPDIR to another folder") from error
+        yield Path(folder)
+
+
 def is_free(folder: str | Path) -> bool:
-    """Whether a run may be written there: nothing is there, or an empty folder."""
+    """Whether a run may be written there: nothing is there, or an empty folder, whose lock and drafts do not count."""
     folder = Path(folder)
-    return not os.path.exists(folder) or (os.path.isdir(folder) and not any(folder.iterdir()))
+    if not os.path.isdir(folder):
+        return not os.path.exists(folder)
+    return all(path.name == LOCK or path.name.startswith(DRAFT) for path in folder.iterdir())
 
 
 def existing(path: str | Path, what: str = "file") -> Path:

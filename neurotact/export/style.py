@@ -197,7 +197,7 @@ def name_ticks(axes: Axes, names: Sequence[str], at: Sequence[float] | np.ndarra
 
 def sequence(n: int) -> list[Any]:
     """Colours of `n` steps of one quantity, from light to dark; one dark colour for a single step."""
-    return list(colormaps["viridis"](np.linspace(0.78, 0.02, n) if n > 1 else [0.3]))
+    return list(colormaps["viridis"]([0.3] if n == 1 else np.linspace(0.78, 0.02, n)))
 
 
 def series_style(index: int) -> dict[str, Any]:

@@ -6,7 +6,6 @@ far the intervals of different gratings overlap, how much stays silent, and how 
 
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -16,7 +15,7 @@ import pandas as pd
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.export.tables import read_table, write_table
-from neurotact.files import write_json
+from neurotact.files import scratch, write_json
 from neurotact.metrics import isi_distributions, spike_trains
 from neurotact.metrics.spike_trains import Events
 from neurotact.studies.preparation import felt_spikes
@@ -51,8 +50,7 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
         table.insert(1, "gain", own.gain)
         table.insert(2, "t_ref_ms", own.t_ref_ms)
         parts.append(table)
-    with TemporaryDirectory() as scratch:
-        place = Path(scratch)
+    with scratch() as place:
         write_table(pd.concat(parts, ignore_index=True), place / ISI)
         write_json(place / "result.json", {"row": row})
         write_json(place / "timing.json", {"seconds": perf_counter() - began})

@@ -8,14 +8,13 @@ from neurotact import spec as specs
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.studies import cell, preparation, protocol_cell, protocol_study, selection, study
-from neurotact.studies.cell import Files
+from neurotact.studies.cell import AnyCell, Files
 from neurotact.studies.protocol import Arrays
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy
-from neurotact.studies.study import Cell, StudySpec
+from neurotact.studies.study import StudySpec
 from neurotact.studies.workers import in_a_process
 
 Study = StudySpec | ProtocolStudy
-AnyCell = Cell | ProtocolCell
 Given = SpikeTrains | Arrays
 """What a cell works on: the spikes of its encoder, or the arrays of its protocol."""
 MapCells = Callable[[list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
@@ -66,11 +65,17 @@ def prepare(what: Study, folder: Path) -> None:
         in_a_process(preparation.prepare, folder, what, list(study.cells(what)))
 
 
+def check(what: Study, folder: Path) -> None:
+    """Refuse a run folder where what `prepare` wrote was changed."""
+    if isinstance(what, ProtocolStudy):
+        protocol_cell.check(folder, protocol_study.cells(what))
+    else:
+        preparation.check(folder, what, list(study.cells(what)))
+
+
 def given_path(folder: Path, one: AnyCell) -> Path:
     """Where a run folder holds what a cell works on."""
-    if isinstance(one, ProtocolCell):
-        return protocol_cell.arrays_path(folder, one)
-    return preparation.spikes_path(folder, one)
+    return folder / one.given
 
 
 def load_given(path: Path) -> Given:

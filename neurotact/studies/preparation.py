@@ -24,15 +24,18 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.export.tables import write_table
-from neurotact.files import read_json, write_json
+from neurotact.files import write_json
 from neurotact.metrics import spike_trains
 from neurotact.spec import build, digest
+from neurotact.studies import manifest
 from neurotact.studies.calibration import calibrate
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec
 
+DATA = "data.json"
+"""What the recordings of a run are: their hash, how many trials, which classes."""
 READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 
 
@@ -70,32 +73,41 @@ def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: Sp
 
 
 def spikes_path(folder: Path, cell: Cell) -> Path:
-    return folder / "spikes" / f"{cell.spikes_name}.h5"
+    return folder / cell.given
 
 
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
-    """Write what is missing of `folder/spikes`, the encoding tables beside it, and the study's tables of recordings."""
-    dataset = study.dataset
-    missing = {cell.spikes_name: cell for cell in cells if not spikes_path(folder, cell).is_file()}
-    wants_baseline = study.linear_baseline and not (folder / "baseline.csv").is_file()
-    wants_signals = study.signals and not (folder / "signals.csv").is_file()
-    wants_drive = study.same_drive is not None and not (folder / "same_drive.csv").is_file()
-    if not (missing or wants_baseline or wants_signals or wants_drive):
+    """Write what is missing or damaged of `folder/spikes`, the encoding tables beside it, and the study's tables.
+
+    A line on stderr names what was damaged. Raises InputError when the recordings changed since the study began.
+    """
+    dataset, place = study.dataset, folder / "spikes"
+    table_flaws = manifest.flaws(folder, [DATA, *tables_of(study)])
+    distinct = {cell.spikes_name: cell for cell in cells}
+    spikes_flaws = manifest.flaws(place, [name for cell in distinct.values() for name in _encoded(cell)])
+    manifest.tell("", table_flaws, "written again")
+    manifest.tell(f"{place.name}/", spikes_flaws, "encoded again")
+    source = _source(dataset)
+    before = manifest.sound_json(folder, DATA)
+    is_same = before is not None and (source is None or source == before.get("source"))
+    if is_same and not (table_flaws or spikes_flaws):
         return
     recordings = load_dataset(dataset)
-    _check_unchanged(folder, recordings)
+    made_from = {"recordings": _check_unchanged(folder, recordings, before, source)}
+    missing = {name: cell for name, cell in distinct.items() if manifest.flaws(place, _encoded(cell), made_from)}
     calibrated: dict[str, AfferentSpec] = {}
     for cell in missing.values():
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
-        write_table(encoding_table(trains, cell, dataset.stratify), folder / "spikes" / f"{cell.spikes_name}.csv")
+        write_table(encoding_table(trains, cell, dataset.stratify), place / f"{cell.spikes_name}.csv")
         hdf5.save_spikes(trains, spikes_path(folder, cell))
-    if wants_signals:
+        manifest.seal(place, _encoded(cell), made_from)
+    if "signals.csv" in table_flaws:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
         write_table(table, folder / "signals.csv")
-    if wants_drive and study.same_drive is not None and isinstance(study.encoder, AfferentSpec):
+    if "same_drive.csv" in table_flaws and study.same_drive is not None and isinstance(study.encoder, AfferentSpec):
         table = same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)
         write_table(table, folder / "same_drive.csv")
-    if wants_baseline:
+    if "baseline.csv" in table_flaws:
         subsets = {cell.dataset: cell.subset for cell in cells}
         trains = hdf5.load_spikes(spikes_path(folder, cells[0]))
         windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cells[0].window)
@@ -104,6 +116,38 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         table = baseline_table(recordings, windows, features, parts, subsets)
         table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
         write_table(table, folder / "baseline.csv")
+    manifest.seal(folder, tables_of(study))
+
+
+def tables_of(study: StudySpec) -> list[str]:
+    """The tables that a study asks for of its recordings, before any cell is run."""
+    asked = {
+        "baseline.csv": study.linear_baseline,
+        "signals.csv": study.signals,
+        "same_drive.csv": study.same_drive is not None,
+    }
+    return [name for name, is_asked in asked.items() if is_asked]
+
+
+def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
+    """Refuse a run folder where its encodings or the study's tables were changed."""
+    distinct = {cell.spikes_name: cell for cell in cells}
+    encoded = [f"spikes/{name}" for cell in distinct.values() for name in _encoded(cell)]
+    check_files(folder, [DATA, *tables_of(study), *encoded])
+
+
+def check_files(folder: Path, paths: Iterable[str]) -> None:
+    """Refuse a run folder where one of these files, of those that are there, was changed."""
+    for path in paths:
+        place, name = (folder / path).parent, Path(path).name
+        flaw = manifest.flaws(place, [name]).get(name)
+        if flaw is not None and (place / name).is_file():
+            raise InputError(f"{folder / path}: {flaw}; neurotact study resume {folder} writes it again")
+
+
+def _encoded(cell: Cell) -> list[str]:
+    """The files that encoding leaves in `spikes`, which share a name."""
+    return [f"{cell.spikes_name}.csv", f"{cell.spikes_name}.h5"]
 
 
 def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:
@@ -245,14 +289,24 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
     return fitted.model_copy(update=populations)
 
 
-def _check_unchanged(folder: Path, recordings: Recordings) -> None:
-    """A resumed study must see the recordings that it began with."""
+def _source(dataset: DatasetSpec) -> str | None:
+    """The fingerprint of the file or folder that a study reads; None where it reads none, or none is there."""
+    named = dataset.file if dataset.file is not None else dataset.path
+    return None if dataset.simulate is not None or named is None else manifest.fingerprint(expand(named))
+
+
+def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, Any] | None, source: str | None) -> str:
+    """The hash of the recordings, which must be those that the study began with, and are kept in data.json.
+
+    before: what data.json held; None where it is not there or damaged. source: of `_source`.
+    """
     content = hashlib.sha256()
     for signal in recordings.signals:
         content.update(np.ascontiguousarray(signal).tobytes())
     content.update(json.dumps(recordings.conditions.astype(str).values.tolist()).encode())
     found = {"sha256": content.hexdigest(), "trials": len(recordings), "classes": list(recordings.classes)}
-    path = folder / "data.json"
-    if path.is_file() and read_json(path) != found:
+    if before is not None and {key: before[key] for key in found} != found:
         raise InputError(f"{folder}: the recordings changed since this study began; run it into another folder")
-    write_json(path, found)
+    write_json(folder / DATA, found | ({"source": source} if source is not None else {}))
+    manifest.seal(folder, [DATA])
+    return found["sha256"]

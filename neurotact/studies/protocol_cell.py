@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -10,32 +10,69 @@ from typing import Any
 import numpy as np
 
 from neurotact.errors import InputError
-from neurotact.files import existing, read_json, whole, write_json
-from neurotact.studies.cell import RESULT, Files
+from neurotact.files import existing, whole, write_json
+from neurotact.studies import manifest
+from neurotact.studies.cell import RESULT, TIMING, Files
+from neurotact.studies.preparation import DATA, check_files, expand
 from neurotact.studies.protocol import Arrays, module_of
 from neurotact.studies.protocol_study import ProtocolCell
 
 
 def arrays_path(folder: Path, cell: ProtocolCell) -> Path:
-    return folder / "data" / f"{cell.data_name}.npz"
+    return folder / cell.given
 
 
 def prepare(folder: Path, cells: Iterable[ProtocolCell]) -> None:
-    """Write what is missing of the arrays that cells share, and their hashes into data.json."""
-    missing = {cell.data_name: cell for cell in cells if not arrays_path(folder, cell).is_file()}
-    if not missing:
-        return
-    path = folder / "data.json"
-    known = read_json(path) if path.is_file() else {}
-    for name, cell in missing.items():
+    """Write what is missing or damaged of the arrays that cells share, and their hashes into data.json.
+
+    Raises InputError when they are loaded from recordings that are not what they were when the study began.
+    """
+    place = folder / "data"
+    distinct = {cell.data_name: cell for cell in cells}
+    data_flaws = manifest.flaws(folder, [DATA])
+    flaws = manifest.flaws(place, [f"{name}.npz" for name in distinct])
+    known = manifest.sound_json(folder, DATA) or {}
+    manifest.tell("", data_flaws, "written again")
+    manifest.tell(f"{place.name}/", flaws, "written again")
+    for name, cell in distinct.items():
+        before, sources = known.get(name), _sources(cell)
+        if before is not None and f"{name}.npz" not in flaws and _are_same(before.get("sources", {}), sources):
+            continue
         arrays = module_of(cell.protocol).load(cell.built().data)
         found = {"sha256": _hash(arrays), "arrays": {key: list(value.shape) for key, value in arrays.items()}}
-        if known.get(name, found) != found:
+        if before is not None and {key: before[key] for key in found} != found:
             raise InputError(f"{folder}: the recordings changed since this study began; run it into another folder")
-        known[name] = found
-        write_json(path, known)
+        known[name] = found | ({"sources": sources} if sources else {})
+        write_json(folder / DATA, known)
+        manifest.seal(folder, [DATA])
         with whole(arrays_path(folder, cell)) as draft:
             np.savez(draft, allow_pickle=False, **arrays)
+        manifest.seal(place, [f"{name}.npz"])
+
+
+def check(folder: Path, cells: Iterable[ProtocolCell]) -> None:
+    """Refuse a run folder where the arrays of its cells were changed."""
+    check_files(folder, [DATA, *dict.fromkeys(cell.given for cell in cells)])
+
+
+def _sources(cell: ProtocolCell) -> dict[str, str]:
+    """The fingerprint of each file or folder that the cell's arrays may be read from."""
+    found = {path: manifest.fingerprint(expand(path)) for path in _paths(cell.parameters["data"])}
+    return {path: sha256 for path, sha256 in sorted(found.items()) if sha256 is not None}
+
+
+def _are_same(before: Mapping[str, str], now: Mapping[str, str]) -> bool:
+    """Whether what is there of a cell's sources is what it was; what is gone since is not needed again."""
+    return all(before.get(path) == sha256 for path, sha256 in now.items())
+
+
+def _paths(table: Mapping[str, Any]) -> Iterator[str]:
+    """The value of every key `path`, in this table and those below it."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _paths(value)
+        elif key == "path" and isinstance(value, str):
+            yield value
 
 
 def load_arrays(path: Path) -> Arrays:
@@ -50,7 +87,7 @@ def run_cell(cell: ProtocolCell, arrays: Arrays) -> Files:
     rows = [_plain(row) for row in module_of(cell.protocol).run(cell.built(), arrays)]
     result = json.dumps({"rows": rows}, indent=1)
     timing = json.dumps({"seconds": perf_counter() - began})
-    return {RESULT: result.encode(), "timing.json": timing.encode()}
+    return {RESULT: result.encode(), TIMING: timing.encode()}
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:

@@ -42,6 +42,11 @@ class ProtocolCell(Spec):
     parameters: dict[str, Any]
 
     @property
+    def given(self) -> str:
+        """The file in a run folder that the cell works on."""
+        return f"data/{self.data_name}.npz"
+
+    @property
     def data_name(self) -> str:
         """The digest of what decides the arrays that the cell shares with others."""
         return specs.digest([self.protocol, self.parameters["data"]])

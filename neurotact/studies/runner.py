@@ -1,6 +1,8 @@
 """Running a study: its cells, each done once, whatever interrupts it; then its tables and report."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pandas as pd
@@ -9,16 +11,20 @@ from neurotact import files
 from neurotact.errors import InputError
 from neurotact.export.tables import read_table, write_table
 from neurotact.progress import track
-from neurotact.studies import encoded, kinds
-from neurotact.studies.cell import cell_folder, is_done, result_of, write_cell
+from neurotact.spec import digest
+from neurotact.studies import encoded, kinds, manifest
+from neurotact.studies.cell import cell_folder, damage, discard, is_done, result_of, timing_of, write_cell
 from neurotact.studies.executors import executor
-from neurotact.studies.kinds import AnyCell, Study
-from neurotact.studies.preparation import spikes_path
+from neurotact.studies.kinds import AnyCell, MapCells, Study
+from neurotact.studies.preparation import check_files, spikes_path
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
 from neurotact.studies.report import afferents, networks, protocol
 from neurotact.studies.report.tables import read_encoding
 from neurotact.studies.study import Cell, StudySpec, swept_columns, to_toml, value_at
 from neurotact.studies.versions import versions
+
+STUDY = "study.toml"
+VERSIONS = "versions.json"
 
 
 def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None) -> Path:
@@ -26,29 +32,71 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
 
     scheduler: address of a Dask scheduler, whose workers compute the cells in place of `workers` processes here.
     Each cell trains with one thread and seeds of its own, so that who computes it changes no number.
-    Raises InputError when the folder holds another study or anything else, and when the scheduler cannot be used.
+    What was damaged since it was written is written again, and a line on stderr names it.
+    Raises InputError when the folder holds another study or anything else, when another process works in it, and when
+    the scheduler cannot be used.
     """
-    with executor(workers, scheduler) as map_cells:
-        _claim(folder, study)
-        with track("prepare", 1) as advance:
-            kinds.prepare(study, folder)
-            advance(1, "")
-        for name, asked in kinds.steps(study, folder):
-            todo = [cell for cell in asked if not is_done(folder, cell)]
-            if todo:
-                with track(name, len(todo)) as advance:
-                    for cell, left in map_cells(todo, folder):
-                        write_cell(left, cell, folder)
-                        advance(1, "")
-    return finish(study, folder)
+    with files.locked(folder), ExitStack() as at_last:
+        with executor(workers, scheduler) as map_cells:
+            _claim(folder, study)
+            files.sweep(folder)
+            at_last.callback(files.sweep, folder)  # of worker processes that were stopped
+            _compute(study, folder, map_cells)
+        return finish(study, folder)
+
+
+def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
+    """Write what cells share and what each leaves, as far as it is not there or damaged."""
+    with track("prepare", 1) as advance:
+        kinds.prepare(study, folder)
+        advance(1, "")
+    for cell, place, why in _damaged(study, folder):
+        print(f"{place}: {why}; computed again", file=sys.stderr)
+        discard(folder, cell)
+    for name, asked in kinds.steps(study, folder):
+        todo = [cell for cell in asked if not is_done(folder, cell)]
+        if todo:
+            with track(name, len(todo)) as advance:
+                for cell, left in map_cells(todo, folder):
+                    write_cell(left, cell, folder)
+                    advance(1, "")
+
+
+def report(folder: Path) -> Path:
+    """Write tables and report again from the cells that are done; the report's path.
+
+    A damaged cell is left out, and a line on stderr names it. Raises InputError when anything else was changed, and
+    when another process works in the folder.
+    """
+    study = load(folder)
+    with files.locked(folder):
+        files.sweep(folder)
+        check_files(folder, [VERSIONS])
+        kinds.check(study, folder)
+        for cell, place, why in _damaged(study, folder):
+            if not is_done(folder, cell):
+                print(f"{place}: {why}; left out, neurotact study resume {folder} computes it again", file=sys.stderr)
+        return finish(study, folder)
 
 
 def load(folder: Path) -> Study:
-    """The study that a run folder holds."""
-    path = files.existing(folder, "folder") / "study.toml"
+    """The study that a run folder holds; InputError when it holds none, or `study.toml` was edited."""
+    path = files.existing(folder, "folder") / STUDY
+    again = f"neurotact study run NAME -o {folder}"
     if not path.is_file():
-        raise InputError(f"{folder}: holds no study; start one with neurotact study run NAME -o {folder}")
-    return kinds.read_back(path)
+        raise InputError(f"{folder}: holds no study; start one with {again}")
+    study, known = kinds.read_back(path), manifest.read(folder)
+    if known is None:
+        raise InputError(
+            f"{folder}: its {manifest.FILES} is damaged or missing, or an earlier neurotact made it, so that nothing "
+            f"can be checked; {again} checks each cell, and computes again what cannot be checked"
+        )
+    if known.made_from != _made_from(study):
+        raise InputError(
+            f"{path}: was changed since the study began; restore it with {again}, or run the changed study into "
+            f"another folder: neurotact study run {path} -o ANOTHER"
+        )
+    return study
 
 
 def finish(study: Study, folder: Path) -> Path:
@@ -119,22 +167,56 @@ def encoding_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataF
 
 
 def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
-    rows = [{"cell": c.digest(), **files.read_json(cell_folder(folder, c) / "timing.json")} for c in done]
+    rows = [{"cell": cell.digest(), "seconds": None, **timing_of(folder, cell)} for cell in done]
     return pd.DataFrame(rows)
 
 
+def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
+    """Each cell that was done and is no longer whole, where it lies in the run folder, and why."""
+    for cell in kinds.cells(study):
+        why = damage(folder, cell)
+        if why is not None:
+            yield cell, cell_folder(folder, cell).relative_to(folder).as_posix(), why
+
+
 def _claim(folder: Path, study: Study) -> None:
-    """Make `folder` this study's; refuse one that is another's."""
-    path = folder / "study.toml"
-    if path.is_file():
-        if _numbers(load(folder)) != _numbers(study):
-            raise InputError(f"{folder}: already holds another study; choose another folder or remove it")
-    elif not files.is_free(folder):
+    """Make `folder` this study's; refuse one that is another's.
+
+    A folder without a manifest, which got lost or was never there, is taken by the study that it holds.
+    """
+    path, known, made_from = folder / STUDY, manifest.read(folder), _made_from(study)
+    if known is not None:
+        is_ours = known.made_from == made_from
+    elif path.is_file():
+        is_ours = _made_from(kinds.read_back(path)) == made_from
+    elif files.is_free(folder):
+        is_ours = True
+    else:
         raise InputError(f"{folder}: is not empty and holds no study; choose another folder")
+    if not is_ours:
+        raise InputError(f"{folder}: already holds another study; choose another folder or remove it")
+    manifest.seal(folder, [], made_from)
     files.write_text(path, to_toml(study))
-    files.write_json(folder / "versions.json", versions())
+    _keep_versions(folder)
 
 
-def _numbers(study: Study) -> Study:
-    """What decides the numbers of a study: claims only judge them, and may be mended in a folder that holds some."""
-    return study.model_copy(update={"claims": ()})
+def _keep_versions(folder: Path) -> None:
+    """Write the versions that a study begins with; a line on stderr tells which others it goes on with."""
+    here, began = versions(), manifest.sound_json(folder, VERSIONS)
+    if began is None:
+        manifest.tell("", manifest.flaws(folder, [VERSIONS]), "written again with the versions that are here now")
+        files.write_json(folder / VERSIONS, here)
+        manifest.seal(folder, [VERSIONS])
+        return
+    others = [name for name in here if name != "python" and here[name] != began.get(name)]
+    if others:
+        told = ", ".join(f"{name} {here[name]} (was {began.get(name)})" for name in others)
+        print(f"{folder}: goes on with other versions than it began with, numbers may differ: {told}", file=sys.stderr)
+
+
+def _made_from(study: Study) -> dict[str, str]:
+    """What decides the numbers of a study, for its manifest: not its claims and words, nor where its files lie."""
+    table = study.model_dump(mode="json", exclude={"title", "about", "claims"})
+    for key in ("file", "path"):
+        table.get("dataset", {}).pop(key, None)
+    return {"settings": digest(table)}

@@ -134,6 +134,7 @@ def search(problem: Problem, folder: Path, run: Run, advance: Advance = silent) 
     Raises InputError when the folder holds another search.
     """
     _claim(folder, problem)
+    files.sweep(folder)
     known = read_journal(folder / JOURNAL)
     n_known = len(known)
     advance(n_known, note(known))
@@ -141,23 +142,22 @@ def search(problem: Problem, folder: Path, run: Run, advance: Advance = silent) 
     done: list[Trial] = []
     tuner = Tuner(problem.search)
     proposals = perf_counter() - began
-    with open(folder / JOURNAL, "ab") as journal:
-        while True:
-            asked = perf_counter()
-            batch = tuner.ask()
-            proposals += perf_counter() - asked
-            if not batch:
-                break
-            ended = _take(known, batch, folder)
-            for trial in run([Job(problem, proposal, tuner.median_stop) for proposal in batch[len(ended) :]]):
-                _append(journal, trial)
-                ended.append(trial)
-                advance(1, _progress(done + ended, n_known, problem.search.trials, perf_counter() - began))
-            told = perf_counter()
-            for trial in ended:
-                _tell(tuner, trial)
-            proposals += perf_counter() - told
-            done += ended
+    while True:
+        asked = perf_counter()
+        batch = tuner.ask()
+        proposals += perf_counter() - asked
+        if not batch:
+            break
+        ended = _take(known, batch, problem, folder)
+        for trial in run([Job(problem, proposal, tuner.median_stop) for proposal in batch[len(ended) :]]):
+            files.append(folder / JOURNAL, trial.line())
+            ended.append(trial)
+            advance(1, _progress(done + ended, n_known, problem.search.trials, perf_counter() - began))
+        told = perf_counter()
+        for trial in ended:
+            _tell(tuner, trial)
+        proposals += perf_counter() - told
+        done += ended
     if known:
         raise InputError(f"{folder / JOURNAL}: holds trials that this search does not propose; remove the folder")
     return done, Timing(perf_counter() - began, proposals)
@@ -191,12 +191,12 @@ def read_journal(path: Path) -> list[Trial]:
     """The trials of a journal; a last line that was torn is taken off the file, so that its trial runs again."""
     if not path.is_file():
         return []
-    lines = path.read_bytes().splitlines(keepends=True)
+    lines = files.read_bytes(path).splitlines(keepends=True)
     trials: list[Trial] = []
     for number, line in enumerate(lines):
         try:
             trials.append(_parse(line, number))
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, RecursionError) as error:
             if number + 1 < len(lines):
                 where = f"{path}: line {number + 1}"
                 raise InputError(f"{where} is damaged ({error}); cut the file off before it") from error
@@ -339,10 +339,17 @@ def _parse(line: bytes, number: int) -> Trial:
     trial = Trial(**json.loads(line))
     if trial.id != number:
         raise ValueError(f"it is of trial {trial.id}")
+    if not isinstance(trial.parameters, dict) or trial.outcome not in (FINISHED, STOPPED, FAILED):
+        raise ValueError("its parameters or its outcome are none")
+    if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
+        raise ValueError("an accuracy is not between 0 and 1")
+    ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs
+    if trial.outcome != FAILED and trial.accuracy not in ended:
+        raise ValueError("its accuracy is of none of its epochs")
     return trial
 
 
-def _take(known: list[Trial], batch: Sequence[Proposal], folder: Path) -> list[Trial]:
+def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:
     """The trials of this batch that the journal held, taken off it."""
     taken = [known.pop(0) for _ in batch[: len(known)]]
     for trial, proposal in zip(taken, batch, strict=False):
@@ -351,7 +358,18 @@ def _take(known: list[Trial], batch: Sequence[Proposal], folder: Path) -> list[T
                 f"{folder / JOURNAL}: trial {trial.id} is not what this search proposes there; remove the folder, "
                 "or go on with the versions of nni and numpy that it began with"
             )
+        if trial.outcome != FAILED and not _adds_up(trial, problem.search):
+            where = f"{folder / JOURNAL}: line {trial.id + 1}"
+            raise InputError(f"{where} is damaged (its value is not that of its accuracy); cut the file off before it")
     return taken
+
+
+def _adds_up(trial: Trial, search: SearchSpec) -> bool:
+    """Whether a trial's value is that of its accuracy and its SOPs."""
+    accuracy, sops = trial.accuracy, trial.sops
+    if not isinstance(accuracy, (int, float)) or not isinstance(sops, (int, float)):
+        return False
+    return trial.value == search.value(accuracy, sops)
 
 
 def _tell(tuner: Tuner, trial: Trial) -> None:
@@ -367,22 +385,23 @@ def _value(trial: Trial) -> float:
     return trial.value
 
 
-def _append(journal: Any, trial: Trial) -> None:
-    """One line, on the disk before the search goes on."""
-    journal.write(trial.line().encode())
-    journal.flush()
-    os.fsync(journal.fileno())
-
-
 def _claim(folder: Path, problem: Problem) -> None:
     """Make `folder` this search's; refuse one that is another's. A search without a trial yet gives way."""
     path, journal = folder / "search.json", folder / JOURNAL
     content = problem.model_dump(mode="json")
     if not path.is_file() and not files.is_free(folder):
         raise InputError(f"{folder}: is not empty and holds no search; choose another folder")
-    if journal.is_file() and journal.stat().st_size > 0 and files.read_json(path) != content:
-        raise InputError(f"{folder}: holds another search; choose another folder or remove it")
+    if journal.is_file() and journal.stat().st_size > 0 and _read_problem(path) != content:
+        raise InputError(f"{folder}: holds another search, or {path.name} was changed; choose another folder")
     files.write_json(path, content)
+
+
+def _read_problem(path: Path) -> Any:
+    """What `search.json` holds; None where it is damaged."""
+    try:
+        return files.read_json(path)
+    except InputError:
+        return None
 
 
 def _try_from_disk(job_and_path: tuple[Job, Path]) -> Trial:

@@ -54,6 +54,13 @@ class DatasetSpec(Spec):
     stratify: tuple[str, ...] = ()
     """Conditions balanced in the split besides the class."""
 
+    @field_validator("subsets")
+    @classmethod
+    def _has_a_subset(cls, subsets: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        if not subsets:
+            raise ValueError("must name at least one part; leave the key out to take all trials")
+        return subsets
+
     @field_validator("simulate")
     @classmethod
     def _can_be_simulated(cls, name: str | None) -> str | None:
@@ -191,6 +198,11 @@ class Cell(Spec):
         """Seeds of the initial weights and of the order of trials, drawn from what decides the training."""
         content = self.model_copy(update={name: Cell.model_fields[name].default for name in MEASURES}).digest()
         return int(content[:6], 16), int(content[6:], 16)
+
+    @property
+    def given(self) -> str:
+        """The file in a run folder that the cell works on."""
+        return f"spikes/{self.spikes_name}.h5"
 
     @property
     def spikes_name(self) -> str:

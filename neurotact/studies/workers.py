@@ -1,7 +1,8 @@
 """Spawned processes that do jobs one after another, with one thread each.
 
 Their number decides nothing but the time. What a process keeps between jobs (the caches of a module) it keeps until the
-block is left. A process that dies takes only its own job along, which begins again in a new one.
+block is left. A process that dies takes only its own job along, which begins again in a new one; InputError says so
+where that happens to a job too often.
 """
 
 import os
@@ -17,6 +18,8 @@ from threading import Thread
 from typing import Any
 
 import torch
+
+from neurotact.errors import InputError
 
 Task = Callable[[Any], Any]
 Run = Callable[[Task, Sequence[Any]], Iterator[Any]]
@@ -107,8 +110,11 @@ def _run(
             print("a worker process died; what it was at begins again in another", file=sys.stderr)
             todo.appendleft((place, attempt + 1))
         idle.append(start() if died else process)
+        if died and attempt == ATTEMPTS:
+            why = "usually too little memory, or a full disk"
+            raise InputError(f"{ATTEMPTS} worker processes died at the same work ({why}); make room and run it again")
         deal()
-        if not died or attempt == ATTEMPTS:
+        if not died:
             yield place, future.result()
 
 

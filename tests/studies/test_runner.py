@@ -60,8 +60,9 @@ def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_
     resumed = subprocess.run([*command, "study", "resume", str(folder)], capture_output=True, text=True, check=False)
     assert resumed.returncode == 0, resumed.stderr
     assert resumed.stdout.strip() == str(folder / "report.html")
-    for name in ("results.csv", "encoding.csv"):
-        assert (folder / name).read_bytes() == (finished / name).read_bytes()
+    for path in (finished / "results.csv", finished / "encoding.csv", *finished.rglob("files.json")):
+        assert (folder / path.relative_to(finished)).read_bytes() == path.read_bytes()
+    assert not list(folder.rglob(".*")), "a draft or the lock of the killed process is left"
 
 
 def test_a_folder_that_holds_another_study_is_refused(finished):

@@ -1,12 +1,12 @@
 """Who computes a study's cells, and who dies over it, changes no byte of the results."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from threading import Thread
 
@@ -20,6 +20,9 @@ ROOT = Path(__file__).parents[2]
 TINY = Path(__file__).parent / "tiny.toml"
 WITHOUT_DASK = "distributed is not installed; pip install 'neurotact[dask]'"
 DEADLINE_S = 120.0
+UNTRAINABLE = {"network.training.learning_rate": 1e30, "network.hidden": 4}
+OPTIONS = [word for key, value in UNTRAINABLE.items() for word in ("--set", f"{key}={value}")]
+NOT_TRAINED = "training: weights are not finite after epoch 1"
 
 
 def typed(*words: object) -> subprocess.Popen:
@@ -40,8 +43,9 @@ def wait_for(found: Callable[[], object]) -> None:
 
 
 def left_by(folder: Path) -> dict[str, bytes]:
-    """The tables and what every cell left, but for how long it took."""
-    found = [folder / "results.csv", folder / "encoding.csv", *folder.glob("cells/*/*")]
+    """The tables, what every cell left, and every manifest, but for how long it took."""
+    assert not list(folder.rglob(".*")), "a draft or a lock is left"
+    found = [folder / "results.csv", folder / "encoding.csv", *folder.glob("cells/*/*"), *folder.rglob("files.json")]
     return {str(p.relative_to(folder)): p.read_bytes() for p in found if p.name != "timing.json"}
 
 
@@ -119,6 +123,12 @@ def test_a_worker_killed_in_the_middle_of_a_cell_changes_nothing(dask, expected,
     assert left_by(tmp_path / "run") == expected
 
 
+def test_a_cell_that_cannot_be_trained_is_one_sentence_from_there_too(dask, tmp_path):
+    with pytest.raises(InputError, match=NOT_TRAINED):
+        runner.run(study.resolve(TINY, UNTRAINABLE), tmp_path / "run", scheduler=dask[0])
+    assert not list((tmp_path / "run").rglob(".*"))
+
+
 def kill_one_in_a_cell(address: str, started: dict[str, subprocess.Popen], killed: list[str]) -> None:
     """Stop a worker that computes a cell, see that it has not finished it, and kill it."""
     from distributed import Client
@@ -185,6 +195,14 @@ def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
 # --- processes of this machine ---------------------------------------------------------------------------
 
 
+def test_a_cell_that_cannot_be_trained_is_one_sentence(tmp_path):
+    process = typed("neurotact", "study", "run", TINY, *OPTIONS, "-o", tmp_path / "run")
+    _, said = process.communicate(timeout=DEADLINE_S)
+    assert process.returncode == 2
+    assert re.match(f"neurotact: {NOT_TRAINED}", said.splitlines()[-1])
+    assert "Traceback" not in said
+
+
 def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys):
     died, other = tmp_path / "died", tmp_path / "other"
     dies_once = f"test -e {died} || {{ touch {died}; kill -9 $PPID; }}"  # the shell's parent is the worker process
@@ -196,5 +214,5 @@ def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys
 
 
 def test_a_job_that_kills_every_process_ends_the_run():
-    with pytest.raises(BrokenProcessPool):
+    with pytest.raises(InputError, match=r"3 worker processes died at the same work .*too little memory"):
         workers.in_a_process(os.system, "kill -9 $PPID")

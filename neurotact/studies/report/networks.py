@@ -96,9 +96,9 @@ def write(study: StudySpec, folder: Path) -> Path:
     classes = name_classes(encoding, trains.conditions if trains else None)
     course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
-    extra = extra_tables(folder)
+    extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    baseline = read_table(folder / "baseline.csv") if (folder / "baseline.csv").is_file() else None
+    baseline = read_table(folder / "baseline.csv") if study.linear_baseline else None
     costs = _ledger(study, results, baseline, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)

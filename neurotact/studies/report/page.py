@@ -142,7 +142,7 @@ def timing_sentence(folder: Path) -> str:
     path = folder / "timings.csv"
     if not path.is_file():
         return ""
-    timings = pd.read_csv(path)
+    timings = pd.read_csv(path).dropna(subset="seconds")  # of cells whose timing was damaged
     if timings.empty:
         return ""
     seconds = timings["seconds"]

@@ -31,7 +31,7 @@ def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.Da
         return pd.DataFrame()  # the rows are of other cells
     for index, (cell, (_, row)) in enumerate(zip(done, results.iterrows(), strict=True)):
         path = cell_folder(folder, cell) / SEARCH / "trials.csv"
-        if not path.is_file():
+        if cell.search is None or not path.is_file():
             continue
         table = read_table(path).rename(columns={"id": "trial", "hidden": "searched hidden"})
         for key in reversed(["cell", *NAMED, "setting", "pair"]):

@@ -13,9 +13,16 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.export.encoding_figures import Classes
 from neurotact.export.tables import read_table
 from neurotact.studies.preparation import TOUCH, spikes_path
-from neurotact.studies.study import Cell
+from neurotact.studies.study import Cell, StudySpec
 
-EXTRA_TABLES = ("cut_short", "exit_curve", "conditions", "signals", "same_drive")
+EXTRA_TABLES = {
+    "cut_short": "cut_short_ms",
+    "exit_curve": "exit_patiences",
+    "conditions": "test_every_condition",
+    "signals": "signals",
+    "same_drive": "same_drive",
+}
+"""Tables that only some studies leave, and the key of a study that asks for each."""
 
 
 def read_encoding(path: Path) -> pd.DataFrame:
@@ -57,9 +64,9 @@ def _in_words(key: str) -> str:
     return quantity(key)[0].replace(".", " ")
 
 
-def extra_tables(folder: Path) -> dict[str, pd.DataFrame]:
-    """The tables that only some studies leave, by name."""
-    paths = {name: folder / f"{name}.csv" for name in EXTRA_TABLES}
+def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
+    """The tables of `EXTRA_TABLES` that the study asks for, by name."""
+    paths = {name: folder / f"{name}.csv" for name, key in EXTRA_TABLES.items() if getattr(study, key)}
     found = {name: read_table(path) for name, path in paths.items() if path.is_file()}
     return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
 

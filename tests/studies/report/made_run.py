@@ -14,8 +14,8 @@ from neurotact.files import write_json, write_text
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Epoch, Training
-from neurotact.studies import runner, study, trained
-from neurotact.studies.cell import cell_folder
+from neurotact.studies import manifest, runner, study, trained
+from neurotact.studies.cell import TIMING, cell_folder, seal
 from neurotact.studies.preparation import encoding_table, spikes_path
 from neurotact.studies.study import Cell, StudySpec
 
@@ -125,6 +125,8 @@ def make_run(
         write_json(place / "result.json", {"row": row_of(cell, generator), "confusion": confusion})
         write_json(place / "timing.json", {"seconds": 3.5, "epochs": 20})
         save_network(cell, place, hdf5.load_spikes(path), path)
+        manifest.seal(path.parent, [path.name])
+        seal(folder, cell, [one.name for one in place.iterdir() if one.name != TIMING])
     runner.results_table(what, folder, done).to_csv(folder / "results.csv", index=False)
     pd.concat(encoding.values()).to_csv(folder / "encoding.csv", index=False)
     timings = [{"cell": cell.digest(), "seconds": 3.5, "epochs": 20} for cell in done]

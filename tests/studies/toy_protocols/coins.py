@@ -14,6 +14,7 @@ from neurotact.studies.protocol import Arrays, View
 class CoinSpec(Spec):
     tosses: int = Field(default=40, ge=1)
     heads: float = Field(default=0.7, ge=0, le=1)
+    path: str | None = None
 
 
 class Parameters(Spec):

@@ -1,0 +1,121 @@
+"""What the files of a run folder hold, so that one that was edited or damaged is noticed and never believed.
+
+Every folder of a run that holds results (the run's own, `spikes`, `data`, each cell's) has one `files.json`. It is
+written after the files that it lists: the SHA-256 of each, and of what they were made from. Its bytes depend on those
+files alone.
+"""
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from neurotact import files
+from neurotact.errors import InputError
+
+FILES = "files.json"
+Flaws = dict[str, str | None]
+"""What is wrong with each file, in words that follow its name; None for one that was never written whole."""
+MISSING = "is missing"
+
+
+class Manifest(NamedTuple):
+    """What a `files.json` says: the SHA-256 of each file by its name in the folder, and what they were made from."""
+
+    made_from: dict[str, str]
+    files: dict[str, str]
+
+
+def seal(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None = None) -> None:
+    """List files of a folder with what they hold now. Files listed before stay listed if made from the same.
+
+    made_from: hashes of what the files were made from, by its name; None means as listed before.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> files.write_text(folder / "result.csv", "accuracy")
+    >>> seal(folder, ["result.csv"], {"spikes": "ab12"})
+    >>> flaws(folder, ["result.csv"], {"spikes": "ab12"})
+    {}
+    >>> flaws(folder, ["result.csv", "sops.csv"], {"spikes": "cd34"})
+    {'result.csv': 'was made from other spikes', 'sops.csv': None}
+    >>> files.write_text(folder / "result.csv", "100 %")
+    >>> flaws(folder, ["result.csv"])
+    {'result.csv': 'was changed'}
+    """
+    known = read(folder) or Manifest({}, {})
+    sources = known.made_from if made_from is None else dict(made_from)
+    before = known.files if known.made_from == sources else {}
+    listed = before | {name: files.sha256(folder / name) for name in names}
+    table = {"made_from": dict(sorted(sources.items())), "files": dict(sorted(listed.items()))}
+    files.write_json(folder / FILES, table)
+
+
+def read(folder: Path) -> Manifest | None:
+    """The manifest of a folder; None where there is none or it is damaged."""
+    try:
+        found = files.read_json(folder / FILES)
+    except InputError:
+        return None
+    parts: list[Any] = [found.get(name) for name in Manifest._fields] if isinstance(found, dict) else []
+    are_texts = [isinstance(part, dict) and all(isinstance(text, str) for text in part.values()) for part in parts]
+    return Manifest(*parts) if parts and all(are_texts) else None
+
+
+def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None = None) -> Flaws:
+    """Of `names`, the files that are not what the manifest lists; nothing where all are.
+
+    made_from: what the files must have been made from; None where that does not matter.
+    """
+    known = read(folder)
+    found = {name: _flaw(folder, name, known, made_from) for name in names}
+    return {name: flaw for name, flaw in found.items() if flaw != ""}
+
+
+def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[str, str] | None) -> str | None:
+    """As `flaws`; an empty text where nothing is wrong."""
+    path = folder / name
+    if known is None and (folder / FILES).is_file():
+        return f"cannot be checked, since {FILES} is damaged"
+    if known is None or name not in known.files:
+        return f"is not listed in {FILES}" if path.is_file() else None
+    if made_from is not None and known.made_from != made_from:
+        keys = {*made_from, *known.made_from}
+        return f"was made from other {min(key for key in keys if made_from.get(key) != known.made_from.get(key))}"
+    if not path.is_file():
+        return MISSING
+    return "" if files.sha256(path) == known.files[name] else "was changed"
+
+
+def tell(place: str, found: Flaws, remedy: str) -> None:
+    """Print a line on stderr for each file that was whole once.
+
+    place: the folder as it is called, with the slash that follows it.
+    """
+    for name, flaw in found.items():
+        if flaw is not None:
+            print(f"{place}{name}: {flaw}; {remedy}", file=sys.stderr)
+
+
+def sound_json(folder: Path, name: str) -> Any:
+    """What a listed JSON file holds; None where it is not what the manifest lists."""
+    return None if flaws(folder, [name]) else files.read_json(folder / name)
+
+
+def fingerprint(path: Path) -> str | None:
+    """The SHA-256 of a file, or of the names and contents of all files in a folder; None where nothing is there.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> empty = fingerprint(folder)
+    >>> files.write_text(folder / "touch.csv", "0")
+    >>> fingerprint(folder) == empty, fingerprint(folder / "away")
+    (False, None)
+    """
+    if path.is_dir():
+        inside = sorted(one for one in path.rglob("*") if one.is_file())
+        listed = [[one.relative_to(path).as_posix(), files.sha256(one)] for one in inside]
+        return hashlib.sha256(json.dumps(listed).encode()).hexdigest()
+    return files.sha256(path) if path.is_file() else None
