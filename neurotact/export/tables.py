@@ -5,10 +5,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from neurotact.errors import InputError
 from neurotact.files import whole
+from neurotact.metrics.synops import SIDE, TRAINING
 
 SUFFIXES = (".csv", ".json", ".md")
 
@@ -87,7 +89,24 @@ def sops_summary(summary: pd.DataFrame, what: str) -> str:
 
     summary: of `metrics.synops.summary`.
     """
-    return f"# Synaptic operations (SOPs) of {what}\n\nMeans for each class:\n\n{to_markdown(summary)}\n\nEach window:"
+    apart = ", the sides of the split apart" if SIDE in summary else ""
+    means = f"Means over windows for each class{apart}:\n\n{to_markdown(marked(summary))}"
+    return f"# Synaptic operations (SOPs) of {what}\n\n{means}\n\nEach window:"
+
+
+def marked(summary: pd.DataFrame) -> pd.DataFrame:
+    """A SOP summary as it is shown: the accuracy of windows that a network was trained on says so.
+
+    >>> seen = pd.DataFrame({"side": ["training", "test"], "windows": [70, 15], "accuracy": [0.875, 0.75]})
+    >>> marked(seen).values.tolist()
+    [['training', 70, '0.875 (seen in training)'], ['test', 15, '0.75']]
+    """
+    if SIDE not in summary:
+        return summary
+    notes = np.where(summary[SIDE] == TRAINING, " (seen in training)", "")
+    return summary.assign(
+        accuracy=[f"{share:.4g}{note}" for share, note in zip(summary["accuracy"], notes, strict=True)]
+    )
 
 
 def _text(value: Any) -> str:
