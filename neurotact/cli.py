@@ -26,7 +26,7 @@ from neurotact.errors import InputError, nearest
 from neurotact.export import raster as rasters
 from neurotact.export.calibration_figure import draw_calibration
 from neurotact.export.style import save as save_figure
-from neurotact.export.tables import sops_summary, write_table
+from neurotact.export.tables import marked, sops_summary, write_table
 from neurotact.metrics import synops
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
@@ -45,7 +45,7 @@ app.add_typer(import_app, name="import")
 app.add_typer(study_app, name="study")
 console = Console(soft_wrap=True, highlight=False)
 INTERRUPTED = 130
-SHOWN = ["label", "trials", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+SHOWN = ["side", "label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """What of a SOP summary fits a terminal; the files hold all of it."""
 
 SetOption = Annotated[
@@ -70,6 +70,9 @@ PerTrial = Annotated[int | None, typer.Option("--per-trial", help="At most so ma
 Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")]
 SplitSeed = Annotated[int, typer.Option(min=0, help="Of the split into training, validation and test.")]
 Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
+OtherEncoder = Annotated[
+    bool, typer.Option("--allow-other-encoder", help="Take spikes that are encoded otherwise than in training.")
+]
 
 
 def main() -> None:
@@ -353,14 +356,19 @@ def infer(
     early_exit: Annotated[
         bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
     ] = False,
+    allow_other_encoder: OtherEncoder = False,
     device: DeviceOption = "cpu",
 ) -> None:
-    """Classify every window of spike trains with a trained network, and count what it cost."""
+    """Classify every window of spike trains with a trained network, and count what it cost.
+
+    Windows of training, validation, test and unseen trials are summarised apart; trials are known by their content.
+    """
     restored = trained.restore(run, device=_device(device))
-    table = trained.infer(restored, hdf5.load_spikes(spikes), early_exit=early_exit)
+    trains = hdf5.load_spikes(spikes)
+    table = trained.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
     if out:
         write_table(table, out)
-    _print_table(synops.summary(table)[SHOWN])
+    _print_table(marked(synops.summary(table))[SHOWN])
 
 
 @app.command()
@@ -369,15 +377,19 @@ def sops(
     out: OutFile,
     spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
     early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
+    allow_other_encoder: OtherEncoder = False,
 ) -> None:
     """Write the synaptic operations of each test window of a trained network (.csv, .json, .md)."""
     restored = trained.restore(run)
-    trains = hdf5.load_spikes(spikes or restored.spikes_path)
-    table = trained.infer(restored, trains, trained.test_trials(restored, trains), early_exit=early_exit)
+    restored = restored._replace(spikes_path=spikes or restored.spikes_path)
+    trains = trained.load_spikes_of(restored)
+    table = trained.infer(
+        restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
+    )
     summary = synops.summary(table)
     what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
     write_table(table, out, about=sops_summary(summary, what))
-    _print_table(summary[SHOWN])
+    _print_table(marked(summary)[SHOWN])
     network = restored.network
     sizes = (len(trains.afferents), network.n_classes, network.spec.hidden)
     costs = ledger.decision_ledger(

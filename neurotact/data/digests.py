@@ -45,5 +45,5 @@ def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
 def _digest(about: list[Any], *arrays: np.ndarray) -> str:
     content = hashlib.sha256(json.dumps(about).encode())
     for array in arrays:
-        content.update(np.ascontiguousarray(array))
+        content.update(np.ascontiguousarray(array).data)
     return content.hexdigest()[:DIGITS]
