@@ -26,7 +26,7 @@ from neurotact.errors import InputError, nearest
 from neurotact.export import raster as rasters
 from neurotact.export.calibration_figure import draw_calibration
 from neurotact.export.style import save as save_figure
-from neurotact.export.tables import marked, sops_summary, write_table
+from neurotact.export.tables import sops_summary, write_table
 from neurotact.metrics import synops
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
@@ -45,8 +45,15 @@ app.add_typer(import_app, name="import")
 app.add_typer(study_app, name="study")
 console = Console(soft_wrap=True, highlight=False)
 INTERRUPTED = 130
-SHOWN = ["side", "label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """What of a SOP summary fits a terminal; the files hold all of it."""
+SIDES = {
+    synops.TRAINING: "training windows: seen in training, so that their accuracy is not that of new touches",
+    synops.VALIDATION: "validation windows: they chose the epoch and the patience",
+    synops.TEST: "test windows",
+    synops.UNSEEN: "unseen windows: of trials on no side of the split",
+    synops.UNKNOWN: "windows of which it cannot be told whether they were seen in training",
+}
 
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the spec; may be repeated.")
@@ -368,7 +375,7 @@ def infer(
     table = trained.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
     if out:
         write_table(table, out)
-    _print_table(marked(synops.summary(table))[SHOWN])
+    _print_sides(synops.summary(table))
 
 
 @app.command()
@@ -389,7 +396,7 @@ def sops(
     summary = synops.summary(table)
     what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
     write_table(table, out, about=sops_summary(summary, what))
-    _print_table(marked(summary)[SHOWN])
+    _print_sides(summary)
     network = restored.network
     sizes = (len(trains.afferents), network.n_classes, network.spec.hidden)
     costs = ledger.decision_ledger(
@@ -489,8 +496,14 @@ def _print_row(title: str, row: dict[str, Any]) -> None:
     console.print(table)
 
 
-def _print_table(frame: pd.DataFrame) -> None:
-    table = Table(*map(str, frame.columns), box=None)
+def _print_sides(summary: pd.DataFrame) -> None:
+    """A SOP summary, a table a side."""
+    for side, rows in summary.groupby(synops.SIDE, sort=False):
+        _print_table(rows[SHOWN], title=SIDES[str(side)])
+
+
+def _print_table(frame: pd.DataFrame, title: str | None = None) -> None:
+    table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
     for row in frame.itertuples(index=False):
         table.add_row(*map(_shown, row))
     console.print(table)

@@ -90,22 +90,22 @@ def sops_summary(summary: pd.DataFrame, what: str) -> str:
     summary: of `metrics.synops.summary`.
     """
     apart = ", the sides of the split apart" if SIDE in summary else ""
-    means = f"Means over windows for each class{apart}:\n\n{to_markdown(marked(summary))}"
+    means = f"Means over windows for each class{apart}:\n\n{to_markdown(_marked(summary))}"
     return f"# Synaptic operations (SOPs) of {what}\n\n{means}\n\nEach window:"
 
 
-def marked(summary: pd.DataFrame) -> pd.DataFrame:
+def _marked(summary: pd.DataFrame) -> pd.DataFrame:
     """A SOP summary as it is shown: the accuracy of windows that a network was trained on says so.
 
     >>> seen = pd.DataFrame({"side": ["training", "test"], "windows": [70, 15], "accuracy": [0.875, 0.75]})
-    >>> marked(seen).values.tolist()
+    >>> _marked(seen).values.tolist()
     [['training', 70, '0.875 (seen in training)'], ['test', 15, '0.75']]
     """
     if SIDE not in summary:
         return summary
     notes = np.where(summary[SIDE] == TRAINING, " (seen in training)", "")
     return summary.assign(
-        accuracy=[f"{share:.4g}{note}" for share, note in zip(summary["accuracy"], notes, strict=True)]
+        accuracy=[f"{share:.6g}{note}" for share, note in zip(summary["accuracy"], notes, strict=True)]
     )
 
 

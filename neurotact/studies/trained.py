@@ -62,23 +62,24 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     """The windows of each side of the split, within the trials that the task's subset selects.
 
     split: sides of trials in place of those that the task draws.
-    Raises InputError where the training trials are all of one class: nothing is to be told apart.
     """
-    trials = trials_of(trains, task, split)
-    known = np.unique(trains.labels[trials.train])
-    if len(known) < 2:
-        names = "', '".join(trains.classes[label] for label in known)
-        raise InputError(
-            f"spikes: the training trials are all of one class ('{names}'); give trials of at least two classes"
-        )
-    return Sides(*(examples_of(trains, side, task.window)[0] for side in trials))
+    return Sides(*(examples_of(trains, side, task.window)[0] for side in trials_of(trains, task, split)))
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
-    """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`."""
+    """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`.
+
+    Raises InputError where the training trials hold less than two classes: there is nothing to tell apart.
+    """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
     split = split or split_conditions(trains.conditions, task.stratify, task.split)
-    return Split(*(np.intersect1d(side, inside) for side in split))
+    sides = Split(*(np.intersect1d(side, inside) for side in split))
+    known = sorted({trains.classes[label] for label in trains.labels[sides.train]})
+    if len(known) < 2:
+        raise InputError(
+            f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"
+        )
+    return sides
 
 
 def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:

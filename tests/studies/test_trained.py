@@ -194,7 +194,7 @@ def test_the_first_seed_draws_the_weights_and_the_second_the_order():
 def test_training_trials_of_one_class_are_refused():
     trains = trains_of((STEADY, 0), (STEADY, 0), (SILENT, 1), (SILENT, 1))
     split = Split(np.array([0, 1]), np.array([2]), np.array([3]))
-    with pytest.raises(InputError, match=r"the training trials are all of one class \('felt'\); give trials"):
+    with pytest.raises(InputError, match=r"the training trials hold too few classes \(felt\); give at least two"):
         trained.fit(trains, SPEC, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
 
 
