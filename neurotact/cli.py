@@ -54,8 +54,15 @@ MOST_SPLITS = 2**32 - 2
 MOST_WORKERS = 1024
 IMPORTED = (".csv", ".npz", ".lvm")
 """Files of recordings as they were published."""
-SHOWN = ["label", "trials", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
 """What of a SOP summary fits a terminal; the files hold all of it."""
+SIDES = {
+    synops.TRAINING: "training windows: seen in training, so that their accuracy is not that of new touches",
+    synops.VALIDATION: "validation windows: they chose the epoch and the patience",
+    synops.TEST: "test windows",
+    synops.UNSEEN: "unseen windows: of trials on no side of the split",
+    synops.UNKNOWN: "windows of which it cannot be told whether they were seen in training",
+}
 
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the spec; may be repeated.")
@@ -88,6 +95,9 @@ SplitSeed = Annotated[
     int, typer.Option(min=0, max=MOST_SPLITS, help="Of the split into training, validation and test.")
 ]
 Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
+OtherEncoder = Annotated[
+    bool, typer.Option("--allow-other-encoder", help="Take spikes that are encoded otherwise than in training.")
+]
 
 
 def main() -> None:
@@ -426,17 +436,22 @@ def infer(
     early_exit: Annotated[
         bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
     ] = False,
+    allow_other_encoder: OtherEncoder = False,
     device: DeviceOption = "cpu",
     force: Force = False,
 ) -> None:
-    """Classify every window of spike trains with a trained network, and count what it cost."""
+    """Classify every window of spike trains with a trained network, and count what it cost.
+
+    Windows of training, validation, test and unseen trials are summarised apart; trials are known by their content.
+    """
     if out:
         files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run, device=_device(device))
-    table = trained.infer(restored, hdf5.load_spikes(spikes), early_exit=early_exit)
+    trains = hdf5.load_spikes(spikes)
+    table = trained.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
     if out:
         write_table(table, out)
-    _print_table(synops.summary(table)[SHOWN])
+    _print_sides(synops.summary(table))
 
 
 @app.command()
@@ -445,18 +460,22 @@ def sops(
     out: OutFile,
     spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
     early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
+    allow_other_encoder: OtherEncoder = False,
     force: Force = False,
 ) -> None:
     """Write the synaptic operations of each test window of a trained network (.csv, .json, .md)."""
     files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run)
+    restored = restored._replace(spikes_path=spikes or restored.spikes_path)
     files.check_new(out, force=force, inputs=[restored.spikes_path])
-    trains = hdf5.load_spikes(spikes or restored.spikes_path)
-    table = trained.infer(restored, trains, trained.test_trials(restored, trains), early_exit=early_exit)
+    trains = trained.load_spikes_of(restored)
+    table = trained.infer(
+        restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
+    )
     summary = synops.summary(table)
     what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
     write_table(table, out, about=sops_summary(summary, what))
-    _print_table(summary[SHOWN])
+    _print_sides(summary)
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)
@@ -564,8 +583,14 @@ def _print_row(title: str, row: dict[str, Any]) -> None:
     console.print(table)
 
 
-def _print_table(frame: pd.DataFrame) -> None:
-    table = Table(*map(str, frame.columns), box=None)
+def _print_sides(summary: pd.DataFrame) -> None:
+    """A SOP summary, a table a side."""
+    for side, rows in summary.groupby(synops.SIDE, sort=False):
+        _print_table(rows[SHOWN], title=SIDES[str(side)])
+
+
+def _print_table(frame: pd.DataFrame, title: str | None = None) -> None:
+    table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
     for row in frame.itertuples(index=False):
         table.add_row(*map(_shown, row))
     console.print(table)

@@ -11,10 +11,12 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 from neurotact import __version__, cli, spec
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
+from neurotact.studies import trained
 
 ROOT = Path(__file__).parents[1]
 RATE_Hz = 1000.0
@@ -211,11 +213,20 @@ def test_the_same_seed_trains_the_same_network(neurotact, made, tmp_path):
 def test_inference_decides_every_window(neurotact, made, tmp_path, early_exit):
     code, out, _ = neurotact("infer", made / "run", made / "spikes.h5", "-o", tmp_path / "labels.csv", *early_exit)
     assert code == 0
-    assert out.split()[:4] == ["label", "trials", "accuracy", "steps"]
+    assert out.splitlines()[0].startswith("training windows: seen in training")
+    assert out.splitlines()[1].split()[:4] == ["label", "windows", "accuracy", "steps"]
     table = pd.read_csv(tmp_path / "labels.csv")
     assert len(table) == N_TRIALS * 2  # two windows of 100 ms after 50 ms of 300 ms
     assert set(table.label) == {"coarse", "fine"}
     assert (table.steps == 100).all() or early_exit
+    assert table.side.value_counts().to_dict() == {"training": 32, "validation": 8, "test": 8}  # of 24: 16, 4 and 4
+    heads = [line.split()[0] for line in out.splitlines() if " windows" in line and "label" not in line]
+    every = [line.split() for line in out.splitlines() if line.split()[:1] == ["all"]]
+    assert heads == ["training", "validation", "test"]
+    assert [line[1] for line in every] == ["32", "8", "8"]
+    for side, line in zip(heads, every, strict=True):
+        mine = table[table.side == side]
+        assert float(line[2]) == pytest.approx((mine.label == mine.predicted).mean(), abs=1e-3)
     assert (table.sops_total == table.sops_input + table.sops_recurrent + table.sops_readout).all()
 
 
@@ -618,7 +629,7 @@ def test_a_signal_that_is_no_number_is_named(refused, tmp_path, value):
 
 def test_spikes_of_another_sensor_or_clock_are_refused(neurotact, refused, made, tmp_path):
     for name, changes, expected in (
-        ("wide", {"n_taxels": 3}, ("spikes: have shape", "(trial, time, 4) is expected")),
+        ("wide", {"n_taxels": 3}, ("spikes: come from 6 afferents", "trained on 4", "same taxels")),
         ("fast", {"rate_Hz": 2000.0}, ("sampled at 2000 Hz", "trained at 1000 Hz")),
         ("short", {"seconds": 0.1}, ("trial 0 lasts 0.100 s", "0.150 s of start_ms + length_ms")),
     ):
@@ -626,6 +637,81 @@ def test_spikes_of_another_sensor_or_clock_are_refused(neurotact, refused, made,
         spikes = tmp_path / f"{name}-spikes.h5"
         assert neurotact("encode", tmp_path / f"{name}.h5", "-o", spikes)[0] == 0
         refused(("infer", made / "run", spikes), *expected)
+
+
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("command", ["infer", "sops"])
+def test_spikes_of_another_encoder_are_refused_unless_they_are_meant(neurotact, refused, made, tmp_path, command):
+    spikes = tmp_path / "slow.h5"
+    assert neurotact("encode", made / "touch.h5", "--set", "sa1.t_ref_ms=5", "-o", spikes)[0] == 0
+    words = {
+        "infer": ("infer", made / "run", spikes),
+        "sops": ("sops", made / "run", "--spikes", spikes, "-o", tmp_path / "sops.csv"),
+    }[command]
+    told = "spikes: sa1.t_ref_ms is 5.0 but was 1.0 in training; "
+    refused(words, told, "pass --allow-other-encoder")
+    assert not (tmp_path / "sops.csv").exists()
+    code, out, err = neurotact(*words, "--allow-other-encoder")
+    assert (code, err.count("\n")) == (0, 1)
+    assert err.startswith(f"neurotact: {told}")
+    assert "test" in out
+
+
+def test_another_recording_is_unseen_and_the_sops_are_those_of_the_networks_own_trials(
+    neurotact, refused, made, tmp_path
+):
+    other = touch()
+    save_recordings(Recordings(other.signals[::-1] * 1.01, RATE_Hz, "mV", other.conditions), tmp_path / "other.h5")
+    assert neurotact("encode", tmp_path / "other.h5", "-o", tmp_path / "spikes.h5")[0] == 0
+    code, _, _ = neurotact("infer", made / "run", tmp_path / "spikes.h5", "-o", tmp_path / "labels.json")
+    assert code == 0
+    assert set(pd.read_json(tmp_path / "labels.json").side) == {"unseen"}
+    words = ("sops", made / "run", "--spikes", tmp_path / "spikes.h5", "-o", tmp_path / "sops.csv")
+    refused(words, "spikes: hold none of the network's test trials")
+
+
+def test_spikes_that_moved_are_still_known(neurotact, made, tmp_path):
+    (tmp_path / "moved.h5").write_bytes((made / "spikes.h5").read_bytes())
+    assert neurotact("sops", made / "run", "--spikes", tmp_path / "moved.h5", "-o", tmp_path / "moved.csv")[0] == 0
+    assert neurotact("sops", made / "run", "-o", tmp_path / "sops.csv")[0] == 0
+    assert (tmp_path / "moved.csv").read_bytes() == (tmp_path / "sops.csv").read_bytes()
+
+
+def test_the_sop_report_counts_windows_and_names_the_side(neurotact, made, tmp_path):
+    code, out, _ = neurotact("sops", made / "run", "-o", tmp_path / "sops.md")
+    assert code == 0
+    assert out.splitlines()[0].rstrip() == "test windows"
+    text = (tmp_path / "sops.md").read_text()
+    assert "| side | label | windows | accuracy |" in text
+    assert "| test | all | 8 |" in text
+
+
+@pytest.mark.parametrize("command", [("train", *QUICK), ("tune", "--trials", 1, *QUICK)])
+def test_a_single_class_is_refused(neurotact, refused, tmp_path, command):
+    alone = touch()
+    table = alone.conditions.assign(label="felt")
+    save_recordings(Recordings(alone.signals, RATE_Hz, "mV", table), tmp_path / "alone.h5")
+    assert neurotact("encode", tmp_path / "alone.h5", "-o", tmp_path / "spikes.h5")[0] == 0
+    words = (command[0], tmp_path / "spikes.h5", *command[1:], "-o", tmp_path / "run")
+    refused(words, "spikes: the training trials hold too few classes (felt); give at least two")
+
+
+@pytest.mark.filterwarnings("default")
+def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path):
+    words = ("encode", made / "touch.h5", "--set", "sa1.gain=0.001", "--set", "ra1.gain=0.001")
+    assert neurotact(*words, "-o", tmp_path / "silent.h5")[0] == 0
+    code, _, err = neurotact("train", tmp_path / "silent.h5", "-o", tmp_path / "run", *QUICK)
+    assert code == 0
+    (line,) = (line for line in err.splitlines() if line.startswith("neurotact: "))
+    assert line.startswith("neurotact: training: none of the 48 training windows holds a spike")
+
+
+def test_the_seed_of_a_training_gives_one_seed_for_the_weights_and_another_for_the_order(neurotact, made, tmp_path):
+    assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "run", *QUICK, "--seed", 5)[0] == 0
+    trains, restored = load_spikes(made / "spikes.h5"), trained.restore(tmp_path / "run")
+    own, same = (trained.fit(trains, restored.network.spec, restored.task, (5, order))[0] for order in (6, 5))
+    assert torch.equal(restored.network.w_in, own.network.w_in)
+    assert not torch.equal(restored.network.w_in, same.network.w_in)
 
 
 def test_classes_that_the_network_does_not_know_are_refused(neurotact, refused, made, tmp_path):

@@ -2,7 +2,8 @@
 
 Recordings: `signals/values` (all trials end to end, `(time, channel)`), `signals/lengths`, `conditions/<column>`.
 Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, `spikes/units`, `labels`), and
-`conditions/<column>`, `trial_steps`. What else belongs to a file stands in its attributes.
+`conditions/<column>`, `trial_steps`, `trial_digests` (of what was recorded; absent where that is not known). What else
+belongs to a file stands in its attributes.
 """
 
 import json
@@ -76,6 +77,8 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
         _write_events(file, "spikes/units", trains.units, np.uint16)
         file["labels"] = trains.labels
         file["trial_steps"] = trains.trial_steps
+        if trains.trial_digests:
+            file["trial_digests"] = np.array(trains.trial_digests, dtype="S")
         _write_table(file.create_group("conditions"), trains.conditions)
 
 
@@ -94,6 +97,7 @@ def load_spikes(path: str | Path) -> SpikeTrains:
             conditions=_read_table(file["conditions"]),
             encoder=json.loads(file.attrs["encoder"]),
             source=str(file.attrs["source"]),
+            trial_digests=_digests(file),
         )
         _check_events(trains, path)
         return trains
@@ -124,6 +128,13 @@ def _array(file: h5py.File, name: str) -> np.ndarray:
     if not isinstance(dataset, h5py.Dataset):
         raise KeyError(f"{name} is not a dataset")
     return dataset[()]
+
+
+def _digests(file: h5py.File) -> tuple[str, ...]:
+    """The digests of a spikes file; none in files that were written before there were any."""
+    if "trial_digests" not in file:
+        return ()
+    return tuple(digest.decode("ascii") for digest in _array(file, "trial_digests").astype("S").tolist())
 
 
 def _write_events(file: h5py.File, name: str, events: list[np.ndarray] | Any, kind: type) -> None:
@@ -157,6 +168,10 @@ def _read_table(group: Any) -> pd.DataFrame:
 def _check_events(trains: SpikeTrains, path: str | Path) -> None:
     if not len(trains.steps) == len(trains.units) == len(trains.trial_steps) == len(trains.conditions):
         raise InputError(f"{path}: spikes, trial_steps and conditions differ in number of trials; write it again")
+    if not isinstance(trains.encoder, dict):
+        raise InputError(f"{path}: the encoder is no table; write it again with neurotact encode")
+    if trains.trial_digests and len(trains.trial_digests) != len(trains):
+        raise InputError(f"{path}: spikes and trial_digests differ in number of trials; write it again")
     if LABEL not in trains.conditions:
         raise InputError(f"{path}: the table of conditions has no column 'label'; add one class name a trial")
     for trial, (steps, units) in enumerate(zip(trains.steps, trains.units, strict=True)):

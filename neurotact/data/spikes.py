@@ -22,6 +22,7 @@ class SpikeTrains:
     conditions: one row a trial, with the column `label`.
     encoder: the spec that made them.
     source: the recordings that they were made from, usually a path.
+    trial_digests: a digest a trial of what was recorded (`data.digests`); empty where that is not known.
 
     >>> raster = np.zeros((1, 4, 2), np.uint8)
     >>> raster[0, 1, 0] = raster[0, 3, 1] = 1
@@ -38,6 +39,7 @@ class SpikeTrains:
     conditions: pd.DataFrame
     encoder: Mapping[str, Any]
     source: str = ""
+    trial_digests: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -65,6 +67,7 @@ class SpikeTrains:
             units=[self.units[i] for i in index.tolist()],
             trial_steps=self.trial_steps[index],
             conditions=self.conditions.iloc[index].reset_index(drop=True),
+            trial_digests=tuple(self.trial_digests[i] for i in index.tolist()) if self.trial_digests else (),
         )
 
     def raster(self, windows: Windows) -> np.ndarray:
@@ -83,6 +86,7 @@ def from_rasters(
     conditions: pd.DataFrame,
     encoder: Mapping[str, Any] | None = None,
     source: str = "",
+    trial_digests: tuple[str, ...] = (),
 ) -> SpikeTrains:
     """Events from one `(time, afferent)` raster a trial."""
     found = [np.nonzero(raster) for raster in rasters]
@@ -95,4 +99,5 @@ def from_rasters(
         conditions=conditions.reset_index(drop=True),
         encoder=dict(encoder or {}),
         source=source,
+        trial_digests=trial_digests,
     )

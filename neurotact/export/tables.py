@@ -10,10 +10,12 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from neurotact.errors import InputError
 from neurotact.files import existing, whole
+from neurotact.metrics.synops import SIDE, TRAINING
 
 SUFFIXES = (".csv", ".json", ".md")
 FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
@@ -136,8 +138,24 @@ def sops_summary(summary: pd.DataFrame, what: str) -> str:
 
     summary: of `metrics.synops.summary`.
     """
-    what = escaped(what)
-    return f"# Synaptic operations (SOPs) of {what}\n\nMeans for each class:\n\n{to_markdown(summary)}\n\nEach window:"
+    apart = ", the sides of the split apart" if SIDE in summary else ""
+    means = f"Means over windows for each class{apart}:\n\n{to_markdown(_marked(summary))}"
+    return f"# Synaptic operations (SOPs) of {escaped(what)}\n\n{means}\n\nEach window:"
+
+
+def _marked(summary: pd.DataFrame) -> pd.DataFrame:
+    """A SOP summary as it is shown: the accuracy of windows that a network was trained on says so.
+
+    >>> seen = pd.DataFrame({"side": ["training", "test"], "windows": [70, 15], "accuracy": [0.875, 0.75]})
+    >>> _marked(seen).values.tolist()
+    [['training', 70, '0.875 (seen in training)'], ['test', 15, '0.75']]
+    """
+    if SIDE not in summary:
+        return summary
+    notes = np.where(summary[SIDE] == TRAINING, " (seen in training)", "")
+    return summary.assign(
+        accuracy=[f"{share:.6g}{note}" for share, note in zip(summary["accuracy"], notes, strict=True)]
+    )
 
 
 def _text(value: Any) -> str:

@@ -14,6 +14,10 @@ import pandas as pd
 
 from neurotact.errors import InputError
 
+SIDE = "side"
+"""The column of a report that says where a network met each window's trial before, where it has one."""
+TRAINING, VALIDATION, TEST, UNSEEN, UNKNOWN = SIDES = ("training", "validation", "test", "unseen", "unknown")
+"""From the most seen to the least: the sides of the split; trials on none of them; those of which it cannot be told."""
 COLUMNS = (
     "trial",
     "label",
@@ -30,7 +34,7 @@ COLUMNS = (
 
 
 class Synops(NamedTuple):
-    """SOPs of each trial, `(trial,)` int64.
+    """SOPs of each window, `(window,)` int64.
 
     input: input to hidden; recurrent: hidden to hidden; readout: hidden to readout.
     total: all three; total_feedforward: without the recurrent ones.
@@ -76,9 +80,9 @@ def of_network(network: Network, input_spikes: np.ndarray, hidden_spikes: np.nda
 def synops(
     input_spikes: np.ndarray, hidden_spikes: np.ndarray, n_hidden: int, n_readout: int, *, recurrent: bool
 ) -> Synops:
-    """SOPs of trials, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
+    """SOPs of windows, from what their input and hidden layers sent (texture paper, Eqs. 8 and 9).
 
-    input_spikes, hidden_spikes: spikes of each trial, summed over neurons and simulated steps, `(trial,)`.
+    input_spikes, hidden_spikes: spikes of each window, summed over neurons and simulated steps, `(window,)`.
     n_hidden, n_readout: neurons that an input spike and a hidden spike reach.
     recurrent: whether a hidden spike also reaches the hidden neurons.
     Raises InputError for counts that are negative, not whole or of two shapes.
@@ -88,7 +92,7 @@ def synops(
     """
     sent, heard = (_counts(v, what) for v, what in ((input_spikes, "input"), (hidden_spikes, "hidden")))
     if sent.shape != heard.shape:
-        raise InputError(f"synops: input spikes of {sent.size} trials but hidden spikes of {heard.size}")
+        raise InputError(f"synops: input spikes of {sent.size} windows but hidden spikes of {heard.size}")
     if n_hidden < 1 or n_readout < 1:
         raise InputError(f"synops: a network has at least one neuron a layer; got {n_hidden} and {n_readout}")
     into_hidden, among_hidden, into_readout = n_hidden * sent, n_hidden * recurrent * heard, n_readout * heard
@@ -108,11 +112,11 @@ def to_table(
     recurrent: bool,
     trials: np.ndarray | None = None,
 ) -> pd.DataFrame:
-    """The SOP report: one row a trial, with the columns of `COLUMNS`.
+    """The SOP report: one row a window, with the columns of `COLUMNS`.
 
-    labels, predicted: classes of each trial, names or indices alike, `(trial,)`.
-    steps: simulated steps of each trial; input_spikes, hidden_spikes, recurrent: as for `synops`.
-    trials: numbers that name the trials; 0, 1, ... when absent.
+    labels, predicted: classes of each window, names or indices alike, `(window,)`.
+    steps: simulated steps of each window; input_spikes, hidden_spikes, recurrent: as for `synops`.
+    trials: number of the trial that each window was cut from, `(window,)`; 0, 1, ... when absent.
 
     >>> table = to_table(labels=["a"], predicted=["b"], steps=[300], input_spikes=[10], hidden_spikes=[4],
     ...                  n_hidden=30, n_readout=8, recurrent=True)
@@ -120,47 +124,62 @@ def to_table(
     [['a', 'b', 300, 120, 32]]
     """
     operations = synops(input_spikes, hidden_spikes, n_hidden, n_readout, recurrent=recurrent)
-    n_trials = len(operations.total)
-    named = np.arange(n_trials) if trials is None else np.asarray(trials)
+    n_windows = len(operations.total)
+    named = np.arange(n_windows) if trials is None else np.asarray(trials)
     given = (named, np.asarray(labels), np.asarray(predicted), _counts(steps, "steps of"))
     for what, values in zip(COLUMNS, given, strict=False):
-        if values.shape != (n_trials,):
-            raise InputError(f"synops: '{what}' has shape {values.shape} where ({n_trials},) is expected")
+        if values.shape != (n_windows,):
+            raise InputError(f"synops: '{what}' has shape {values.shape} where ({n_windows},) is expected")
     spikes = (_counts(input_spikes, "input"), _counts(hidden_spikes, "hidden"))
     return pd.DataFrame(dict(zip(COLUMNS, (*given, *spikes, *operations), strict=True)))
 
 
 def summary(table: pd.DataFrame) -> pd.DataFrame:
-    """Means of a SOP report for each class, in order of the labels, and for `all` trials in the last row.
+    """Means of a SOP report for each class, in order of the labels, and for `all` windows in the last row.
 
-    Columns: label, trials (how many), accuracy, and the means of steps, spikes and SOPs.
+    Columns: label, windows (how many), accuracy, and the means of steps, spikes and SOPs. A report with the column
+    `side` is summarised side by side, in the order from the most seen to the least: its `all` rows stand within a
+    side, since one accuracy over training and test windows means nothing.
 
     >>> table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
     ...                  hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)
-    >>> summary(table)[["label", "trials", "accuracy", "steps", "sops_total"]].values.tolist()
+    >>> summary(table)[["label", "windows", "accuracy", "steps", "sops_total"]].values.tolist()
     [['a', 1, 0.0, 300.0, 452.0], ['b', 1, 1.0, 100.0, 0.0], ['all', 2, 0.5, 200.0, 226.0]]
     """
     missing = [column for column in COLUMNS if column not in table]
     if missing:
         raise InputError(f"synops: the report lacks the column '{missing[0]}'; write it again with neurotact sops")
+    if SIDE in table and len(table):
+        return pd.concat([_summary_of_side(table, side) for side in _sides_in(table)], ignore_index=True)
     counted = list(COLUMNS[COLUMNS.index("steps") :])
     parts = [*table.groupby("label", sort=True), ("all", table)]
     rows = [
         {
             "label": str(label),
-            "trials": len(part),
+            "windows": len(part),
             "accuracy": (part["label"] == part["predicted"]).mean(),
             **part[counted].mean().to_dict(),
         }
         for label, part in parts
     ]
-    return pd.DataFrame(rows, columns=["label", "trials", "accuracy", *counted])
+    return pd.DataFrame(rows, columns=["label", "windows", "accuracy", *counted])
+
+
+def _sides_in(table: pd.DataFrame) -> list[str]:
+    found = set(table[SIDE])
+    return [side for side in SIDES if side in found] + sorted(found - {*SIDES}, key=str)
+
+
+def _summary_of_side(table: pd.DataFrame, side: str) -> pd.DataFrame:
+    means = summary(table[table[SIDE] == side].drop(columns=SIDE))
+    means.insert(0, SIDE, side)
+    return means
 
 
 def _counts(values: Sequence | np.ndarray, what: str) -> np.ndarray:
     counts = np.asarray(values)
     if counts.ndim != 1:
-        raise InputError(f"synops: {what} spikes have shape {counts.shape}; sum them to one number a trial")
+        raise InputError(f"synops: {what} spikes have shape {counts.shape}; sum them to one number a window")
     if counts.size and not ((counts >= 0) & (counts == np.floor(counts))).all():
         raise InputError(f"synops: {what} spikes must be whole numbers >= 0")
     return counts.astype(np.int64)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from neurotact.data.conditioning import condition
+from neurotact.data.digests import recorded_digests
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.encoders.afferents import afferent_names
@@ -44,7 +45,8 @@ def encode_recordings(
             progress(len(chunk))
     names = afferent_names(recordings.channels)
     encoder = spec.model_dump(mode="json", exclude_none=True)
-    return from_rasters(rasters, rate_Hz, names, recordings.conditions, encoder, recordings.source)
+    digests = recorded_digests(recordings)
+    return from_rasters(rasters, rate_Hz, names, recordings.conditions, encoder, recordings.source, digests)
 
 
 def _chunks(recordings: Recordings) -> Iterable[np.ndarray]:

@@ -109,8 +109,12 @@ class Timing(NamedTuple):
 
 
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task) -> Problem:
-    """The problem of searching on these spike trains; InputError when the space does not suit the network."""
+    """The problem of searching on these spike trains.
+
+    InputError when the space does not suit the network, or the training trials hold less than two classes.
+    """
     tuning.check(search.space, network, source="search.space")
+    trained.trials_of(trains, task)
     return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains))
 
 

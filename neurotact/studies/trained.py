@@ -1,7 +1,8 @@
 """A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
 
 import os
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Checkpoint, Epoch, Examples, Training, train
 from neurotact.spec import Spec, build
 from neurotact.studies.preparation import split_conditions
+from neurotact.studies.provenance import Provenance, first_difference, provenance_of
 
 LOG = "training.csv"
 """The training log: a row an epoch."""
@@ -64,9 +66,23 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
 
     split: sides of trials in place of those that the task draws.
     """
+    return Sides(*(examples_of(trains, side, task.window)[0] for side in trials_of(trains, task, split)))
+
+
+def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
+    """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`.
+
+    Raises InputError where the training trials hold less than two classes: there is nothing to tell apart.
+    """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
     split = split or split_conditions(trains.conditions, task.stratify, task.split)
-    return Sides(*(examples_of(trains, np.intersect1d(side, inside), task.window)[0] for side in split))
+    sides = Split(*(np.intersect1d(side, inside) for side in split))
+    known = sorted({trains.classes[label] for label in trains.labels[sides.train]})
+    if len(known) < 2:
+        raise InputError(
+            f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"
+        )
+    return sides
 
 
 def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
@@ -93,8 +109,15 @@ def fit(
 
     split: sides of trials in place of those that the task draws.
     start, keep: where to go on, and what is called after each epoch with what `start` takes (see `training.train`).
+    Warns where no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)
+    if not sides.train.spikes.any():
+        warnings.warn(
+            f"training: none of the {len(sides.train.labels)} training windows holds a spike, so that nothing is "
+            "learned; raise the encoder's gains (neurotact calibrate) or move the window",
+            stacklevel=2,
+        )
     network, order = new_network(trains, spec, seeds, backend=backend)
     network = network.to(device)
     training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
@@ -118,16 +141,26 @@ def exit_rule(network: RSNN, validation: Examples, tolerance: float) -> ExitRule
     return validated_rule(rasters, validation.labels.to(device), tolerance)
 
 
-def save(trained: Trained, folder: str | Path, trains: SpikeTrains, spikes_path: str | Path, task: Task) -> None:
-    """Write the network with its task, its exit rule and its training log into `folder`."""
+def save(
+    trained: Trained,
+    folder: str | Path,
+    trains: SpikeTrains,
+    spikes_path: str | Path,
+    task: Task,
+    split: Split | None = None,
+) -> None:
+    """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
+
+    split: as it was given to `fit`.
+    """
     folder = Path(folder)
     extra = {
         "classes": list(trains.classes),
-        "encoder": dict(trains.encoder),
         "spikes": os.path.relpath(spikes_path, folder),
         "task": task.model_dump(mode="json"),
         "exit_patience": trained.rule.patience,
         "best_epoch": trained.training.best.epoch,
+        **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
     }
     write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / LOG)
     checkpoint.save(trained.network, folder, extra)
@@ -141,6 +174,9 @@ class Restored(NamedTuple):
     rule: ExitRule
     classes: tuple[str, ...]
     spikes_path: Path
+    encoder: Mapping[str, Any] | None
+    provenance: Provenance | None
+    """None where the network was saved without it, by an earlier version."""
 
 
 class _Extra(Spec):
@@ -167,15 +203,50 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
             "make the network with neurotact train"
         )
     rule = ExitRule(known.exit_patience, from_first_spike=True)
-    return Restored(network.to(device), known.task, rule, known.classes, folder / known.spikes)
+    table = {key: extra[key] for key in Provenance.model_fields if key in extra}
+    provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
+    encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
+    spikes = folder / known.spikes
+    return Restored(network.to(device), known.task, rule, known.classes, spikes, encoder, provenance)
+
+
+def recall(restored: Restored) -> Provenance | None:
+    """What a network was trained on; None, with a warning, where that cannot be told.
+
+    A network of an earlier version did not save it. Its spikes and the split of its task say the same, with a warning,
+    as long as they are where they were.
+    """
+    if restored.provenance is not None:
+        return restored.provenance
+    about = "network: was saved without a note of its trials"
+    try:
+        trains = load_spikes_of(restored)
+        if restored.encoder is not None and first_difference(trains.encoder, (), restored.encoder, ()):
+            raise InputError(f"{restored.spikes_path}: holds the spikes of another encoder")
+        found = provenance_of(trains, trials_of(trains, restored.task))
+    except InputError as error:
+        warnings.warn(f"{about}, so that it cannot be told which it has seen ({error}); train it again", stacklevel=2)
+        return None
+    warnings.warn(f"{about}; its split is drawn again from {restored.spikes_path}", stacklevel=2)
+    return found
 
 
 def infer(
-    restored: Restored, trains: SpikeTrains, trials: np.ndarray | None = None, *, early_exit: bool
+    restored: Restored,
+    trains: SpikeTrains,
+    *,
+    early_exit: bool,
+    test_only: bool = False,
+    allow_other_encoder: bool = False,
 ) -> pd.DataFrame:
-    """Decide every window of some trials (all when none are named): the SOP report, one row a window.
+    """Decide every window of some spike trains: the SOP report, one row a window.
 
-    Columns: those of `synops.to_table`, with class names in `label` and `predicted`.
+    Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, on which the network
+    met the window's trial: training, validation or test, else unseen; unknown where it cannot be told.
+
+    test_only: leave out all trials but the network's own test trials.
+    allow_other_encoder: warn of spikes that are encoded otherwise than in training, rather than refuse them.
+    Raises InputError for spikes of another encoder, other afferents, another clock or unknown classes.
     """
     unknown = sorted(set(trains.classes) - set(restored.classes))
     if unknown:
@@ -185,12 +256,15 @@ def infer(
             f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
             f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
         )
-    chosen = np.arange(len(trains)) if trials is None else trials
-    examples, windows = examples_of(trains, chosen, restored.task.window)
+    _check_encoder(restored, trains, allow_other_encoder)
+    known = recall(restored)
+    sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
+    trials = _tested(trains, known) if test_only else np.arange(len(trains))
+    examples, windows = examples_of(trains, trials, restored.task.window)
     network = restored.network
     result = network.infer(examples.spikes.to(network.w_in.device), restored.rule if early_exit else FULL_WINDOW)
     labels, steps, sent, heard = (part.cpu().numpy() for part in result[:4])
-    return synops.to_table(
+    table = synops.to_table(
         labels=np.array(trains.classes)[trains.labels[windows.trial]],
         predicted=np.array(restored.classes)[labels],
         steps=steps,
@@ -201,12 +275,43 @@ def infer(
         recurrent=network.spec.recurrent,
         trials=windows.trial,
     )
+    table.insert(1, synops.SIDE, sides[windows.trial])
+    return table
+
+
+def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+    n_inputs = restored.network.n_inputs
+    if len(trains.afferents) != n_inputs:
+        raise InputError(
+            f"spikes: come from {len(trains.afferents)} afferents but the network was trained on {n_inputs}; "
+            "encode recordings of the same taxels"
+        )
+    if restored.encoder is None:
+        return
+    trained_on = trains.afferents if restored.provenance is None else restored.provenance.afferents
+    difference = first_difference(trains.encoder, trains.afferents, restored.encoder, trained_on)
+    if difference and not allow_other:
+        raise InputError(
+            f"spikes: {difference}; encode the recordings as in training, or pass --allow-other-encoder if you mean it"
+        )
+    if difference:
+        warnings.warn(f"spikes: {difference}; accuracy and SOPs are those of another encoder", stacklevel=3)
+
+
+def _tested(trains: SpikeTrains, known: Provenance | None) -> np.ndarray:
+    """The network's test trials among any, by their content."""
+    found = np.array([], np.int64) if known is None else known.tested(trains)
+    if not len(found):
+        raise InputError(
+            "spikes: hold none of the network's test trials; name the spikes that it was trained on, or use "
+            "neurotact infer"
+        )
+    return found
 
 
 def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
-    """The trials that the network was neither trained nor validated on."""
-    inside = np.flatnonzero(select_conditions(trains.conditions, restored.task.subset))
-    return np.intersect1d(split_conditions(trains.conditions, restored.task.stratify, restored.task.split).test, inside)
+    """Among the spike trains that a network was trained on, its test trials."""
+    return trials_of(trains, restored.task).test
 
 
 def load_spikes_of(restored: Restored) -> SpikeTrains:

@@ -54,7 +54,10 @@ def spike_trains(draw) -> SpikeTrains:
                for _ in range(n_trials)]  # fmt: skip
     names = draw(st.lists(TEXT, min_size=n_afferents, max_size=n_afferents, unique=True))
     rate_Hz = draw(st.sampled_from([35.6, 1000.0, 2000.0]) | st.floats(1e-3, 1e6))
-    return from_rasters(rasters, rate_Hz, tuple(names), draw(tables(n_trials)), {"sa1": {"gain": 3.2}}, draw(TEXT))
+    digest = st.text("0123456789abcdef", min_size=16, max_size=16)
+    digests = draw(st.just([]) | st.lists(digest, min_size=n_trials, max_size=n_trials))
+    encoder, source = {"sa1": {"gain": 3.2}}, draw(TEXT)
+    return from_rasters(rasters, rate_Hz, tuple(names), draw(tables(n_trials)), encoder, source, tuple(digests))
 
 
 def same_conditions(found: pd.DataFrame, given_: pd.DataFrame) -> None:
@@ -80,7 +83,7 @@ def test_recordings_come_back_equal(tmp_path, touch):
 def test_spike_trains_come_back_equal(tmp_path, trains):
     save_spikes(trains, tmp_path / "spikes.h5")
     again = load_spikes(tmp_path / "spikes.h5")
-    for name in ("sampling_rate_Hz", "afferents", "encoder", "source", "classes"):
+    for name in ("sampling_rate_Hz", "afferents", "encoder", "source", "classes", "trial_digests"):
         assert getattr(again, name) == getattr(trains, name)
     for name in ("trial_steps", "labels", "is_sa"):
         np.testing.assert_array_equal(getattr(again, name), getattr(trains, name))
@@ -233,6 +236,11 @@ def events(name, *trials, kind=np.float64):
         (lambda f: f.attrs.update(sampling_rate_Hz=np.nan), "sampling_rate_Hz must be a positive number"),
         (lambda f: f.pop("labels") and f.pop("trial_steps"), "cannot be read as spikes"),
         (lambda f: f["conditions"].move("label", "lable"), "cannot be read as spikes"),
+        (lambda f: f.attrs.update(encoder="[]"), "the encoder is no table"),
+        (lambda f: f.create_dataset("trial_digests", data=[b"0" * 16]), "trial_digests differ in number of trials"),
+        (lambda f: f.create_dataset("trial_digests", data=np.ones((2, 2))), "cannot be read as spikes"),
+        (lambda f: f.create_dataset("trial_digests", data=b"0" * 16), "cannot be read as spikes"),
+        (lambda f: f.create_dataset("trial_digests", data=[b"\xff", b"\xff"]), "cannot be read as spikes"),
     ],
 )
 def test_spikes_that_do_not_fit_together_are_named(tmp_path, change, message):

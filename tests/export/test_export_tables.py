@@ -40,6 +40,10 @@ def test_the_sops_of_single_windows_stand_under_their_means():
     told = sops_summary(summary(table), "run, full window")
     assert "| all | 2 | 0.5 | 200 |" in told
     assert told.startswith("# Synaptic operations (SOPs) of run, full window")
+    sides = sops_summary(summary(table.assign(side=["test", "training"])), "run, full window")
+    assert "the sides of the split apart" in sides
+    assert "| training | all | 1 | 1 (seen in training) | 100 |" in sides
+    assert "| test | all | 1 | 0 | 300 |" in sides
 
 
 def test_another_suffix_is_refused(tmp_path):

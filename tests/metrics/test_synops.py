@@ -71,17 +71,17 @@ def test_every_operation_is_a_spike_at_a_neuron_that_receives_it():
     np.testing.assert_array_equal(counted.readout, (heard @ w_out).sum(axis=(1, 2)))
 
 
-def test_the_report_has_a_row_a_trial_and_the_agreed_columns():
+def test_the_report_has_a_row_a_window_and_the_agreed_columns():
     report = table(trials=np.array([7, 8, 9]))
     assert tuple(report.columns) == COLUMNS
     assert report.iloc[0].tolist() == [7, "rough", "rough", 300, 5, 2, 15, 6, 8, 29, 23]
     assert table()["trial"].tolist() == [0, 1, 2]
 
 
-def test_summary_is_the_mean_of_each_class_and_of_all_trials():
+def test_summary_is_the_mean_of_each_class_and_of_all_windows():
     means = summary(table()).set_index("label")
     assert means.index.tolist() == ["rough", "smooth", "all"]
-    assert means["trials"].tolist() == [2, 1, 3]
+    assert means["windows"].tolist() == [2, 1, 3]
     assert means["accuracy"].tolist() == [0.5, 0.0, pytest.approx(1 / 3)]
     assert means.loc["rough", "steps"] == 250
     # SOPs: 15 + 6 + 8 = 29, none, 3 + 12 + 16 = 31.
@@ -91,14 +91,32 @@ def test_summary_is_the_mean_of_each_class_and_of_all_trials():
 def test_summary_of_numbered_classes_and_of_nothing():
     assert summary(table(labels=[10, 2, 10], predicted=[10, 2, 2]))["label"].tolist() == ["2", "10", "all"]
     nothing = table(labels=[], predicted=[], steps=[], input_spikes=[], hidden_spikes=[])
-    assert summary(nothing)["trials"].tolist() == [0]
+    assert summary(nothing)["windows"].tolist() == [0]
+    assert summary(nothing.assign(side=[]))["windows"].tolist() == [0]
+
+
+def test_summary_counts_windows_and_not_the_trials_that_they_come_from():
+    assert summary(table(trials=np.array([7, 7, 7])))["windows"].tolist() == [2, 1, 3]
+
+
+def test_sides_are_summarised_apart_and_never_mixed():
+    report = table().assign(side=["test", "training", "test"])
+    means = summary(report)
+    assert means.columns[0] == "side"
+    # Training holds the one window of `smooth`, taken for rough; test the two of `rough`, of which one is right.
+    assert means[["side", "label", "windows", "accuracy"]].values.tolist() == [
+        ["training", "smooth", 1, 0.0], ["training", "all", 1, 0.0],
+        ["test", "rough", 2, 0.5], ["test", "all", 2, 0.5],
+    ]  # fmt: skip
+    every = report.assign(side=["unseen", "elsewhere", "validation"])
+    assert summary(every)["side"].unique().tolist() == ["validation", "unseen", "elsewhere"]
 
 
 @pytest.mark.parametrize(
     ("input_spikes", "hidden_spikes", "complaint"),
     [
-        ([1, 2], [1], "2 trials but hidden"),
-        ([[1, 2]], [[1, 2]], "one number a trial"),
+        ([1, 2], [1], "2 windows but hidden"),
+        ([[1, 2]], [[1, 2]], "one number a window"),
         ([-1], [0], "whole numbers"),
         ([0.5], [0], "whole numbers"),
         ([np.nan], [0], "whole numbers"),

@@ -1,15 +1,18 @@
 """What a study's cells share: the table of firing, and what it cannot be made of."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.errors import InputError
-from neurotact.studies import study
+from neurotact.studies import preparation, study
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.preparation import encoding_table, linear_features, split_conditions
 
@@ -95,6 +98,36 @@ def test_a_split_is_balanced_over_the_conditions_it_is_told():
         assert counts.max() == counts.min()
     with pytest.raises(InputError, match="there is no condition 'force'; known: label, force_N"):
         split_conditions(table, ["force"], CELL.split)
+
+
+@pytest.mark.parametrize("only_known", [False, True])
+def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_known):
+    """Of 40 trials 28 are for training, 14 of them with the known force; each trial's signal is its own number."""
+    numbers = np.arange(40)
+    table = pd.DataFrame({"label": ["felt", "silk"] * 20, "force_N": [3, 3, 6, 6] * 10})
+    touches = Recordings(numbers[:, None, None] * np.ones((40, 400, 2)), 2000.0, "mV", table)
+    changes = {
+        "calibrate": True, "test_every_condition": only_known, "dataset.stratify": ["force_N"],
+        "dataset.subsets": {"light": {"force_N": 3}}, "sweep.dataset": ["light"], "window.start_ms": 0,
+    }  # fmt: skip
+    what = study.resolve("refractory-period", changes)
+    cell = next(study.cells(what))
+    given = []
+
+    def fitted(recordings, spec):
+        given.append(sorted({int(signal[0, 0]) for signal in recordings.signals}))
+        return SimpleNamespace(encoder=spec.model_copy(update={"tau_mem_ms": 8.0}))
+
+    monkeypatch.setattr(preparation, "calibrate", fitted)
+    monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
+    preparation.prepare(tmp_path, what, [cell])
+    train = split_conditions(table, ["force_N"], cell.split).train
+    expected = [n for n in train.tolist() if not only_known or table.force_N[n] == 3]
+    assert given == [expected]
+    assert len(expected) == (14 if only_known else 28)
+    made = load_spikes(preparation.spikes_path(tmp_path, cell)).encoder
+    assert made["tau_mem_ms"] == 8.0
+    assert made["sa1"]["t_ref_ms"] == cell.encoder.sa1.t_ref_ms
 
 
 def test_the_linear_baseline_sees_the_windows_of_the_networks():

@@ -17,7 +17,8 @@ from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.export.search_figure import draw_search
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tuning import SearchSpec, load_space
+from neurotact.networks.training import Epoch, Training
+from neurotact.networks.tuning import Proposal, SearchSpec, load_space
 from neurotact.studies import cell as cells
 from neurotact.studies import preparation, search, study, trained
 from neurotact.studies.encoding import encode_recordings
@@ -212,6 +213,35 @@ def test_the_figure_shows_values_importance_and_front():
     drawn = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
     assert {"finished", "stopped", "failed", "best", "front"} <= drawn
     assert len(draw_search(table, None).axes) == 1
+
+
+def test_every_trial_draws_seeds_of_its_own(trains):
+    """Also where it tries the same network again: weights and order differ from each other and from trial to trial."""
+    what, parameters = problem(trains), {"hidden": 4, "forward_weight_scale": 1.0}
+    pairs = [what.seeds_of(Proposal(number, parameters)) for number in range(20)]
+    assert len({seed for pair in pairs for seed in pair}) == 40
+    assert what.seeds_of(Proposal(3, parameters)) == pairs[3]
+    assert problem(trains, seed=1).seeds_of(Proposal(3, parameters)) != pairs[3]
+    assert what.seeds_of(Proposal(3, {**parameters, "hidden": 6})) != pairs[3]
+
+
+def test_the_same_network_tried_twice_is_trained_twice(trains):
+    what = problem(trains)
+    sides = trained.sides_of(trains, what.task)
+    first, second, again = (
+        search.try_network(search.Job(what, Proposal(number, {"hidden": 6}), None), trains, sides)
+        for number in (0, 1, 0)
+    )
+    assert first == again
+    assert (first.epochs, first.sops) != (second.epochs, second.sops)
+
+
+def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, monkeypatch):
+    what = problem(trains, objective="accuracy")
+    log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 1.0), Epoch(3, 0.5, 0.7, 0.8, 0.25))
+    monkeypatch.setattr(search, "train", lambda *_, **__: Training(log, log[0]))
+    trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, trained.sides_of(trains, what.task))
+    assert (trial.accuracy, trial.value) == (0.75, 0.75)
 
 
 # --- the command ------------------------------------------------------------------------------------

@@ -1,0 +1,137 @@
+"""What a network was trained on: how its spikes were encoded, and the content of the trials on each side of the split.
+
+Trials are told apart by the digest of what was recorded, so that a recording which was encoded again, saved elsewhere
+or stands at another place of another file is still known.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from neurotact.data.digests import spike_digests
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.encoders.specs import MODELS
+from neurotact.metrics.synops import TEST, UNSEEN
+from neurotact.spec import Spec
+
+
+class Trials(Spec):
+    """The trials of one side, by their digests (`data.digests`)."""
+
+    recorded: tuple[str, ...] = ()
+    """Of what was recorded; none where the spikes file did not know."""
+    spikes: tuple[str, ...]
+    """Of the spikes, for files that do not know what was recorded."""
+
+
+class SplitTrials(Spec):
+    """The trials of every side."""
+
+    training: Trials
+    validation: Trials
+    test: Trials
+
+
+SIDES = tuple(SplitTrials.model_fields)
+"""From the most seen to the least."""
+
+
+class Provenance(Spec):
+    """The spikes that a network was trained on."""
+
+    encoder: dict[str, Any]
+    afferents: tuple[str, ...]
+    trials: SplitTrials
+
+    def sides(self, trains: SpikeTrains) -> np.ndarray:
+        """The side that each trial stood on, `(trial,)` text: one of `SIDES`, or `UNSEEN`.
+
+        A trial whose content stood on several sides counts as the most seen one: training, then validation.
+        """
+        digests, known = self._comparable(trains)
+        side_of = {digest: side for side in reversed(SIDES) for digest in known[side]}
+        return np.array([side_of.get(digest, UNSEEN) for digest in digests])
+
+    def tested(self, trains: SpikeTrains) -> np.ndarray:
+        """The trials whose content stood on the test side, ascending; it may stand on another side too."""
+        digests, known = self._comparable(trains)
+        return np.flatnonzero(np.isin(digests, known[TEST]))
+
+    def _comparable(self, trains: SpikeTrains) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
+        """The digests of trials, and those of each side, of the same kind: of recordings where both know them."""
+        is_recorded = bool(trains.trial_digests and self.trials.training.recorded)
+        kind = "recorded" if is_recorded else "spikes"
+        digests = trains.trial_digests if is_recorded else spike_digests(trains)
+        return digests, {side: getattr(getattr(self.trials, side), kind) for side in SIDES}
+
+
+def provenance_of(trains: SpikeTrains, split: Split) -> Provenance:
+    """What a network that is trained on these sides of these spike trains will remember of them."""
+    of_spikes, recorded = np.array(spike_digests(trains)), np.array(trains.trial_digests)
+    sides = {
+        side: Trials(
+            recorded=tuple(recorded[trials].tolist()) if len(recorded) else (), spikes=tuple(of_spikes[trials].tolist())
+        )
+        for side, trials in zip(SIDES, split, strict=True)
+    }
+    return Provenance(encoder=dict(trains.encoder), afferents=trains.afferents, trials=SplitTrials(**sides))
+
+
+class Difference(NamedTuple):
+    """A key that two encodings have different values for; a value is None where it is absent."""
+
+    key: str
+    theirs: Any
+    ours: Any
+
+    def __str__(self) -> str:
+        theirs, ours = ("absent" if value is None else f"{value}" for value in (self.theirs, self.ours))
+        return f"{self.key} is {theirs} but was {ours} in training"
+
+
+def first_difference(
+    encoder: Mapping[str, Any], afferents: Iterable[str], trained_encoder: Mapping[str, Any], trained_on: Iterable[str]
+) -> Difference | None:
+    """The first key of an encoder (with its conditioning), or the first afferent, that is not as in training.
+
+    Defaults count as written out, so that a spec which gains a key stays the encoder that it was.
+
+    >>> str(first_difference({"sa1": {"t_ref_ms": 5}}, ["SA-I a"], {"sa1": {"t_ref_ms": 1}}, ["SA-I a"]))
+    'sa1.t_ref_ms is 5 but was 1 in training'
+    >>> first_difference({"v_rest_mV": -65}, ["SA-I a"], {"v_rest_mV": -65.0}, ["SA-I a"])
+    """
+    theirs, ours = (dict(_flat(_whole(each))) for each in (encoder, trained_encoder))
+    theirs, ours = (
+        keys | {f"afferent {number}": name for number, name in enumerate(names, start=1)}
+        for keys, names in ((theirs, afferents), (ours, trained_on))
+    )
+    for key in {**ours, **theirs}:
+        if theirs.get(key) != ours.get(key):
+            return Difference(key, theirs.get(key), ours.get(key))
+    return None
+
+
+def _whole(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
+    """An encoder's table with its defaults; as it is where it is none that this version knows."""
+    model = MODELS.get(str(encoder.get("model", "lif")))
+    try:
+        return encoder if model is None else model.model_validate(encoder).model_dump(mode="json")
+    except ValidationError:
+        return encoder
+
+
+def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and plain values of nested tables and lists; what is absent is left out."""
+    if isinstance(value, Mapping):
+        pairs = value.items()
+    elif isinstance(value, (list, tuple)):
+        pairs = enumerate(value)
+    else:
+        if value is not None:
+            yield key, value
+        return
+    for name, inner in pairs:
+        yield from _flat(inner, f"{key}.{name}" if key else str(name))
