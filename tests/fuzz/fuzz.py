@@ -84,7 +84,7 @@ def make_base(base: Path) -> None:
             lambda words=words: judge.run(Case("base", words, changes=()), base, SLOW_BASE, wants_modules=True)
         )
         if outcome.code != 0:
-            raise SystemExit(f"neurotact {' '.join(words)}: ended with {outcome.code}: {outcome.said}")
+            raise SystemExit(f"neurotact {' '.join(words)}: ended with {outcome.code}: {outcome.said[-2000:]}")
     for name in judge.modules_of(base):
         try:
             import_module(name)
