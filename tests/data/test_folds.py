@@ -53,3 +53,9 @@ def test_too_few_are_refused():
         folds_in_order(np.repeat([0, 1], 4))
     with pytest.raises(InputError, match="4 people are too few for 5 folds"):
         folds_by_person(np.arange(4))
+
+
+def test_a_seed_deals_the_people_anew_and_gives_the_same_folds_again():
+    dealt = [[fold.test.tolist() for fold in folds_by_person(np.arange(20), seed=seed)] for seed in (0, 1, 0)]
+    assert dealt[0] == dealt[2]
+    assert dealt[0] != dealt[1]

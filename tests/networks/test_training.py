@@ -55,6 +55,15 @@ def test_the_network_keeps_the_weights_of_the_best_epoch():
     assert evaluate(net, touches(32, 1))[0] == pytest.approx(training.best.validation_loss)
 
 
+@pytest.mark.parametrize("batch", [7, 32, 64])
+def test_what_an_epoch_tells_are_means_over_trials_whatever_the_batch(batch):
+    still = {"learning_rate": 1e-12, "rate_penalty": 0.0, "population_penalty": 0.0}
+    (epoch,) = fit(network(epochs=1, batch=batch, **still)).epochs
+    whole = network(batch=64, **still)
+    assert (epoch.train_loss, epoch.train_accuracy) == pytest.approx(evaluate(whole, touches(64, 0)))
+    assert (epoch.validation_loss, epoch.validation_accuracy) == pytest.approx(evaluate(whole, touches(32, 1)))
+
+
 def test_training_stops_after_patience_epochs_without_a_better_loss():
     training = fit(network(learning_rate=0.5, epochs=100, patience=3))
     assert len(training.epochs) < 100

@@ -16,6 +16,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
 from neurotact.export.calibration_figure import draw_calibration
 from neurotact.export.style import save
+from neurotact.studies import calibration
 from neurotact.studies.calibration import Calibration, CalibrationRule, calibrate
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.preparation import split_conditions
@@ -223,3 +224,41 @@ def test_the_shipped_fabric_encoder_is_what_calibration_gives_on_the_fabrics():
     fabrics = calibrate(train, without_baseline())
     assert fabrics.encoder == specs.load(AfferentSpec, SHIPPED)
     assert fabrics.table[fabrics.table.chosen].separation.min() > 0.1
+
+
+# --- the parts of the rule --------------------------------------------------------------------------
+
+
+def test_of_equal_gains_the_smallest_admissible_is_chosen():
+    table = pd.DataFrame({"gain": [1.0, 2.0, 4.0, 8.0], "separation": [0.9, 0.5, 0.4999, 0.1]})
+    table = table.assign(silent_share=[1.0, 0.0, 0.0, 0.0], floor_share=0.0, admissible=[False, True, True, True])
+    assert calibration._choose(table, RULE.model_copy(update={"tie": 0.01}), "here") == 1
+    turned = table.assign(separation=[0.9, 0.4999, 0.5, 0.1])
+    assert calibration._choose(turned, RULE.model_copy(update={"tie": 0.01}), "here") == 1
+    assert calibration._choose(turned, RULE.model_copy(update={"tie": 0.0}), "here") == 2
+
+
+def test_classes_that_are_the_same_are_not_told_apart():
+    """Few trials of one kind never agree exactly: what chance gives is taken off, so that some gains lie below 0."""
+    separation = calibrate(slides((6.0, 6.0, 6.0)), SPEC, rule=RULE).table.separation
+    assert separation.min() < 0
+    assert abs(separation.mean()) < 0.02
+
+
+def test_a_short_trial_ends_where_it_ends():
+    """Its last sample is not followed by a fall to zero, however long the trials beside it are."""
+    pressed = [np.full((n_steps, 2), 5.0) for n_steps in (60, 200, 60, 200)]
+    pressed[1][100:] += 1.0  # one step up, so that RA-I is driven at all
+    felt = Recordings(pressed, 1000.0, "sd", pd.DataFrame({"label": ["a", "a", "b", "b"]}))
+    table, _ = calibration._search(felt, SPEC, RULE, np.random.default_rng(0), None)
+    rates = table[table.afferent == "RA-I"].spikes_per_s
+    # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
+    assert set(rates.round(6)) <= {0.0, round(1 / 0.52, 6)}
+    assert rates.max() > 0
+
+
+def test_a_silent_afferent_has_a_bin_of_its_own():
+    raster = np.zeros((2, 12, 1), np.uint8)
+    raster[1, [0, 2, 4]] = 1
+    shares = calibration._isi_shares(calibration._isi_steps(raster), raster.shape, np.array([1.5, 3.5, 8.5]))
+    assert shares[:, 0].tolist() == [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]

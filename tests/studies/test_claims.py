@@ -97,6 +97,24 @@ def test_an_order_falls_and_allows_ties():
     assert verdict(claim("order", order=[[PAIRS[0]], [PAIRS[0]]])).reproduced
 
 
+def test_places_of_an_order_must_not_overlap():
+    """Every selection of a place lies at or above every one of the next: 0.8 and 0.9 before 0.7 and 0.84 do not."""
+    small, large = ([{"pair": pair, "hidden": hidden} for pair in ("1&1", "5&5")] for hidden in (20, 30))
+    assert verdict(claim("order", order=[large, small])).reproduced  # 0.9 and 0.84, then 0.8 and 0.7
+    fine, coarse = ([{"pair": pair, "hidden": hidden} for hidden in (20, 30)] for pair in ("1&1", "5&5"))
+    assert not verdict(claim("order", order=[fine, coarse])).reproduced
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "reproduced"),
+    [("at_least", 0.7, True), ("at_least", 0.71, False), ("at_most", 0.9, True), ("at_most", 0.89, False)],
+)
+def test_a_level_of_each_is_that_of_the_worst_row(kind, value, reproduced):
+    found = verdict(claim(kind, value=value, each=True))
+    assert found.reproduced == reproduced
+    assert found.ours == ("70 %" if kind == "at_least" else "90 %")
+
+
 def test_a_run_without_the_cells_gives_no_verdict():
     assert verdict(claim("at_least", where={"pair": "10&10"}, value=0.1)).reproduced is None
 

@@ -9,12 +9,13 @@ import pytest
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
-from neurotact.data.windows import WindowSpec, cut
+from neurotact.data.splits import Split
+from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.errors import InputError
 from neurotact.studies import preparation, study
 from neurotact.studies.encoding import encode_recordings
-from neurotact.studies.preparation import encoding_table, linear_features, split_conditions
+from neurotact.studies.preparation import baseline_table, encoding_table, linear_features, split_conditions
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 
@@ -143,3 +144,28 @@ def test_the_linear_baseline_sees_the_windows_of_the_networks():
     means = [np.arange(9 + 18 * k, 27 + 18 * k).mean() for k in (0, 1, 2, 0, 1, 2, 3)]
     np.testing.assert_allclose(features[:, 0], means)
     np.testing.assert_allclose(features[:, 1], 2 * np.array(means))
+
+
+@pytest.fixture
+def told():
+    """A window a trial whose one feature tells its class: rightly for training and validation at 3 N, the other way
+    round for test trials and at 6 N. Recordings, windows, features and the sides."""
+    table = pd.DataFrame({"label": ["felt", "silk"] * 12, "force_N": [3, 3, 6, 6] * 6})
+    recordings = Recordings(np.zeros((24, 10, 1)), 1000.0, "mV", table)
+    trials = np.arange(24)
+    sides = Split(trials[:12], trials[12:16], trials[16:])
+    is_turned = (table["force_N"] == 6).to_numpy() ^ (trials >= 16)
+    features = np.where(recordings.labels.astype(bool) ^ is_turned, 1.0, -1.0)[:, None]
+    return recordings, Windows(trials, np.zeros(24, np.int64), 10), features, sides
+
+
+def test_the_linear_baseline_learns_from_training_trials_and_keeps_the_sides_apart(told):
+    (row,) = baseline_table(*told, {"3 N": {"force_N": 3}}).to_dict("records")
+    assert (row["n_train"], row["n_test"]) == (6, 4)
+    assert (row["accuracy_validation"], row["accuracy_test"]) == (1.0, 0.0)
+
+
+def test_the_linear_baseline_of_a_subset_sees_that_subset_alone(told):
+    rows = baseline_table(*told, {"3 N": {"force_N": 3}, "6 N": {"force_N": 6}, "mixed": {}})
+    assert rows["n_train"].tolist() == [6, 6, 12]
+    assert rows["accuracy_validation"].tolist() == [1.0, 1.0, 0.5]

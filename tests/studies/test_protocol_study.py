@@ -1,6 +1,7 @@
 """A protocol study resolves, runs, resumes and reports as any study does."""
 
 import re
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -93,6 +94,21 @@ def test_results_have_a_row_for_each_that_a_cell_gives_and_what_was_swept_first(
     fell = np.random.default_rng(0).random(30) < 0.9
     rows = results[(results["rule"] == "heads") & (results["heads"] == 0.9)]
     assert rows["accuracy_test"].tolist() == pytest.approx([fell.mean()] * 6)
+
+
+def test_the_rows_stand_in_the_order_of_the_sweep(finished):
+    swept = pd.read_csv(finished / "results.csv")[["rule", "heads", "seed"]].drop_duplicates()
+    sweep = kinds.resolve(COINS).sweep
+    assert swept.values.tolist() == [list(point) for point in product(*sweep.values())]
+
+
+def test_swept_keys_that_end_alike_keep_their_whole_names():
+    what = protocol_study.ProtocolStudy(
+        title="T", protocol="coins", sweep={"small.size": [1], "large.size": [2], "network.hidden": [3], "seed": [0]}
+    )
+    parameters = {"small": {"size": 1}, "large": {"size": 2}, "network": {"hidden": 3}, "seed": 0}
+    cell = protocol_study.ProtocolCell(protocol="coins", parameters=parameters)
+    assert protocol_study.swept_values(what, cell) == {"small.size": 1, "large.size": 2, "hidden": 3, "seed": 0}
 
 
 def test_an_interrupted_study_goes_on_to_the_same_bytes(finished, tmp_path):

@@ -36,6 +36,12 @@ def test_a_study_leaves_tables_figures_and_a_report(finished):
     assert any((finished / "figures").iterdir())
 
 
+def test_the_rows_stand_in_the_order_of_the_sweep(finished):
+    rows = pd.read_csv(finished / "results.csv")[["t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed"]]
+    pairs = [[1, 1], [5, 10]]
+    assert rows.values.tolist() == [[*pair, hidden, seed] for pair in pairs for hidden in (4, 6) for seed in (0, 1)]
+
+
 def test_sops_of_a_row_add_up(finished):
     results = pd.read_csv(finished / "results.csv")
     assert (results.sops_input == results.hidden * (results.spikes_sa + results.spikes_ra)).all()

@@ -398,3 +398,32 @@ def test_seeds_search_anew(trains):
     first, second = (json.loads(cells.run_cell(cell, trains)[cells.RESULT])["row"] for cell in searching_cells()[:2])
     assert first["seed"] != second["seed"]
     assert first["network.forward_weight_scale"] != second["network.forward_weight_scale"]
+
+
+def tried(number, value, outcome=search.FINISHED, sops=100.0):
+    return search.Trial(number, {"hidden": 4}, [value], outcome, value, sops, value)
+
+
+def test_the_best_trial_is_the_first_of_equal_ones_and_has_finished():
+    trials = [tried(0, 0.9, search.STOPPED), tried(1, 0.5), tried(2, 0.8), tried(3, 0.8)]
+    assert search.best_of(trials).id == 2
+    with pytest.raises(InputError, match="none of 1 trials finished"):
+        search.best_of(trials[:1])
+
+
+def test_a_stopped_trial_is_on_no_front():
+    trials = [tried(0, 0.9, search.STOPPED, sops=10.0), tried(1, 0.8, sops=50.0), tried(2, 0.7, sops=90.0)]
+    assert search.front_table(search.trials_table(trials))["id"].tolist() == [1]
+
+
+def test_what_no_key_decides_is_not_foreseen():
+    """Importance is that of trials which the forest has not seen: what it has seen it knows by heart."""
+    rng = np.random.default_rng(0)
+    keys = {"scale": rng.random(60), "rate": rng.random(60)}
+    at_random, decided = (pd.DataFrame({**keys, "value": value}) for value in (rng.random(60), keys["scale"]))
+    nothing, found = (search.importance(table, list(keys)) for table in (at_random, decided))
+    assert nothing is not None
+    assert found is not None
+    assert nothing.r2 < 0.1
+    assert found.r2 > 0.8
+    assert found.drop["scale"] > 10 * abs(found.drop["rate"])

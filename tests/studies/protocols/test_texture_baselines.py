@@ -5,8 +5,10 @@ import pandas as pd
 import pytest
 
 from neurotact.data.simulate.gratings import GratingsSpec
+from neurotact.data.splits import Split
 from neurotact.errors import InputError
 from neurotact.export import texture_baselines_figures as figures
+from neurotact.metrics import spike_features
 from neurotact.metrics.spike_distances import van_rossum
 from neurotact.metrics.spike_trains import spike_counts
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
@@ -96,6 +98,33 @@ def test_nothing_that_is_chosen_depends_on_test_trials(arrays, features, classif
         assert row["flops"] == pytest.approx(parts)
         assert row["parameters"] > 0
     assert protocol.run(given, arrays)[0]["accuracy_test"] == rows[0]["accuracy_test"]
+
+
+def test_features_are_scaled_by_training_trials_alone(arrays, monkeypatch):
+    given = []
+
+    def look(features, labels, split, seed):
+        given.append((features, split))
+        return 0.5, 0.5, "", []
+
+    monkeypatch.setitem(protocol.FAMILIES, "kNN", look)
+    protocol.run(parameters(features="rate", classifier="kNN"), arrays)
+    ((features, split),) = given
+    moves = features[split.train].std(axis=0) > 0
+    np.testing.assert_allclose(features[split.train].mean(axis=0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(features[split.train].std(axis=0)[moves], 1.0)
+    assert np.abs(features[split.test].mean(axis=0)).max() > 1e-3
+
+
+def test_the_brightest_pixel_is_that_of_a_training_trial(arrays):
+    """The trial with the fullest bin is tested on: the images of the others are as bright as without it."""
+    seen = protocol.seen_of(parameters(), arrays)
+    counts = spike_features.grey_images(seen.events, protocol.COLUMNS, white=255).reshape(len(seen.labels), -1)
+    fullest = int(counts.max(axis=1).argmax())
+    others = np.delete(np.arange(len(counts)), fullest)
+    others = others[counts[others].max(axis=1) < counts[fullest].max()]
+    images, _ = protocol.feature_table("image", seen._replace(split=Split(others, others, np.array([fullest]))))
+    assert images[others].max() == 255
 
 
 def test_features_wait_for_the_window_and_networks_may_not(arrays):

@@ -1,0 +1,308 @@
+"""Run one command of neurotact in a forked process and say what is wrong with how it went.
+
+The process that forks has imported neurotact and computed nothing with torch, so that a case costs milliseconds, not
+seconds of imports. Each command has a process group of its own, its streams in files, and a watch on time and memory.
+"""
+
+import ctypes
+import faulthandler
+import hashlib
+import multiprocessing.context
+import os
+import re
+import resource
+import shutil
+import signal
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import mutations
+
+MEMORY = 1_000_000_000
+"""How many bytes a command may take with the processes that it starts."""
+LARGEST_FILE = 2_000_000_000
+INPUTS = ("touch.h5", "spikes.h5", "net", "csv", "npz", "fabric", "presses", "cubes", "modality", "search", "study")
+"""Valid inputs, which no command may change unless it works in them."""
+LONGEST_LINE = 1000
+"""Characters of an error line that a person still reads."""
+PROGRESS = re.compile(r"[\w ,.&()/-]+ \d+/\d+(  .*)?")
+FRAME = re.compile(r'File "[^"]*/(neurotact/[^"]+\.py)", line \d+,? in (\w+|<\w+>)')
+CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
+
+
+class Case(NamedTuple):
+    """One command line in a folder of its own.
+
+    kind: what is spoilt; words: after `neurotact`.
+    changes: what lies there before and may be changed, as paths in the folder; anything else must stay as it is.
+    resolve_only: a study is read and checked, and not run.
+    results: where the command ends well, the table that must come out, by its path in the folder.
+    out: what the command must have written where it ends well.
+    """
+
+    kind: str
+    words: list[str]
+    changes: tuple[str, ...] = ()
+    resolve_only: bool = False
+    results: tuple[str, bytes] | None = None
+    out: str | None = None
+
+
+class Outcome(NamedTuple):
+    """How a case went. fault: what is wrong in a few words, the same for the same cause; empty when nothing is."""
+
+    kind: str
+    code: int
+    seconds: float
+    memory: int
+    fault: str
+    said: str
+
+
+def run(case: Case, place: Path, seconds: float, *, wants_modules: bool = False) -> Outcome:
+    """Run a case in `place`, which holds its inputs; the streams are left beside it.
+
+    wants_modules: also note what the command imported, for `modules_of`.
+    """
+    before = _contents(place)
+    streams = [place.parent / f"{place.name}.{name}" for name in ("out", "err")]
+    began = time.monotonic()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    child = os.fork()
+    if child == 0:
+        _become_the_command(case, place, streams, seconds, wants_modules)
+    code, memory, killed = _watch(child, began + seconds)
+    took = time.monotonic() - began
+    said = streams[1].read_bytes().decode("utf-8", "replace")
+    fault = (
+        killed or _fault_of_end(code, said) or _fault_of_memory(memory) or _fault_of_files(case, place, before, code)
+    )
+    if fault in ("too long", "too much memory"):
+        fault = f"{fault}: {_frame(said)}"
+    return Outcome(case.kind, code, took, memory, fault, said)
+
+
+# --- in the forked process --------------------------------------------------------------------------
+
+
+def modules_of(place: Path) -> list[str]:
+    """What the commands that ran in `place` imported, in that order."""
+    path = place.parent / f"{place.name}.modules"
+    return list(dict.fromkeys(path.read_text().split()))
+
+
+def _become_the_command(case: Case, place: Path, streams: Sequence[Path], seconds: float, wants_modules: bool) -> None:
+    """Never returns."""
+    code = 70
+    try:
+        os.setsid()
+        os.chdir(place)
+        for number, path in ((1, streams[0]), (2, streams[1])):
+            os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
+        sys.stderr = open(2, "w", encoding="utf-8", errors="backslashreplace", closefd=False)  # noqa: SIM115
+        resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        _give_up_rights()
+        faulthandler.enable(sys.stderr)
+        faulthandler.dump_traceback_later(seconds * 0.9, file=sys.stderr)
+        faulthandler.register(signal.SIGUSR2, sys.stderr, all_threads=False)
+        sys.argv = ["neurotact", *case.words]
+        _fork_workers()
+        if case.resolve_only:
+            from neurotact.studies import runner
+
+            runner.run = lambda study, folder, *_, **__: folder
+        from neurotact import cli
+
+        warnings.resetwarnings()
+        cli.main()
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+        code = 1
+    finally:
+        if wants_modules:
+            with open(place.parent / f"{place.name}.modules", "a") as file:
+                file.writelines(f"{name}\n" for name in sys.modules)
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:
+            os._exit(code)
+
+
+def _fork_workers() -> None:
+    """Workers that are to be spawned are forked: they inherit the imports that a spawned one takes seconds for."""
+    contexts = multiprocessing.context._concrete_contexts  # type: ignore[attr-defined]
+    contexts["spawn"] = contexts["fork"]
+
+
+def _give_up_rights() -> None:
+    """As root: read and write only what the mode of a file allows, as any other user."""
+    if os.geteuid() != 0:
+        return
+    version, by_mode = 0x20080522, 0b1110  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH, CAP_FOWNER
+    header = (ctypes.c_uint32 * 2)(version, 0)
+    sets = (ctypes.c_uint32 * 6)()
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.capget(header, sets)
+    for effective_or_permitted in (0, 1):
+        sets[effective_or_permitted] &= ~by_mode
+    libc.capset(header, sets)
+
+
+# --- beside it --------------------------------------------------------------------------------------
+
+
+def _watch(child: int, deadline: float) -> tuple[int, int, str]:
+    """Exit code, peak memory and, where it had to be killed, why."""
+    peak, killed, at_start = 0, "", _resident(child)
+    while True:
+        pid, status, used = os.wait4(child, os.WNOHANG)
+        if pid:
+            break
+        peak = max(peak, _resident(child) + sum(max(0, _resident(one) - at_start) for one in _descendants(child)))
+        if peak > MEMORY or time.monotonic() > deadline:
+            killed = "too much memory" if peak > MEMORY else "too long"
+            _kill(child, tell=peak > MEMORY)
+            _, status, used = os.wait4(child, 0)
+            break
+        time.sleep(0.005)
+    _kill(child, tell=False)  # what it started and left behind
+    return os.waitstatus_to_exitcode(status), max(peak, used.ru_maxrss * 1024), killed
+
+
+def _kill(child: int, *, tell: bool) -> None:
+    try:
+        if tell:
+            os.kill(child, signal.SIGUSR2)
+            time.sleep(0.3)
+        os.killpg(child, signal.SIGKILL)
+    except (ProcessLookupError, PermissionError):
+        pass
+
+
+def _resident(pid: int) -> int:
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
+    except (OSError, IndexError):
+        return 0
+
+
+def _descendants(pid: int) -> list[int]:
+    try:
+        children = [
+            int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()
+        ]
+    except OSError:
+        return []
+    return [one for child in children for one in (child, *_descendants(child))]
+
+
+def _fault_of_end(code: int, said: str) -> str:
+    if "Traceback (most recent call last)" in said or "Fatal Python error" in said:
+        return f"{_last_error(said)}: {_frame(said)}"
+    if code not in (0, 2):
+        return f"exit code {code}: {_frame(said)}"
+    lines = [line for line in said.splitlines() if line.strip() and not PROGRESS.fullmatch(line)]
+    foreign = [line for line in lines if not line.startswith("neurotact: ")]
+    if code == 2 and foreign:
+        return f"not a line of neurotact's: {_general(foreign[0])}"
+    if code == 2 and not lines:
+        return "exit code 2 without a word"
+    if any(len(line) > LONGEST_LINE for line in lines):
+        return f"a line of more than {LONGEST_LINE} characters: exit code {code}"
+    if any(CONTROL.search(line) for line in lines):
+        return f"control characters in a line: exit code {code}"
+    return ""
+
+
+def _fault_of_memory(memory: int) -> str:
+    return "too much memory" if memory > MEMORY else ""
+
+
+def _fault_of_files(case: Case, place: Path, before: dict[str, str], code: int) -> str:
+    after = _contents(place)
+    left = [name for name in after if Path(name).name.startswith(".draft-") or Path(name).name == ".lock"]
+    if set(left) - set(before):
+        return f"left behind: {'a lock' if left[0].endswith('.lock') else 'a draft'}"
+    free = [*case.changes, *(_replaced(case.words) if "--force" in case.words else ())]
+    kept = [name for name in before if not any(name == one or name.startswith(f"{one}/") for one in free)]
+    changed = [name for name in kept if after.get(name) != before[name]]
+    if changed:
+        return f"changed what was there: {re.sub(r'[0-9a-f]{8,}', 'N', Path(changed[0]).name)}"
+    if code == 0 and case.out is not None and not os.path.lexists(place / case.out):
+        return "exit code 0 without an output"
+    if code == 0 and case.results is not None:
+        name, expected = case.results
+        if (place / name).read_bytes() != expected:
+            return f"believed damage: {case.kind}"
+    return ""
+
+
+def _replaced(words: Sequence[str]) -> list[str]:
+    """The outputs that --force may replace: those named as such, and by nothing else."""
+    named = [word for option, word in pairwise(words) if option in ("-o", "--out")]
+    return [word for word in named if words.count(word) == 1 and word not in INPUTS]
+
+
+def _contents(place: Path) -> dict[str, str]:
+    """What lies in a folder: of each path its kind and, of plain files, a hash of the content."""
+    found = {}
+    for folder, folders, names in os.walk(place):
+        for name in (*folders, *names):
+            path = Path(folder, name)
+            key = os.fsencode(path.relative_to(place)).decode("utf-8", "backslashreplace")
+            if path.is_symlink():
+                found[key] = f"link {os.readlink(path)!r}"
+            elif path.is_dir():
+                found[key] = "folder"
+            elif mutations.is_plain(path):
+                found[key] = hashlib.sha256(path.read_bytes()).hexdigest()
+            else:
+                found[key] = "special"
+    return found
+
+
+def _frame(said: str) -> str:
+    """The innermost function of neurotact that a traceback names."""
+    newest_first = "most recent call first" in said
+    tail = said[said.rfind("Traceback (most recent call last)") :] if "Traceback (most" in said else said
+    ours = [f"{file} {function}" for file, function in FRAME.findall(tail)]
+    if not ours:
+        return "no frame of neurotact"
+    return ours[0] if newest_first and "Traceback (most" not in said else ours[-1]
+
+
+def _last_error(said: str) -> str:
+    if "Fatal Python error" in said:
+        return _general(said[said.index("Fatal Python error") :].splitlines()[0])
+    lines = said[said.rfind("Traceback (most recent call last)") :].splitlines()
+    errors = [line for line in lines[1:] if line and not line[0].isspace()]
+    return _general(errors[0] if errors else "an error")
+
+
+def _general(line: str) -> str:
+    """A line without what differs from case to case."""
+    line = re.sub(r"'[^']*'|\"[^\"]*\"|\([^)]*\)", "'...'", line)
+    return re.sub(r"[\w./~-]*\d[\w./-]*", "N", line)[:100]
+
+
+def clear(place: Path) -> None:
+    """Remove a case's folder and its streams, whatever the modes in it."""
+    for folder, _, _ in os.walk(place):
+        os.chmod(folder, 0o700)
+    shutil.rmtree(place, ignore_errors=True)
+    for name in ("out", "err"):
+        (place.parent / f"{place.name}.{name}").unlink(missing_ok=True)
