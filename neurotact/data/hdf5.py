@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pandas as pd
 
+from neurotact.data.hdf5_output import create
 from neurotact.data.recordings import LABEL, Recordings, check_sampling_rate
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
@@ -24,7 +25,7 @@ Loaded = TypeVar("Loaded")
 
 def save_recordings(recordings: Recordings, path: str | Path) -> None:
     """Write recordings to `path`, whole or not at all."""
-    with whole(path) as draft, h5py.File(draft, "w") as file:
+    with whole(path) as draft, create(draft) as (file, output):
         file.attrs["kind"] = "recordings"
         file.attrs["sampling_rate_Hz"] = recordings.sampling_rate_Hz
         file.attrs["unit"] = recordings.unit
@@ -36,6 +37,7 @@ def save_recordings(recordings: Recordings, path: str | Path) -> None:
         for signal in recordings.signals:
             values[start : start + len(signal)] = signal
             start += len(signal)
+            output.check()
         file["signals/lengths"] = lengths
         _write_table(file.create_group("conditions"), recordings.conditions)
 
@@ -65,7 +67,7 @@ def load_recordings(path: str | Path) -> Recordings:
 
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     """Write spike trains to `path`, whole or not at all."""
-    with whole(path) as draft, h5py.File(draft, "w") as file:
+    with whole(path) as draft, create(draft) as (file, output):
         file.attrs["kind"] = "spikes"
         file.attrs["sampling_rate_Hz"] = trains.sampling_rate_Hz
         file.attrs["dt_s"] = 1.0 / trains.sampling_rate_Hz
@@ -73,6 +75,7 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
         file.attrs["encoder"] = json.dumps(trains.encoder)
         file.attrs["source"] = trains.source
         _write_events(file, "spikes/times", [s / trains.sampling_rate_Hz for s in trains.steps], np.float64)
+        output.check()
         _write_events(file, "spikes/units", trains.units, np.uint16)
         file["labels"] = trains.labels
         file["trial_steps"] = trains.trial_steps
