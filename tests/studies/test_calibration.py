@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from made_recordings import made, most_held
 
 from neurotact import spec as specs
-from neurotact.data import conditioning
+from neurotact.data import conditioning, spool
 from neurotact.data.hdf5 import open_recordings, save_recordings
 from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import Recordings
@@ -262,3 +263,12 @@ def test_gains_fitted_on_a_file_and_in_pieces_are_those_in_memory(tmp_path, base
         pd.testing.assert_frame_equal(found.table, expected.table, check_exact=True)
         pd.testing.assert_frame_equal(found.isi, expected.isi, check_exact=True)
     assert other.encoder.sa1.gain == pytest.approx(expected.encoder.sa1.gain)
+
+
+@pytest.mark.parametrize("lengths", [[400] * 1000, [2000] * 7 + [400_000]], ids=["many trials", "a long trial"])
+def test_no_more_of_the_signals_is_held_than_a_few_pieces(lengths):
+    rule = CalibrationRule(candidates=14, excerpt_s=0.2, max_floor_share=1.0, max_silent_share=0.9)
+    with patch.object(conditioning, "PIECE_VALUES", 5000), patch.object(spool, "IN_MEMORY_BYTES", 10_000):
+        calibrate(made([400] * 8), SPEC, rule=rule)  # so that no import counts
+        held = most_held(lambda: calibrate(made(lengths), SPEC, rule=rule))
+    assert held < 1_000_000  # of 3.2 MB of signals

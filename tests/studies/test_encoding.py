@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_recordings import made, most_held
 
 from neurotact.data import conditioning, hdf5
 from neurotact.data.recordings import Recordings
@@ -88,3 +89,14 @@ def test_another_unit_is_refused_however_long_the_trials_are():
             pytest.raises(InputError, match="signals are in 'count' but 'mV' is needed"),
         ):
             encode_recordings(touches([30, 30], unit="count"), load("sa1-ra1-lif"))
+
+
+@pytest.mark.parametrize("name", ["sa1-ra1-lif", "median"])
+def test_no_more_of_the_signals_is_held_than_a_few_pieces(tmp_path, name):
+    spec = load("sa1-ra1-lif", {"conditioning.baseline": "median" if name == "median" else "mean"})
+    many, long = made([2000] * 200), made([400_000])
+    with patch.object(conditioning, "PIECE_VALUES", 20_000):
+        for recordings in (many, long):
+            encode_file(recordings.select(np.array([0])), spec, tmp_path / "warm.h5")  # so that no import counts
+            held = most_held(lambda recordings=recordings: encode_file(recordings, spec, tmp_path / "a.h5"))
+            assert held < 800_000  # of 3.2 MB of signals
