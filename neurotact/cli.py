@@ -20,6 +20,7 @@ from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
 from neurotact.data.simulate.experiments import EXPERIMENTS, Experiment
+from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
@@ -33,7 +34,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import counting, track
 from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, train_run, trained
-from neurotact.studies.encoding import encode_recordings
+from neurotact.studies.encoding import encode_file
 from neurotact.studies.trained import Task
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
@@ -248,11 +249,10 @@ def calibrate(
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
     _check_outputs([out, figure], force, [recordings, encoder])
-    data = hdf5.load_recordings(recordings)
-    split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
     rule = calibration.CalibrationRule()
     start = spec.load(AfferentSpec, encoder, spec.parse_assignments(set_ or []))
-    with track("calibrate", rule.candidates) as advance:
+    with hdf5.open_recordings(recordings) as data, track("calibrate", rule.candidates) as advance:
+        split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
         found = calibration.calibrate(data.select(split.train), start, advance, rule)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
@@ -272,17 +272,15 @@ def encode(
 ) -> None:
     """Turn whole trials into the spikes of SA-I and RA-I afferents."""
     files.check_new(out, force=force, inputs=[recordings, encoder])
-    data = hdf5.load_recordings(recordings)
     what = encoders.load(encoder, spec.parse_assignments(set_ or []))
-    with track("encode", len(data)) as advance:
-        trains = encode_recordings(data, what, lambda n: advance(n, ""))
-    hdf5.save_spikes(trains, out)
-    spikes = sum(map(len, trains.steps))
-    seconds = trains.trial_steps.sum() / trains.sampling_rate_Hz
-    counts, steps = firing.spike_counts(trains), int(trains.trial_steps.sum())
-    for complaint in firing.complaints(counts, steps, trains.sampling_rate_Hz, what):
+    with hdf5.open_recordings(recordings) as data, track("encode", len(data)) as advance:
+        found = encode_file(data, what, out, lambda n: advance(n, ""))
+    for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
         _say(complaint)
-    print(f"{out}: {len(trains)} trials, {spikes} spikes of {len(trains.afferents)} afferents in {seconds:.1f} s")
+    print(
+        f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
+        f"in {found.steps / found.clock_Hz:.1f} s"
+    )
 
 
 @app.command()
@@ -304,13 +302,7 @@ def raster(
     if out.suffix == ".csv":
         rasters.write_events(trains, out)
     else:
-        data = _recordings_of(trains.source, recordings)
-        if data is not None and len(data) != len(trains):
-            raise InputError(
-                f"{data.source}: holds {len(data)} trials but {spikes} {len(trains)}; "
-                "name the recordings that were encoded with --recordings"
-            )
-        signal = None if data is None else (data.signals[trial], data.sampling_rate_Hz, data.unit)
+        signal = _signal_of(trains, trial, recordings, spikes)
         rasters.write_raster(trains, trial, out, signal=signal, start_s=start_s, stop_s=stop_s)
     print(out)
 
@@ -551,19 +543,30 @@ def _network_files(run: Path) -> list[Path]:
 
 def _save_recordings(recordings: Recordings, out: Path) -> None:
     hdf5.save_recordings(recordings, out)
-    seconds = sum(map(len, recordings.signals)) / recordings.sampling_rate_Hz
+    seconds = recordings.lengths.sum() / recordings.sampling_rate_Hz
     print(
         f"{out}: {len(recordings)} trials of {len(recordings.classes)} classes, {recordings.n_channels} taxels, "
         f"{seconds:.1f} s at {recordings.sampling_rate_Hz:g} Hz, in {recordings.unit}"
     )
 
 
-def _recordings_of(source: str, given: Path | None) -> Recordings | None:
-    path = given or Path(source or ".")
-    if given or path.is_file():
-        return hdf5.load_recordings(path)
-    _say(f"the signal is left out: {source or 'its recordings'} is not there; name it with --recordings")
-    return None
+def _signal_of(
+    trains: SpikeTrains, trial: int, given: Path | None, spikes: Path
+) -> tuple[np.ndarray, float, str] | None:
+    """The recorded signal of one trial, its sampling rate and unit; None where the recordings are not at hand."""
+    path = given or Path(trains.source or ".")
+    if not (given or path.is_file()):
+        _say(f"the signal is left out: {trains.source or 'its recordings'} is not there; name it with --recordings")
+        return None
+    with hdf5.open_recordings(path) as data:
+        if len(data) != len(trains):
+            raise InputError(
+                f"{data.source}: holds {len(data)} trials but {spikes} {len(trains)}; "
+                "name the recordings that were encoded with --recordings"
+            )
+        n_samples = int(data.lengths[trial])
+        files.check_size(f"{path}, trial {trial}", 4 * n_samples * data.n_channels)
+        return data.piece(trial, 0, n_samples), data.sampling_rate_Hz, data.unit
 
 
 def _device(name: str) -> str:

@@ -1,20 +1,25 @@
 """Conditioning: from a signal as recorded to the signal that the afferents feel.
 
 The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline, standardisation, rectification.
+A trial is conditioned whole, or piece by piece where it is long; the result is the same.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from scipy.signal import lfilter
 
-from neurotact.data.recordings import Recordings
+from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
 from neurotact.files import check_size
 
 Baseline = Literal["none", "mean", "median", "first"]
+Pieces = Callable[[], Iterator[np.ndarray]]
+"""Begins at the start of a trial each time; every piece but the last has as many samples."""
+PIECE_VALUES = 1_000_000
+"""Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
 
 
 def condition(
@@ -53,23 +58,222 @@ def condition(
     if baseline != "none":
         level = BASELINES[baseline]
         recordings = _each(recordings, lambda x: x - level(x))
+    for values in (offset, scale):
+        _check_count(values, recordings.n_channels, recordings.source or "recordings")
+    if offset is None and scale is None and not rectify:
+        return recordings
+    felt = _each(recordings, lambda x: standardised(x, offset, scale, rectify))
+    return felt if offset is None and scale is None else replace(felt, unit="sd")
+
+
+def standardised(
+    signal: np.ndarray, offset: Sequence[float] | None, scale: Sequence[float] | None, rectify: bool = False
+) -> np.ndarray:
+    """`(signal - offset) / scale`, a value a taxel, of `(..., time, taxel)`; its absolute value where asked.
+
+    >>> standardised(np.array([[1.0, 5.0]], np.float32), (2.0, 5.0), (0.5, 1.0)).tolist()
+    [[-2.0, 0.0]]
+    """
     if offset is not None or scale is not None:
-        shift = _per_taxel(offset, 0.0, recordings)
-        spread = _per_taxel(scale, 1.0, recordings)
-        recordings = replace(_each(recordings, lambda x: (x - shift) / spread), unit="sd")
-    if rectify:
-        recordings = _each(recordings, np.abs)
-    return recordings
+        shift = np.array(0.0 if offset is None else offset, np.float32)
+        signal = (signal - shift) / np.array(1.0 if scale is None else scale, np.float32)
+    return np.abs(signal) if rectify else signal
+
+
+def condition_pieces(
+    recordings: Trials,
+    trial: int,
+    *,
+    unit: str | None = None,
+    ema_cutoff_Hz: float | None = None,
+    resample_Hz: float | None = None,
+    baseline: Baseline = "none",
+    offset: Sequence[float] | None = None,
+    scale: Sequence[float] | None = None,
+    rectify: bool = False,
+) -> Iterator[np.ndarray]:
+    """The conditioned signal of one trial, piece by piece: end to end, what `condition` makes of it.
+
+    unit: that the signal is converted to; its own when absent. The others are those of `condition`.
+    A baseline that knows the whole trial (`mean`, `median`) is found in a first pass.
+
+    >>> import pandas as pd
+    >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
+    >>> [piece.shape for piece in condition_pieces(skin, 0, resample_Hz=1000.0, baseline="first")]
+    [(57, 2)]
+    """
+    where, n_channels = recordings.source or "recordings", recordings.n_channels
+    factor = unit_factor(recordings.unit, unit or recordings.unit, where)
+    for values in (offset, scale):
+        _check_count(values, n_channels, where)
+
+    def sampled() -> Iterator[np.ndarray]:
+        return _sampled(recordings, trial, factor, ema_cutoff_Hz, resample_Hz)
+
+    level = None if baseline == "none" else LEVELS[baseline](sampled)
+    for piece in sampled():
+        if level is not None:
+            piece = piece - level
+        yield standardised(piece, offset, scale, rectify)
+
+
+def pieces(recordings: Trials, trial: int) -> Iterator[np.ndarray]:
+    """The samples of one trial as recorded, piece by piece."""
+    n_rows = max(1, PIECE_VALUES // recordings.n_channels)
+    for start in range(0, int(recordings.lengths[trial]), n_rows):
+        yield recordings.piece(trial, start, start + n_rows)
+
+
+def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None = None) -> int:
+    """Steps of a trial of `n_samples` on the encoder's clock.
+
+    >>> conditioned_length(3, 35.6, 1000.0)
+    57
+    """
+    to_Hz = resample_Hz or rate_Hz
+    return n_samples if to_Hz == rate_Hz else int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
+
+
+def is_long(n_steps: int, n_channels: int) -> bool:
+    """Whether a trial is conditioned in pieces."""
+    return n_steps * n_channels > PIECE_VALUES
+
+
+def _sampled(
+    recordings: Trials, trial: int, factor: np.float32, cutoff_Hz: float | None, resample_Hz: float | None
+) -> Iterator[np.ndarray]:
+    """A trial's signal times `factor`, smoothed and resampled."""
+    rate_Hz, n_samples = recordings.sampling_rate_Hz, int(recordings.lengths[trial])
+    n_rows = max(1, PIECE_VALUES // recordings.n_channels)
+
+    def recorded() -> Iterator[np.ndarray]:
+        before = None
+        for piece in pieces(recordings, trial):
+            piece = piece if factor == 1 else piece * factor
+            if cutoff_Hz is not None:
+                piece = ema(piece, ema_coefficient(cutoff_Hz, rate_Hz), before)
+                before = piece[-1].copy()
+            yield piece
+
+    if resample_Hz is None or resample_Hz == rate_Hz:
+        return recorded()
+    n_at_once = max(1, int(n_rows * min(1.0, resample_Hz / rate_Hz)))  # of a slower clock, they need more samples
+    return _regrouped(_resampled(recorded(), n_samples, rate_Hz, resample_Hz, n_at_once), n_rows)
+
+
+def _resampled(
+    signal: Iterator[np.ndarray], n_samples: int, rate_Hz: float, to_Hz: float, n_rows: int
+) -> Iterator[np.ndarray]:
+    """What `resample` makes of a signal that comes in pieces, in pieces of `n_rows`."""
+    n_resampled, done, first = conditioned_length(n_samples, rate_Hz, to_Hz), 0, 0
+    held = next(signal)
+    while done < n_resampled:
+        wanted = np.arange(done, min(done + n_rows, n_resampled))
+        last_needed = min(int(_position(wanted[-1:], rate_Hz, to_Hz)[0]) + 1, n_samples - 1)
+        parts = [held]
+        while first + sum(map(len, parts)) <= last_needed:
+            parts.append(next(signal))
+        held = np.concatenate(parts) if len(parts) > 1 else held
+        yield _interpolated(held, _position(wanted, rate_Hz, to_Hz), first, n_samples)
+        done += len(wanted)
+        passed = min(int(_position(np.array([done]), rate_Hz, to_Hz)[0]) - first, len(held))
+        held, first = held[passed:], first + passed
+
+
+def _regrouped(signal: Iterator[np.ndarray], n_rows: int) -> Iterator[np.ndarray]:
+    """The same signal in pieces of `n_rows`."""
+    waiting, n_waiting = [], 0
+    for piece in signal:
+        while n_waiting + len(piece) >= n_rows:
+            missing = n_rows - n_waiting
+            yield np.concatenate([*waiting, piece[:missing]])
+            waiting, n_waiting, piece = [], 0, piece[missing:]
+        if len(piece):
+            waiting.append(piece)
+            n_waiting += len(piece)
+    if waiting:
+        yield np.concatenate(waiting)
+
+
+def _mean(signal: np.ndarray) -> np.ndarray:
+    """The mean of each taxel over time, `(..., 1, taxel)`.
+
+    A long trial is added in float64: in float32, samples would be lost beside their own sum.
+    """
+    n_steps, n_channels = signal.shape[-2:]
+    if not is_long(n_steps, n_channels):
+        return signal.mean(axis=-2, keepdims=True)
+    n_rows = max(1, PIECE_VALUES // n_channels)
+    parts = (signal[..., start : start + n_rows, :] for start in range(0, n_steps, n_rows))
+    total = sum((part.sum(axis=-2, keepdims=True, dtype=np.float64) for part in parts), start=np.zeros(1))
+    return (total / n_steps).astype(signal.dtype)
 
 
 BYTES_WHILE_RESAMPLED = 32
 """For each value of the result: its place, its neighbours and itself."""
 
 BASELINES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "mean": lambda x: x.mean(axis=-2, keepdims=True),
+    "mean": _mean,
     "median": lambda x: np.median(x, axis=-2, keepdims=True).astype(x.dtype),
     "first": lambda x: x[..., :1, :],
 }
+"""What is subtracted from a signal `(..., time, taxel)`, as `(..., 1, taxel)`."""
+
+
+def _mean_of_pieces(signal: Pieces) -> np.ndarray:
+    total, n_steps, piece = np.zeros(1), 0, np.empty(0)
+    for piece in signal():
+        n_steps += len(piece)
+        total = total + piece.sum(axis=0, keepdims=True, dtype=np.float64)
+    return _mean(piece) if len(piece) == n_steps else (total / n_steps).astype(piece.dtype)
+
+
+def _median_of_pieces(signal: Pieces) -> np.ndarray:
+    """The exact median of float32 pieces: the middle ones are found eleven bits at a time, from the highest down."""
+    n_steps = sum(map(len, signal()))
+    middle = sorted({(n_steps - 1) // 2, n_steps // 2})
+    found = np.array([_ranked(signal, rank) for rank in middle], np.float32)
+    return found.mean(axis=0, keepdims=True)
+
+
+def _ranked(signal: Pieces, rank: int) -> np.ndarray:
+    """The value of each taxel, `(taxel,)`, that `rank` others go before in ascending order."""
+    prefix, left = None, None
+    for shift, bits in ((21, 11), (10, 11), (0, 10)):
+        counts: np.ndarray | None = None
+        for piece in signal():
+            keys = _sortable(piece)
+            n_channels = keys.shape[1]
+            counts = np.zeros((n_channels, 1 << bits), np.int64) if counts is None else counts
+            for channel in range(n_channels):
+                mine = keys[:, channel]
+                if prefix is not None:
+                    mine = mine[(mine >> np.uint32(shift + bits)) == prefix[channel]]
+                digit = (mine >> np.uint32(shift)) & np.uint32((1 << bits) - 1)
+                counts[channel] += np.bincount(digit, minlength=1 << bits)
+        assert counts is not None
+        left = np.full(len(counts), rank) if left is None else left
+        reached = np.cumsum(counts, axis=1)
+        digit = (reached > left[:, None]).argmax(axis=1)
+        left = left - np.where(digit > 0, np.take_along_axis(reached, np.maximum(digit - 1, 0)[:, None], 1)[:, 0], 0)
+        prefix = digit.astype(np.uint32) if prefix is None else (prefix << np.uint32(bits)) | digit.astype(np.uint32)
+    assert prefix is not None
+    negative = prefix < 0x80000000
+    return np.where(negative, ~prefix, prefix & np.uint32(0x7FFFFFFF)).view(np.float32)
+
+
+def _sortable(signal: np.ndarray) -> np.ndarray:
+    """Whole numbers in the order of float32 ones: the bits of a negative number turned round, of others above them."""
+    bits = (signal + np.float32(0.0)).view(np.uint32)  # so that -0 is 0
+    return np.where(bits >> np.uint32(31) == 1, ~bits, bits | np.uint32(0x80000000))
+
+
+LEVELS: dict[str, Callable[[Pieces], np.ndarray]] = {
+    "mean": _mean_of_pieces,
+    "median": _median_of_pieces,
+    "first": lambda signal: next(signal())[:1],
+}
+"""`BASELINES` of a trial in pieces, `(1, taxel)`."""
 
 
 def ema_coefficient(cutoff_Hz: float, rate_Hz: float) -> float:
@@ -111,14 +315,23 @@ def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     [0.0, 1.0, 2.0]
     """
     n_samples = signal.shape[-2]
-    n_resampled = int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
+    n_resampled = conditioned_length(n_samples, rate_Hz, to_Hz)
     check_size(f"a trial resampled to {to_Hz:g} Hz", n_resampled * signal[..., :1, :].size * BYTES_WHILE_RESAMPLED)
-    position = np.arange(n_resampled) * (rate_Hz / to_Hz)
+    return _interpolated(signal, _position(np.arange(n_resampled), rate_Hz, to_Hz), 0, n_samples)
+
+
+def _position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
+    """Where steps of one clock lie between the samples of another."""
+    return steps * (rate_Hz / to_Hz)
+
+
+def _interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
+    """A signal of `n_samples`, of which those from `first` on are given, between them."""
     before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)
     weight = (position - before).astype(signal.dtype)[:, None]
-    left = np.take(signal, before, axis=-2)
-    return left + weight * (np.take(signal, after, axis=-2) - left)
+    left = np.take(signal, before - first, axis=-2)
+    return left + weight * (np.take(signal, after - first, axis=-2) - left)
 
 
 def fit_standardisation(signals: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -143,12 +356,9 @@ def _each(recordings: Recordings, change: Callable[[np.ndarray], np.ndarray]) ->
     return replace(recordings, signals=changed)
 
 
-def _per_taxel(values: Sequence[float] | None, default: float, recordings: Recordings) -> np.ndarray:
-    if values is None:
-        return np.full(recordings.n_channels, default, np.float32)
-    if len(values) != recordings.n_channels:
+def _check_count(values: Sequence[float] | None, n_channels: int, where: str) -> None:
+    if values is not None and len(values) != n_channels:
         raise InputError(
-            f"{recordings.source or 'recordings'}: has {recordings.n_channels} channels but the encoder's conditioning "
+            f"{where}: has {n_channels} channels but the encoder's conditioning "
             f"has {len(values)} offsets or scales; calibrate an encoder for this sensor"
         )
-    return np.array(values, np.float32)

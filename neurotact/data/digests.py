@@ -5,30 +5,31 @@ They tell whether a network has seen a trial before. A digest is the first 16 he
 
 import hashlib
 import json
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from neurotact.data.recordings import Recordings
+from neurotact.data.conditioning import pieces
+from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
 
 DIGITS = 16
 
 
-def recorded_digests(recordings: Recordings) -> tuple[str, ...]:
-    """A digest a trial of what was recorded: samples, sampling rate, unit and channels; not its label.
+def recorded_digest(recordings: Trials, trial: int) -> str:
+    """The digest of what was recorded in a trial: samples, sampling rate, unit and channels; not its label.
 
     >>> import pandas as pd
     >>> once, again = np.ones((4, 2)), np.zeros((4, 2))
     >>> touch = Recordings([once, again, once], 2000.0, "mV", pd.DataFrame({"label": ["felt", "silk", "silk"]}))
-    >>> first, second, third = recorded_digests(touch)
+    >>> first, second, third = (recorded_digest(touch, trial) for trial in range(3))
     >>> len(first), first == third, first == second
     (16, True, False)
     """
-    about = [float(recordings.sampling_rate_Hz), recordings.unit, list(recordings.channels)]
-    return tuple(
-        _digest([*about, list(signal.shape)], signal.astype("<f4", copy=False)) for signal in recordings.signals
-    )
+    shape = [int(recordings.lengths[trial]), recordings.n_channels]
+    about = [float(recordings.sampling_rate_Hz), recordings.unit, list(recordings.channels), shape]
+    return _digest(about, (piece.astype("<f4", copy=False) for piece in pieces(recordings, trial)))
 
 
 def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
@@ -39,12 +40,12 @@ def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
     about = [float(trains.sampling_rate_Hz), list(trains.afferents)]
     events = zip(trains.steps, trains.units, trains.trial_steps.tolist(), strict=True)
     return tuple(
-        _digest([*about, n_steps, len(steps)], steps.astype("<i8"), units.astype("<i8"))
+        _digest([*about, n_steps, len(steps)], (steps.astype("<i8"), units.astype("<i8")))
         for steps, units, n_steps in events
     )
 
 
-def _digest(about: list[Any], *arrays: np.ndarray) -> str:
+def _digest(about: list[Any], arrays: Iterable[np.ndarray]) -> str:
     content = hashlib.sha256(json.dumps(about).encode())
     for array in arrays:
         content.update(np.ascontiguousarray(array).data)

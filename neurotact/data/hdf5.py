@@ -2,146 +2,309 @@
 
 Recordings: `signals/values` (all trials end to end, `(time, channel)`), `signals/lengths`, `conditions/<column>`.
 Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, `spikes/units`, `labels`), and
-`conditions/<column>`, `trial_steps`, `trial_digests` (of what was recorded; absent where that is not known). What else
-belongs to a file stands in its attributes.
+`conditions/<column>`, `trial_steps`. What else belongs to a file stands in its attributes.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.recordings import LABEL, Recordings, check_sampling_rate
-from neurotact.data.spikes import SpikeTrains
+from neurotact.data.hdf5_input import Declared, attribute, names, opened, table
+from neurotact.data.hdf5_output import Output, create
+from neurotact.data.recordings import (
+    Recordings,
+    Trials,
+    check_channels,
+    check_conditions,
+    check_finite,
+    check_sampling_rate,
+    check_shape,
+    class_indices,
+)
+from neurotact.data.spikes import SpikeTrains, TrialSpikes
 from neurotact.errors import InputError
-from neurotact.files import existing, whole
+from neurotact.files import check_size, whole
 
-Loaded = TypeVar("Loaded")
+FLUSHED_SPIKES, FLUSHED_TRIALS = 100_000, 1000
+"""So many spikes or trials are gathered before they are written."""
 
 
 def save_recordings(recordings: Recordings, path: str | Path) -> None:
     """Write recordings to `path`, whole or not at all."""
-    with whole(path) as draft, h5py.File(draft, "w") as file:
+    with whole(path) as draft, create(draft) as (file, output):
         file.attrs["kind"] = "recordings"
         file.attrs["sampling_rate_Hz"] = recordings.sampling_rate_Hz
         file.attrs["unit"] = recordings.unit
         file.attrs["channels"] = json.dumps(recordings.channels)
         file.attrs["source"] = recordings.source
-        lengths = np.array([len(s) for s in recordings.signals], np.int64)
+        lengths = recordings.lengths
         values = file.create_dataset("signals/values", (lengths.sum(), recordings.n_channels), np.float32)
         start = 0
         for signal in recordings.signals:
             values[start : start + len(signal)] = signal
             start += len(signal)
+            output.check()
         file["signals/lengths"] = lengths
         _write_table(file.create_group("conditions"), recordings.conditions)
 
 
-def load_recordings(path: str | Path) -> Recordings:
-    """Read recordings; InputError for a file that is truncated, not HDF5 or of another kind."""
+@dataclass(frozen=True)
+class StoredRecordings(Trials):
+    """Recordings in an open file, of which the signals are read as they are needed (`open_recordings`).
 
-    def read(file: h5py.File) -> Recordings:
-        lengths = _array(file, "signals/lengths")
-        values = _array(file, "signals/values")
-        n_expected = int(lengths.sum())
-        if n_expected != len(values):
-            raise InputError(f"{path}: holds {len(values)} samples of {n_expected}; it is damaged, write it again")
-        equal = len(lengths) > 0 and (lengths == lengths[0]).all()
-        stacked = values.reshape(len(lengths), -1, values.shape[1]) if equal else None
+    values: all trials end to end, `(sample, channel)`.
+    numbers, starts, stored_lengths: a trial each: its number in the file, where it begins in `values`, its samples.
+    The others are those of `Recordings`. Samples are checked when they are read.
+    """
+
+    values: h5py.Dataset
+    numbers: np.ndarray
+    starts: np.ndarray
+    stored_lengths: np.ndarray
+    sampling_rate_Hz: float
+    unit: str
+    conditions: pd.DataFrame
+    channels: tuple[str, ...]
+    source: str
+
+    @property
+    def lengths(self) -> np.ndarray:
+        return self.stored_lengths
+
+    def piece(self, trial: int, start: int, stop: int) -> np.ndarray:
+        start, stop, _ = slice(start, stop).indices(int(self.stored_lengths[trial]))
+        signal = np.empty((max(0, stop - start), self.n_channels), np.float32)
+        self._read(self.starts[trial] + start, signal)
+        check_finite(signal, self.numbers[trial], self.channels, self.source, start)
+        return signal
+
+    def loaded(self) -> Recordings:
+        signals = np.empty((self.stored_lengths.sum(), self.n_channels), np.float32)
+        ends = np.cumsum(self.stored_lengths)
+        for first, last in self._runs():
+            begin = ends[first] - self.stored_lengths[first]
+            self._read(self.starts[first], signals[begin : ends[last]])
+        trials = np.split(signals, ends[:-1])
+        if not np.isfinite(signals).all():
+            for number, signal in zip(self.numbers, trials, strict=True):
+                check_finite(signal, number, self.channels, self.source)
+        is_equal = (self.stored_lengths == self.stored_lengths[0]).all()
         return Recordings(
-            signals=stacked if stacked is not None else np.split(values, np.cumsum(lengths)[:-1]),
-            sampling_rate_Hz=float(file.attrs["sampling_rate_Hz"]),
-            unit=str(file.attrs["unit"]),
-            conditions=_read_table(file["conditions"]),
-            channels=tuple(json.loads(file.attrs["channels"])),
-            source=str(path),
+            signals=signals.reshape(len(trials), -1, self.n_channels) if is_equal else trials,
+            sampling_rate_Hz=self.sampling_rate_Hz,
+            unit=self.unit,
+            conditions=self.conditions,
+            channels=self.channels,
+            source=self.source,
         )
 
-    return _load(path, "recordings", "simulate or import", read)
+    def select(self, keep: np.ndarray) -> "StoredRecordings":
+        index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+        return replace(
+            self,
+            numbers=self.numbers[index],
+            starts=self.starts[index],
+            stored_lengths=self.stored_lengths[index],
+            conditions=self.conditions.iloc[index].reset_index(drop=True),
+        )
+
+    def _runs(self) -> Iterator[tuple[int, int]]:
+        """First and last of the trials that lie end to end, so that they are read at once."""
+        ends = self.starts + self.stored_lengths
+        begins = [0, *(np.flatnonzero(self.starts[1:] != ends[:-1]) + 1).tolist(), len(self)]
+        yield from ((first, after - 1) for first, after in pairwise(begins))
+
+    def _read(self, start: int, out: np.ndarray) -> None:
+        """Fill `out`, `(sample, channel)`, with the samples from number `start` on."""
+        if not len(out):
+            return
+        try:
+            self.values.read_direct(out, np.s_[int(start) : int(start) + len(out)])
+        except (OSError, RuntimeError) as error:
+            raise InputError(f"{self.source}: cannot be read ({error}); it is damaged, write it again") from error
+
+
+@contextmanager
+def open_recordings(path: str | Path) -> Iterator[StoredRecordings]:
+    """Recordings whose signals are read as they are needed, so that a file of any size serves; while it is open.
+
+    Raises InputError for a file that is truncated, not HDF5 or of another kind, or declares far more than it holds.
+    """
+    with opened(path, "recordings", "simulate or import") as file:
+        yield _stored(Declared(file, path), str(path))
+
+
+def load_recordings(path: str | Path) -> Recordings:
+    """Read recordings into memory; InputError as `open_recordings`, and for more than the limit on one input."""
+    with open_recordings(path) as stored:
+        check_size(path, 4 * sum(stored.lengths.tolist()) * stored.n_channels)
+        return stored.loaded()
+
+
+def _stored(declared: Declared, path: str) -> StoredRecordings:
+    file = declared.file
+    lengths = declared.numbers("signals/lengths", "iu")
+    if not len(lengths):
+        raise InputError(f"{path}: holds no trial; give at least one")
+    values = declared.streamed("signals/values")
+    n_expected = sum(lengths.tolist())
+    if n_expected != len(values) or lengths.min() < 0:
+        raise InputError(f"{path}: holds {len(values)} samples of {n_expected}; it is damaged, write it again")
+    lengths = lengths.astype(np.int64)
+    rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
+    check_sampling_rate(rate_Hz, path)
+    channels = names(attribute(file, "channels", path))
+    check_channels(channels, path)
+    for trial in (0, int(lengths.argmin())):
+        check_shape((int(lengths[trial]), *values.shape[1:]), trial, len(channels), path)
+    conditions = _read_table(declared, len(lengths))
+    check_conditions(conditions, path)
+    return StoredRecordings(
+        values=values,
+        numbers=np.arange(len(lengths)),
+        starts=np.cumsum(lengths) - lengths,
+        stored_lengths=lengths,
+        sampling_rate_Hz=rate_Hz,
+        unit=str(attribute(file, "unit", path)),
+        conditions=conditions,
+        channels=channels,
+        source=path,
+    )
+
+
+class SpikeWriter:
+    """Writes a spikes file one trial after the other (`spike_writer`).
+
+    `n_spikes` and `n_steps` count what is written, over all trials.
+    """
+
+    def __init__(self, file: h5py.File, output: Output, sampling_rate_Hz: float, n_trials: int) -> None:
+        self.n_spikes = self.n_steps = 0
+        self.trial_steps: list[int] = []
+        self.trial_digests: list[str] = []
+        self._rate_Hz = sampling_rate_Hz
+        self._output = output
+        self._waiting: list[TrialSpikes] = []
+        self._waiting_spikes = 0
+        self._times = file.create_dataset("spikes/times", (n_trials,), h5py.vlen_dtype(np.float64))
+        self._units = file.create_dataset("spikes/units", (n_trials,), h5py.vlen_dtype(np.uint16))
+
+    def append(self, trial: TrialSpikes) -> None:
+        """Write the next trial; OSError where the disk does not take it."""
+        self._waiting.append(trial)
+        self.trial_steps.append(trial.n_steps)
+        self.trial_digests.append(trial.digest)
+        self.n_steps += trial.n_steps
+        self.n_spikes += len(trial.steps)
+        self._waiting_spikes += len(trial.steps)
+        if self._waiting_spikes >= FLUSHED_SPIKES or len(self._waiting) >= FLUSHED_TRIALS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what waits."""
+        first = len(self.trial_steps) - len(self._waiting)
+        if self._waiting:
+            _write_rows(self._times, first, [trial.steps / self._rate_Hz for trial in self._waiting], np.float64)
+            _write_rows(self._units, first, [trial.units for trial in self._waiting], np.uint16)
+        self._waiting, self._waiting_spikes = [], 0
+        self._output.check()
+
+
+@contextmanager
+def spike_writer(
+    path: str | Path,
+    conditions: pd.DataFrame,
+    sampling_rate_Hz: float,
+    afferents: tuple[str, ...],
+    encoder: Any,
+    source: str,
+) -> Iterator[SpikeWriter]:
+    """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
+    >>> with spike_writer(path, pd.DataFrame({"label": ["felt"]}), 1000.0, ("SA-I a", "RA-I a"), {}, "") as writer:
+    ...     writer.append(TrialSpikes(np.array([1, 3]), np.array([0, 1]), 10))
+    >>> load_spikes(path).steps[0].tolist()
+    [1, 3]
+    """
+    with whole(path) as draft, create(draft) as (file, output):
+        file.attrs["kind"] = "spikes"
+        file.attrs["sampling_rate_Hz"] = sampling_rate_Hz
+        file.attrs["dt_s"] = 1.0 / sampling_rate_Hz
+        file.attrs["afferents"] = json.dumps(afferents)
+        file.attrs["encoder"] = json.dumps(encoder)
+        file.attrs["source"] = source
+        writer = SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
+        yield writer
+        writer.flush()
+        if len(writer.trial_steps) != len(conditions):
+            raise ValueError(f"{len(writer.trial_steps)} trials were written for {len(conditions)} rows of conditions")
+        file["labels"] = class_indices(conditions)
+        file["trial_steps"] = np.array(writer.trial_steps, np.int64)
+        if all(writer.trial_digests):
+            file["trial_digests"] = np.array(writer.trial_digests, dtype="S")
+        _write_table(file.create_group("conditions"), conditions)
 
 
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     """Write spike trains to `path`, whole or not at all."""
-    with whole(path) as draft, h5py.File(draft, "w") as file:
-        file.attrs["kind"] = "spikes"
-        file.attrs["sampling_rate_Hz"] = trains.sampling_rate_Hz
-        file.attrs["dt_s"] = 1.0 / trains.sampling_rate_Hz
-        file.attrs["afferents"] = json.dumps(trains.afferents)
-        file.attrs["encoder"] = json.dumps(trains.encoder)
-        file.attrs["source"] = trains.source
-        _write_events(file, "spikes/times", [s / trains.sampling_rate_Hz for s in trains.steps], np.float64)
-        _write_events(file, "spikes/units", trains.units, np.uint16)
-        file["labels"] = trains.labels
-        file["trial_steps"] = trains.trial_steps
-        if trains.trial_digests:
-            file["trial_digests"] = np.array(trains.trial_digests, dtype="S")
-        _write_table(file.create_group("conditions"), trains.conditions)
+    about = (trains.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
+    with spike_writer(path, *about) as writer:
+        for trial in trains.trials():
+            writer.append(trial)
 
 
 def load_spikes(path: str | Path) -> SpikeTrains:
-    """Read spike trains; InputError for a file that is truncated, not HDF5 or of another kind."""
-
-    def read(file: h5py.File) -> SpikeTrains:
-        rate_Hz = float(file.attrs["sampling_rate_Hz"])
+    """Read spike trains; InputError for a file that is truncated, not HDF5, of another kind or too large."""
+    with opened(path, "spikes", "encode") as file:
+        declared = Declared(file, path)
+        rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
         check_sampling_rate(rate_Hz, str(path))
-        trains = SpikeTrains(
-            steps=[np.rint(times * rate_Hz).astype(np.int64) for times in _array(file, "spikes/times")],
-            units=list(_array(file, "spikes/units")),
-            trial_steps=_array(file, "trial_steps"),
-            sampling_rate_Hz=rate_Hz,
-            afferents=tuple(json.loads(file.attrs["afferents"])),
-            conditions=_read_table(file["conditions"]),
-            encoder=json.loads(file.attrs["encoder"]),
-            source=str(file.attrs["source"]),
-            trial_digests=_digests(file),
-        )
-        _check_events(trains, path)
-        return trains
-
-    return _load(path, "spikes", "encode", read)
-
-
-def _load(path: str | Path, kind: str, command: str, read: Callable[[h5py.File], Loaded]) -> Loaded:
-    try:
-        with h5py.File(existing(path), "r") as file:
-            found = file.attrs.get("kind", "")
-            if found != kind:
-                raise InputError(
-                    f"{path}: holds {found or 'something else'}, not {kind}; make one with neurotact {command}"
-                )
-            return read(file)
-    except InputError:
-        raise
-    except (OSError, LookupError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0].strip("'\"")
-        raise InputError(
-            f"{path}: cannot be read as {kind} ({reason}); write it again with neurotact {command}"
-        ) from error
+        trial_steps = declared.numbers("trial_steps")
+        conditions = _read_table(declared, len(trial_steps))
+        times = declared.rows("spikes/times", "f")
+        units = declared.rows("spikes/units", "iu")
+        try:
+            return SpikeTrains(
+                steps=[_steps(row, rate_Hz) for row in times],
+                units=units,
+                trial_steps=trial_steps,
+                sampling_rate_Hz=rate_Hz,
+                afferents=names(attribute(file, "afferents", path)),
+                conditions=conditions,
+                encoder=table(attribute(file, "encoder", path), dict),
+                source=str(attribute(file, "source", path)),
+                trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
+            )
+        except InputError as error:
+            raise InputError(f"{path}: {error}; write it again with neurotact encode") from error
 
 
-def _array(file: h5py.File, name: str) -> np.ndarray:
-    dataset = file[name]
-    if not isinstance(dataset, h5py.Dataset):
-        raise KeyError(f"{name} is not a dataset")
-    return dataset[()]
+def _steps(times_s: np.ndarray, rate_Hz: float) -> np.ndarray:
+    """The steps nearest to times; one that is no time at all becomes -1."""
+    with np.errstate(over="ignore"):
+        steps = np.rint(times_s * rate_Hz)
+    return np.where(np.abs(steps) < 2.0**62, steps, -1).astype(np.int64)
 
 
-def _digests(file: h5py.File) -> tuple[str, ...]:
-    """The digests of a spikes file; none in files that were written before there were any."""
-    if "trial_digests" not in file:
-        return ()
-    return tuple(digest.decode("ascii") for digest in _array(file, "trial_digests").astype("S").tolist())
-
-
-def _write_events(file: h5py.File, name: str, events: list[np.ndarray] | Any, kind: type) -> None:
-    boxed = np.empty(len(events), dtype=object)
-    for i, values in enumerate(events):
+def _write_rows(dataset: h5py.Dataset, first: int, rows: list[np.ndarray], kind: type) -> None:
+    """Write rows of their own length from row `first` on."""
+    boxed = np.empty(len(rows), h5py.vlen_dtype(kind))
+    for i, values in enumerate(rows):
         boxed[i] = np.asarray(values, kind)
-    file.create_dataset(name, data=boxed, dtype=h5py.vlen_dtype(kind))
+    # h5py's own assignment takes rows that happen to be of one length for a table.
+    place = dataset.id.get_space()
+    place.select_hyperslab((first,), boxed.shape)
+    dataset.id.write(h5py.h5s.create_simple(boxed.shape), place, boxed)
 
 
 def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
@@ -157,28 +320,8 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
             group.create_dataset(str(column), data=values.astype(str).astype(object), dtype=h5py.string_dtype())
 
 
-def _read_table(group: Any) -> pd.DataFrame:
-    columns = {}
-    for column in json.loads(group.attrs["columns"]):
-        dataset = group[column]
-        columns[column] = dataset.asstr()[()] if h5py.check_string_dtype(dataset.dtype) else dataset[()]
-    return pd.DataFrame(columns)
-
-
-def _check_events(trains: SpikeTrains, path: str | Path) -> None:
-    if not len(trains.steps) == len(trains.units) == len(trains.trial_steps) == len(trains.conditions):
-        raise InputError(f"{path}: spikes, trial_steps and conditions differ in number of trials; write it again")
-    if not isinstance(trains.encoder, dict):
-        raise InputError(f"{path}: the encoder is no table; write it again with neurotact encode")
-    if trains.trial_digests and len(trains.trial_digests) != len(trains):
-        raise InputError(f"{path}: spikes and trial_digests differ in number of trials; write it again")
-    if LABEL not in trains.conditions:
-        raise InputError(f"{path}: the table of conditions has no column 'label'; add one class name a trial")
-    for trial, (steps, units) in enumerate(zip(trains.steps, trains.units, strict=True)):
-        in_order = (np.diff(steps) >= 0).all()
-        in_time = len(steps) == 0 or (steps[0] >= 0 and steps[-1] < trains.trial_steps[trial])
-        known = len(units) == len(steps) and ((units >= 0) & (units < len(trains.afferents))).all()
-        if not (in_order and in_time and known):
-            raise InputError(
-                f"{path}: trial {trial} has spikes out of order, or outside its time or its afferents; write it again"
-            )
+def _read_table(declared: Declared, n_trials: int) -> pd.DataFrame:
+    columns = names(attribute(declared.group("conditions"), "columns", declared.path))
+    if len(set(columns)) < len(columns):
+        raise ValueError("a condition stands in its table twice")
+    return pd.DataFrame({column: declared.column(f"conditions/{column}", n_trials) for column in columns})

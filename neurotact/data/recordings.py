@@ -1,5 +1,6 @@
 """Recordings: trials of taxel signals, with their sampling rate, unit and conditions."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,8 +12,54 @@ from neurotact.errors import InputError, nearest
 LABEL = "label"
 
 
+class Trials(ABC):
+    """What recorded trials have in common, in memory (`Recordings`) or in a file (`hdf5.StoredRecordings`).
+
+    The attributes are those of `Recordings`, but for the signals: they are read by `piece` and `loaded`.
+    """
+
+    sampling_rate_Hz: float
+    unit: str
+    conditions: pd.DataFrame
+    channels: tuple[str, ...]
+    source: str
+
+    def __len__(self) -> int:
+        return len(self.conditions)
+
+    @property
+    def n_channels(self) -> int:
+        return len(self.channels)
+
+    @property
+    def labels(self) -> np.ndarray:
+        """Class index of each trial, `(trial,)` int64, into `classes`."""
+        return class_indices(self.conditions)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        return class_names(self.conditions)
+
+    @property
+    @abstractmethod
+    def lengths(self) -> np.ndarray:
+        """Samples of each trial, `(trial,)` int64."""
+
+    @abstractmethod
+    def piece(self, trial: int, start: int, stop: int) -> np.ndarray:
+        """The samples from `start` to before `stop` of one trial, `(time, channel)` float32."""
+
+    @abstractmethod
+    def loaded(self) -> "Recordings":
+        """The same trials in memory."""
+
+    @abstractmethod
+    def select(self, keep: np.ndarray) -> "Trials":
+        """The trials where the boolean `keep` is true, or the trials that an index array names."""
+
+
 @dataclass(frozen=True)
-class Recordings:
+class Recordings(Trials):
     """Trials recorded by one skin.
 
     signals: one `(time, channel)` array a trial, float32, in `unit`; lengths may differ, the number
@@ -25,7 +72,7 @@ class Recordings:
     source: where the recordings come from, in one line.
 
     Raises InputError for signals that hold NaN or infinity, are empty, differ in their number of
-    channels, or do not match the table of conditions.
+    channels, or do not match the table of conditions; for channels of one name and trials of no class.
 
     >>> touch = Recordings([np.ones((4, 2)), np.ones((6, 2))], 2000.0, "mV",
     ...                    pd.DataFrame({"label": ["felt", "silk"]}))
@@ -54,45 +101,31 @@ class Recordings:
 
     def _check(self) -> None:
         where = self.source or "recordings"
-        if LABEL not in self.conditions:
-            raise InputError(f"{where}: the table of conditions has no column 'label'; add one class name a trial")
         if len(self.conditions) != len(self.signals):
             raise InputError(
                 f"{where}: {len(self.signals)} trials but {len(self.conditions)} rows of conditions; "
                 "give one row a trial"
             )
+        check_conditions(self.conditions, where)
+        check_channels(self.channels, where)
         if list(self.conditions.index) != list(range(len(self.signals))):
             object.__setattr__(self, "conditions", self.conditions.reset_index(drop=True))
         for i, signal in enumerate(self.signals):
-            if signal.ndim != 2 or signal.size == 0:
-                raise InputError(f"{where}: trial {i} has shape {signal.shape}; a trial is (time, channel), not empty")
-            if signal.shape[1] != len(self.channels):
-                raise InputError(
-                    f"{where}: trial {i} has {signal.shape[1]} channels where {len(self.channels)} are expected; "
-                    "every trial needs the same taxels"
-                )
-            if not np.isfinite(signal).all():
-                time, channel = np.argwhere(~np.isfinite(signal))[0]
-                raise InputError(
-                    f"{where}: trial {i}, sample {time}, {self.channels[channel]} is NaN or infinite; "
-                    "repair or drop the trial"
-                )
+            check_shape(signal.shape, i, len(self.channels), where)
+            check_finite(signal, i, self.channels, where)
 
     def __len__(self) -> int:
         return len(self.signals)
 
     @property
-    def n_channels(self) -> int:
-        return len(self.channels)
+    def lengths(self) -> np.ndarray:
+        return np.array([len(signal) for signal in self.signals], np.int64)
 
-    @property
-    def labels(self) -> np.ndarray:
-        """Class index of each trial, `(trial,)` int64, into `classes`."""
-        return class_indices(self.conditions)
+    def piece(self, trial: int, start: int, stop: int) -> np.ndarray:
+        return self.signals[trial][start:stop]
 
-    @property
-    def classes(self) -> tuple[str, ...]:
-        return class_names(self.conditions)
+    def loaded(self) -> "Recordings":
+        return self
 
     def select(self, keep: np.ndarray) -> "Recordings":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
@@ -107,16 +140,27 @@ class Recordings:
         """The same signals in another unit; only volts and millivolts convert, others are refused."""
         if unit == self.unit:
             return self
-        volts = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
-        if unit not in volts or self.unit not in volts:
-            raise InputError(
-                f"{self.source or 'recordings'}: signals are in '{self.unit}' but '{unit}' is needed; "
-                "calibrate an encoder for this sensor (neurotact calibrate) or import with the right unit"
-            )
-        factor = np.float32(volts[self.unit] / volts[unit])
+        factor = unit_factor(self.unit, unit, self.source or "recordings")
         if isinstance(self.signals, np.ndarray):
             return replace(self, signals=self.signals * factor, unit=unit)
         return replace(self, signals=[s * factor for s in self.signals], unit=unit)
+
+
+def unit_factor(unit: str, wanted: str, where: str) -> np.float32:
+    """By what signals in `unit` are multiplied to be in `wanted`; InputError unless they are one, or both volts.
+
+    >>> unit_factor("V", "mV", "skin.h5")
+    np.float32(1000.0)
+    """
+    if unit == wanted:
+        return np.float32(1.0)
+    volts = {"V": 1.0, "mV": 1e-3, "uV": 1e-6}
+    if unit not in volts or wanted not in volts:
+        raise InputError(
+            f"{where}: signals are in '{unit}' but '{wanted}' is needed; "
+            "calibrate an encoder for this sensor (neurotact calibrate) or import with the right unit"
+        )
+    return np.float32(volts[unit] / volts[wanted])
 
 
 def class_names(conditions: pd.DataFrame) -> tuple[str, ...]:
@@ -130,7 +174,8 @@ def class_indices(conditions: pd.DataFrame) -> np.ndarray:
     >>> class_indices(pd.DataFrame({"label": ["silk", "felt", "silk"]})).tolist()
     [1, 0, 1]
     """
-    return np.searchsorted(np.array(class_names(conditions)), conditions[LABEL].to_numpy(dtype=str)).astype(np.int64)
+    index = {name: i for i, name in enumerate(class_names(conditions))}
+    return np.array([index[name] for name in conditions[LABEL].astype(str)], np.int64)
 
 
 def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: str = "conditions") -> np.ndarray:
@@ -155,6 +200,64 @@ def check_sampling_rate(rate_Hz: float, where: str) -> None:
     """Refuse a sampling rate that is not a positive, finite number."""
     if not (np.isfinite(rate_Hz) and rate_Hz > 0):
         raise InputError(f"{where}: sampling_rate_Hz must be a positive number; got {rate_Hz}")
+
+
+def check_conditions(conditions: pd.DataFrame, where: str) -> None:
+    """Refuse a table of conditions whose trials are not all of a class with a name."""
+    if LABEL not in conditions:
+        raise InputError(f"{where}: the table of conditions has no column 'label'; add one class name a trial")
+    labels = conditions[LABEL]
+    names = labels.astype(str)
+    nameless = np.flatnonzero(labels.isna().to_numpy() | (names.str.strip() == "").to_numpy())
+    if len(nameless):
+        raise InputError(f"{where}: trial {nameless[0]} has an empty label; name its class or drop the trial")
+    for name in names.unique():
+        check_text(name, f"{where}: the label")
+
+
+def check_channels(channels: Sequence[str], where: str) -> None:
+    """Refuse channels that cannot be told apart by their names."""
+    seen: set[str] = set()
+    for name in channels:
+        check_text(name, f"{where}: the channel")
+        if name in seen:
+            raise InputError(f"{where}: two channels are called {name!r}; give each its own name")
+        seen.add(name)
+
+
+def check_text(text: str, what: str) -> None:
+    """Refuse a text that no file can hold, as a name in another encoding than UTF-8 becomes.
+
+    >>> check_text("caf\udce9", "touch.h5: the label")
+    Traceback (most recent call last):
+    neurotact.errors.InputError: touch.h5: the label 'caf\udce9' is not UTF-8; rename it
+    """
+    try:
+        text.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{what} {text[:80]!a} is not UTF-8; rename it") from error
+
+
+def check_shape(shape: tuple[int, ...], trial: int, n_channels: int, where: str) -> None:
+    """Refuse a trial that is not `(time, channel)`, is empty, or has other channels."""
+    if len(shape) != 2 or 0 in shape:
+        raise InputError(f"{where}: trial {trial} has shape {shape}; a trial is (time, channel), not empty")
+    if shape[1] != n_channels:
+        raise InputError(
+            f"{where}: trial {trial} has {shape[1]} channels where {n_channels} are expected; "
+            "every trial needs the same taxels"
+        )
+
+
+def check_finite(signal: np.ndarray, trial: int, channels: Sequence[str], where: str, start: int = 0) -> None:
+    """Refuse samples of a trial, from number `start` on, that hold NaN or infinity."""
+    if np.isfinite(signal).all():
+        return
+    time, channel = np.argwhere(~np.isfinite(signal))[0]
+    raise InputError(
+        f"{where}: trial {trial}, sample {start + time}, {channels[channel]} is NaN or infinite; "
+        "repair or drop the trial"
+    )
 
 
 def _as_signal(signal: np.ndarray) -> np.ndarray:

@@ -1,14 +1,29 @@
 """Spike trains of trials, as events; on disk in the layout of the Spiking Heidelberg Digits."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from neurotact.data.recordings import class_indices, class_names
-from neurotact.data.windows import Windows
+from neurotact.data.recordings import check_conditions, check_sampling_rate, class_indices, class_names
+from neurotact.data.windows import LONGEST_STEPS, Windows
+from neurotact.errors import InputError
+from neurotact.files import check_size
+
+
+class TrialSpikes(NamedTuple):
+    """The spikes of one trial: the step and the afferent of each, in order of time, and the trial's length in steps.
+
+    digest: of what was recorded (`data.digests`); empty where that is not known.
+    """
+
+    steps: np.ndarray
+    units: np.ndarray
+    n_steps: int
+    digest: str = ""
 
 
 @dataclass(frozen=True)
@@ -23,6 +38,8 @@ class SpikeTrains:
     encoder: the spec that made them.
     source: the recordings that they were made from, usually a path.
     trial_digests: a digest a trial of what was recorded (`data.digests`); empty where that is not known.
+
+    Raises InputError where they do not belong together, and for spikes out of order or outside their trial.
 
     >>> raster = np.zeros((1, 4, 2), np.uint8)
     >>> raster[0, 1, 0] = raster[0, 3, 1] = 1
@@ -41,6 +58,21 @@ class SpikeTrains:
     source: str = ""
     trial_digests: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_sampling_rate(self.sampling_rate_Hz, "spikes")
+        object.__setattr__(self, "trial_steps", _lengths(self.trial_steps))
+        if not len(self.steps) == len(self.units) == len(self.trial_steps) == len(self.conditions):
+            raise InputError("spikes, trial_steps and conditions differ in number of trials; give one of each a trial")
+        if self.trial_digests and len(self.trial_digests) != len(self.steps):
+            raise InputError("spikes and trial_digests differ in number of trials; give a digest a trial, or none")
+        check_conditions(self.conditions, "spikes")
+        for trial, (steps, units) in enumerate(zip(self.steps, self.units, strict=True)):
+            if not _fits(np.asarray(steps), np.asarray(units), self.trial_steps[trial], len(self.afferents)):
+                raise InputError(
+                    f"trial {trial} has spikes out of order, or outside its time or its afferents; "
+                    "sort them by time and drop those that lie outside"
+                )
+
     def __len__(self) -> int:
         return len(self.steps)
 
@@ -58,6 +90,11 @@ class SpikeTrains:
         """Which afferents are slowly adapting, `(afferent,)` boolean."""
         return np.array([name.startswith("SA") for name in self.afferents])
 
+    def trials(self) -> Iterator[TrialSpikes]:
+        """One trial after the other."""
+        digests = self.trial_digests or [""] * len(self)
+        yield from map(TrialSpikes, self.steps, self.units, self.trial_steps.tolist(), digests)
+
     def select(self, keep: np.ndarray) -> "SpikeTrains":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
         index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
@@ -71,12 +108,37 @@ class SpikeTrains:
         )
 
     def raster(self, windows: Windows) -> np.ndarray:
-        """Spikes in the given windows, `(window, time, afferent)` uint8."""
-        raster = np.zeros((len(windows), windows.n_steps, len(self.afferents)), np.uint8)
+        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError where that is too large."""
+        shape = (len(windows), windows.n_steps, len(self.afferents))
+        check_size(f"the raster of {shape[0]} windows, {shape[1]} steps and {shape[2]} afferents", math.prod(shape))
+        raster = np.zeros(shape, np.uint8)
         for window, (trial, start) in enumerate(zip(windows.trial, windows.start, strict=True)):
             first, last = np.searchsorted(self.steps[trial], (start, start + windows.n_steps))
             raster[window, self.steps[trial][first:last] - start, self.units[trial][first:last]] = 1
         return raster
+
+
+def from_trials(
+    trials: Iterable[TrialSpikes],
+    sampling_rate_Hz: float,
+    afferents: tuple[str, ...],
+    conditions: pd.DataFrame,
+    encoder: Mapping[str, Any] | None = None,
+    source: str = "",
+) -> SpikeTrains:
+    """Spike trains from one trial after the other, in the order of the rows of `conditions`."""
+    found = list(trials)
+    return SpikeTrains(
+        steps=[trial.steps for trial in found],
+        units=[trial.units for trial in found],
+        trial_steps=np.array([trial.n_steps for trial in found], np.int64),
+        sampling_rate_Hz=sampling_rate_Hz,
+        afferents=afferents,
+        conditions=conditions.reset_index(drop=True),
+        encoder=dict(encoder or {}),
+        source=source,
+        trial_digests=tuple(trial.digest for trial in found) if all(trial.digest for trial in found) else (),
+    )
 
 
 def from_rasters(
@@ -86,18 +148,40 @@ def from_rasters(
     conditions: pd.DataFrame,
     encoder: Mapping[str, Any] | None = None,
     source: str = "",
-    trial_digests: tuple[str, ...] = (),
 ) -> SpikeTrains:
     """Events from one `(time, afferent)` raster a trial."""
-    found = [np.nonzero(raster) for raster in rasters]
-    return SpikeTrains(
-        steps=[steps.astype(np.int64) for steps, _ in found],
-        units=[units.astype(np.uint16) for _, units in found],
-        trial_steps=np.array([len(raster) for raster in rasters], np.int64),
-        sampling_rate_Hz=sampling_rate_Hz,
-        afferents=afferents,
-        conditions=conditions.reset_index(drop=True),
-        encoder=dict(encoder or {}),
-        source=source,
-        trial_digests=trial_digests,
-    )
+    trials = (spikes_of(raster) for raster in rasters)
+    return from_trials(trials, sampling_rate_Hz, afferents, conditions, encoder, source)
+
+
+def spikes_of(raster: np.ndarray) -> TrialSpikes:
+    """The spikes of one trial's raster, `(time, afferent)`.
+
+    >>> spikes_of(np.array([[0, 1], [0, 0], [1, 0]])).steps.tolist()
+    [0, 2]
+    """
+    steps, units = np.nonzero(raster)
+    return TrialSpikes(steps.astype(np.int64), units.astype(np.uint16), len(raster))
+
+
+def _lengths(trial_steps: np.ndarray) -> np.ndarray:
+    """Lengths of trials as int64; InputError where they are none."""
+    lengths = np.asarray(trial_steps)
+    if lengths.ndim != 1 or lengths.dtype.kind not in "iu":
+        raise InputError(f"trial_steps: must be one whole number a trial; got {lengths.dtype} of shape {lengths.shape}")
+    if len(lengths) and not (lengths.min() >= 0 and lengths.max() <= LONGEST_STEPS):
+        wrong = lengths[(lengths < 0) | (lengths > LONGEST_STEPS)][0]
+        raise InputError(f"trial_steps: must lie between 0 and 2^40 steps; got {wrong}")
+    return lengths.astype(np.int64)
+
+
+def _fits(steps: np.ndarray, units: np.ndarray, n_steps: int, n_afferents: int) -> bool:
+    """Whether spikes are in order of time, within their trial and of known afferents."""
+    if steps.ndim != 1 or steps.shape != units.shape:
+        return False
+    if len(steps) == 0:
+        return True
+    if steps.dtype.kind not in "iu" or units.dtype.kind not in "iu":
+        return False
+    in_order = bool((steps[1:] >= steps[:-1]).all())
+    return in_order and steps[0] >= 0 and steps[-1] < n_steps and units.min() >= 0 and units.max() < n_afferents

@@ -6,7 +6,13 @@ import numpy as np
 from pydantic import Field
 
 from neurotact.errors import InputError
+from neurotact.files import check_size
 from neurotact.spec import Spec
+
+LONGEST_STEPS = 2**40
+"""Of a trial or a window: at 1 MHz twelve days. What is longer is a damaged number, and would overflow."""
+BYTES_PER_WINDOW = 40
+"""What is held of each window while they are cut."""
 
 
 class WindowSpec(Spec):
@@ -36,7 +42,7 @@ class Windows:
 def cut(
     trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec, trials: np.ndarray | None = None
 ) -> Windows:
-    """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none.
+    """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none, or too many.
 
     trials: numbers that name the trials; 0, 1, ... when absent.
 
@@ -47,11 +53,17 @@ def cut(
     trials = np.arange(len(trial_steps)) if trials is None else trials
     length, first = _steps(spec.length_ms, sampling_rate_Hz), _steps(spec.start_ms, sampling_rate_Hz)
     hop = length if spec.hop_ms is None else _steps(spec.hop_ms, sampling_rate_Hz)
-    for key, n_steps, duration_ms in (("length_ms", length, spec.length_ms), ("hop_ms", hop, spec.hop_ms)):
+    for key, n_steps, duration_ms in (
+        ("length_ms", length, spec.length_ms),
+        ("start_ms", first + 1, spec.start_ms),
+        ("hop_ms", hop, spec.hop_ms),
+    ):
         if n_steps < 1:
             raise InputError(
                 f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
             )
+        if n_steps > LONGEST_STEPS:
+            raise InputError(f"window.{key}: {duration_ms:g} ms is longer than any trial may be; shorten it")
     fitting = (np.asarray(trial_steps) - first - length) // hop + 1
     if (fitting < 1).any():
         short = int(np.argmin(fitting))
@@ -61,10 +73,12 @@ def cut(
         )
     if spec.per_trial is not None:
         fitting = np.minimum(fitting, spec.per_trial)
+    n_windows = sum(fitting.tolist())
+    check_size(f"the cut into {n_windows} windows", BYTES_PER_WINDOW * n_windows)
     trial = np.repeat(np.arange(len(fitting)), fitting)
     rank = np.arange(len(trial)) - np.repeat(np.cumsum(fitting) - fitting, fitting)
     return Windows(trials[trial], first + rank * hop, length)
 
 
 def _steps(duration_ms: float, sampling_rate_Hz: float) -> int:
-    return round(duration_ms * 1e-3 * sampling_rate_Hz)
+    return round(min(duration_ms * 1e-3 * sampling_rate_Hz, 2.0 * LONGEST_STEPS))  # an infinite number has no integer

@@ -7,16 +7,26 @@ classes best. No classifier is trained, and no trial but those given is seen.
 """
 
 import logging
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 from scipy.special import entr
 
-from neurotact.data.conditioning import Baseline, condition, fit_standardisation
-from neurotact.data.recordings import Recordings
+from neurotact.data.conditioning import (
+    Baseline,
+    condition_pieces,
+    conditioned_length,
+    fit_standardisation,
+    is_long,
+    pieces,
+    standardised,
+)
+from neurotact.data.recordings import Trials
+from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec, ConditioningSpec, encode
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges
@@ -88,8 +98,27 @@ class Calibration:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Felt:
+    """Conditioned excerpts of the trials that gains are fitted on.
+
+    signals: `(time, taxel)` each, on the encoder's clock.
+    labels: class index of each.
+    """
+
+    signals: Spool
+    labels: np.ndarray
+    classes: tuple[str, ...]
+    sampling_rate_Hz: float
+    source: str
+
+    @property
+    def n_channels(self) -> int:
+        return self.signals[0].shape[1]
+
+
 def calibrate(
-    recordings: Recordings,
+    recordings: Trials,
     spec: AfferentSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
@@ -122,11 +151,13 @@ def calibrate(
     rng = np.random.default_rng(rule.seed)
     conditioning, notes = _suited(spec.conditioning, recordings)
     drawn = recordings.select(_draw(recordings.labels, rule.trials_per_class, rng))
+    clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = _excerpts(drawn, conditioning, rule.excerpt_s, rng)
     offset, scale, quiet = _standardisation(drawn, excerpts, conditioning.baseline)
     conditioning = conditioning.model_copy(update={"offset": offset, "scale": scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
-    felt = condition(excerpts, offset=offset, scale=scale, rectify=conditioning.rectify)
+    standardised = Spool(_standardised(excerpts, conditioning))
+    felt = Felt(standardised, drawn.labels, drawn.classes, clock_Hz, recordings.source)
 
     table, isi = _search(felt, fitted, rule, rng, progress)
     chosen = {}
@@ -145,7 +176,7 @@ def calibrate(
     return Calibration(fitted.model_copy(update=chosen), table, isi, tuple(notes))
 
 
-def _suited(conditioning: ConditioningSpec, recordings: Recordings) -> tuple[ConditioningSpec, list[str]]:
+def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:
     """Conditioning that recordings of this rate can take, without standardisation, and what was changed."""
     rate_Hz, notes = recordings.sampling_rate_Hz, []
     change: dict[str, float | None] = {"offset": None, "scale": None}
@@ -165,32 +196,49 @@ def _draw(labels: np.ndarray, per_class: int, rng: np.random.Generator) -> np.nd
     return np.sort(np.concatenate(list(trials)))
 
 
-def _excerpts(
-    recordings: Recordings, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator
-) -> Recordings:
+def _excerpts(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator) -> Spool:
     """A stretch of each trial, at a random place; conditioned before it is cut, as an encoder sees it."""
-    signals, rate_Hz = [], recordings.sampling_rate_Hz
+    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.resample_Hz or recordings.sampling_rate_Hz
     steps = conditioning.model_dump(exclude={"offset", "scale", "rectify"})
-    for trial in range(len(recordings)):
-        whole = condition(recordings.select(np.array([trial])), **steps)
-        rate_Hz, signal = whole.sampling_rate_Hz, whole.signals[0]
-        length = min(len(signal), max(1, round(longest_s * rate_Hz)))
-        start = int(rng.integers(len(signal) - length + 1))
-        signals.append(signal[start : start + length])
-    return replace(recordings, signals=signals, sampling_rate_Hz=rate_Hz)
+
+    def cut() -> Iterator[np.ndarray]:
+        for trial, n_samples in enumerate(recordings.lengths.tolist()):
+            n_steps = conditioned_length(n_samples, rate_Hz, conditioning.resample_Hz)
+            length = min(n_steps, max(1, round(longest_s * clock_Hz)))
+            start = int(rng.integers(n_steps - length + 1))
+            yield _stretch(condition_pieces(recordings, trial, **steps), start, start + length)
+
+    return Spool(cut())
+
+
+def _stretch(pieces: Iterable[np.ndarray], start: int, stop: int) -> np.ndarray:
+    """The steps from `start` to before `stop` of a signal that comes in pieces."""
+    found, first = [], 0
+    for piece in pieces:
+        found.append(piece[max(0, start - first) : max(0, stop - first)].copy())  # a view would keep the whole piece
+        first += len(piece)
+        if first >= stop:
+            break
+    return np.concatenate(found)
+
+
+def _standardised(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
+    """Excerpts as the populations feel them."""
+    for signal in excerpts:
+        yield standardised(signal, conditioning.offset, conditioning.scale, conditioning.rectify)
 
 
 def _standardisation(
-    recorded: Recordings, excerpts: Recordings, baseline: Baseline
+    recorded: Trials, excerpts: Spool, baseline: Baseline
 ) -> tuple[tuple[float, ...] | None, tuple[float, ...], tuple[str, ...]]:
     """`(offset, scale, quiet taxels)` of the excerpts; a quiet taxel's noise is not blown up to full size.
 
     A baseline already says where each trial's zero is, so that nothing more is subtracted. Without one, the level
     itself is what SA-I feels: counted from the mean, it would silence SA-I in every trial of less than mean pressure.
     """
-    mean, scale = (np.array(values) for values in fit_standardisation(list(excerpts.signals)))
-    reach = np.max([np.abs(x - mean).max(axis=0) for x in excerpts.signals], axis=0)
-    level = np.max([np.abs(x).max(axis=0) for x in recorded.signals], axis=0)
+    mean, scale = (np.array(values) for values in fit_standardisation(excerpts))
+    reach = np.max([np.abs(x - mean).max(axis=0) for x in excerpts], axis=0)
+    level = np.max([np.abs(x).max(axis=0) for trial in range(len(recorded)) for x in pieces(recorded, trial)], axis=0)
     still = reach <= ROUNDING * level
     if still.all():
         raise InputError(
@@ -205,38 +253,30 @@ def _standardisation(
 
 
 def _search(
-    felt: Recordings, spec: AfferentSpec, rule: CalibrationRule, rng: np.random.Generator, progress: Progress | None
+    felt: Felt, spec: AfferentSpec, rule: CalibrationRule, rng: np.random.Generator, progress: Progress | None
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """`Calibration.table`, nothing chosen yet, and `Calibration.isi`: both populations at each candidate gain."""
-    n_steps = np.array([len(x) for x in felt.signals])
-    signal = np.zeros((len(felt), n_steps.max(), felt.n_channels), np.float32)
-    for padded, x in zip(signal, felt.signals, strict=True):
-        padded[: len(x)] = x
-    after_end = np.arange(signal.shape[1]) >= n_steps[:, None]
+    n_steps = felt.signals.lengths
     rate_Hz, labels = felt.sampling_rate_Hz, felt.labels
     labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
     grids = _candidates(felt, spec, rule)
     rows, isi = [], []
     for gains in zip(*grids.values(), strict=True):
         tried = {part: getattr(spec, part).model_copy(update={"gain": g}) for part, g in zip(grids, gains, strict=True)}
-        spikes, _ = encode(signal, rate_Hz, spec.model_copy(update=tried))
-        spikes[after_end] = 0
-        populations = np.split(spikes, 2, axis=2)
-        for (part, afferent), gain, raster in zip(POPULATIONS.items(), gains, populations, strict=True):
-            neuron = spec.neuron(getattr(spec, part), rate_Hz)
-            isi_steps = _isi_steps(raster)
-            edges = bin_edges(neuron.refractory_steps + 1, signal.shape[1])
-            shares = _isi_shares(isi_steps, raster.shape, edges)
+        for (part, afferent), gain, fired in zip(
+            POPULATIONS.items(), gains, _fire(felt, spec.model_copy(update=tried)), strict=True
+        ):
             row = {
                 "afferent": afferent,
                 "gain": gain,
-                "silent_share": float(1 - raster.any(axis=(1, 2)).mean()),
-                "floor_share": _floor_share(isi_steps.isi_ms, neuron),
-                "separation": _separation(shares, labellings),
-                "spikes_per_s": float(raster.sum() / (n_steps.sum() / rate_Hz * felt.n_channels)),
+                "silent_share": float(1 - fired.n_heard / len(labels)),
+                "floor_share": fired.n_at_floor / fired.n_intervals if fired.n_intervals else 0.0,
+                "separation": _separation(fired.shares, labellings),
+                "spikes_per_s": float(fired.n_spikes / (sum(n_steps) / rate_Hz * felt.n_channels)),
             }
             rows.append(row)
-            isi.append(_isi_table(shares, labels, felt.classes, edges / rate_Hz * 1e3, afferent, gain))
+            edges_ms = _edges(felt, spec, part) / rate_Hz * 1e3
+            isi.append(_isi_table(fired.shares, labels, felt.classes, edges_ms, afferent, gain))
         if progress:
             progress(1, ", ".join(f"{a} {g:g}" for a, g in zip(POPULATIONS.values(), gains, strict=True)))
     table = pd.DataFrame(rows).sort_values(["afferent", "gain"], ascending=[False, True], ignore_index=True)
@@ -244,17 +284,82 @@ def _search(
     return table.assign(admissible=within, chosen=False), pd.concat(isi, ignore_index=True)
 
 
-def _candidates(felt: Recordings, spec: AfferentSpec, rule: CalibrationRule) -> dict[str, list[float]]:
+class Fired(NamedTuple):
+    """What one population sends at one gain.
+
+    shares: ISI distribution of each trial and afferent (`_isi_shares`).
+    n_heard: trials with a spike. n_at_floor, n_intervals: ISIs at the refractory floor, and all.
+    """
+
+    shares: np.ndarray
+    n_heard: int
+    n_at_floor: int
+    n_intervals: int
+    n_spikes: int
+
+
+def _fire(felt: Felt, spec: AfferentSpec) -> Iterator[Fired]:
+    """Both populations, in the order of `POPULATIONS`; so many trials at a time as are encoded side by side."""
+    parts: dict[str, list[Fired]] = {part: [] for part in POPULATIONS}
+    edges = {part: _edges(felt, spec, part) for part in POPULATIONS}
+    for signal, n_steps in _side_by_side(felt.signals):
+        spikes, _ = encode(signal, felt.sampling_rate_Hz, spec)
+        spikes[np.arange(signal.shape[1]) >= n_steps[:, None]] = 0
+        for part, raster in zip(POPULATIONS, np.split(spikes, 2, axis=2), strict=True):
+            isi_steps = _isi_steps(raster)
+            neuron = spec.neuron(getattr(spec, part), felt.sampling_rate_Hz)
+            parts[part].append(
+                Fired(
+                    shares=_isi_shares(isi_steps, raster.shape, edges[part]),
+                    n_heard=int(raster.any(axis=(1, 2)).sum()),
+                    n_at_floor=_n_at_floor(isi_steps.isi_ms, neuron),
+                    n_intervals=len(isi_steps.isi_ms),
+                    n_spikes=int(raster.sum()),
+                )
+            )
+    for found in parts.values():
+        shares, *counts = zip(*found, strict=True)
+        yield Fired(np.concatenate(shares), *map(sum, counts))
+
+
+def _side_by_side(signals: Spool) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Consecutive signals as `(trial, time, taxel)`, zeros after the end of the shorter ones, and their lengths."""
+    waiting: list[np.ndarray] = []
+    for signal in signals:
+        longest = max(map(len, [*waiting, signal]))
+        if waiting and is_long((len(waiting) + 1) * longest, signal.shape[1]):
+            yield _padded(waiting)
+            waiting = []
+        waiting.append(signal)
+    yield _padded(waiting)
+
+
+def _padded(signals: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    n_steps = np.array([len(x) for x in signals])
+    padded = np.zeros((len(signals), n_steps.max(), signals[0].shape[1]), np.float32)
+    for row, x in zip(padded, signals, strict=True):
+        row[: len(x)] = x
+    return padded, n_steps
+
+
+def _edges(felt: Felt, spec: AfferentSpec, part: str) -> np.ndarray:
+    """The bins of a population's ISIs, in steps."""
+    neuron = spec.neuron(getattr(spec, part), felt.sampling_rate_Hz)
+    return bin_edges(neuron.refractory_steps + 1, max(felt.signals.lengths))
+
+
+def _candidates(felt: Felt, spec: AfferentSpec, rule: CalibrationRule) -> dict[str, list[float]]:
     """Gains of each population, from a little below the one at which its strongest drive just reaches threshold."""
     per_ms = felt.sampling_rate_Hz * 1e-3
+    n_values = {"sa1": felt.n_channels * sum(felt.signals.lengths)}
+    n_values["ra1"] = n_values["sa1"] - felt.n_channels * len(felt.signals)
     drives = {
-        "sa1": np.concatenate([x.ravel() for x in felt.signals]),
-        "ra1": np.concatenate([np.abs(np.diff(x, axis=0)).ravel() for x in felt.signals]) * per_ms,
+        "sa1": (x.ravel() for x in felt.signals),
+        "ra1": (np.abs(np.diff(x, axis=0)).ravel() * per_ms for x in felt.signals),
     }
     grids = {}
     for part, drive in drives.items():
-        strongest = float(np.percentile(drive, STRONGEST) if len(drive) else 0.0)
-        strongest = strongest if strongest > 0 else float(drive.max(initial=0.0))
+        strongest = _strongest(drive, n_values[part])
         if strongest <= 0:
             raise InputError(
                 f"{_source(felt)}: the conditioned training trials never drive {POPULATIONS[part]} afferents; check "
@@ -263,6 +368,27 @@ def _candidates(felt: Recordings, spec: AfferentSpec, rule: CalibrationRule) -> 
         first = (spec.v_threshold_mV - spec.v_rest_mV) / strongest / rule.step**STEPS_BELOW
         grids[part] = [float(f"{first * rule.step**k:.3g}") for k in range(rule.candidates)]
     return grids
+
+
+def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
+    """The `STRONGEST` percentile of `n_values` numbers that come in parts, or their maximum where it is not positive.
+
+    As `np.percentile` has it, linear between two of the numbers; only those from there upwards are kept.
+    """
+    if n_values == 0:
+        return 0.0
+    place = (n_values - 1) * float(np.true_divide(STRONGEST, 100))
+    below = int(place)
+    n_kept = n_values - below
+    top = np.empty(0, np.float32)
+    for part in drive:
+        top = np.concatenate([top, part])
+        if len(top) > n_kept:
+            top = np.partition(top, len(top) - n_kept)[len(top) - n_kept :]
+    top.sort()
+    low, high, share = top[0], top[min(1, len(top) - 1)], place - below
+    strongest = high - (high - low) * (1 - share) if share >= 0.5 else low + (high - low) * share
+    return float(strongest if strongest > 0 else top[-1])
 
 
 def _choose(table: pd.DataFrame, rule: CalibrationRule, where: str) -> int:
@@ -289,10 +415,10 @@ def _isi_steps(raster: np.ndarray) -> Intervals:
     return isis_ms(events_of_raster(raster), 1e3)
 
 
-def _floor_share(isi_steps: np.ndarray, neuron: LIF) -> float:
-    """Share of the intervals in which charging took one step, or no longer than FLOOR_OF_TAU of tau_mem."""
+def _n_at_floor(isi_steps: np.ndarray, neuron: LIF) -> int:
+    """Intervals in which charging took one step, or no longer than FLOOR_OF_TAU of tau_mem."""
     charging = max(1, round(-FLOOR_OF_TAU / np.log(neuron.decay)))
-    return float((isi_steps <= neuron.refractory_steps + charging).mean()) if len(isi_steps) else 0.0
+    return int((isi_steps <= neuron.refractory_steps + charging).sum())
 
 
 def _isi_shares(isi_steps: Intervals, shape: tuple[int, ...], edges: np.ndarray) -> np.ndarray:
@@ -347,5 +473,5 @@ def _short(values: np.ndarray) -> tuple[float, ...]:
     return tuple(float(str(value)) for value in values.astype(np.float32))
 
 
-def _source(recordings: Recordings) -> str:
+def _source(recordings: Trials | Felt) -> str:
     return recordings.source or "recordings"

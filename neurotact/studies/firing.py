@@ -5,7 +5,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 
@@ -30,14 +29,6 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
                 f"{part}.t_ref_ms: {t_ref_ms:g} ms is not shorter than the shortest trial, which lasts "
                 f"{1e3 * trial_s:g} ms; shorten it"
             )
-
-
-def spike_counts(trains: SpikeTrains) -> np.ndarray:
-    """Spikes of each afferent over all trials, `(afferent,)`."""
-    counts = np.zeros(len(trains.afferents), np.int64)
-    for units in trains.units:
-        counts += np.bincount(units, minlength=len(counts))
-    return counts
 
 
 def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: EncoderSpec) -> Iterator[str]:

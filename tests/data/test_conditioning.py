@@ -1,5 +1,7 @@
 """Conditioning: each step against its closed form."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from neurotact.data.conditioning import condition, ema, ema_coefficient, fit_standardisation, resample
+from neurotact.data import conditioning
+from neurotact.data.conditioning import (
+    condition,
+    condition_pieces,
+    conditioned_length,
+    ema,
+    ema_coefficient,
+    fit_standardisation,
+    resample,
+)
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 
@@ -199,3 +210,70 @@ def test_trials_stacked_or_listed_are_conditioned_alike():
     stacked, listed = condition(skin(signals), **options), condition(skin(list(signals)), **options)
     for one, other in zip(stacked.signals, listed.signals, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+# --- in pieces --------------------------------------------------------------------------------------
+
+FLOAT32 = st.tuples(st.integers(1, 60), st.integers(1, 3)).flatmap(
+    lambda shape: hnp.arrays(np.float32, shape, elements=st.floats(-1e3, 1e3, width=32) | st.just(-0.0))
+)
+
+
+@given(
+    signal=FLOAT32, values=st.integers(1, 40), cutoff_Hz=st.none() | st.just(10.0), baseline=st.sampled_from(
+        ["none", "mean", "median", "first"]
+    ), clock_Hz=st.none() | st.sampled_from([100.0, 1000.0, 35.6, 3.0, 99.0, 101.0]), is_scaled=st.booleans(),
+    rectify=st.booleans(), unit=st.sampled_from(["mV", "V"]),
+)  # fmt: skip
+def test_a_trial_conditioned_in_pieces_is_that_conditioned_whole(
+    signal, values, cutoff_Hz, baseline, clock_Hz, is_scaled, rectify, unit
+):
+    n_channels = signal.shape[1]
+    options = {"ema_cutoff_Hz": cutoff_Hz, "resample_Hz": clock_Hz, "baseline": baseline, "rectify": rectify}
+    if is_scaled:
+        options |= {"offset": [0.3, -1.0, 2.0][:n_channels], "scale": [3.0, 0.1, 7.0][:n_channels]}
+    touch = skin([signal], rate_Hz=100.0)
+    with patch.object(conditioning, "PIECE_VALUES", values):
+        whole = condition(touch.to_unit(unit), **options).signals[0]
+        pieces = list(condition_pieces(touch, 0, unit=unit, **options))
+    assert max(p.shape[0] for p in pieces) <= max(1, values // n_channels)
+    assert len(whole) == conditioned_length(len(signal), 100.0, clock_Hz)
+    np.testing.assert_array_equal(np.concatenate(pieces), whole, strict=True)
+
+
+def test_a_slower_clock_holds_no_more_of_the_signal_at_once(monkeypatch):
+    touch = skin([np.ones((5000, 2))], rate_Hz=1000.0)
+    held = []
+    interpolated = conditioning._interpolated
+    monkeypatch.setattr(conditioning, "PIECE_VALUES", 100)
+    monkeypatch.setattr(conditioning, "_interpolated", lambda x, *rest: held.append(len(x)) or interpolated(x, *rest))
+    pieces = list(condition_pieces(touch, 0, resample_Hz=10.0))
+    assert sum(map(len, pieces)) == 50
+    assert max(held) <= 2 * 50
+
+
+@given(signal=FLOAT32)
+def test_a_short_trial_has_numpys_mean_and_a_long_one_that_of_float64(signal):
+    pieces = conditioning.LEVELS["mean"](lambda: iter([signal]))
+    np.testing.assert_array_equal(pieces, signal.mean(axis=0, keepdims=True))
+    with patch.object(conditioning, "PIECE_VALUES", signal.shape[1]):
+        long = conditioning.BASELINES["mean"](signal)
+    expected = signal.mean(axis=0, keepdims=True, dtype=np.float64)
+    np.testing.assert_allclose(long, expected, rtol=1e-6, atol=1e-30 if len(signal) == 1 else 1e-10)
+
+
+def test_the_mean_of_a_long_trial_is_not_lost_beside_its_sum():
+    """In float32, one and 2^25 is 2^25, however often it is added."""
+    signal = np.ones((2**20, 2), np.float32)
+    signal[0] = 2**25
+    assert signal.mean(axis=0).tolist() == [32.0] * 2
+    assert conditioning.BASELINES["mean"](signal)[0].tolist() == pytest.approx([33.0] * 2, rel=1e-6)
+
+
+@given(signal=hnp.arrays(np.float32, st.tuples(st.integers(1, 50), st.integers(1, 3)),
+                         elements=st.floats(width=32, allow_nan=False, allow_infinity=False, max_value=2.0**126,
+                                            min_value=-(2.0**126))), at=st.integers(0, 50))  # fmt: skip
+def test_the_median_of_pieces_is_numpys(signal, at):
+    pieces = [part for part in (signal[:at], signal[at:]) if len(part)]
+    found = conditioning.LEVELS["median"](lambda: iter(pieces))
+    np.testing.assert_array_equal(found, np.median(signal, axis=0, keepdims=True), strict=True)

@@ -1,6 +1,7 @@
 """HDF5 files: what is written is read, and what cannot be read is named."""
 
 import json
+import zlib
 
 import h5py
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings, save_spikes
+from neurotact.data.hdf5 import load_recordings, load_spikes, open_recordings, save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
@@ -28,7 +29,7 @@ COLUMNS = {
 @st.composite
 def tables(draw, n_trials: int) -> pd.DataFrame:
     chosen = draw(st.lists(st.sampled_from(sorted(COLUMNS)), unique=True))
-    columns = {"label": TEXT, **{name: COLUMNS[name] for name in chosen}}
+    columns = {"label": TEXT.filter(str.strip), **{name: COLUMNS[name] for name in chosen}}
     return pd.DataFrame(
         {name: draw(st.lists(values, min_size=n_trials, max_size=n_trials)) for name, values in columns.items()}
     )
@@ -259,3 +260,223 @@ def test_spikes_without_labels_are_named(tmp_path):
         file["conditions"].move("label", "lable")
     with pytest.raises(InputError, match="has no column 'label'"):
         load_spikes(tmp_path / "spikes.h5")
+
+
+# --- what a file declares ---------------------------------------------------------------------------
+
+
+def declared(name, shape, kind=np.float32, **options):
+    """The dataset in the place of another, declared and never written."""
+
+    def change(file: h5py.File) -> None:
+        if name in file:
+            del file[name]
+        file.create_dataset(name, shape, kind, **options)
+
+    return change
+
+
+def both(*changes):
+    def change(file: h5py.File) -> None:
+        for one in changes:
+            one(file)
+
+    return change
+
+
+def inflated(times):
+    """A gzip chunk that holds so many times what it declares."""
+
+    def change(file: h5py.File) -> None:
+        del file["signals/values"]
+        values = file.create_dataset("signals/values", (7, 2), np.float32, chunks=(7, 2), compression="gzip")
+        values.id.write_direct_chunk((0, 0), zlib.compress(bytes(7 * 2 * 4 * times)))
+
+    return change
+
+
+def one_row_many_times(file: h5py.File) -> None:
+    """Rows that all point to the same megabyte of the file: a few bytes each, and together far more than the file."""
+    n_rows, row = 2000, np.zeros(131_072)
+    for name in ("spikes/times", "spikes/units", "trial_steps", "conditions/label", "labels"):
+        del file[name]
+    times = file.create_dataset("spikes/times", (n_rows,), h5py.vlen_dtype(np.float64))
+    times[0] = row
+    file.flush()
+    place = times.id.get_offset()
+    with open(file.filename, "r+b") as raw:
+        raw.seek(place)
+        reference = raw.read(16)
+        raw.seek(place)
+        raw.write(reference * n_rows)
+    file.create_dataset("spikes/units", (n_rows,), h5py.vlen_dtype(np.uint16))
+    file["trial_steps"] = np.full(n_rows, 10**6)
+    file["conditions"].create_dataset("label", data=["felt"] * n_rows, dtype=h5py.string_dtype())
+
+
+def elsewhere(name):
+    """The dataset in the place of a link to one in another file."""
+
+    def change(file: h5py.File) -> None:
+        del file[name]
+        file[name] = h5py.ExternalLink("/dev/zero", "values")
+
+    return change
+
+
+def columns(*found):
+    return lambda file: file["conditions"].attrs.update(columns=json.dumps(found))
+
+
+LARGE = 750_000_000
+
+BOMBS = {
+    "much declared": (
+        both(declared("signals/values", (LARGE, 1)), replaced("signals/lengths", [LARGE])),
+        "signals/values declares 3,000 MB in a file of 0.0 MB; write it again, or set NEUROTACT_MAX_MB",
+    ),
+    "much declared in chunks": (
+        both(
+            declared("signals/values", (LARGE, 1), chunks=(1000, 1), compression="gzip"),
+            replaced("signals/lengths", [LARGE]),
+        ),
+        "signals/values declares 3,000 MB",
+    ),
+    "large chunks": (
+        declared("signals/values", (10**8, 1), chunks=(10**8, 1), compression="gzip"),
+        "signals/values is stored in chunks of 400 MB, more than 32 MB",
+    ),
+    "chunks side by side": (
+        declared("signals/values", (10**5, 90), chunks=(10**5, 1)),
+        "signals/values is stored in chunks of 36 MB, more than 32 MB",
+    ),
+    "a chunk that inflates": (inflated(1000), "signals/values inflates to more than it declares"),
+    "another compression": (
+        declared("signals/values", (7, 2), chunks=(7, 2), compression="lzf"),
+        "signals/values is compressed in a way that neurotact does not read",
+    ),
+    "many lengths": (
+        declared("signals/lengths", (10**9,), np.int64),
+        "holds 8,000 MB, more than the limit of 512 MB",
+    ),
+    "lengths below 0": (replaced("signals/lengths", [-1, 8]), "holds 7 samples of 7; it is damaged"),
+    "lengths that overflow": (replaced("signals/lengths", [2**62, 2**62, 2**62, 2**62 + 7]), "it is damaged"),
+    "lengths that are no integers": (replaced("signals/lengths", [4.0, 3.0]), "signals/lengths holds float64"),
+    "no trials": (
+        both(replaced("signals/lengths", np.zeros(0, np.int64)), declared("signals/values", (0, 2))),
+        "holds no trial",
+    ),
+    "another file": (elsewhere("signals/values"), "signals/values is not in the file"),
+    "another group": (elsewhere("conditions"), "conditions is not in the file"),
+    "external storage": (
+        declared("signals/values", (7, 2), external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)]),
+        "signals/values lies in another file",
+    ),
+    "a column twice": (columns("label", "label"), "a condition stands in its table twice"),
+    "a column of another length": (
+        declared("conditions/label", (10**9,), np.int64),
+        "2 trials but 1000000000 rows of conditions in conditions/label",
+    ),
+    "a label that is not UTF-8": (
+        replaced("conditions/label", np.array([b"felt", b"caf\xe9"])),
+        r"conditions/label holds b'caf\xe9', which is not UTF-8; rename it",
+    ),
+    "a unit that is not UTF-8": (
+        lambda f: f.attrs.update(unit=np.bytes_(b"caf\xe9")),
+        r"unit holds b'caf\xe9', which is not UTF-8; rename it",
+    ),
+    "channels that are no names": (lambda f: f.attrs.update(channels="[1, 2]"), "holds 1 where a name is due"),
+    "channels of one name": (lambda f: f.attrs.update(channels='["a", "a"]'), "two channels are called 'a'"),
+    "deep nesting": (lambda f: f.attrs.update(channels="[" * 30_000), "cannot be read as recordings"),
+    "an attribute of many values": (
+        lambda f: f.attrs.update(unit=np.array(["mV"] * 3, object)),
+        "unit is not a single value",
+    ),
+}
+
+
+@pytest.mark.parametrize("load", [load_recordings, lambda path: open_recordings(path).__enter__()])
+@pytest.mark.parametrize("name", BOMBS)
+def test_recordings_that_declare_what_they_do_not_hold_are_refused(tmp_path, name, load):
+    change, message = BOMBS[name]
+    path = broken(tmp_path, save_recordings, change)
+    with pytest.raises(InputError) as refusal:
+        load(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert message in str(refusal.value)
+    assert len(str(refusal.value)) < 600
+    assert str(refusal.value).isprintable()
+
+
+SPIKE_BOMBS = {
+    "long trials": (replaced("trial_steps", [2**62, 2**62]), "trial_steps: must lie between 0 and 2^40 steps"),
+    "trials below 0": (replaced("trial_steps", [-1, 4]), "trial_steps: must lie between 0 and 2^40 steps; got -1"),
+    "a table of lengths": (replaced("trial_steps", [[4, 4], [4, 4]]), "trial_steps has the shape (2, 2)"),
+    "lengths that are no integers": (replaced("trial_steps", [4.0, 4.0]), "trial_steps: must be one whole number"),
+    "one row many times": (one_row_many_times, "MB, more than the limit of 512 MB"),
+    "times that are no times": (events("spikes/times", [np.nan] * 4, [np.inf] * 4), "trial 0 has spikes"),
+    "rows of texts": (
+        both(lambda f: f.pop("spikes/units"), declared("spikes/units", (2,), h5py.string_dtype())),
+        "spikes/units does not hold rows of numbers",
+    ),
+    "an encoder that is no table": (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes"),
+    "afferents that are no names": (lambda f: f.attrs.update(afferents="[1, 2]"), "holds 1 where a name is due"),
+    "afferents that no file can hold": (
+        lambda f: f.attrs.update(afferents=json.dumps(["SA-I \udce9", "b", "c", "d"])),
+        "cannot be read as spikes",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SPIKE_BOMBS)
+def test_spikes_that_declare_what_they_do_not_hold_are_refused(tmp_path, name):
+    change, message = SPIKE_BOMBS[name]
+    path = broken(tmp_path, save_spikes, change)
+    with pytest.raises(InputError) as refusal:
+        load_spikes(path)
+    assert str(refusal.value).startswith(f"{path}: ")
+    assert message in str(refusal.value)
+    assert str(refusal.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"shuffle": True}, {"shuffle": True, "fletcher32": True}, {"compression": None}], ids=str
+)
+def test_recordings_compressed_with_gzip_are_read(tmp_path, options):
+    touch = small_recordings()
+    values = np.concatenate(touch.signals)
+
+    def compressed(file: h5py.File) -> None:
+        del file["signals/values"]
+        file.create_dataset("signals/values", data=values, chunks=(3, 1), **{"compression": "gzip", **options})
+
+    again = load_recordings(broken(tmp_path, save_recordings, compressed))
+    np.testing.assert_array_equal(np.concatenate(again.signals), values)
+
+
+@given(touch=recordings(), data=st.data())
+def test_stored_recordings_are_those_in_memory(tmp_path, touch, data):
+    path = tmp_path / "touch.h5"
+    save_recordings(touch, path)
+    chosen = np.array(data.draw(st.lists(st.integers(0, len(touch) - 1), min_size=1, max_size=6)))
+    with open_recordings(path) as stored:
+        part, expected = stored.select(chosen), touch.select(chosen)
+        assert (part.classes, part.channels, part.unit) == (expected.classes, expected.channels, expected.unit)
+        assert part.lengths.tolist() == expected.lengths.tolist()
+        for one, other in zip(part.loaded().signals, expected.signals, strict=True):
+            np.testing.assert_array_equal(one, other, strict=True)
+        trial, begin, end = data.draw(st.tuples(st.integers(0, len(chosen) - 1), st.integers(0, 7), st.integers(0, 7)))
+        np.testing.assert_array_equal(part.piece(trial, begin, end), expected.piece(trial, begin, end), strict=True)
+        same_conditions(part.conditions, expected.conditions)
+        mask = np.isin(np.arange(len(touch)), chosen)
+        assert stored.select(mask).lengths.tolist() == touch.select(mask).lengths.tolist()
+
+
+def test_a_file_larger_than_the_limit_is_read_in_pieces_but_not_whole(tmp_path, monkeypatch):
+    touch = Recordings([np.ones((300_000, 1))] * 2, 1000.0, "mV", pd.DataFrame({"label": ["felt", "silk"]}))
+    save_recordings(touch, tmp_path / "touch.h5")
+    monkeypatch.setenv("NEUROTACT_MAX_MB", "1")
+    with open_recordings(tmp_path / "touch.h5") as stored:
+        assert stored.piece(1, 299_998, 300_000).tolist() == [[1], [1]]
+    with pytest.raises(InputError, match=r"touch\.h5: holds 2 MB, more than the limit of 1 MB; set NEUROTACT_MAX_MB"):
+        load_recordings(tmp_path / "touch.h5")

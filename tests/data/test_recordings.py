@@ -135,3 +135,25 @@ def test_conditions_are_selected_by_value_and_by_any_of_several():
         select_conditions(table, {"force": 3})
     with pytest.raises(InputError, match="no trial has"):
         select_conditions(table, {"force_N": 4})
+
+
+@pytest.mark.parametrize("label", ["", " ", None, np.nan])
+def test_a_trial_without_a_class_is_refused(label):
+    refused("skin.h5: trial 1 has an empty label", labels=("felt", label, "silk"), source="skin.h5")
+
+
+def test_channels_of_one_name_are_refused():
+    refused("skin.h5: two channels are called 'left'", channels=("left", "left"), source="skin.h5")
+
+
+def test_names_that_no_file_can_hold_are_refused():
+    refused(r"the label 'caf\udce9' is not UTF-8; rename it", labels=("felt", "caf\udce9", "silk"))
+    refused(r"the channel 'caf\udce9' is not UTF-8; rename it", channels=("caf\udce9", "right"))
+
+
+def test_recordings_are_read_by_the_piece_as_stored_ones_are():
+    touch = recordings()
+    assert touch.lengths.tolist() == [4, 6, 1]
+    np.testing.assert_array_equal(touch.piece(0, 1, 3), RAGGED[0][1:3])
+    assert touch.piece(0, 3, 9).tolist() == [[6, 7]]
+    assert touch.loaded() is touch

@@ -1,13 +1,17 @@
 """Spike trains are events and rasters alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.windows import Windows, WindowSpec, cut
+from neurotact.errors import InputError
 
 N_AFFERENTS = 4
 RASTERS = st.lists(
@@ -61,3 +65,39 @@ def test_a_selection_keeps_spikes_and_conditions_together(rasters, random):
 
 def test_the_first_half_of_the_afferents_is_slowly_adapting():
     assert trains_of([np.zeros((1, N_AFFERENTS), np.uint8)]).is_sa.tolist() == [True, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"steps": [np.array([3, 1])], "units": [np.array([0, 1])]}, "trial 0 has spikes out of order"),
+        # Whole numbers without a sign wrap around where they fall, so that their differences are never negative.
+        ({"steps": [np.array([3, 1], np.uint16)], "units": [np.array([0, 1])]}, "trial 0 has spikes out of order"),
+        ({"steps": [np.array([-1, 1])], "units": [np.array([0, 1])]}, "outside its time"),
+        ({"steps": [np.array([1, 5])], "units": [np.array([0, 1])]}, "outside its time"),
+        ({"steps": [np.array([1, 2])], "units": [np.array([0, 4])]}, "or its afferents"),
+        ({"steps": [np.array([1, 2])], "units": [np.array([-1, 0])]}, "or its afferents"),
+        ({"steps": [np.array([1, 2])], "units": [np.array([0])]}, "trial 0 has spikes"),
+        ({"steps": [np.array([[1, 2]])], "units": [np.array([[0, 1]])]}, "trial 0 has spikes"),
+        ({"steps": [np.array([0.5, 1])], "units": [np.array([0, 1])]}, "trial 0 has spikes"),
+        ({"trial_steps": np.array([[5]])}, "trial_steps: must be one whole number a trial; got int64 of shape (1, 1)"),
+        ({"trial_steps": np.array([5.0])}, "trial_steps: must be one whole number a trial; got float64"),
+        ({"trial_steps": np.array([2**62])}, "trial_steps: must lie between 0 and 2^40 steps; got 4611686018427387904"),
+        ({"trial_steps": np.array([-1])}, "trial_steps: must lie between 0 and 2^40 steps; got -1"),
+        ({"trial_steps": np.array([5, 5])}, "differ in number of trials"),
+        ({"conditions": pd.DataFrame({"label": [""]})}, "trial 0 has an empty label"),
+        ({"conditions": pd.DataFrame({"lable": ["a"]})}, "no column 'label'"),
+        ({"sampling_rate_Hz": 0.0}, "sampling_rate_Hz must be a positive number"),
+    ],
+)
+def test_spikes_that_do_not_fit_together_are_refused(changes, message):
+    with pytest.raises(InputError) as refusal:
+        replace(trains_of([np.zeros((5, N_AFFERENTS), np.uint8)]), **changes)
+    assert message in str(refusal.value)
+
+
+def test_a_raster_that_no_memory_holds_is_refused():
+    trains = replace(trains_of([np.zeros((5, N_AFFERENTS), np.uint8)]), trial_steps=np.array([2**40]))
+    one = Windows(np.array([0]), np.array([0]), 2**40)
+    with pytest.raises(InputError, match=r"the raster of 1 windows, \d+ steps and 4 afferents: holds [\d,]+ MB, more"):
+        trains.raster(one)

@@ -72,3 +72,17 @@ def test_a_window_that_does_not_fit_is_refused(spec, message):
 def test_a_window_of_nothing_is_no_spec(table):
     with pytest.raises(InputError, match=next(iter(table))):
         build(WindowSpec, table, "study.toml")
+
+
+def test_more_windows_than_memory_holds_are_refused():
+    with pytest.raises(
+        InputError, match="the cut into 1099511627776 windows: holds 43,980,465 MB, more than the limit"
+    ):
+        cut(np.array([2**40]), 1000.0, WindowSpec(length_ms=1))
+
+
+@pytest.mark.parametrize("key", ["length_ms", "start_ms", "hop_ms"])
+@pytest.mark.parametrize("duration_ms", [1e19, 1e300])
+def test_a_window_longer_than_any_trial_is_refused(key, duration_ms):
+    with pytest.raises(InputError, match=f"window.{key}: 1e\\+[0-9]+ ms is longer than any trial may be; shorten it"):
+        cut(np.array([1000]), 1000.0, WindowSpec(**{"length_ms": 3, key: duration_ms}))

@@ -3,12 +3,19 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from made_recordings import made, most_held
 
 from neurotact import spec as specs
+from neurotact.data import conditioning, spool
+from neurotact.data.hdf5 import open_recordings, save_recordings
 from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
@@ -262,3 +269,44 @@ def test_a_silent_afferent_has_a_bin_of_its_own():
     raster[1, [0, 2, 4]] = 1
     shares = calibration._isi_shares(calibration._isi_steps(raster), raster.shape, np.array([1.5, 3.5, 8.5]))
     assert shares[:, 0].tolist() == [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+
+
+PARTS = st.integers(0, 300).flatmap(lambda n: hnp.arrays(np.float32, n, elements=st.floats(0, 1e3, width=32)))
+
+
+@given(parts=st.lists(PARTS, min_size=1, max_size=5), percentile=st.sampled_from([99.9, 99.0, 50.0, 3.0]))
+def test_the_strongest_drive_of_parts_is_numpys_percentile_of_the_whole(parts, percentile):
+    whole = np.concatenate(parts)
+    with patch.object(calibration, "STRONGEST", percentile):
+        found = calibration._strongest(iter(parts), len(whole))
+    expected = float(np.percentile(whole, percentile)) if len(whole) else 0.0
+    assert found == (expected if expected > 0 else whole.max(initial=0.0))
+
+
+@pytest.mark.parametrize("baseline", ["mean", "none"])
+def test_gains_fitted_on_a_file_and_in_pieces_are_those_in_memory(tmp_path, baseline):
+    # Trials of several lengths, so that those encoded side by side are padded; one of them is long.
+    touch = slides()
+    signals = [signal[: 500 + 7 * i] for i, signal in enumerate(touch.signals)]
+    touch = replace(touch, signals=[*signals[:-1], np.tile(signals[-1], (3, 1))])
+    start = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"baseline": baseline})})
+    save_recordings(touch, tmp_path / "touch.h5")
+    with open_recordings(tmp_path / "touch.h5") as stored:
+        one = calibrate(stored, start, rule=RULE)
+    with patch.object(conditioning, "PIECE_VALUES", 4000):  # no shorter: a long trial's mean has other last digits
+        other = calibrate(touch, start, rule=RULE)
+    expected = calibrate(touch, start, rule=RULE)
+    for found in (one, other) if baseline == "none" else (one,):
+        assert found.encoder == expected.encoder
+        pd.testing.assert_frame_equal(found.table, expected.table, check_exact=True)
+        pd.testing.assert_frame_equal(found.isi, expected.isi, check_exact=True)
+    assert other.encoder.sa1.gain == pytest.approx(expected.encoder.sa1.gain)
+
+
+@pytest.mark.parametrize("lengths", [[400] * 1000, [2000] * 7 + [400_000]], ids=["many trials", "a long trial"])
+def test_no_more_of_the_signals_is_held_than_a_few_pieces(lengths):
+    rule = CalibrationRule(candidates=14, excerpt_s=0.2, max_floor_share=1.0, max_silent_share=0.9)
+    with patch.object(conditioning, "PIECE_VALUES", 5000), patch.object(spool, "IN_MEMORY_BYTES", 10_000):
+        calibrate(made([400] * 8), SPEC, rule=rule)  # so that no import counts
+        held = most_held(lambda: calibrate(made(lengths), SPEC, rule=rule))
+    assert held < 1_000_000  # of 3.2 MB of signals

@@ -1,0 +1,260 @@
+"""HDF5 files from anywhere: what a file declares is bounded before it is read.
+
+A file of a few kilobytes can declare any size: of data that was never written, that inflates a thousand times, or of
+rows that all point to one stretch of the file. So a dataset is looked at before it is read, and rows of their own
+length are read a few at a time.
+"""
+
+import json
+import math
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from neurotact.data.recordings import check_text
+from neurotact.errors import InputError
+from neurotact.files import MAX_MB, check_size, existing, max_bytes
+
+STREAMED_RATIO = 50
+"""What is read in pieces may be larger than the limit on one input, but not so many times larger than its file."""
+CACHE_BYTES = 32_000_000
+"""Of the chunks side by side that one piece of a dataset needs."""
+TEXT_BYTES = 200
+"""What a short text takes in memory, in a table that is copied twice."""
+FILTERS = {
+    h5py.h5z.FILTER_DEFLATE: "gzip",
+    h5py.h5z.FILTER_SHUFFLE: "shuffle",
+    h5py.h5z.FILTER_FLETCHER32: "fletcher32",
+}
+"""What may be done to chunks: filters whose output can be bounded before."""
+
+
+@contextmanager
+def opened(path: str | Path, kind: str, command: str) -> Iterator[h5py.File]:
+    """The file at `path`, to read from; InputError for one that is truncated, not HDF5 or of another kind.
+
+    Whatever reading it raises within the block is told as that of a damaged file.
+    """
+    try:
+        with h5py.File(existing(path), "r") as file:
+            found = attribute(file, "kind", path) if "kind" in file.attrs else ""
+            if found != kind:
+                raise InputError(
+                    f"{path}: holds {_shown(found) or 'something else'}, not {kind}; make one with neurotact {command}"
+                )
+            yield file
+    except InputError:
+        raise
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0].strip("'\"")
+        raise InputError(
+            f"{path}: cannot be read as {kind} ({_shown(reason)}); write it again with neurotact {command}"
+        ) from error
+
+
+def attribute(holder: h5py.Group, name: str, path: str | Path) -> Any:
+    """One value that a file or a group in it carries; InputError for a text that is not UTF-8, KeyError for none."""
+    found = h5py.h5a.open(holder.id, name.encode())
+    if found.shape != ():
+        raise ValueError(f"{name} is not a single value")
+    check_size(path, found.dtype.itemsize)
+    value = holder.attrs[name]
+    if isinstance(value, bytes):
+        value = _decoded(value, f"{path}: {name}")
+    if isinstance(value, str):
+        check_text(value, f"{path}: {name}")
+    return value
+
+
+def table(text: Any, kind: type) -> Any:
+    """What a JSON attribute holds; ValueError unless that is of the kind that is due.
+
+    >>> table('["taxel1"]', list)
+    ['taxel1']
+    """
+    found = json.loads(text)
+    if not isinstance(found, kind):
+        raise ValueError(f"holds {_shown(text)}")
+    return found
+
+
+def names(text: Any) -> tuple[str, ...]:
+    """The names in a JSON attribute, which can be written to any file."""
+    found = table(text, list)
+    for name in found:
+        if not isinstance(name, str):
+            raise ValueError(f"holds {_shown(name)} where a name is due")
+        name.encode()
+    return tuple(found)
+
+
+class Declared:
+    """The datasets of an open file, each checked before it is read, and all that is read together.
+
+    path: of the file, for messages.
+
+    Its methods raise InputError for what is too large, and KeyError, TypeError or ValueError for what is not there or
+    not of the kind that is asked for.
+    """
+
+    def __init__(self, file: h5py.File, path: str | Path) -> None:
+        self.file = file
+        self.path = path
+        self._file_bytes = Path(path).stat().st_size
+        self._read_bytes = 0
+
+    def numbers(self, name: str, kinds: str = "iuf") -> np.ndarray:
+        """A dataset of numbers of one row a trial, `(trial,)`; `kinds` of numpy."""
+        dataset = self._dataset(name, kinds, 1)
+        self._reserve(dataset.size * dataset.dtype.itemsize)
+        return dataset[()]
+
+    def rows(self, name: str, kinds: str) -> list[np.ndarray]:
+        """A dataset of rows of their own length, one a trial."""
+        dataset = self._dataset(name, "O", 1)
+        base = h5py.check_vlen_dtype(dataset.dtype)
+        if not isinstance(base, np.dtype) or base.kind not in kinds:
+            raise TypeError(f"{name} does not hold rows of numbers")
+        self._reserve(dataset.size * dataset.dtype.itemsize)
+        found: list[np.ndarray] = []
+        for part in self._parts(dataset):
+            self._reserve(sum(row.nbytes for row in part))
+            found.extend(part)
+        return found
+
+    def texts(self, name: str) -> list[str]:
+        """A dataset of UTF-8 texts, one a trial."""
+        dataset = self._dataset(name, "OS", 1)
+        if not h5py.check_string_dtype(dataset.dtype):
+            raise TypeError(f"{name} does not hold texts")
+        self._reserve(dataset.size * (dataset.dtype.itemsize + TEXT_BYTES))
+        found: list[str] = []
+        for part in self._parts(dataset):
+            self._reserve(4 * sum(map(len, part)))
+            found.extend(_decoded(text, f"{self.path}: {name}") if isinstance(text, bytes) else text for text in part)
+        return found
+
+    def column(self, name: str, n_trials: int) -> list[str] | np.ndarray:
+        """A dataset of texts or of numbers, one a trial."""
+        dataset = self._dataset(name, "OSiufb", 1)
+        if len(dataset) != n_trials:
+            raise InputError(
+                f"{self.path}: {n_trials} trials but {len(dataset)} rows of conditions in {name}; write it again"
+            )
+        return self.texts(name) if dataset.dtype.kind in "OS" else self.numbers(name, "iufb")
+
+    def group(self, name: str) -> h5py.Group:
+        """A group of this very file."""
+        found = self._found(name)
+        if not isinstance(found, h5py.Group):
+            raise TypeError(f"{name} is not a group")
+        return found
+
+    def streamed(self, name: str, kinds: str = "iuf") -> h5py.Dataset:
+        """A dataset of numbers that is read in pieces of rows, `(sample, ...)`, however large it is."""
+        dataset = self._dataset(name, kinds, None)
+        declared = dataset.size * dataset.dtype.itemsize
+        if declared > max(STREAMED_RATIO * self._file_bytes, max_bytes()):
+            raise InputError(
+                f"{self.path}: {name} declares {declared / 1e6:,.0f} MB in a file of {self._file_bytes / 1e6:,.1f} MB; "
+                f"write it again, or set {MAX_MB}=... if it is right"
+            )
+        chunk = dataset.chunks
+        if chunk is None:
+            return dataset
+        side_by_side = [math.ceil(n / k) * k for n, k in zip(dataset.shape[1:], chunk[1:], strict=True)]
+        needed = chunk[0] * math.prod(side_by_side) * dataset.dtype.itemsize
+        access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+        access.set_chunk_cache(521, needed, 1.0)
+        return h5py.Dataset(h5py.h5d.open(self.file.id, name.encode(), access))
+
+    def _found(self, name: str) -> Any:
+        """What is called so in this very file: a link could lead to any other."""
+        parts = name.split("/")
+        for depth in range(1, len(parts) + 1):
+            link = self.file.get("/".join(parts[:depth]), getlink=True)
+            if not isinstance(link, h5py.HardLink):
+                raise KeyError(f"{name} is not in the file")
+        return self.file[name]
+
+    def _dataset(self, name: str, kinds: str, n_dims: int | None) -> h5py.Dataset:
+        """The dataset called `name`, of this very file and of a layout whose reading is bounded."""
+        dataset = self._found(name)
+        if not isinstance(dataset, h5py.Dataset) or dataset.shape is None:
+            raise TypeError(f"{name} is not a dataset")
+        if dataset.external or dataset.is_virtual:
+            raise ValueError(f"{name} lies in another file")
+        if dataset.dtype.kind not in kinds:
+            raise TypeError(f"{name} holds {_shown(dataset.dtype)}")
+        if n_dims is not None and dataset.ndim != n_dims:
+            raise ValueError(f"{name} has the shape {dataset.shape} where (trial,) is expected")
+        if dataset.chunks is not None:
+            self._check_chunks(dataset, name)
+        return dataset
+
+    def _check_chunks(self, dataset: h5py.Dataset, name: str) -> None:
+        """Refuse chunks that are large, or that inflate to more than they declare."""
+        chunk_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
+        across = math.prod(math.ceil(n / k) for n, k in zip(dataset.shape[1:], dataset.chunks[1:], strict=True))
+        if chunk_bytes * across > CACHE_BYTES:
+            raise InputError(
+                f"{self.path}: {name} is stored in chunks of {chunk_bytes * across / 1e6:,.0f} MB, more than "
+                f"{CACHE_BYTES / 1e6:,.0f} MB; store it in smaller chunks, or in none"
+            )
+        plan = dataset.id.get_create_plist()
+        filters = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
+        if any(code not in FILTERS for code in filters) or len(set(filters)) < len(filters):
+            raise InputError(
+                f"{self.path}: {name} is compressed in a way that neurotact does not read; "
+                f"store it with gzip or without compression"
+            )
+        if h5py.h5z.FILTER_DEFLATE in filters:
+            places: list[Any] = []
+            dataset.id.chunk_iter(places.append)
+            if not all(_inflates_within(dataset, place, chunk_bytes) for place in places):
+                raise InputError(f"{self.path}: {name} inflates to more than it declares; write it again")
+
+    def _parts(self, dataset: h5py.Dataset) -> Iterator[np.ndarray]:
+        """Its rows, so few at a time that they fit in memory even if each is as large as the whole file."""
+        at_once = max(1, max_bytes() // max(self._file_bytes, 1))
+        for start in range(0, len(dataset), at_once):
+            yield dataset[start : start + at_once]
+
+    def _reserve(self, n_bytes: int) -> None:
+        self._read_bytes += n_bytes
+        check_size(self.path, self._read_bytes)
+
+
+def _decoded(text: bytes, what: str) -> str:
+    try:
+        return text.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{what} holds {_shown(text[:80])}, which is not UTF-8; rename it") from error
+
+
+def _inflates_within(dataset: h5py.Dataset, place: Any, n_bytes: int) -> bool:
+    """Whether a gzip chunk holds no more than `n_bytes`, and the checksum that may stand within or behind it."""
+    if place.size > 2 * n_bytes + 1000:
+        return False
+    mask, content = dataset.id.read_direct_chunk(place.chunk_offset)
+    if mask:  # a filter was left out for this chunk: it is as it is
+        return True
+    inflater, left = zlib.decompressobj(), n_bytes + 4
+    try:
+        while content and left >= 0:
+            left -= len(inflater.decompress(content, min(left + 1, 1 << 20)))
+            content = inflater.unconsumed_tail
+    except zlib.error as error:
+        raise ValueError(f"a chunk is damaged: {error}") from error
+    return left >= 0
+
+
+def _shown(value: Any) -> str:
+    """A value that may come from anyone, in printable characters and of a readable length."""
+    text = str(value)[:200]
+    return text if text.isprintable() and text.isascii() else ascii(text)

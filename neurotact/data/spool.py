@@ -1,0 +1,62 @@
+"""A sequence of signals that lies in a temporary file once it is large."""
+
+import tempfile
+import weakref
+from collections.abc import Iterable, Iterator, Sequence
+from typing import overload
+
+import numpy as np
+
+from neurotact.errors import InputError
+
+IN_MEMORY_BYTES = 8_000_000
+"""What is larger goes to the file."""
+
+
+class Spool(Sequence[np.ndarray]):
+    """Float32 signals `(time, channel)` of one number of channels, read back one at a time.
+
+    The file has no name and is gone with the last reference. Raises InputError where there is no room for it.
+
+    >>> signals = Spool(np.full((n, 2), n, np.float32) for n in (1, 3))
+    >>> [signal.shape for signal in signals], float(signals[1][2, 0])
+    ([(1, 2), (3, 2)], 3.0)
+    """
+
+    def __init__(self, signals: Iterable[np.ndarray]) -> None:
+        self._file = tempfile.SpooledTemporaryFile(IN_MEMORY_BYTES)  # noqa: SIM115 (lives as long as the sequence)
+        weakref.finalize(self, self._file.close)
+        self._starts: list[int] = []
+        self._shapes: list[tuple[int, ...]] = []
+        for signal in signals:
+            self._starts.append(self._file.tell())
+            self._shapes.append(signal.shape)
+            try:
+                self._file.write(np.ascontiguousarray(signal, np.float32).data)
+            except OSError as error:
+                raise InputError(
+                    f"{tempfile.gettempdir()}: cannot hold the signals ({error.strerror}); "
+                    "make room there or name another place in TMPDIR"
+                ) from error
+
+    @property
+    def lengths(self) -> list[int]:
+        """Samples of each signal."""
+        return [shape[0] for shape in self._shapes]
+
+    def __len__(self) -> int:
+        return len(self._shapes)
+
+    @overload
+    def __getitem__(self, index: int) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[np.ndarray]: ...
+    def __getitem__(self, index: int | slice) -> np.ndarray | Sequence[np.ndarray]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        shape = self._shapes[index]
+        self._file.seek(self._starts[index])
+        return np.frombuffer(self._file.read(4 * shape[0] * shape[1]), np.float32).reshape(shape)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return map(self.__getitem__, range(len(self)))
