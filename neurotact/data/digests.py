@@ -26,7 +26,9 @@ def recorded_digests(recordings: Recordings) -> tuple[str, ...]:
     (16, True, False)
     """
     about = [float(recordings.sampling_rate_Hz), recordings.unit, list(recordings.channels)]
-    return tuple(_digest([*about, list(signal.shape)], signal.astype("<f4")) for signal in recordings.signals)
+    return tuple(
+        _digest([*about, list(signal.shape)], signal.astype("<f4", copy=False)) for signal in recordings.signals
+    )
 
 
 def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
