@@ -40,7 +40,7 @@ def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
     about = [float(trains.sampling_rate_Hz), list(trains.afferents)]
     events = zip(trains.steps, trains.units, trains.trial_steps.tolist(), strict=True)
     return tuple(
-        _digest([*about, n_steps, len(steps)], (steps.astype("<i8"), units.astype("<i8")))
+        _digest([*about, n_steps, len(steps)], (steps.astype("<i8", copy=False), units.astype("<i8", copy=False)))
         for steps, units, n_steps in events
     )
 

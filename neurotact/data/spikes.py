@@ -148,9 +148,11 @@ def from_rasters(
     conditions: pd.DataFrame,
     encoder: Mapping[str, Any] | None = None,
     source: str = "",
+    trial_digests: Sequence[str] = (),
 ) -> SpikeTrains:
     """Events from one `(time, afferent)` raster a trial."""
-    trials = (spikes_of(raster) for raster in rasters)
+    digests = trial_digests or [""] * len(rasters)
+    trials = (spikes_of(raster)._replace(digest=digest) for raster, digest in zip(rasters, digests, strict=True))
     return from_trials(trials, sampling_rate_Hz, afferents, conditions, encoder, source)
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.data.digests import recorded_digests, spike_digests
+from neurotact.data.digests import recorded_digest, spike_digests
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
@@ -18,6 +18,10 @@ from neurotact.encoders.specs import load
 from neurotact.studies.encoding import encode_recordings
 
 NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
+
+
+def recorded_digests(recordings: Recordings) -> tuple[str, ...]:
+    return tuple(recorded_digest(recordings, trial) for trial in range(len(recordings)))
 
 
 def touch(n_trials=3, lengths=None) -> Recordings:

@@ -237,11 +237,11 @@ def events(name, *trials, kind=np.float64):
         (lambda f: f.attrs.update(sampling_rate_Hz=np.nan), "sampling_rate_Hz must be a positive number"),
         (lambda f: f.pop("labels") and f.pop("trial_steps"), "cannot be read as spikes"),
         (lambda f: f["conditions"].move("label", "lable"), "cannot be read as spikes"),
-        (lambda f: f.attrs.update(encoder="[]"), "the encoder is no table"),
+        (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes"),
         (lambda f: f.create_dataset("trial_digests", data=[b"0" * 16]), "trial_digests differ in number of trials"),
         (lambda f: f.create_dataset("trial_digests", data=np.ones((2, 2))), "cannot be read as spikes"),
         (lambda f: f.create_dataset("trial_digests", data=b"0" * 16), "cannot be read as spikes"),
-        (lambda f: f.create_dataset("trial_digests", data=[b"\xff", b"\xff"]), "cannot be read as spikes"),
+        (lambda f: f.create_dataset("trial_digests", data=[b"\xff", b"\xff"]), "trial_digests holds"),
     ],
 )
 def test_spikes_that_do_not_fit_together_are_named(tmp_path, change, message):
