@@ -5,6 +5,7 @@ import shlex
 import sys
 import warnings
 from collections.abc import Callable
+from io import TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -104,8 +105,12 @@ OtherEncoder = Annotated[
 def main() -> None:
     """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may know no µ
     warnings.showwarning = lambda message, *_: _say(message)
     try:
+        for word in sys.argv[1:]:
+            files.check_text(word)
         code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
     except InputError as error:
         _say(error)

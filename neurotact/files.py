@@ -290,9 +290,11 @@ def is_free(folder: str | Path) -> bool:
 def existing(path: str | Path, what: str = "file") -> Path:
     """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`).
 
-    What is neither, such as a pipe or a device, is never opened: reading it may not end.
+    What is neither, such as a pipe or a device, is never opened: reading it may not end. A name that is not UTF-8 is
+    refused, since it becomes a label or a source, which no file can hold.
     """
     path = Path(path)
+    check_text(str(path))
     # os.path and not Path: a name that is too long, or in a folder without rights, is not there either.
     if what == "folder" and not os.path.isdir(path):
         raise InputError(f"{path}: there is no such folder; check the path")
@@ -301,6 +303,14 @@ def existing(path: str | Path, what: str = "file") -> Path:
             raise InputError(f"{path}: is not a regular file (a pipe, a socket or a device); give a file on disk")
         raise InputError(f"{path}: there is no such file; check the path")
     return path
+
+
+def check_text(word: str) -> None:
+    """Refuse a word from outside, such as the name of a file, that is not UTF-8."""
+    try:
+        word.encode()
+    except UnicodeEncodeError as error:
+        raise InputError(f"{word!a}: is not UTF-8 text; rename it") from error
 
 
 def below(folder: str | Path) -> list[Path]:

@@ -83,11 +83,12 @@ def made(tmp_path_factory) -> Path:
     return folder
 
 
-def typed(*words: object, cwd: Path) -> subprocess.CompletedProcess:
+def typed(*words: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess:
     """The command in a process of its own."""
     return subprocess.run(
         [sys.executable, "-c", "from neurotact.cli import main; main()", *map(str, words)],
-        cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+        cwd=cwd, env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
 
 
@@ -356,6 +357,15 @@ def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, ch
         assert line.endswith("or find gains for this sensor with neurotact calibrate")
 
 
+def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path):
+    (tmp_path / "in" / "felt").mkdir(parents=True)
+    (tmp_path / "in" / "felt" / "a.csv").write_text("1,2\n3,4\n")
+    words = ("import", "folder", "in", "--sampling-rate-Hz", 2, "--unit", "µV", "-o", "x.h5")
+    done = typed(*words, cwd=tmp_path, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "x.h5: 1 trials of 1 classes, 2 taxels, 1.0 s at 2 Hz, in \\xb5V\n"
+
+
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
@@ -400,6 +410,26 @@ def test_an_error_is_one_line_of_a_length_that_is_read(refused, tmp_path):
 def test_a_number_that_is_too_large_is_refused(refused, made, monkeypatch, words):
     monkeypatch.chdir(made)
     refused(tuple("spikes.h5" if word == "x.h5" else word for word in words))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("encode", "touch.h5", "-o", "\udcff.h5"),
+        ("encode", "\udcff.h5", "-o", "s.h5"),
+        ("import", "folder", "in", "--sampling-rate-Hz", 3, "--unit", "\udcff", "-o", "s.h5"),
+        ("import", "fabricslide", "fabrics", "-o", "s.h5"),
+    ],
+)
+def test_what_is_not_utf8_is_refused(refused, made, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    for name in ("touch.h5", "\udcff.h5"):
+        shutil.copy(made / "touch.h5", name)
+    Path("in/felt").mkdir(parents=True)
+    Path("in/felt/a.csv").write_text("1,2\n")
+    Path("fabrics").mkdir()
+    Path("fabrics/\udcff_F120_V10mmps_0.csv").write_text("1,2\n")
+    refused(words, "\\udcff", "is not UTF-8 text; rename it")
 
 
 def test_a_refusal_as_a_user_meets_it(made):
