@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from neurotact import spec
+from neurotact.data import conditioning
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Recordings
 from neurotact.data.simulate.gratings import GratingsSpec, simulate
@@ -14,7 +15,7 @@ from neurotact.encoders.izhikevich import IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec
 from neurotact.errors import InputError
 from neurotact.spec import Spec
-from neurotact.studies import encoding, study
+from neurotact.studies import study
 from neurotact.studies.encoding import encode_recordings
 
 NAMES = ("sa1-ra1-lif", "izhikevich", "poisson")
@@ -104,7 +105,7 @@ def touched(n_trials: int = 6) -> Recordings:
 @pytest.mark.parametrize("name", NAMES)
 def test_chunks_of_trials_do_not_show(name, monkeypatch):
     whole = encode_recordings(touched(), specs.load(name))
-    monkeypatch.setattr(encoding, "CHUNK_SAMPLES", 2000)
+    monkeypatch.setattr(conditioning, "PIECE_VALUES", 2000)
     chunked = encode_recordings(touched(), specs.load(name))
     assert sum(map(len, whole.steps)) > 20
     assert whole.encoder["model"] == specs.load(name).model
