@@ -127,7 +127,7 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
     delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=24)
+@settings(max_examples=18)
 def test_counts_and_gradients_are_the_reference_s(
     membrane, reset, sizes, window, density, dtype, isa, n_threads, learns, with_inputs, delay, seed
 ):
@@ -285,7 +285,7 @@ def test_gradients_follow_finite_differences_between_spikes(membrane):
     delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=20)
+@settings(max_examples=15)
 def test_inference_is_the_reference_s(membrane, reset, sizes, window, rule, dtype, isa, n_threads, delay, seed):
     n_in, hidden, classes = sizes
     variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
@@ -319,7 +319,7 @@ def test_inference_of_an_empty_window():
     delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=20)
+@settings(max_examples=15)
 def test_a_layer_is_the_reference_s(
     membrane, reset, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, delay, seed
 ):
