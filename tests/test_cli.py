@@ -370,7 +370,7 @@ def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "encode_recordings", interrupted)
+    monkeypatch.setattr(cli, "encode_file", interrupted)
     assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
     assert not list(tmp_path.iterdir())
 
@@ -379,7 +379,7 @@ def test_a_fault_of_ours_is_not_hidden(monkeypatch, made, tmp_path):
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(cli, "encode_recordings", broken)
+    monkeypatch.setattr(cli, "encode_file", broken)
     monkeypatch.setattr(sys, "argv", ["neurotact", "encode", str(made / "touch.h5"), "-o", str(tmp_path / "s.h5")])
     with pytest.raises(ZeroDivisionError):
         cli.main()

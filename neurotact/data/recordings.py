@@ -226,7 +226,7 @@ def check_channels(channels: Sequence[str], where: str) -> None:
 
 
 def check_text(text: str, what: str) -> None:
-    """Refuse a text that no file can hold, as a name in another encoding than UTF-8 becomes.
+    r"""Refuse a text that no file can hold, as a name in another encoding than UTF-8 becomes.
 
     >>> check_text("caf\udce9", "touch.h5: the label")
     Traceback (most recent call last):

@@ -133,6 +133,7 @@ def calibrate(
     progress: called with 1 and a note at each of the `rule.candidates` steps.
     Raises InputError for less than two classes, for signals that never move, and where no gain keeps both limits.
 
+    >>> from neurotact.data.recordings import Recordings
     >>> from neurotact.spec import build
     >>> time_s, rng = np.arange(0, 1, 1e-3)[:, None], np.random.default_rng(0)
     >>> slide = lambda f: np.sin(2 * np.pi * f * time_s + rng.uniform(0, 6)) + rng.normal(0, 0.1, time_s.shape)
