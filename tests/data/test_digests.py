@@ -90,7 +90,7 @@ def test_selected_trials_keep_their_digests():
     "change",
     [
         {"sampling_rate_Hz": 2000.0}, {"afferents": NAMES[::-1]}, {"trial_steps": np.full(3, 31)},
-        {"units": [3 - u for u in spikes().units]}, {"steps": [s + 1 for s in spikes().steps]},
+        {"units": [3 - u for u in spikes().units]}, {"steps": [np.maximum(s - 1, 0) for s in spikes().steps]},
         {"steps": [s[:-1] for s in spikes().steps], "units": [u[:-1] for u in spikes().units]},
     ],
 )  # fmt: skip
