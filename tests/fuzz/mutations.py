@@ -525,7 +525,7 @@ def spoil_folder(folder: Path, rng: random.Random) -> None:
     chosen = rng.choice(some)
     name = _encoded(text(rng)[:200].replace("/", "_").replace("\0", "") or "x")
     if how == "nested":
-        (place / "deeper" / "still").mkdir(parents=True)
+        (place / "deeper" / "still").mkdir(parents=True, exist_ok=True)
         _copy(chosen, place / "deeper" / "still" / chosen.name)
     elif how == "loop":
         (place / "again").symlink_to(place, target_is_directory=True)
