@@ -256,7 +256,7 @@ def test_a_short_trial_ends_where_it_ends():
     """Its last sample is not followed by a fall to zero, however long the trials beside it are."""
     pressed = [np.full((n_steps, 2), 5.0) for n_steps in (60, 200, 60, 200)]
     pressed[1][100:] += 1.0  # one step up, so that RA-I is driven at all
-    felt = Recordings(pressed, 1000.0, "sd", pd.DataFrame({"label": ["a", "a", "b", "b"]}))
+    felt = calibration.Felt(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
     table, _ = calibration._search(felt, SPEC, RULE, np.random.default_rng(0), None)
     rates = table[table.afferent == "RA-I"].spikes_per_s
     # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
