@@ -21,6 +21,7 @@ def recorded_digest(recordings: Trials, trial: int) -> str:
     """The digest of what was recorded in a trial: samples, sampling rate, unit and channels; not its label.
 
     >>> import pandas as pd
+    >>> from neurotact.data.recordings import Recordings
     >>> once, again = np.ones((4, 2)), np.zeros((4, 2))
     >>> touch = Recordings([once, again, once], 2000.0, "mV", pd.DataFrame({"label": ["felt", "silk", "silk"]}))
     >>> first, second, third = (recorded_digest(touch, trial) for trial in range(3))
