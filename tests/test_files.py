@@ -92,6 +92,13 @@ def test_a_place_that_cannot_be_written_is_named_before_any_work(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["file"]
 
 
+def test_a_pipe_is_never_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match=r"pipe\.csv: cannot be written, it is a pipe, a socket or a device"):
+        write_text(tmp_path / "pipe.csv", "new")
+    assert stat.S_ISFIFO((tmp_path / "pipe.csv").stat().st_mode)
+
+
 @given(st.text(st.characters(exclude_categories=["Cs"])))
 def test_text_is_written_as_it_is(tmp_path, text):
     write_text(tmp_path / "text", text)

@@ -39,7 +39,11 @@ def typed(*words: object, before: str = "") -> subprocess.Popen:
 
 def end_of(process: subprocess.Popen) -> tuple[int, str]:
     """Exit code and what was said on stderr."""
-    _, said = process.communicate(timeout=DEADLINE_S)
+    try:
+        _, said = process.communicate(timeout=DEADLINE_S)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
     return process.returncode, said
 
 
