@@ -473,7 +473,7 @@ def test_a_wrong_command_line_is_one_line_that_names_the_help(refused, words, ex
         ("sa1.t_ref_ms=1e999", "sa1.t_ref_ms: must be a finite number; got inf (--set)"),
         (f"sa1.t_ref_ms={10**400}", "sa1.t_ref_ms: must be a number within 64 bits"),
         (f"sa1.t_ref_ms={'[' * 5000}", "--set sa1.t_ref_ms=["),
-        ("conditioning.resample_Hz=1e12", "a trial resampled to 1e+12 Hz: holds"),
+        ("conditioning.resample_Hz=1e12", "resample_Hz: 1e+12 Hz is over 1,000 times the sampling rate of 1000 Hz"),
         ("sa1.t_ref_ms=nan", "sa1.t_ref_ms: must be a finite number; got nan"),
         ("sa1.t_ref_ms=soon", "sa1.t_ref_ms: must be a valid number"),
         ("sa1=5", "sa1: must be a table; got 5"),

@@ -20,6 +20,8 @@ Pieces = Callable[[], Iterator[np.ndarray]]
 """Begins at the start of a trial each time; every piece but the last has as many samples."""
 PIECE_VALUES = 1_000_000
 """Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
+FINEST_CLOCK = 1000
+"""Steps of an encoder's clock for each sample of a recording, at most: finer ones take time and tell nothing new."""
 
 
 def condition(
@@ -131,6 +133,10 @@ def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None
     57
     """
     to_Hz = resample_Hz or rate_Hz
+    if to_Hz > FINEST_CLOCK * rate_Hz:
+        raise InputError(
+            f"resample_Hz: {to_Hz:g} Hz is over {FINEST_CLOCK:,} times the sampling rate of {rate_Hz:g} Hz; lower it"
+        )
     return n_samples if to_Hz == rate_Hz else int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
 
 
