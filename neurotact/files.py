@@ -121,6 +121,8 @@ def locked(folder: str | Path) -> Iterator[None]:
     """
     folder = Path(folder)
     path = folder / LOCK
+    if folder.is_file():
+        raise InputError(f"{folder}: is a file; name a folder")
     is_new = not folder.exists()
     with _writable(path):
         folder.mkdir(parents=True, exist_ok=True)

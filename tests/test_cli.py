@@ -794,7 +794,8 @@ def test_an_output_folder_that_is_not_free_is_left_alone(refused, made, tmp_path
     for place in (tmp_path / "full", tmp_path / "full" / "thesis.txt"):
         reason = "already exists and is not empty" if place.is_dir() else "is a file; name a folder"
         refused(("train", made / "spikes.h5", "-o", place), f"{place}: {reason}")
-        refused(("study", "run", "refractory-period", "-o", place), f"{place}: is not empty and holds no study")
+        reason = "is not empty and holds no study" if place.is_dir() else "is a file; name a folder"
+        refused(("study", "run", "refractory-period", "-o", place), f"{place}: {reason}")
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["thesis.txt"]
 
 
