@@ -528,7 +528,8 @@ def spoil_folder(folder: Path, rng: random.Random) -> None:
         (place / "deeper" / "still").mkdir(parents=True, exist_ok=True)
         _copy(chosen, place / "deeper" / "still" / chosen.name)
     elif how == "loop":
-        (place / "again").symlink_to(place, target_is_directory=True)
+        if not (place / "again").is_symlink():
+            (place / "again").symlink_to(place, target_is_directory=True)
     elif how == "name" and place != folder:
         os.rename(
             os.fsencode(place), os.path.join(os.fsencode(place.parent), name if name not in (b".", b"..") else b"x")
