@@ -68,23 +68,25 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
     """
     firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
     for block in _blocks(recordings, spec):
-        alone = len(block) == 1
-        found = [_encode_alone(recordings, int(block[0]), spec)] if alone else _encode_together(recordings, block, spec)
-        for trial, spikes in zip(block.tolist(), found, strict=True):
-            yield spikes._replace(digest=recorded_digest(recordings, trial))
+        if len(block) == 1:
+            yield _encode_alone(recordings, int(block[0]), spec)
+        else:
+            yield from _encode_together(recordings, block, spec)
         if progress:
             progress(len(block))
 
 
 def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -> Iterator[TrialSpikes]:
-    felt = condition(recordings.select(block).loaded().to_unit(spec.unit), **spec.conditioning.model_dump())
+    recorded = recordings.select(block).loaded()
+    felt = condition(recorded.to_unit(spec.unit), **spec.conditioning.model_dump())
     rate_Hz = felt.sampling_rate_Hz
     if isinstance(felt.signals, np.ndarray):
-        rasters, _ = encode(felt.signals, rate_Hz, spec, trials=block)
-        yield from map(spikes_of, rasters)
+        rasters = iter(encode(felt.signals, rate_Hz, spec, trials=block)[0])
     else:
-        for signal, trial in zip(felt.signals, block, strict=True):
-            yield spikes_of(encode(signal[None], rate_Hz, spec, trials=trial[None])[0][0])
+        alone = zip(felt.signals, block, strict=True)
+        rasters = (encode(signal[None], rate_Hz, spec, trials=trial[None])[0][0] for signal, trial in alone)
+    for place, raster in enumerate(rasters):
+        yield spikes_of(raster)._replace(digest=recorded_digest(recorded, place))
 
 
 def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpikes:
@@ -97,7 +99,7 @@ def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpi
         found.append(part._replace(steps=part.steps + n_steps))
         n_steps += part.n_steps
     steps, units = (np.concatenate([part[i] for part in found]) for i in (0, 1))
-    return TrialSpikes(steps, units, n_steps)
+    return TrialSpikes(steps, units, n_steps, recorded_digest(recordings, trial))
 
 
 def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
