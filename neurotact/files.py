@@ -109,7 +109,7 @@ def locked(folder: str | Path) -> Iterator[None]:
     """Hold `folder` (made when absent) for this process; InputError says who holds it already.
 
     The operating system lets go of the lock when the process ends, however it ends. Leaves no file behind, and no
-    folder that it made and nothing was written to.
+    folders that it made and nothing was written to.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -121,9 +121,9 @@ def locked(folder: str | Path) -> Iterator[None]:
     """
     folder = Path(folder)
     path = folder / LOCK
-    if folder.is_file():
-        raise InputError(f"{folder}: is a file; name a folder")
-    is_new = not folder.exists()
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder with -o")
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
     with _writable(path):
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _take(path)
@@ -139,9 +139,9 @@ def locked(folder: str | Path) -> Iterator[None]:
         with suppress(OSError):  # the folder may have become read-only; a lock that is let go may stay
             path.unlink(missing_ok=True)
         os.close(descriptor)
-        if is_new:
+        for place in made:
             with suppress(OSError):  # something was written to it
-                folder.rmdir()
+                place.rmdir()
 
 
 def _take(path: Path) -> int | None:

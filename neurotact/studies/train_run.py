@@ -11,7 +11,7 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,7 +93,7 @@ def run(
     """
     if force and resume:
         raise InputError("--force, --resume: give one of them; --force begins again and --resume goes on")
-    with _held(folder):
+    with files.locked(folder):
         _check_place(folder, force=force, resume=resume)
         trains = hdf5.load_spikes(spikes)
         asked = Asked(
@@ -175,21 +175,6 @@ def _begin(folder: Path, asked: Asked) -> None:
             path.unlink(missing_ok=True)
     comment = "# What neurotact train was asked; a training goes on with these settings alone.\n"
     files.write_text(folder / ASKED, comment + to_toml(asked.model_dump(mode="json", exclude_none=True)))
-
-
-@contextmanager
-def _held(folder: Path) -> Iterator[None]:
-    """Lock the folder; leave none behind that is empty and was not there before."""
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder with -o")
-    made = [place for place in (folder, *folder.parents) if not place.exists()]
-    try:
-        with files.locked(folder):
-            yield
-    finally:
-        for place in made:
-            with suppress(OSError):  # it holds something
-                place.rmdir()
 
 
 def _check_place(folder: Path, *, force: bool, resume: bool) -> None:
