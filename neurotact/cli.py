@@ -87,7 +87,9 @@ WorkersOption = Annotated[
 SchedulerOption = Annotated[
     str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786: its workers do the work.")
 ]
-Seed = Annotated[int, typer.Option(min=0, max=MOST_SEEDS, help="Fixes every number.")]
+Seed = Annotated[
+    int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the weights and of the order of windows.")
+]
 WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")]
 StartMs = Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")]
 HopMs = Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")]
@@ -366,7 +368,7 @@ def tune(
     network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "rsnn",
     set_: SetOption = None,
     trials: Annotated[int, typer.Option(min=1, help="Networks to train.")] = 100,
-    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Fixes every number.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the search.")] = 0,
     objective: Annotated[
         str, typer.Option(help="accuracy, or accuracy-sops with the Pareto front of both.")
     ] = "accuracy",

@@ -284,7 +284,7 @@ def scratch() -> Iterator[Path]:
 
 
 def is_free(folder: str | Path) -> bool:
-    """Whether a run may be written there: nothing is there, or an empty folder, whose lock and drafts do not count."""
+    """Whether `folder` does not exist or is empty; a lock and drafts are ignored."""
     folder = Path(folder)
     if not os.path.isdir(folder):
         return not os.path.exists(folder)

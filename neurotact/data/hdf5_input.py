@@ -79,7 +79,7 @@ def table(text: Any, kind: type) -> Any:
     """
     found = json.loads(text)
     if not isinstance(found, kind):
-        raise ValueError(f"holds {_shown(text)}")
+        raise ValueError(f"holds {_shown(text)} where a {'table' if kind is dict else kind.__name__} is due")
     return found
 
 

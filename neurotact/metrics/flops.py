@@ -496,7 +496,7 @@ class SpikingLayer(Layer):
     """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
 
     sops: operations into this layer in one decision, a mean or a number: an AC each.
-    recurrent: whether its neurons hear one another.
+    recurrent: whether its neurons are connected to one another.
     Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
     """
 

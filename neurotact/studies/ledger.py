@@ -94,7 +94,7 @@ def network_cost(
 ) -> Cost:
     """The spiking network of one decision.
 
-    spec: of the network, which says how many hidden neurons it has and whether they hear one another.
+    spec: of the network, which says how many hidden neurons it has and whether it is recurrent.
     measured: mean SOPs of the projections, under the names of `SOPS`.
     steps: simulated steps of a decision, a mean under early exit.
 

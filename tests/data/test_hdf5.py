@@ -237,7 +237,7 @@ def events(name, *trials, kind=np.float64):
         (lambda f: f.attrs.update(sampling_rate_Hz=np.nan), "sampling_rate_Hz must be a positive number"),
         (lambda f: f.pop("labels") and f.pop("trial_steps"), "cannot be read as spikes"),
         (lambda f: f["conditions"].move("label", "lable"), "cannot be read as spikes"),
-        (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes"),
+        (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes (holds [] where a table is due)"),
         (lambda f: f.create_dataset("trial_digests", data=[b"0" * 16]), "trial_digests differ in number of trials"),
         (lambda f: f.create_dataset("trial_digests", data=np.ones((2, 2))), "cannot be read as spikes"),
         (lambda f: f.create_dataset("trial_digests", data=b"0" * 16), "cannot be read as spikes"),
@@ -419,7 +419,10 @@ SPIKE_BOMBS = {
         both(lambda f: f.pop("spikes/units"), declared("spikes/units", (2,), h5py.string_dtype())),
         "spikes/units does not hold rows of numbers",
     ),
-    "an encoder that is no table": (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes"),
+    "an encoder that is no table": (
+        lambda f: f.attrs.update(encoder="[]"),
+        "cannot be read as spikes (holds [] where a table is due)",
+    ),
     "afferents that are no names": (lambda f: f.attrs.update(afferents="[1, 2]"), "holds 1 where a name is due"),
     "afferents that no file can hold": (
         lambda f: f.attrs.update(afferents=json.dumps(["SA-I \udce9", "b", "c", "d"])),
