@@ -33,7 +33,7 @@ from neurotact.export.tables import sops_summary, write_table
 from neurotact.metrics import synops
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
-from neurotact.progress import counting, track
+from neurotact.progress import counting, say, track
 from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, train_run, trained
 from neurotact.studies.encoding import encode_file
 from neurotact.studies.trained import Task
@@ -47,8 +47,6 @@ app.add_typer(import_app, name="import")
 app.add_typer(study_app, name="study")
 console = Console(soft_wrap=True, highlight=False)
 INTERRUPTED = 130
-LONGEST_LINE = 500
-"""Characters of an error; what is cut out is the middle, since the end says what to do."""
 MOST_SEEDS = 2**63 - 2
 """Of a training, which draws its order from the next seed."""
 MOST_SPLITS = 2**32 - 2
@@ -109,37 +107,27 @@ def main() -> None:
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may know no µ
-    warnings.showwarning = lambda message, *_: _say(message)
+    warnings.showwarning = lambda message, *_: say(message)
     try:
         for word in sys.argv[1:]:
             files.check_text(word)
         code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
     except InputError as error:
-        _say(error)
+        say(error)
         sys.exit(2)
     except typer.TyperException as error:
-        _say(f"{error.format_message().rstrip('.')}; see {_command_of(error)} --help")
+        say(f"{error.format_message().rstrip('.')}; see {_command_of(error)} --help")
         sys.exit(2)
     if code == INTERRUPTED:  # Typer makes this of Ctrl-C
-        _say("interrupted")
+        say("interrupted")
     sys.exit(code or 0)
-
-
-def _say(what: object) -> None:
-    """One line on stderr, of a length that is read; what a terminal would obey is written out."""
-    line = " ".join(str(what).split())
-    if len(line) > LONGEST_LINE:
-        half = LONGEST_LINE // 2
-        line = f"{line[:half]} ... {line[-half:]}"
-    line = "".join(character if character.isprintable() else f"{character!a}"[1:-1] for character in line)
-    print(f"neurotact: {line}", file=sys.stderr)
 
 
 class _Said(logging.Handler):
     """What neurotact logs, said like its errors."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        _say(self.format(record))
+        say(self.format(record))
 
 
 def _command_of(error: typer.TyperException) -> str:
@@ -283,7 +271,7 @@ def encode(
     with hdf5.open_recordings(recordings) as data, track("encode", len(data)) as advance:
         found = encode_file(data, what, out, lambda n: advance(n, ""))
     for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
-        _say(complaint)
+        say(complaint)
     print(
         f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
         f"in {found.steps / found.clock_Hz:.1f} s"
@@ -344,7 +332,7 @@ def train_command(
     try:
         done = train_run.run(spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume)
     except train_run.Interrupted as interrupted:
-        _say(_how_to_go_on(interrupted.epochs))
+        say(_how_to_go_on(interrupted.epochs))
         sys.exit(INTERRUPTED)
     if done is None:
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
@@ -414,7 +402,7 @@ def tune(
             with search.processes(spikes, workers) as run, track("tune", trials) as advance:
                 found, timing = search.search(problem, out, run, advance)
         except KeyboardInterrupt:
-            _say(f"interrupted; the same command goes on in {out}")
+            say(f"interrupted; the same command goes on in {out}")
             sys.exit(INTERRUPTED)
         search.write_tables(problem, out, found)
         search.draw(problem, found, out / "search.png")
@@ -512,7 +500,7 @@ def _run_study(what: kinds.Study, out: Path, workers: int | None, scheduler: str
     try:
         print(runner.run(what, out, workers or 2, scheduler))
     except KeyboardInterrupt:
-        _say(f"interrupted; go on with: neurotact study resume {out}")
+        say(f"interrupted; go on with: neurotact study resume {out}")
         sys.exit(INTERRUPTED)
 
 
@@ -563,7 +551,7 @@ def _signal_of(
     """The recorded signal of one trial, its sampling rate and unit; None where the recordings are not at hand."""
     path = given or Path(trains.source or ".")
     if not (given or path.is_file()):
-        _say(f"the signal is left out: {trains.source or 'its recordings'} is not there; name it with --recordings")
+        say(f"the signal is left out: {trains.source or 'its recordings'} is not there; name it with --recordings")
         return None
     with hdf5.open_recordings(path) as data:
         if len(data) != len(trains):

@@ -79,3 +79,17 @@ def counting(advance: Advance) -> Callable[[int, int], None]:
 
 def silent(n: int, note: str) -> None:
     """An `Advance` that says nothing."""
+
+
+LONGEST_LINE = 500
+"""Characters of a line that is read; what is cut out is the middle, since the end says what to do."""
+
+
+def say(what: object) -> None:
+    """Print one line on stderr, shortened to a readable length; control characters are written as escapes."""
+    line = " ".join(str(what).split())
+    if len(line) > LONGEST_LINE:
+        half = LONGEST_LINE // 2
+        line = f"{line[:half]} ... {line[-half:]}"
+    line = "".join(character if character.isprintable() else f"{character!a}"[1:-1] for character in line)
+    print(f"neurotact: {line}", file=sys.stderr)

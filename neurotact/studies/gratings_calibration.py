@@ -28,7 +28,7 @@ from neurotact.export.encoding_figures import Classes, draw_isis, draw_rasters, 
 from neurotact.export.style import add_legend, new_figure, printed, save
 from neurotact.export.tables import write_table
 from neurotact.metrics import spike_trains
-from neurotact.progress import counting, track
+from neurotact.progress import counting, say, track
 from neurotact.spec import load
 from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.facts import Fact, keep, tell
@@ -264,7 +264,7 @@ def noise_facts(noise_mV_rms: float) -> list[Fact]:
     try:
         patch = pvdf_hardness.read(expand("$NEUROTACT_DATA/pvdf-hardness")).to_unit("mV")
     except InputError as error:
-        print(f"noise of the real PVDF patch: not measured ({error})", file=sys.stderr)
+        say(f"noise of the real PVDF patch: not measured ({error})")
         return []
     rms, lag1 = quiet_noise(patch)
     quiet = np.sort(np.median(rms, axis=0))[:QUIET_CHANNELS]

@@ -7,13 +7,13 @@ files alone.
 
 import hashlib
 import json
-import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from neurotact import files
 from neurotact.errors import InputError
+from neurotact.progress import say
 
 FILES = "files.json"
 Flaws = dict[str, str | None]
@@ -96,7 +96,7 @@ def tell(place: str, found: Flaws, remedy: str) -> None:
     """
     for name, flaw in found.items():
         if flaw is not None:
-            print(f"{place}{name}: {flaw}; {remedy}", file=sys.stderr)
+            say(f"{place}{name}: {flaw}; {remedy}")
 
 
 def sound_json(folder: Path, name: str) -> Any:

@@ -1,6 +1,5 @@
 """Running a study: its cells, each done once, whatever interrupts it; then its tables and report."""
 
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -10,7 +9,7 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.export.tables import read_table, write_table
-from neurotact.progress import track
+from neurotact.progress import say, track
 from neurotact.spec import digest
 from neurotact.studies import encoded, kinds, manifest
 from neurotact.studies.cell import cell_folder, damage, discard, is_done, result_of, timing_of, write_cell
@@ -51,7 +50,7 @@ def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
         kinds.prepare(study, folder)
         advance(1, "")
     for cell, place, why in _damaged(study, folder):
-        print(f"{place}: {why}; computed again", file=sys.stderr)
+        say(f"{place}: {why}; computed again")
         discard(folder, cell)
     for name, asked in kinds.steps(study, folder):
         todo = [cell for cell in asked if not is_done(folder, cell)]
@@ -75,7 +74,7 @@ def report(folder: Path) -> Path:
         kinds.check(study, folder)
         for cell, place, why in _damaged(study, folder):
             if not is_done(folder, cell):
-                print(f"{place}: {why}; left out, neurotact study resume {folder} computes it again", file=sys.stderr)
+                say(f"{place}: {why}; left out, neurotact study resume {folder} computes it again")
         return finish(study, folder)
 
 
@@ -106,7 +105,7 @@ def finish(study: Study, folder: Path) -> Path:
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
-        print(f"{folder}: {len(done)} of {len(every)} cells are done; the report shows these", file=sys.stderr)
+        say(f"{folder}: {len(done)} of {len(every)} cells are done; the report shows these")
     write_table(_timings_table(folder, done), folder / "timings.csv")
     if isinstance(study, ProtocolStudy):
         ran = [cell for cell in done if isinstance(cell, ProtocolCell)]
@@ -211,7 +210,7 @@ def _keep_versions(folder: Path) -> None:
     others = [name for name in here if name != "python" and here[name] != began.get(name)]
     if others:
         told = ", ".join(f"{name} {here[name]} (was {began.get(name)})" for name in others)
-        print(f"{folder}: goes on with other versions than it began with, numbers may differ: {told}", file=sys.stderr)
+        say(f"{folder}: goes on with other versions than it began with, numbers may differ: {told}")
 
 
 def _made_from(study: Study) -> dict[str, str]:

@@ -7,7 +7,6 @@ where that happens to a job too often.
 
 import os
 import signal
-import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -20,6 +19,7 @@ from typing import Any
 import torch
 
 from neurotact.errors import InputError
+from neurotact.progress import say
 
 Task = Callable[[Any], Any]
 Run = Callable[[Task, Sequence[Any]], Iterator[Any]]
@@ -107,7 +107,7 @@ def _run(
         process, place, attempt = running.pop(future)
         died = isinstance(future.exception(), BrokenProcessPool)
         if died and attempt < ATTEMPTS:
-            print("a worker process died; what it was at begins again in another", file=sys.stderr)
+            say("a worker process died; what it was at begins again in another")
             todo.appendleft((place, attempt + 1))
         idle.append(start() if died else process)
         if died and attempt == ATTEMPTS:
