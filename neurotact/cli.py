@@ -20,23 +20,24 @@ from neurotact import __version__, files, spec
 from neurotact.data import hdf5
 from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.experiments import EXPERIMENTS, Experiment
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.encoders import calibration, firing
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_file
 from neurotact.errors import InputError, nearest
-from neurotact.export import raster as rasters
-from neurotact.export.calibration_figure import draw_calibration
-from neurotact.export.style import save as save_figure
-from neurotact.export.tables import sops_summary, write_table
-from neurotact.metrics import synops
-from neurotact.networks import tuning
+from neurotact.figures import raster as rasters
+from neurotact.figures.calibration import draw_calibration
+from neurotact.figures.style import save as save_figure
+from neurotact.metrics import ledger, synops
+from neurotact.networks import search, train_run, trained, tuning
 from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+from neurotact.papers.experiments import EXPERIMENTS, Experiment
 from neurotact.progress import counting, say, track
-from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, train_run, trained
-from neurotact.studies.encoding import encode_file
-from neurotact.studies.trained import Task
+from neurotact.studies import kinds, runner
+from neurotact.tables import sops_summary, write_table
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 simulate_app = typer.Typer(help="Simulate an experiment.")
@@ -247,7 +248,7 @@ def calibrate(
     rule = calibration.CalibrationRule()
     start = spec.load(AfferentSpec, encoder, spec.parse_assignments(set_ or []))
     with hdf5.open_recordings(recordings) as data, track("calibrate", rule.candidates) as advance:
-        split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
+        split = split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
         found = calibration.calibrate(data.select(split.train), start, advance, rule)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"

@@ -16,7 +16,7 @@ import torch
 from neurotact import __version__, cli, spec
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
-from neurotact.studies import trained
+from neurotact.networks import trained
 
 ROOT = Path(__file__).parents[1]
 RATE_Hz = 1000.0
@@ -314,7 +314,7 @@ main()
 """
 
 
-@pytest.mark.parametrize("module", ["neurotact.cli", "typer", "torch._C", "numpy.random", "neurotact.studies.trained"])
+@pytest.mark.parametrize("module", ["neurotact.cli", "typer", "torch._C", "numpy.random", "neurotact.networks.trained"])
 def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED_BY_IMPORT.format(module=module)],

@@ -12,8 +12,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.metrics import pairwise_distances_argmin
 from sklearn.utils import check_random_state
 
-from neurotact.baselines.checks import at_least, further_examples, one_of, training_examples
 from neurotact.baselines.targets import encode, indices_of
+from neurotact.checks import at_least, further_examples, one_of, training_examples
 
 Init = Literal["k-means++", "class-mean"]
 

@@ -14,8 +14,8 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 from torch import Tensor, nn
 
-from neurotact.baselines.checks import sequences
 from neurotact.baselines.conv_lstm import IMAGE_AXES
+from neurotact.checks import sequences
 from neurotact.errors import InputError, nearest
 from neurotact.files import existing
 

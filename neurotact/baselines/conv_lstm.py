@@ -11,8 +11,8 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor, nn
 from torch.nn import functional, init
 
-from neurotact.baselines.checks import at_least, sequences, trial_labels
 from neurotact.baselines.targets import encode
+from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 
 IMAGE_AXES = "trial, time, height, width"

@@ -9,9 +9,9 @@ from scipy.special import expit
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 
-from neurotact.baselines.checks import at_least, further_examples, one_of, training_examples
 from neurotact.baselines.ridge_path import decompose
 from neurotact.baselines.targets import decide, encode, indices_of, signed
+from neurotact.checks import at_least, further_examples, one_of, training_examples
 
 Activation = Literal["sigmoid", "relu", "hard_limit"]
 

@@ -13,9 +13,9 @@ from sklearn.utils.validation import check_is_fitted
 from torch import Tensor
 from torch.nn import functional, init
 
-from neurotact.baselines.checks import at_least, sequences, trial_labels
 from neurotact.baselines.recurrent_layers import GRULayers, Layers, LSTMLayers, Shape
 from neurotact.baselines.targets import encode
+from neurotact.checks import at_least, sequences, trial_labels
 from neurotact.errors import InputError
 
 SIGNAL_AXES = "trial, time, channel"

@@ -6,8 +6,8 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics.pairwise import rbf_kernel
 
-from neurotact.baselines.checks import at_least, further_examples, training_examples
 from neurotact.baselines.targets import decide, encode, indices_of, signed
+from neurotact.checks import at_least, further_examples, training_examples
 
 
 class RLSClassifier(ClassifierMixin, BaseEstimator):

@@ -14,8 +14,8 @@ from sklearn.utils import check_random_state
 from torch import Tensor
 from torch.nn import functional
 
-from neurotact.baselines.checks import at_least, further_examples, one_of, training_examples
 from neurotact.baselines.targets import encode, indices_of
+from neurotact.checks import at_least, further_examples, one_of, training_examples
 from neurotact.errors import InputError
 
 Activation = Literal["sigmoid", "relu"]

@@ -1,11 +1,14 @@
 """Stratified splits of trials into training, validation and test."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from pydantic import Field, model_validator
 from sklearn.model_selection import train_test_split
 
+from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
@@ -67,3 +70,15 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     if any(len(np.unique(labels[side])) < len(values) for side in (train, validation, test)):
         raise too_few
     return Split(*(np.sort(part) for part in (train, validation, test)))
+
+
+def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec) -> Split:
+    """Split trials, balanced over the class and the `stratify` columns."""
+    strata = conditions[LABEL].astype(str)
+    for column in stratify:
+        if column not in conditions:
+            raise InputError(
+                f"dataset.stratify: there is no condition '{column}'; known: {', '.join(conditions.columns)}"
+            )
+        strata = strata + " " + conditions[column].astype(str)
+    return split_trials(strata.to_numpy(dtype=str), spec)

@@ -10,13 +10,14 @@ from typing import Any, NamedTuple
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, read_json, scratch, whole, write_json
+from neurotact.networks import search, trained, truncated
+from neurotact.networks.conditions import by_condition
 from neurotact.networks.specs import RSNNSpec
-from neurotact.studies import encoded, manifest, search, shortened, trained
-from neurotact.studies.conditions import by_condition
+from neurotact.networks.trained import Task
+from neurotact.studies import encoded, manifest
 from neurotact.studies.preparation import spikes_path
 from neurotact.studies.protocol_study import ProtocolCell
 from neurotact.studies.study import Cell
-from neurotact.studies.trained import Task
 
 AnyCell = Cell | ProtocolCell
 RESULT = "result.json"
@@ -79,12 +80,12 @@ def _tables(
 ) -> dict[str, Any]:
     """`tables`: the rows of each table that the study asks for besides results.csv; nothing where it asks for none."""
     network, found = fitted.network, {}
-    heard = shortened.hear(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
+    heard = truncated.hear(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
     if heard and cell.cut_short_ms:
-        found["cut_short"] = shortened.cut_short(network, heard, cell.cut_short_ms)
+        found["cut_short"] = truncated.cut_short(network, heard, cell.cut_short_ms)
     if heard and cell.exit_patiences:
-        on_validation = shortened.hear(network, sides.validation)
-        found["exit_curve"] = shortened.exit_curve(network, heard, on_validation, cell.exit_patiences)
+        on_validation = truncated.hear(network, sides.validation)
+        found["exit_curve"] = truncated.exit_curve(network, heard, on_validation, cell.exit_patiences)
     if cell.test_every_condition:
         found["conditions"] = by_condition(network, trains, task)
     return {"tables": found} if found else {}

@@ -11,9 +11,9 @@ from typing import Any, Literal, NamedTuple
 import pandas as pd
 from pydantic import model_validator
 
-from neurotact.data.columns import in_unit, name_of, quantity
 from neurotact.data.recordings import select_conditions
 from neurotact.errors import InputError, nearest
+from neurotact.figures.columns import in_unit, name_of, quantity
 from neurotact.spec import Spec
 
 

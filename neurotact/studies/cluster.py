@@ -17,7 +17,7 @@ from neurotact.errors import InputError
 from neurotact.studies import kinds
 from neurotact.studies.cell import Files
 from neurotact.studies.kinds import AnyCell, Given, MapCells
-from neurotact.studies.versions import versions
+from neurotact.versions import versions
 
 if TYPE_CHECKING:
     from distributed import Client, Future, Worker

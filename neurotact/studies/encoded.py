@@ -14,12 +14,12 @@ import pandas as pd
 
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.export.tables import read_table, write_table
 from neurotact.files import scratch, write_json
 from neurotact.metrics import isi_distributions, spike_trains
 from neurotact.metrics.spike_trains import Events
 from neurotact.studies.preparation import felt_spikes
 from neurotact.studies.study import Cell
+from neurotact.tables import read_table, write_table
 
 ISI = "isi.csv"
 POPULATIONS = (("SA-I", "sa", "sa1"), ("RA-I", "ra", "ra1"))

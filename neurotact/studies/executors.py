@@ -13,7 +13,7 @@ from neurotact.studies import kinds
 from neurotact.studies.cell import Files, cell_folder
 from neurotact.studies.cluster import cluster
 from neurotact.studies.kinds import AnyCell, Given, MapCells
-from neurotact.studies.workers import spawned_as_done
+from neurotact.workers import spawned_as_done
 
 
 def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextManager[MapCells]:

@@ -12,7 +12,7 @@ from neurotact.studies.cell import AnyCell, Files
 from neurotact.studies.protocol import Arrays
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy
 from neurotact.studies.study import StudySpec
-from neurotact.studies.workers import in_a_process
+from neurotact.workers import in_a_process
 
 Study = StudySpec | ProtocolStudy
 Given = SpikeTrains | Arrays

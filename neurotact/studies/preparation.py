@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,62 +13,37 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.data import hdf5
-from neurotact.data.readers import fabricslide, pvdf_hardness
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
-from neurotact.data.simulate.experiments import EXPERIMENTS
+from neurotact.data.sources import expand, reader, simulator
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec, split_trials
+from neurotact.data.splits import Split, split_conditions
 from neurotact.data.windows import Windows, cut
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.export.tables import write_table
 from neurotact.files import write_json
 from neurotact.metrics import spike_trains
 from neurotact.spec import build, digest
 from neurotact.studies import manifest
-from neurotact.studies.calibration import calibrate
-from neurotact.studies.encoding import encode_recordings
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec
+from neurotact.tables import write_table
 
 DATA = "data.json"
 """What the recordings of a run are: their hash, how many trials, which classes."""
-READERS = {"fabricslide": fabricslide.read, "pvdf-hardness": pvdf_hardness.read}
 
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
     """Simulate, read or load the recordings of a study."""
     if spec.simulate is not None:
-        experiment = EXPERIMENTS[spec.simulate]
+        experiment = simulator(spec.simulate)
         return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
     if spec.file is not None:
         return hdf5.load_recordings(spec.file)
-    return READERS[spec.read or ""](expand(spec.path or ""))
-
-
-def expand(path: str) -> Path:
-    """`path` with `$NEUROTACT_DATA` replaced by its value, by default ../shared/data.
-
-    >>> from unittest.mock import patch
-    >>> with patch.dict(os.environ, NEUROTACT_DATA="/tactile"):
-    ...     str(expand("$NEUROTACT_DATA/fabricslide"))
-    '/tactile/fabricslide'
-    """
-    return Path(path.replace("$NEUROTACT_DATA", os.environ.get("NEUROTACT_DATA", "../shared/data")))
-
-
-def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec) -> Split:
-    """Split trials, balanced over the class and the `stratify` columns."""
-    strata = conditions[LABEL].astype(str)
-    for column in stratify:
-        if column not in conditions:
-            raise InputError(
-                f"dataset.stratify: there is no condition '{column}'; known: {', '.join(conditions.columns)}"
-            )
-        strata = strata + " " + conditions[column].astype(str)
-    return split_trials(strata.to_numpy(dtype=str), spec)
+    return reader(spec.read or "").read(expand(spec.path or ""))
 
 
 def spikes_path(folder: Path, cell: Cell) -> Path:

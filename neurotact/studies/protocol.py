@@ -1,21 +1,19 @@
 """What a paper's own system gives, so that it is swept, run, resumed and reported as every study is.
 
-Each module of `neurotact.studies.protocols` is one system: its `Parameters`, and the functions of `ProtocolModule`.
+Each protocol is a module that an entry point of the group `neurotact.protocols` names: its `Parameters`, and the
+functions of `ProtocolModule`.
 It glues; estimators, signals, costs and drawings have their own places.
 """
 
 from collections.abc import Iterator, Mapping
-from importlib import import_module
-from pkgutil import iter_modules
 from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 import pandas as pd
 
-from neurotact.errors import InputError, nearest
-from neurotact.export.style import Drawn
+from neurotact import plugins
+from neurotact.figures.style import Drawn
 from neurotact.spec import Spec
-from neurotact.studies import protocols
 
 Arrays = dict[str, np.ndarray]
 """What the cells of a study share, by name; no array of objects."""
@@ -54,7 +52,7 @@ class TaskData(NamedTuple):
 
 
 class ProtocolModule(Protocol):
-    """What a module of `neurotact.studies.protocols` holds.
+    """What the module of a protocol holds.
 
     Parameters: all that decides a cell's numbers; its field `data` decides the arrays that cells share.
     """
@@ -75,13 +73,6 @@ class ProtocolModule(Protocol):
         ...
 
 
-def names() -> list[str]:
-    """The protocols that there are."""
-    return sorted(module.name for module in iter_modules(protocols.__path__))
-
-
 def module_of(name: str) -> ProtocolModule:
     """The module of a protocol; InputError names the nearest where there is none."""
-    if name not in names():
-        raise InputError(f"protocol: there is none called '{name}'; {nearest(name, names())}")
-    return cast(ProtocolModule, import_module(f"{protocols.__name__}.{name}"))
+    return cast(ProtocolModule, plugins.load("protocols", name))

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from neurotact.data.sources import expand
 from neurotact.errors import InputError
 from neurotact.files import existing, whole, write_json
 from neurotact.studies import manifest
 from neurotact.studies.cell import RESULT, TIMING, Files
-from neurotact.studies.preparation import DATA, check_files, expand
+from neurotact.studies.preparation import DATA, check_files
 from neurotact.studies.protocol import Arrays, module_of
 from neurotact.studies.protocol_study import ProtocolCell
 

@@ -22,7 +22,7 @@ class ProtocolStudy(Spec):
     title: str
     about: str = ""
     protocol: str
-    """A module of `neurotact.studies.protocols`."""
+    """The name of an entry point of the group `neurotact.protocols`."""
     parameters: dict[str, Any] = {}
     """Of the protocol; once resolved, all of them."""
     sweep: dict[str, list[Any]]

@@ -8,8 +8,9 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.errors import InputError
-from neurotact.export.tables import read_table, write_table
 from neurotact.progress import say, track
+from neurotact.report import afferents, networks, protocol
+from neurotact.report.tables import read_encoding
 from neurotact.spec import digest
 from neurotact.studies import encoded, kinds, manifest
 from neurotact.studies.cell import cell_folder, damage, discard, is_done, result_of, timing_of, write_cell
@@ -17,10 +18,9 @@ from neurotact.studies.executors import executor
 from neurotact.studies.kinds import AnyCell, MapCells, Study
 from neurotact.studies.preparation import check_files, spikes_path
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
-from neurotact.studies.report import afferents, networks, protocol
-from neurotact.studies.report.tables import read_encoding
 from neurotact.studies.study import Cell, StudySpec, swept_columns, to_toml, value_at
-from neurotact.studies.versions import versions
+from neurotact.tables import read_table, write_table
+from neurotact.versions import versions
 
 STUDY = "study.toml"
 VERSIONS = "versions.json"

@@ -11,8 +11,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from neurotact import plugins
 from neurotact import spec as specs
-from neurotact.data.simulate.experiments import EXPERIMENTS
+from neurotact.data.sources import simulator
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
@@ -64,8 +65,9 @@ class DatasetSpec(Spec):
     @field_validator("simulate")
     @classmethod
     def _can_be_simulated(cls, name: str | None) -> str | None:
-        if name is not None and name not in EXPERIMENTS:
-            raise ValueError(f"there is no such simulation; {nearest(name, list(EXPERIMENTS))}")
+        known = plugins.names("simulators")
+        if name is not None and name not in known:
+            raise ValueError(f"there is no such simulation; {nearest(name, known)}")
         return name
 
     @model_validator(mode="after")
@@ -235,7 +237,7 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     if study.search is not None and study.network is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
-        model = EXPERIMENTS[study.dataset.simulate].model
+        model = simulator(study.dataset.simulate).model
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
     list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
     return study

@@ -14,8 +14,8 @@ from neurotact.data.digests import recorded_digest, spike_digests
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import load
-from neurotact.studies.encoding import encode_recordings
 
 NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
 

@@ -8,15 +8,15 @@ from neurotact import spec
 from neurotact.data import conditioning
 from neurotact.data.conditioning import condition
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.gratings import GratingsSpec, simulate
 from neurotact.encoders import specs
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.izhikevich import IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec
 from neurotact.errors import InputError
+from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import Spec
 from neurotact.studies import study
-from neurotact.studies.encoding import encode_recordings
 
 NAMES = ("sa1-ra1-lif", "izhikevich", "poisson")
 

@@ -462,7 +462,7 @@ def _keys_of(table: dict[str, Any], before: str = "") -> list[str]:
 
 def _keys() -> dict[str, list[str]]:
     """The keys that `--set` may name, by command."""
-    from neurotact.data.simulate.experiments import EXPERIMENTS
+    from neurotact.papers.experiments import EXPERIMENTS
 
     afferents, net, study = (
         _keys_of(spec.read(path))

@@ -17,8 +17,9 @@ from hypothesis import strategies as st
 from neurotact import files
 from neurotact.data import hdf5
 from neurotact.errors import InputError
+from neurotact.networks import search
 from neurotact.spec import shipped
-from neurotact.studies import kinds, manifest, preparation, protocol, protocols, runner, search, study
+from neurotact.studies import kinds, manifest, preparation, protocol, protocols, runner, study
 from neurotact.studies.cell import cell_folder
 
 HERE = Path(__file__).parent

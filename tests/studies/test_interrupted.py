@@ -15,10 +15,10 @@ import pytest
 
 from neurotact import files
 from neurotact.data import hdf5
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
 from neurotact.studies import preparation, runner, study
-from neurotact.studies.encoding import encode_recordings
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

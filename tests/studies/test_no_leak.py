@@ -15,11 +15,14 @@ import pytest
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.studies import calibration, cell, preparation, search, study, trained
-from neurotact.studies.calibration import CalibrationRule
+from neurotact.data.splits import split_conditions
+from neurotact.encoders import calibration
+from neurotact.encoders.calibration import CalibrationRule
+from neurotact.networks import search, trained
+from neurotact.networks.trained import Task
+from neurotact.studies import cell, preparation, study
 from neurotact.studies.cell import SEARCH
 from neurotact.studies.study import Cell
-from neurotact.studies.trained import Task
 
 N_TRIALS, SECONDS, RATE_Hz = 40, 0.3, 1000.0
 TONES_Hz = (10.0, 60.0)
@@ -117,7 +120,7 @@ def task_of(one: Cell) -> Task:
 def test_test_trials_decide_nothing_but_the_test(tmp_path):
     """Gains, standardisation, spikes, the search, weights, log and exit rule: the same to the byte."""
     one = cell_of(tmp_path, 0)
-    sides = preparation.split_conditions(noise().conditions, (), one.split)
+    sides = split_conditions(noise().conditions, (), one.split)
     plain, plant = (left_of(tmp_path / name, r) for name, r in (("plain", noise()), ("planted", planted(sides.test))))
     assert plant[0].encoder == plain[0].encoder
     known = np.sort(np.concatenate([sides.train, sides.validation]))
@@ -137,7 +140,7 @@ def test_test_trials_decide_nothing_but_the_test(tmp_path):
 def test_what_a_study_may_look_at_does_change_it(tmp_path, side):
     """So the test above can fail: gains see the training trials, and training both."""
     one = cell_of(tmp_path, 0)
-    sides = preparation.split_conditions(noise().conditions, (), one.split)
+    sides = split_conditions(noise().conditions, (), one.split)
     plain = left_of(tmp_path / "plain", noise())
     plant = left_of(tmp_path / "planted", planted(getattr(sides, side)))
     assert (plant[0].encoder != plain[0].encoder) == (side == "train")
@@ -152,7 +155,7 @@ def test_labels_that_only_test_trials_betray_are_at_chance(tmp_path):
     honest, leaked = [], []
     for seed in SPLITS:
         one = cell_of(tmp_path, seed)
-        sides = preparation.split_conditions(noise().conditions, (), one.split)
+        sides = split_conditions(noise().conditions, (), one.split)
         for swapped in (False, True):
             trains, left = left_of(tmp_path / f"{seed} {swapped}", planted(sides.test, swapped), seed)
             honest.append(row_of(left)["accuracy_test"])

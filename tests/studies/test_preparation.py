@@ -9,13 +9,13 @@ import pytest
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
-from neurotact.data.splits import Split
+from neurotact.data.splits import Split, split_conditions
 from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.encoders.afferents import ConditioningSpec
+from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.studies import preparation, study
-from neurotact.studies.encoding import encode_recordings
-from neurotact.studies.preparation import baseline_table, encoding_table, linear_features, split_conditions
+from neurotact.studies.preparation import baseline_table, encoding_table, linear_features
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 

@@ -12,9 +12,10 @@ from threading import Thread
 
 import pytest
 
+from neurotact import workers
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.studies import cluster, runner, study, workers
+from neurotact.studies import cluster, runner, study
 
 ROOT = Path(__file__).parents[2]
 TINY = Path(__file__).parent / "tiny.toml"

@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.gratings import GratingsSpec, simulate
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.neurons import lif_isi_steps
+from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import load
 from neurotact.studies.same_drive import SameDriveSpec, same_drive_table, threshold_gap
 from neurotact.studies.signals import principal_frequency, signal_table

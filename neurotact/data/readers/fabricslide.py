@@ -13,6 +13,7 @@ import pandas as pd
 
 from neurotact.data.readers.tables import cells, numbers, read_text, split_header
 from neurotact.data.recordings import Recordings
+from neurotact.data.sources import Reader
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
@@ -136,3 +137,9 @@ def _sampling_rate(times_ms: list[np.ndarray], paths: list[Path]) -> float:
             f"{interval_ms:.2f} ms; import files of one sampling rate together"
         )
     return round(1000 / interval_ms, 2)
+
+
+READER = Reader(
+    "FabricSlide: 7 fabrics under a 16-taxel finger (Wang et al. 2022), a folder of CSV files.",
+    read,
+)

@@ -14,6 +14,7 @@ import pandas as pd
 from neurotact.data.readers.archives import as_signal, read_arrays
 from neurotact.data.readers.tables import numbers, read_text, split_header
 from neurotact.data.recordings import Recordings
+from neurotact.data.sources import Reader
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
@@ -154,3 +155,9 @@ def _pair(
         if voltage not in kinds:
             log.warning("%s: '%s' has no voltages of its trial beside it; it is left out", where, *kinds.values())
     return {press: kinds for press, kinds in presses.items() if voltage in kinds}
+
+
+READER = Reader(
+    "A P(VDF-TrFE) patch pressed on five cubes: the published .lvm folders, or a folder of cube*.npz.",
+    read,
+)

@@ -11,6 +11,7 @@ import pandas as pd
 
 from neurotact.data.readers.tables import cells, is_value, numbers, read_text
 from neurotact.data.recordings import Recordings
+from neurotact.data.sources import Reader
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
@@ -85,3 +86,9 @@ def _read_lvm(path: Path) -> np.ndarray:
             "download the file again or take it away"
         )
     return table[:N_SAMPLES, 1:].astype(np.float32)
+
+
+READER = Reader(
+    "Sliding, brushing and rolling on a 4 x 4 array (Mendeley Data dmcdp33ctt): three folders of .lvm files.",
+    read,
+)

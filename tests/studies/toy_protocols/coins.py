@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from neurotact.export.style import Drawn, new_figure
+from neurotact.figures.style import Drawn, new_figure
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, View
 

@@ -1,0 +1,132 @@
+"""From recordings to spike trains: unit, conditioning and afferents of one encoder spec."""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurotact.data import hdf5
+from neurotact.data.conditioning import condition, condition_pieces, conditioned_length, is_long
+from neurotact.data.digests import recorded_digest
+from neurotact.data.recordings import Recordings, Trials
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials, spikes_of
+from neurotact.encoders import firing
+from neurotact.encoders.afferents import afferent_names
+from neurotact.encoders.specs import EncoderSpec, encode
+
+Progress = Callable[[int], None]
+IN_MEMORY_BLOCK = 8
+"""Trials that are in memory already are encoded so many times more at once: Izhikevich neurons want many."""
+
+
+class Encoded(NamedTuple):
+    """What a spikes file holds: trials, spikes of each afferent `(afferent,)`, steps of all trials, steps a second."""
+
+    trials: int
+    fired: np.ndarray
+    steps: int
+    clock_Hz: float
+
+
+def encode_recordings(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> SpikeTrains:
+    """Spike trains of whole trials.
+
+    progress: called with the number of trials done since its last call.
+    Raises InputError where the unit, the sampling rate or the taxels do not suit the spec.
+
+    >>> import pandas as pd
+    >>> from neurotact.encoders.specs import load
+    >>> skin = Recordings([np.zeros((400, 8))], 2000.0, "mV", pd.DataFrame({"label": ["felt"]}))
+    >>> trains = encode_recordings(skin, load("sa1-ra1-lif"))
+    >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
+    (1, 16, 400)
+    """
+    return from_trials(encode_trials(recordings, spec, progress), **_about(recordings, spec))
+
+
+def encode_file(recordings: Trials, spec: EncoderSpec, path: str | Path, progress: Progress | None = None) -> Encoded:
+    """Write the spike trains of whole trials to `path`, one after the other: what `encode_recordings` would hold.
+
+    progress: called with the number of trials done since its last call.
+    """
+    about = _about(recordings, spec)
+    fired = np.zeros(len(about["afferents"]), np.int64)
+    with hdf5.spike_writer(path, **about) as writer:
+        for trial in encode_trials(recordings, spec, progress):
+            writer.append(trial)
+            fired += np.bincount(trial.units, minlength=len(fired))
+    return Encoded(len(recordings), fired, writer.n_steps, about["sampling_rate_Hz"])
+
+
+def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | None = None) -> Iterator[TrialSpikes]:
+    """The spikes of one trial after the other, with no more of the signals in memory than a block of trials.
+
+    Short trials are encoded side by side; a long one in pieces, since conditioning and afferents carry their state
+    from one piece to the next. The spikes are the same.
+    """
+    firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
+    for block in _blocks(recordings, spec):
+        if len(block) == 1:
+            yield _encode_alone(recordings, int(block[0]), spec)
+        else:
+            yield from _encode_together(recordings, block, spec)
+        if progress:
+            progress(len(block))
+
+
+def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -> Iterator[TrialSpikes]:
+    recorded = recordings.select(block).loaded()
+    felt = condition(recorded.to_unit(spec.unit), **spec.conditioning.model_dump())
+    rate_Hz = felt.sampling_rate_Hz
+    if isinstance(felt.signals, np.ndarray):
+        rasters = iter(encode(felt.signals, rate_Hz, spec, trials=block)[0])
+    else:
+        alone = zip(felt.signals, block, strict=True)
+        rasters = (encode(signal[None], rate_Hz, spec, trials=trial[None])[0][0] for signal, trial in alone)
+    for place, raster in enumerate(rasters):
+        yield spikes_of(raster)._replace(digest=recorded_digest(recorded, place))
+
+
+def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpikes:
+    """The spikes of one trial, piece by piece."""
+    state, n_steps = None, 0
+    found: list[TrialSpikes] = []
+    for piece in condition_pieces(recordings, trial, unit=spec.unit, **spec.conditioning.model_dump()):
+        raster, state = encode(piece[None], _clock(recordings, spec), spec, state, trials=np.array([trial]))
+        part = spikes_of(raster[0])
+        found.append(part._replace(steps=part.steps + n_steps))
+        n_steps += part.n_steps
+    steps, units = (np.concatenate([part[i] for part in found]) for i in (0, 1))
+    return TrialSpikes(steps, units, n_steps, recorded_digest(recordings, trial))
+
+
+def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
+    """Consecutive trials that fit in memory several times over; a long one by itself."""
+    at_once = IN_MEMORY_BLOCK if isinstance(recordings, Recordings) else 1
+    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, spec.conditioning.resample_Hz
+    finest = [max(n, conditioned_length(n, rate_Hz, clock_Hz)) for n in recordings.lengths.tolist()]
+    n_channels = recordings.n_channels
+    begin, held = 0, finest[0]
+    for trial, (before, n_steps) in enumerate(pairwise(finest), start=1):
+        held += n_steps
+        if is_long(max(before, n_steps), n_channels) or is_long(held // at_once, n_channels):
+            yield np.arange(begin, trial)
+            begin, held = trial, n_steps
+    yield np.arange(begin, len(finest))
+
+
+def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
+    """What spike trains and their file say of themselves."""
+    return {
+        "sampling_rate_Hz": _clock(recordings, spec),
+        "afferents": afferent_names(recordings.channels),
+        "conditions": recordings.conditions,
+        "encoder": spec.model_dump(mode="json", exclude_none=True),
+        "source": recordings.source,
+    }
+
+
+def _clock(recordings: Trials, spec: EncoderSpec) -> float:
+    return spec.conditioning.resample_Hz or recordings.sampling_rate_Hz

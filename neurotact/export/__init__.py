@@ -1,1 +1,0 @@
-"""Event files, figures and exchange formats."""

@@ -1,0 +1,271 @@
+"""Figures of what networks make of spikes: accuracy, synaptic operations, the trade-off of both, confusions, training.
+
+They mirror the texture paper's Fig. 11. Tables are those of a study's `results.csv` with the columns `pair` and
+`setting` (the data set, and whatever else was swept, in words).
+"""
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from neurotact.figures.style import (
+    INK,
+    MUTED,
+    PAIR_AXIS,
+    add_legend,
+    bars,
+    keep_within,
+    name_ticks,
+    new_figure,
+    printed,
+    sequence,
+    series_style,
+)
+from neurotact.tables import means_over
+
+NETWORK = ["setting", "pair", "hidden"]
+TITLE_WIDTH = 44
+"""Characters of a title over half of a figure."""
+
+
+class Published(NamedTuple):
+    """A published figure; `hidden` is None where it is the best over sizes or their mean."""
+
+    setting: str
+    pair: str
+    hidden: int | None
+    measure: str
+    value: float
+
+
+def over_seeds(results: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
+    """Mean, standard deviation over seeds and their number, for each network, in the order of the table.
+
+    Columns: setting, pair, hidden, seeds, and the measures as `tables.means_over` gives them.
+
+    >>> rows = {"setting": ["all"] * 2, "pair": ["1&1"] * 2, "hidden": [20] * 2, "accuracy_test": [0.8, 0.9]}
+    >>> over_seeds(pd.DataFrame(rows), ["accuracy_test"]).round(3).to_dict("records")
+    [{'setting': 'all', 'pair': '1&1', 'hidden': 20, 'seeds': 2, 'accuracy_test': 0.85, 'accuracy_test_sd': 0.071}]
+    """
+    return means_over(results, NETWORK, measures, "seeds")
+
+
+def pareto_front(cost: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """Which points no other point beats: none costs at most as much and gains at least as much, one of both strictly.
+
+    cost, gain: `(point,)`; a point with NaN is never on the front. Equal points are on it together.
+
+    >>> pareto_front(np.array([1.0, 2.0, 3.0]), np.array([0.8, 0.7, 0.9])).tolist()
+    [True, False, True]
+    """
+    cost, gain = np.asarray(cost, float), np.asarray(gain, float)
+    cheaper, better = cost[:, None] <= cost, gain[:, None] >= gain
+    strictly = (cost[:, None] < cost) | (gain[:, None] > gain)
+    beaten = (cheaper & better & strictly).any(axis=0)
+    return ~beaten & np.isfinite(cost) & np.isfinite(gain)
+
+
+@printed
+def draw_accuracy_and_sops(
+    results: pd.DataFrame, published: Sequence[Published] = (), chance: float | None = None
+) -> Figure:
+    """Test accuracy (left) and synaptic operations (right) by t_ref pair and size, a row a data set (Fig. 11).
+
+    Means over seeds with their standard deviation, each seed as a dot; diamonds are published.
+    """
+    settings, pairs, sizes = (list(dict.fromkeys(results[column])) for column in NETWORK)
+    sizes = sorted(sizes)
+    figure = new_figure(1.9 * len(settings) + 0.8)
+    grid = figure.subplots(len(settings), 2, squeeze=False, sharex=True, sharey="col")
+    measures = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
+    for row, setting in enumerate(settings):
+        rows = results[results["setting"] == setting]
+        for axes, (measure, words, scale) in zip(grid[row], measures, strict=True):
+            _paint_networks(axes, rows, pairs, sizes, measure, scale)
+            marks = [p for p in published if p.setting == setting and p.measure == measure and p.pair in pairs]
+            _paint_published(axes, marks, pairs, sizes, scale)
+            axes.set(title=fill(setting, TITLE_WIDTH), ylabel=words)
+            axes.set_xticks(range(len(pairs)), pairs)
+            axes.grid(axis="y")
+    for axes in grid[-1]:
+        axes.set_xlabel(PAIR_AXIS)
+    grid[0, 1].set_ylim(bottom=0)
+    keep_within(grid[:, 0])
+    if chance is not None:
+        _mark_chance(list(grid[:, 0]), chance)
+    add_legend(figure, grid.ravel(), ncols=6, handlelength=1.2)
+    return figure
+
+
+@printed
+def draw_trade_off(results: pd.DataFrame) -> Figure:
+    """Test accuracy against synaptic operations, a panel a data set, with the Pareto fronts.
+
+    A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit.
+    """
+    networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
+    settings = list(dict.fromkeys(networks["setting"]))
+    pairs = list(dict.fromkeys(networks["pair"]))
+    columns = min(len(settings), 2)
+    lines = -(-len(settings) // columns)
+    figure = new_figure(3.3 * lines + 0.5)
+    grid = figure.subplots(lines, columns, squeeze=False).ravel()
+    for axes, setting in zip(grid, settings, strict=False):
+        rows = networks[networks["setting"] == setting]
+        _paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True)
+        _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", filled=False)
+        axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
+        axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
+        axes.grid()
+    keep_within(grid[: len(settings)])
+    for axes in grid[len(settings) :]:
+        axes.set_visible(False)
+    add_legend(figure, grid[: len(settings)], ncols=4, handlelength=2.2)
+    return figure
+
+
+@printed
+def draw_confusion(matrix: np.ndarray, names: Sequence[str], title: str) -> Figure:
+    """Which class was taken for which: shares of each true class's samples, their number in the cell."""
+    matrix = np.asarray(matrix, float)
+    shares = matrix / np.maximum(matrix.sum(axis=1, keepdims=True), 1.0)
+    side = 0.36 * len(names) + 1.5
+    figure = new_figure(side, min(7.2, side + 0.9))
+    axes = figure.subplots()
+    mesh = axes.pcolormesh(shares, cmap="Blues", vmin=0, vmax=1, edgecolors="white", linewidth=0.8)
+    for (true, taken), count in np.ndenumerate(matrix):
+        if count:
+            colour = "white" if shares[true, taken] > 0.6 else INK
+            axes.text(taken + 0.5, true + 0.5, f"{count:.0f}", ha="center", va="center", fontsize=7, color=colour)
+    at = np.arange(len(names)) + 0.5
+    name_ticks(axes, names, at)
+    axes.set_yticks(at, names)
+    axes.set(title=title, xlabel="class that the network chose", ylabel="true class", aspect="equal")
+    axes.set_ylim(len(names), 0)
+    axes.tick_params(length=0)
+    figure.colorbar(mesh, ax=axes, label="share of the true class", shrink=0.8)
+    return figure
+
+
+@printed
+def draw_training(log: pd.DataFrame) -> Figure:
+    """Loss and accuracy over epochs on training and validation samples; a line marks the least validation loss."""
+    figure = new_figure(2.2)
+    panels = figure.subplots(1, 2)
+    measures = (("loss", "loss", 1.0), ("accuracy", "accuracy (%)", 100.0))
+    for axes, (what, words, scale) in zip(panels, measures, strict=True):
+        for side, index in (("train", 0), ("validation", 4)):
+            style = series_style(index) | {"marker": "", "ls": "-" if side == "validation" else "--"}
+            name = "training" if side == "train" else side
+            axes.plot(log["epoch"], scale * log[f"{side}_{what}"], label=name, **style)
+        if log["validation_loss"].notna().any():
+            kept = log["epoch"][log["validation_loss"].idxmin()]
+            axes.axvline(kept, color=MUTED, lw=0.8, ls=":", label="kept")
+        axes.set(xlabel="epoch", ylabel=words)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.grid(axis="y")
+    keep_within(panels[1:])
+    add_legend(figure, panels, ncols=3)
+    return figure
+
+
+def _paint_networks(
+    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], sizes: Sequence[int], measure: str, scale: float
+) -> None:
+    """Every size's mean and deviation beside each other at each pair, the single seeds as faint dots."""
+    means = over_seeds(rows, [measure])
+    shades = sequence(len(sizes))
+    for place, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
+        shift = _shift(place, len(sizes))
+        seeds = rows[rows["hidden"] == size]
+        x = np.array([pairs.index(pair) for pair in seeds["pair"]], float) + shift
+        axes.plot(x, scale * seeds[measure], ls="", marker=".", ms=2.5, color=shade, alpha=0.45, gid="seed")
+        mean = means[means["hidden"] == size].set_index("pair").reindex(pairs)
+        y, sd = scale * mean[measure], scale * mean[f"{measure}_sd"]
+        whole = 100.0 if measure.startswith("accuracy") else None
+        style = series_style(place) | {"color": shade, "ms": 4, "ls": "", "elinewidth": 1.0}
+        spread = bars(y, sd, whole)
+        axes.errorbar(np.arange(len(pairs)) + shift, y, spread, label=f"N = {size}", gid="mean", **style)
+
+
+def _paint_published(
+    axes: Axes, marks: Sequence[Published], pairs: Sequence[str], sizes: Sequence[int], scale: float
+) -> None:
+    """Published points at their pair and size; in the middle of the pair where no size is given."""
+    for mark in marks:
+        shift = _shift(sizes.index(mark.hidden), len(sizes)) if mark.hidden in sizes else 0.0
+        axes.plot(
+            pairs.index(mark.pair) + shift,
+            scale * mark.value,
+            ls="",
+            marker="D",
+            ms=7,
+            mfc="none",
+            mec="#D55E00",
+            mew=1.3,
+            label="published",
+            gid="published",
+            zorder=4,
+        )
+
+
+def _shift(place: int, n: int) -> float:
+    """Where the series at `place` of `n` stands beside its tick."""
+    return 0.0 if n == 1 else -0.3 + 0.6 * place / (n - 1)
+
+
+def _mark_chance(panels: Sequence[Axes], chance: float) -> None:
+    """A line at chance, where the panel reaches down to it."""
+    for axes in panels:
+        low, high = axes.get_ylim()
+        if low <= 100 * chance:
+            axes.axhline(100 * chance, color=MUTED, lw=0.8, ls=":", label="chance")
+            axes.set_ylim(low, high)
+
+
+def _paint_points(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, *, filled: bool) -> None:
+    """Networks with their deviations over seeds, and the front through those that none beats."""
+    x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
+    x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
+    for index, pair in enumerate(pairs):
+        of_pair = (rows["pair"] == pair).to_numpy()
+        style = series_style(index)
+        face = style["color"] if filled else "white"
+        here = (x[of_pair], y[of_pair], bars(y[of_pair], y_sd[of_pair]), x_sd[of_pair])
+        label = pair if filled else None
+        axes.errorbar(*here, ls="", ms=4.5, mfc=face, elinewidth=0.6, ecolor="#bdbdbd", label=label, zorder=3, **style)
+    front = pareto_front(x, y)
+    order = np.flatnonzero(front)[np.argsort(x[front], kind="stable")]
+    name = "Pareto front, full window" if filled else "Pareto front, early exit"
+    style: Any = {"color": INK if filled else MUTED, "ls": "-" if filled else "--", "lw": 0.9}
+    axes.plot(x[order], y[order], drawstyle="steps-post", zorder=2, gid=name, **style)
+    axes.plot([], [], marker="o", ms=4.5, mfc=INK if filled else "white", label=name, **style)
+    if filled:
+        _label_front(axes, rows.iloc[order], x[order], y[order])
+
+
+def _label_front(axes: Axes, rows: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
+    """The hidden size beside each point of a front; its marker tells the pair."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    places = np.stack([x / (right - left), y / (high - low)], axis=1)
+    below = False
+    for index, hidden in enumerate(rows["hidden"]):
+        is_near = index > 0 and np.abs(places[index] - places[index - 1]).max() < 0.04
+        below = is_near and not below
+        offset, side = ((4, -9), "left") if below else ((-3, 4), "right")
+        axes.annotate(
+            f"{hidden}",
+            (x[index], y[index]),
+            xytext=offset,
+            textcoords="offset points",
+            ha=side,
+            fontsize=6.5,
+            fontweight="bold",
+            gid="front label",
+        )

@@ -1,0 +1,112 @@
+"""The figure of a hyperparameter search: its values over trials, what decides them, and the front of two objectives."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed
+
+FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
+
+
+class Importance(NamedTuple):
+    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: what is foreseen at all."""
+
+    drop: Mapping[str, float]
+    r2: float
+
+
+@printed
+def draw_search(
+    trials: pd.DataFrame, importance: Importance | None, front: pd.DataFrame | None = None, unit: str = "value"
+) -> Figure:
+    """Value of each trial and the best so far; the importance of each key; with two objectives, the Pareto front.
+
+    trials: id, outcome (finished, stopped, failed), value, accuracy_validation, sops_total and a column a key.
+    front: the rows of `trials` that no other beats, by SOPs.
+    unit: what the value is, in words.
+    """
+    beside = (importance is not None) + (front is not None)
+    figure = new_figure(5.2 if beside == 2 else 2.7)
+    if beside == 2:
+        places = figure.add_gridspec(2, 2)
+        panels = [figure.add_subplot(place) for place in (places[0, :], places[1, 0], places[1, 1])]
+    else:
+        places = figure.add_gridspec(1, 1 + beside, width_ratios=[1.7, 1.0][: 1 + beside])
+        panels = [figure.add_subplot(place) for place in places]
+    over_trials, *others = panels
+    _paint_values(over_trials, trials, unit)
+    if importance is not None:
+        _paint_importance(others.pop(0), importance, _best_row(trials))
+    if front is not None:
+        _paint_front(others.pop(0), trials, front)
+    add_legend(figure, panels, ncols=5, handlelength=1.4)
+    return figure
+
+
+def best_so_far(trials: pd.DataFrame) -> np.ndarray:
+    """The largest value of the finished trials up to each one, `(trial,)`; NaN before the first.
+
+    >>> best_so_far(pd.DataFrame({"value": [0.5, 0.9, 0.6], "outcome": ["finished", "stopped", "finished"]})).tolist()
+    [0.5, 0.5, 0.6]
+    """
+    return trials["value"].where(trials["outcome"] == "finished").cummax().ffill().to_numpy(float)
+
+
+def _best_row(trials: pd.DataFrame) -> pd.Series:
+    return trials.loc[trials["value"].where(trials["outcome"] == "finished").idxmax()]
+
+
+def _paint_values(axes: Axes, trials: pd.DataFrame, unit: str) -> None:
+    """Dots for trials, hollow where they were stopped, crosses on the axis where they failed; a line for the best."""
+    small = 3.5 if len(trials) < 200 else 2.2
+    for outcome, face, edge in (("finished", FINISHED, FINISHED), ("stopped", "white", STOPPED)):
+        these = trials[trials["outcome"] == outcome]
+        if len(these):
+            style = {"ls": "", "marker": "o", "ms": small, "mfc": face, "mec": edge, "mew": 0.7, "alpha": 0.75}
+            axes.plot(these["id"], these["value"], label=f"{outcome} ({len(these)})", gid=outcome, **style)
+    best = _best_row(trials)
+    axes.step(trials["id"], best_so_far(trials), where="post", color=INK, label="best so far", gid="best", lw=1.2)
+    failed = trials[trials["outcome"] == "failed"]
+    if len(failed):
+        low = axes.get_ylim()[0]
+        axes.plot(failed["id"], [low] * len(failed), ls="", marker="x", ms=4, color=FAILED, clip_on=False,
+                  label=f"failed ({len(failed)})", gid="failed")  # fmt: skip
+        axes.set_ylim(bottom=low)
+    axes.set(title=f"Best {best['value']:.3f}, trial {best['id']}", xlabel="trial", ylabel=unit)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlim(-0.02 * len(trials), 1.02 * len(trials))
+    axes.grid(axis="y")
+
+
+def _paint_importance(axes: Axes, importance: Importance, best: pd.Series) -> None:
+    """A bar a key, the most decisive on top, with the best trial's value beside its name."""
+    keys = sorted(importance.drop, key=lambda key: importance.drop[key])
+    drops = [max(importance.drop[key], 0.0) for key in keys]
+    axes.barh(range(len(keys)), drops, height=0.62, color="#56B4E9", gid="importance")
+    names = [f"{key} ({best[key]:g})" if isinstance(best[key], (int, float, np.number)) else key for key in keys]
+    axes.set_yticks(range(len(keys)), names)
+    axes.tick_params(axis="y", length=0)
+    axes.set(title=f"What decides it (R² {max(importance.r2, 0.0):.2f})", xlabel="loss of R² when shuffled")
+    axes.grid(axis="x")
+
+
+def _paint_front(axes: Axes, trials: pd.DataFrame, front: pd.DataFrame) -> None:
+    finished = trials[trials["outcome"] == "finished"]
+    axes.plot(1e-3 * finished["sops_total"], 100 * finished["accuracy_validation"], ls="", marker="o", ms=2.5,
+              color=FINISHED, alpha=0.6)  # fmt: skip
+    axes.plot(1e-3 * front["sops_total"], 100 * front["accuracy_validation"], drawstyle="steps-post", color=INK,
+              marker="o", ms=3.5, lw=0.9, gid="front")  # fmt: skip
+    best = _best_row(trials)
+    axes.plot(1e-3 * best["sops_total"], 100 * best["accuracy_validation"], ls="", marker="D", ms=7, mfc="none",
+              mec="#D55E00", mew=1.3, label="chosen")  # fmt: skip
+    axes.set(title="Pareto front", xlabel="SOPs per sample (thousands)", ylabel="validation accuracy (%)")
+    axes.set_xscale("log")
+    keep_within([axes])
+    axes.grid(color="#e6e6e6")
+    axes.tick_params(axis="x", which="minor", labelsize=6.5, color=MUTED)

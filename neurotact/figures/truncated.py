@@ -1,0 +1,122 @@
+"""Figures of networks that hear less than their whole window: cut short (texture paper, Figs. 8 and 13), early exit."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurotact.figures.style import (
+    INK,
+    MUTED,
+    add_legend,
+    bars,
+    keep_within,
+    new_figure,
+    printed,
+    sequence,
+    series_style,
+)
+
+MODES = {"validated": "counted from the first readout spike", "oracle": "Algorithm 1, which knows the true label"}
+PANELS = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
+
+
+def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> pd.DataFrame:
+    """Means over sizes and seeds for each combination of `by`, and the deviation over seeds of the means over sizes.
+
+    Columns: `by`, mean, sd (0 with one seed).
+
+    >>> rows = {"cut_ms": [50.0] * 4, "hidden": [20, 20, 30, 30], "seed": [0, 1, 0, 1], "x": [1.0, 2.0, 3.0, 4.0]}
+    >>> mean_and_deviation(pd.DataFrame(rows), ["cut_ms"], "x").round(3).to_dict("records")
+    [{'cut_ms': 50.0, 'mean': 2.5, 'sd': 0.707}]
+    """
+    over_sizes = table.groupby([*by, "seed"], sort=False)[measure].mean().reset_index()
+    groups = over_sizes.groupby(list(by), sort=False)[measure]
+    return pd.DataFrame({"mean": groups.mean(), "sd": groups.std().fillna(0.0)}).reset_index()
+
+
+@printed
+def draw_cut_short(table: pd.DataFrame) -> Figure:
+    """Accuracy (left) and SOPs (right) against the length that is heard, a row a t_ref pair.
+
+    table: of `cut_short.csv`, with the columns `pair`, `panel` (its row's title) and `trained_ms`.
+    The thick line joins networks at the whole window that they were trained on; a thin one is one of them, cut short.
+    """
+    titles = list(dict.fromkeys(table["panel"]))
+    lengths = sorted(set(table["trained_ms"]))
+    figure = new_figure(2.1 * len(titles) + 0.7)
+    grid = figure.subplots(len(titles), 2, squeeze=False, sharex=True, sharey="col")
+    shades = dict(zip(lengths, sequence(len(lengths)), strict=True))
+    for line, title in zip(grid, titles, strict=True):
+        rows = table[table["panel"] == title]
+        for axes, (measure, words, scale) in zip(line, PANELS, strict=True):
+            means = mean_and_deviation(rows, ["trained_ms", "cut_ms"], measure)
+            for length, shade in shades.items():
+                of = means[means["trained_ms"] == length]
+                style: Any = {"color": shade, "marker": ".", "ms": 4, "lw": 0.9, "ls": "--"}
+                axes.plot(of["cut_ms"], scale * of["mean"], label=f"trained on {length:g} ms, cut short", **style)
+            whole = means[means["trained_ms"] == means["cut_ms"]].sort_values("cut_ms")
+            style = {"color": INK, "marker": "o", "ms": 4, "lw": 1.4, "elinewidth": 1.0, "zorder": 3}
+            mean = scale * whole["mean"]
+            spread = bars(mean, scale * whole["sd"], 100.0 if measure == "accuracy_test" else None)
+            axes.errorbar(whole["cut_ms"], mean, spread, label="trained on that length", **style)
+            axes.set(title=title, ylabel=words)
+            axes.grid()
+    for axes in grid[-1]:
+        axes.set_xscale("log")
+        cuts = sorted(set(table["cut_ms"]))
+        axes.set_xticks(cuts, [f"{cut:g}" for cut in cuts])
+        axes.minorticks_off()
+        axes.set_xlabel("length that is heard (ms)")
+    grid[0, 1].set_ylim(bottom=0)
+    keep_within(grid[:, 0])
+    add_legend(figure, [grid[0, 0]], ncols=3)
+    return figure
+
+
+@printed
+def draw_exit_curves(table: pd.DataFrame, chosen: pd.DataFrame, published: pd.DataFrame) -> Figure:
+    """Accuracy lost, steps saved and SOPs saved over patience, a row a t_ref pair, both modes of early exit.
+
+    table: of `exit_curve.csv` with `panel`. chosen: panel and exit_patience of each network, which validation chose.
+    published: panel, patience and steps_saved of the texture paper's Table V.
+    """
+    titles = list(dict.fromkeys(table["panel"]))
+    measures = (
+        ("accuracy_lost", "accuracy lost (points)"),
+        ("steps_saved", "steps saved (%)"),
+        ("sops_saved", "SOPs saved (%)"),
+    )
+    figure = new_figure(2.0 * len(titles) + 0.8)
+    grid = figure.subplots(len(titles), 3, squeeze=False, sharex=True, sharey="col")
+    for line, title in zip(grid, titles, strict=True):
+        rows = table[table["panel"] == title]
+        for axes, (measure, words) in zip(line, measures, strict=True):
+            for index, (mode, name) in enumerate(MODES.items()):
+                _paint_curve(axes, rows[rows["mode"] == mode], measure, name, 4 * index)
+            for patience in sorted(set(chosen[chosen["panel"] == title]["exit_patience"])):
+                axes.axvline(patience, color=MUTED, lw=0.7, ls=":", label="chosen on validation trials")
+            axes.set(title=title, ylabel=words)
+            axes.grid(axis="y")
+        for _, mark in published[published["panel"] == title].iterrows():
+            style: Any = {"ls": "", "marker": "D", "ms": 7, "mfc": "none", "mec": "#D55E00", "mew": 1.3, "zorder": 4}
+            line[1].plot(mark["patience"], 100 * mark["steps_saved"], label="published", **style)
+    for axes in grid[-1]:
+        axes.set_xlabel("patience (steps)")
+    add_legend(figure, grid.ravel(), ncols=2)
+    return figure
+
+
+def _paint_curve(axes: Axes, rows: pd.DataFrame, measure: str, name: str, series: int) -> None:
+    """Means with a band of the deviation over networks; each network as a thin line."""
+    wide = 100 * rows.pivot_table(index="patience", columns=["hidden", "seed"], values=measure)
+    colour = series_style(series)["color"]
+    mean = wide.mean(axis=1)
+    # What is saved is a share; accuracy may be gained too, but neither more than all of it.
+    below, above = bars(mean, wide.std(axis=1), None if measure == "accuracy_lost" else 100.0)
+    ends = np.clip([mean - below, mean + above], -100.0, 100.0)
+    axes.fill_between(wide.index.to_numpy(float), *ends, color=colour, alpha=0.15, lw=0)
+    axes.plot(wide.index, mean, label=name, **{**series_style(series), "ms": 3})

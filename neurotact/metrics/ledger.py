@@ -1,0 +1,176 @@
+"""What a decision of a spiking chain costs, from what was measured of it, beside the linear baseline.
+
+The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import pandas as pd
+
+from neurotact.figures.networks import NETWORK
+from neurotact.metrics.flops import (
+    Afferents,
+    Cost,
+    Dense,
+    IzhikevichAfferents,
+    Layer,
+    Moments,
+    MovingAverage,
+    PoissonAfferents,
+    SpikingLayer,
+    Standardise,
+    cost,
+    ledger_table,
+)
+from neurotact.metrics.signal_flops import (
+    BaselineRemoval,
+    Interpolation,
+    Rectification,
+    ScaledSteps,
+    StandardisedSteps,
+)
+from neurotact.networks.specs import RSNNSpec
+from neurotact.tables import means_over
+
+SOPS = ("sops_input", "sops_recurrent", "sops_readout")
+MODEL = "network.model"
+ABOUT = (
+    "Conditioning and encoding are counted for both populations of every taxel, on every step of the window. "
+    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ a MAC and 0.9 pJ any other operation, "
+    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
+)
+
+
+def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mapping[str, Any]) -> Cost:
+    """What an encoder does over a window, from the recording to the spikes: conditioning and both populations.
+
+    encoder: its spec, as spike trains carry it; LIF without conditioning where it says neither.
+
+    Every step of the encoder's clock counts, the moving average too where a slower recording is resampled after it.
+    Parameters are what a sensor's calibration fits: a gain a population, an offset and a scale a taxel. Constants that
+    all afferents share (decay, threshold, t_ref, the average's weight) are none, as in every layer of the ledger.
+
+    >>> lif = {"conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "mean"}}
+    >>> encoding_cost(8, 300, 150.0, {}).flops, encoding_cost(8, 300, 150.0, lif).flops
+    (28800, 40808)
+    >>> calibrated = {"conditioning": {"resample_Hz": 1000.0, "offset": [0.0] * 16, "scale": [1.0] * 16}}
+    >>> encoding_cost(16, 300, 300.0, calibrated).parameters
+    34
+    """
+    window = max(1, round(steps))
+    conditioning = _conditioning(encoder.get("conditioning") or {}, n_taxels, window)
+    afferents = _afferents(encoder, n_taxels, window, signal_ms / steps if steps else 0.0)
+    return cost(*conditioning, afferents, signal_ms=signal_ms)
+
+
+def _conditioning(spec: Mapping[str, Any], n_taxels: int, steps: int) -> Iterator[Layer]:
+    """The layers of `data.conditioning.condition`, in its order."""
+    size = steps, n_taxels
+    if spec.get("ema_cutoff_Hz") is not None:
+        yield MovingAverage(*size)
+    if spec.get("resample_Hz") is not None:
+        yield Interpolation(*size)
+    if spec.get("baseline", "none") != "none":
+        yield BaselineRemoval(*size, level=spec["baseline"])
+    if spec.get("offset") is not None:
+        yield StandardisedSteps(*size)  # an offset with scales of 1, or without any, costs as one with scales
+    elif spec.get("scale") is not None:
+        yield ScaledSteps(*size)
+    if spec.get("rectify"):
+        yield Rectification(*size)
+
+
+def _afferents(encoder: Mapping[str, Any], n_taxels: int, steps: int, step_ms: float) -> Layer:
+    model = encoder.get("model", "lif")
+    if model == "izhikevich":
+        return IzhikevichAfferents(n_taxels, steps, max(1, math.ceil(step_ms / encoder["euler_step_ms"] - 1e-9)))
+    return {"lif": Afferents, "poisson": PoissonAfferents}[model](n_taxels, steps)
+
+
+def network_cost(
+    spec: RSNNSpec, n_afferents: int, n_classes: int, measured: Mapping[str, Any], *, steps: float, signal_ms: float
+) -> Cost:
+    """The spiking network of one decision.
+
+    spec: of the network, which says how many hidden neurons it has and whether it is recurrent.
+    measured: mean SOPs of the projections, under the names of `SOPS`.
+    steps: simulated steps of a decision, a mean under early exit.
+
+    >>> measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
+    >>> found = network_cost(RSNNSpec(hidden=30), 16, 8, measured, steps=300, signal_ms=150)
+    >>> found.macs, found.acs, found.parameters
+    (22800, 1280, 1620)
+    """
+    into_hidden = measured["sops_input"] + measured["sops_recurrent"]
+    return cost(
+        SpikingLayer(n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent),
+        SpikingLayer(spec.hidden, n_classes, steps=steps, sops=measured["sops_readout"], recurrent=False),
+        signal_ms=signal_ms,
+    )
+
+
+def linear_cost(n_taxels: int, samples: int, n_classes: int, signal_ms: float) -> Cost:
+    """Logistic regression on mean and deviation of each taxel, standardised."""
+    features = 2 * n_taxels
+    layers = (Moments(max(1, samples), n_taxels, order=2), Standardise(features), Dense(features, n_classes))
+    return cost(*layers, signal_ms=signal_ms)
+
+
+def decision_ledger(
+    spec: RSNNSpec,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    summary: pd.DataFrame,
+    *,
+    encoder: Mapping[str, Any],
+) -> pd.DataFrame:
+    """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
+
+    summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder: as for `encoding_cost`.
+    """
+    measured = summary.iloc[-1]
+    steps = float(measured["steps"])
+    signal_ms = 1e3 * steps / rate_Hz
+    encoding = encoding_cost(max(1, n_afferents // 2), steps, signal_ms, encoder)
+    network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
+
+
+def study_ledger(
+    spec: RSNNSpec,
+    results: pd.DataFrame,
+    baseline: pd.DataFrame | None,
+    *,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    encoder: Mapping[str, Any],
+) -> pd.DataFrame:
+    """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
+
+    spec: of the study's network; `hidden` and, where it was swept or searched, `network.model` of `results` count.
+    results: a run's `results.csv` with the columns `pair` and `setting`.
+    baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
+    encoder: as for `encoding_cost`.
+    """
+    n_taxels = max(1, n_afferents // 2)
+    rows: list[tuple[str, Cost]] = []
+    if baseline is not None and "samples" in baseline:
+        window_ms = 1e3 * float(results["window_steps"].iloc[0]) / rate_Hz
+        rows.append(("linear baseline", linear_cost(n_taxels, int(baseline["samples"].iloc[0]), n_classes, window_ms)))
+    for steps in sorted(results["window_steps"].unique()):
+        window_ms = 1e3 * steps / rate_Hz
+        rows.append(
+            (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
+        )
+    results = results if MODEL in results else results.assign(**{MODEL: spec.model})
+    for _, row in means_over(results, [*NETWORK, MODEL], [*SOPS, "window_steps"], "seeds").iterrows():
+        steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
+        own = spec.model_copy(update={"hidden": int(row["hidden"]), "model": row[MODEL]})
+        network = network_cost(own, n_afferents, n_classes, row, steps=steps, signal_ms=signal_ms)
+        name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
+        rows.append((name, encoding_cost(n_taxels, steps, signal_ms, encoder) + network))
+    return ledger_table(rows)

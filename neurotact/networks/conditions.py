@@ -1,0 +1,45 @@
+"""What a trained network does under each condition of a data set, those that it was not trained on too."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import split_conditions
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.trained import Task, examples_of, synops_of
+from neurotact.tables import records
+
+
+def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[str, Any]]:
+    """Accuracy and mean SOPs on the test trials of each combination of the conditions in `task.stratify`.
+
+    Columns: those conditions, known (whether the network was trained on such trials), n_test (windows),
+    accuracy_test, sops_* and spikes_sa, spikes_ra as in results.csv. The test side of the split is that of the whole
+    data set, so that each condition is tested on the same trials whatever a network was trained on.
+    """
+    table = trains.conditions
+    known = select_conditions(table, task.subset)
+    test = split_conditions(table, task.stratify, task.split).test
+    rows = []
+    for values, group in table.iloc[test].groupby(list(task.stratify), sort=True):
+        trials = np.sort(group.index.to_numpy())
+        for is_known in sorted(set(known[trials].tolist())):
+            examples, _ = examples_of(trains, trials[known[trials] == is_known], task.window)
+            inference = network.infer(examples.spikes.to(network.w_in.device))
+            cost = synops_of(inference, network)
+            sent = examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
+            rows.append(
+                {
+                    **dict(zip(task.stratify, values, strict=True)),
+                    "known": is_known,
+                    "n_test": len(examples.labels),
+                    "accuracy_test": float((inference.labels.cpu() == examples.labels).double().mean()),
+                    **{f"sops_{name}": float(each.mean()) for name, each in cost._asdict().items()},
+                    "spikes_sa": float(sent[trains.is_sa].sum()),
+                    "spikes_ra": float(sent[~trains.is_sa].sum()),
+                }
+            )
+    return records(pd.DataFrame(rows))

@@ -1,0 +1,444 @@
+"""Searching a network's hyperparameters on validation trials, with a journal that survives what interrupts it.
+
+A search asks its tuner for a batch of trials, trains them, writes each to the journal in the order of their numbers,
+and tells the tuner. The journal alone is the search's state: to resume is to ask and tell anew with what it holds.
+"""
+
+import hashlib
+import json
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from sklearn.ensemble import RandomForestRegressor
+from sklearn.inspection import permutation_importance
+
+from neurotact import files, spec, workers
+from neurotact.data import hdf5
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+from neurotact.figures.networks import pareto_front
+from neurotact.figures.search import Importance, draw_search
+from neurotact.figures.style import save as save_figure
+from neurotact.networks import trained, tuning
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Sides, Task
+from neurotact.networks.training import Epoch, train
+from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
+from neurotact.progress import Advance, silent, time_left
+from neurotact.spec import Spec
+from neurotact.tables import write_table
+
+JOURNAL = "journal.jsonl"
+FINISHED, STOPPED, FAILED = "finished", "stopped", "failed"
+FOREST_LEAST = 16
+"""Trials without which no importance is estimated."""
+
+
+class Problem(Spec):
+    """What is searched: everything that decides the journal's bytes, and nothing of where files lie."""
+
+    search: SearchSpec
+    network: RSNNSpec
+    """What the space does not name."""
+    task: Task
+    spikes_sha256: str
+
+    def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
+        return tuning.apply(self.network, parameters, source="search.space")
+
+    def seeds_of(self, trial: Proposal) -> tuple[int, int]:
+        """Seeds of a trial's initial weights and order of windows, drawn from its number and its content."""
+        network = self.network_of(trial.parameters)
+        content = [self.search.seed, trial.id, network.model_dump(mode="json"), self.task.model_dump(mode="json")]
+        digest = spec.digest(content)
+        return int(digest[:6], 16), int(digest[6:], 16)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A line of the journal.
+
+    epochs: validation accuracy after each epoch.
+    outcome: finished, stopped (by the assessor) or failed.
+    accuracy, sops: of the network that training kept, on validation windows; of the last epoch's when stopped.
+    value: what the tuner was told.
+    """
+
+    id: int
+    parameters: dict[str, Any]
+    epochs: list[float]
+    outcome: str
+    accuracy: float | None = None
+    sops: float | None = None
+    value: float | None = None
+    error: str | None = None
+
+    def line(self) -> str:
+        return json.dumps({k: v for k, v in asdict(self).items() if v is not None}, allow_nan=False) + "\n"
+
+
+class Job(NamedTuple):
+    """A trial on its way to where it is trained."""
+
+    problem: Problem
+    proposal: Proposal
+    median_stop: MedianStop | None
+
+
+Run = Callable[[Sequence[Job]], Iterator[Trial]]
+"""Trains the trials of a batch; yields them in the order of their numbers."""
+
+
+class Timing(NamedTuple):
+    """Seconds of a search in this process, and how many of them proposals took."""
+
+    seconds: float
+    proposals: float
+
+
+def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task) -> Problem:
+    """The problem of searching on these spike trains.
+
+    InputError when the space does not suit the network, or the training trials hold less than two classes.
+    """
+    tuning.check(search.space, network, source="search.space")
+    trained.trials_of(trains, task)
+    return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains))
+
+
+def here(trains: SpikeTrains, task: Task) -> Run:
+    """Trials trained in this process, one after another."""
+    sides = trained.sides_of(trains, task)
+    return lambda jobs: (try_network(job, trains, sides) for job in jobs)
+
+
+@contextmanager
+def processes(spikes: Path, n_workers: int) -> Iterator[Run]:
+    """Trials trained in spawned processes, which read the spike trains from their file."""
+    with workers.spawned(n_workers) as run:
+        yield lambda jobs: run(_try_from_disk, [(job, spikes) for job in jobs])
+
+
+def search(problem: Problem, folder: Path, run: Run, advance: Advance = silent) -> tuple[list[Trial], Timing]:
+    """Every trial of a search; what the journal in `folder` holds already is not trained again.
+
+    run: `here` or `processes`; the journal is the same for both and for any number of processes.
+    Raises InputError when the folder holds another search.
+    """
+    _claim(folder, problem)
+    files.sweep(folder)
+    known = read_journal(folder / JOURNAL)
+    n_known = len(known)
+    advance(n_known, note(known))
+    began = perf_counter()
+    done: list[Trial] = []
+    tuner = Tuner(problem.search)
+    proposals = perf_counter() - began
+    while True:
+        asked = perf_counter()
+        batch = tuner.ask()
+        proposals += perf_counter() - asked
+        if not batch:
+            break
+        ended = _take(known, batch, problem, folder)
+        for trial in run([Job(problem, proposal, tuner.median_stop) for proposal in batch[len(ended) :]]):
+            files.append(folder / JOURNAL, trial.line())
+            ended.append(trial)
+            advance(1, _progress(done + ended, n_known, problem.search.trials, perf_counter() - began))
+        told = perf_counter()
+        for trial in ended:
+            _tell(tuner, trial)
+        proposals += perf_counter() - told
+        done += ended
+    if known:
+        raise InputError(f"{folder / JOURNAL}: holds trials that this search does not propose; remove the folder")
+    return done, Timing(perf_counter() - began, proposals)
+
+
+def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
+    """Train one proposed network; a trial that cannot be trained fails, and the search goes on."""
+    number, parameters = job.proposal
+    epochs: list[float] = []
+    try:
+        network, accuracy, outcome = _train(job, trains, sides, epochs)
+        sops = trained.mean_sops(network, sides.validation)
+    except InputError as error:
+        return Trial(number, parameters, epochs, FAILED, error=str(error))
+    value = job.problem.search.value(accuracy, sops)
+    if not math.isfinite(value):
+        return Trial(number, parameters, epochs, FAILED, error=f"its value is {value}")
+    return Trial(number, parameters, epochs, outcome, accuracy, sops, value)
+
+
+def best_of(trials: Sequence[Trial]) -> Trial:
+    """The finished trial of the largest value, the first of equal ones; InputError when none has finished."""
+    finished = [trial for trial in trials if trial.outcome == FINISHED]
+    if not finished:
+        why = next((f"; trial {t.id}: {t.error}" for t in trials if t.error), "")
+        raise InputError(f"search: none of {len(trials)} trials finished{why}; change the space or the training")
+    return max(finished, key=lambda trial: (_value(trial), -trial.id))
+
+
+def read_journal(path: Path) -> list[Trial]:
+    """The trials of a journal; a last line that was torn is taken off the file, so that its trial runs again."""
+    if not path.is_file():
+        return []
+    lines = files.read_bytes(path).splitlines(keepends=True)
+    trials: list[Trial] = []
+    for number, line in enumerate(lines):
+        try:
+            trials.append(_parse(line, number))
+        except (ValueError, TypeError, RecursionError) as error:
+            if number + 1 < len(lines):
+                where = f"{path}: line {number + 1}"
+                raise InputError(f"{where} is damaged ({error}); cut the file off before it") from error
+            os.truncate(path, sum(map(len, lines[:-1])))
+    return trials
+
+
+def trials_table(trials: Sequence[Trial]) -> pd.DataFrame:
+    """A row a trial: id, outcome, epochs, value, accuracy_validation, sops_total, its parameters, error.
+
+    >>> trials_table([Trial(0, {"hidden": 20}, [0.5, 0.75], "finished", 0.75, 900.0, 0.75)]).iloc[0].to_dict()
+    {'id': 0, 'outcome': 'finished', 'epochs': 2, 'value': 0.75, 'accuracy_validation': 0.75, 'sops_total': 900.0, \
+'hidden': 20, 'error': ''}
+    """
+    rows = [
+        {
+            "id": trial.id,
+            "outcome": trial.outcome,
+            "epochs": len(trial.epochs),
+            "value": trial.value,
+            "accuracy_validation": trial.accuracy,
+            "sops_total": trial.sops,
+            **{key: as_cell(value) for key, value in trial.parameters.items()},
+            "error": trial.error or "",
+        }
+        for trial in trials
+    ]
+    numbers = ["value", "accuracy_validation", "sops_total"]
+    return pd.DataFrame(rows).astype(dict.fromkeys(numbers, float))
+
+
+def front_table(table: pd.DataFrame) -> pd.DataFrame:
+    """The finished trials that no other beats in both validation accuracy and SOPs, by SOPs."""
+    finished = table[table["outcome"] == FINISHED]
+    front = finished[pareto_front(finished["sops_total"].to_numpy(), finished["accuracy_validation"].to_numpy())]
+    return front.sort_values(["sops_total", "id"]).drop(columns=["outcome", "error"])
+
+
+def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
+    """How much each key decides the value, by permutation in random forests; None for too few trials.
+
+    A forest fitted on every other trial foresees the rest, and the reverse; `drop` is the mean loss of R² over
+    both when a key's values are shuffled among the foreseen trials, `r2` what is foreseen of them at all.
+    """
+    told = table[table["value"].notna()]
+    varied = [key for key in keys if told[key].nunique() > 1]
+    if len(told) < FOREST_LEAST or not varied or told["value"].nunique() == 1:
+        return None
+    features = told[varied].apply(_as_number)
+    even = np.arange(len(told)) % 2 == 0
+    drops, scores = [], []
+    for fitted in (even, ~even):
+        forest = RandomForestRegressor(200, min_samples_leaf=2, random_state=0)
+        forest.fit(features[fitted], told["value"][fitted])
+        unseen = (features[~fitted], told["value"][~fitted])
+        drops.append(permutation_importance(forest, *unseen, n_repeats=10, random_state=0)["importances_mean"])
+        scores.append(forest.score(*unseen))
+    return Importance(dict(zip(varied, np.mean(drops, axis=0).tolist(), strict=True)), float(np.mean(scores)))
+
+
+def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> None:
+    """Write what the journal says for people: best.toml, trials.csv and, with two objectives, pareto.csv."""
+    best = best_of(trials)
+    table = trials_table(trials)
+    write_table(table, folder / "trials.csv")
+    if problem.search.objective != "accuracy":
+        write_table(front_table(table), folder / "pareto.csv")
+    network = problem.network_of(best.parameters)
+    comment = f"# The best of {len(trials)} trials (trial {best.id}), by {_value_words(problem.search)}.\n"
+    files.write_text(folder / "best.toml", comment + spec.to_toml(network.model_dump(mode="json")))
+
+
+def draw(problem: Problem, trials: Sequence[Trial], path: Path) -> None:
+    """Draw the search: values over trials, what decides them, the front of two objectives."""
+    table = trials_table(trials)
+    front = None if problem.search.objective == "accuracy" else front_table(table)
+    found = importance(table, list(problem.search.space))
+    save_figure(draw_search(table, found, front, _value_words(problem.search)), path)
+
+
+def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[trained.Trained, Sides]:
+    """Train a trial's network again: its own seeds give the network that the search saw."""
+    seeds = problem.seeds_of(Proposal(best.id, best.parameters))
+    return trained.fit(trains, problem.network_of(best.parameters), problem.task, seeds)
+
+
+def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> dict[str, Any]:
+    """Train the best network again, write it into `folder/best` as `neurotact train` does; its result."""
+    trains = hdf5.load_spikes(spikes)
+    fitted, sides = train_best(problem, trains, best_of(trials))
+    trained.save(fitted, folder / "best", trains, spikes, problem.task)
+    result = trained.measure(fitted, sides.test, trains.is_sa)
+    files.write_json(folder / "best" / "result.json", result)
+    return result
+
+
+def note(trials: Sequence[Trial]) -> str:
+    """The best so far, in a few words."""
+    finished = [trial for trial in trials if trial.outcome == FINISHED]
+    if not finished:
+        return ""
+    best = best_of(finished)
+    return f"best {_value(best):.4f} (trial {best.id}, validation accuracy {best.accuracy:.3f})"
+
+
+def _progress(trials: Sequence[Trial], n_known: int, n_trials: int, seconds: float) -> str:
+    """The best so far; where no bar shows it, also the time left."""
+    if sys.stderr.isatty():
+        return note(trials)
+    left = seconds / (len(trials) - n_known) * (n_trials - len(trials))
+    return f"{note(trials)}, {time_left(left)}"
+
+
+class _StopTrialError(Exception):
+    """Carries a stopped trial out of training."""
+
+
+def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> tuple[RSNN, float, str]:
+    """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
+    proposal = job.proposal
+    spec = job.problem.network_of(proposal.parameters)
+    network, order = trained.new_network(trains, spec, job.problem.seeds_of(proposal))
+
+    def watch(epoch: Epoch) -> None:
+        epochs.append(epoch.validation_accuracy)
+        if job.median_stop and job.median_stop.stops(proposal.id, epochs):
+            raise _StopTrialError
+
+    try:
+        training = train(network, sides.train, sides.validation, generator=order, progress=watch)
+    except _StopTrialError:
+        return network, epochs[-1], STOPPED
+    return network, training.best.validation_accuracy, FINISHED
+
+
+def _parse(line: bytes, number: int) -> Trial:
+    """A line of the journal; ValueError or TypeError when it is not whole or not of trial `number`."""
+    if not line.endswith(b"\n"):
+        raise ValueError("it has no end")
+    trial = Trial(**json.loads(line))
+    if trial.id != number:
+        raise ValueError(f"it is of trial {trial.id}")
+    if not isinstance(trial.parameters, dict) or trial.outcome not in (FINISHED, STOPPED, FAILED):
+        raise ValueError("its parameters or its outcome are none")
+    if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
+        raise ValueError("an accuracy is not between 0 and 1")
+    ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs
+    if trial.outcome != FAILED and trial.accuracy not in ended:
+        raise ValueError("its accuracy is of none of its epochs")
+    return trial
+
+
+def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:
+    """The trials of this batch that the journal held, taken off it."""
+    taken = [known.pop(0) for _ in batch[: len(known)]]
+    for trial, proposal in zip(taken, batch, strict=False):
+        if trial.parameters != proposal.parameters:
+            raise InputError(
+                f"{folder / JOURNAL}: trial {trial.id} is not what this search proposes there; remove the folder, "
+                "or go on with the versions of nni and numpy that it began with"
+            )
+        if trial.outcome != FAILED and not _adds_up(trial, problem.search):
+            where = f"{folder / JOURNAL}: line {trial.id + 1}"
+            raise InputError(f"{where} is damaged (its value is not that of its accuracy); cut the file off before it")
+    return taken
+
+
+def _adds_up(trial: Trial, search: SearchSpec) -> bool:
+    """Whether a trial's value is that of its accuracy and its SOPs."""
+    accuracy, sops = trial.accuracy, trial.sops
+    if not isinstance(accuracy, (int, float)) or not isinstance(sops, (int, float)):
+        return False
+    return trial.value == search.value(accuracy, sops)
+
+
+def _tell(tuner: Tuner, trial: Trial) -> None:
+    if trial.outcome == FAILED:
+        tuner.fail(trial.id, trial.epochs)
+    else:
+        tuner.tell(trial.id, _value(trial), trial.epochs, stopped=trial.outcome == STOPPED)
+
+
+def _value(trial: Trial) -> float:
+    if trial.value is None:
+        raise InputError(f"journal: trial {trial.id} has no value; cut the file off before its line")
+    return trial.value
+
+
+def _claim(folder: Path, problem: Problem) -> None:
+    """Make `folder` this search's; refuse one that is another's. A search without a trial yet gives way."""
+    path, journal = folder / "search.json", folder / JOURNAL
+    content = problem.model_dump(mode="json")
+    if not path.is_file() and not files.is_free(folder):
+        raise InputError(f"{folder}: is not empty and holds no search; choose another folder")
+    if journal.is_file() and journal.stat().st_size > 0 and _read_problem(path) != content:
+        raise InputError(f"{folder}: holds another search, or {path.name} was changed; choose another folder")
+    files.write_json(path, content)
+
+
+def _read_problem(path: Path) -> Any:
+    """What `search.json` holds; None where it is damaged."""
+    try:
+        return files.read_json(path)
+    except InputError:
+        return None
+
+
+def _try_from_disk(job_and_path: tuple[Job, Path]) -> Trial:
+    job, path = job_and_path
+    return try_network(job, *_read(path, job.problem.task.model_dump_json()))
+
+
+@lru_cache(maxsize=1)
+def _read(path: Path, task: str) -> tuple[SpikeTrains, Sides]:
+    """Read and cut once a process, not once a trial."""
+    trains = hdf5.load_spikes(path)
+    return trains, trained.sides_of(trains, Task.model_validate_json(task))
+
+
+def _sha256(trains: SpikeTrains) -> str:
+    """Of what a network sees: spikes, labels and conditions, whichever file holds them."""
+    content = hashlib.sha256(json.dumps([trains.sampling_rate_Hz, list(trains.afferents)]).encode())
+    content.update(trains.trial_steps.astype(np.int64).tobytes())
+    for events in (trains.steps, trains.units):
+        content.update(np.concatenate([part.astype(np.int64) for part in events]).tobytes())
+    content.update(trains.conditions.to_csv(index=False).encode())
+    return content.hexdigest()
+
+
+def _as_number(column: pd.Series) -> pd.Series:
+    return column if pd.api.types.is_numeric_dtype(column) else pd.Series(pd.factorize(column)[0], column.index)
+
+
+def as_cell(value: Any) -> Any:
+    """A hyperparameter as a cell of a table holds it."""
+    return value if isinstance(value, (int, float, str)) else json.dumps(value)
+
+
+def _value_words(search: SearchSpec) -> str:
+    if search.objective == "accuracy":
+        return "validation accuracy"
+    return f"validation accuracy - {search.sops_weight:g} log10(SOPs)"

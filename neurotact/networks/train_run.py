@@ -1,0 +1,269 @@
+"""A training in a folder: it goes on where it was interrupted, to the bytes that it would have left.
+
+While it runs the folder holds `train.toml`, what was asked, and `checkpoint.safetensors`, the state between two epochs;
+at its end `train.toml`, the network and what it came to. Until the first epoch is over the folder is as it was before.
+"""
+
+import hashlib
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import Field
+
+from neurotact import files
+from neurotact.data import hdf5
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+from neurotact.networks import checkpoint, trained, training_checkpoint
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+from neurotact.networks.training import Checkpoint, Epoch
+from neurotact.progress import track
+from neurotact.spec import Spec, build, digest, read, to_toml
+from neurotact.versions import versions
+
+ASKED = "train.toml"
+CHECKPOINT = "checkpoint.safetensors"
+RESULT = "result.json"
+LEFT = (RESULT, CHECKPOINT, trained.LOG, checkpoint.WEIGHTS, checkpoint.NETWORK, ASKED)
+"""All that a training leaves; what says that it is done, or how far it came, is removed first."""
+SECONDS_BETWEEN = 1.0
+"""A checkpoint is written at most so often, so that short epochs are not spent on writing."""
+NUMBERS = ("neurotact", "torch", "backend", "machine")
+"""Versions of what decides the numbers of a training."""
+
+
+class Asked(Spec):
+    """What a training was asked, with everything resolved (`train.toml`)."""
+
+    spikes: str
+    """Where the spikes were, from the folder."""
+    spikes_sha256: str
+    """Of the file of spikes."""
+    seed: int = Field(ge=0)
+    device: str
+    task: Task
+    network: RSNNSpec
+    versions: dict[str, str]
+
+    def settings(self) -> dict[str, Any]:
+        """What decides the numbers."""
+        return self.model_dump(mode="json", exclude={"spikes", "versions"})
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C or the end of a time limit, with `epochs` of the training saved."""
+
+    def __init__(self, epochs: int) -> None:
+        super().__init__()
+        self.epochs = epochs
+
+
+class Done(NamedTuple):
+    """The row of a training's result, and of how many test windows."""
+
+    row: dict[str, Any]
+    n_test: int
+
+
+def run(
+    spikes: Path,
+    folder: Path,
+    network: RSNNSpec,
+    task: Task,
+    *,
+    seed: int = 0,
+    device: str = "cpu",
+    force: bool = False,
+    resume: bool = False,
+) -> Done | None:
+    """Train a network on spikes and leave it in `folder`; None where that was done before.
+
+    force: replace what an earlier training left there, and nothing else.
+    resume: go on with what is there, or begin where nothing is.
+    Raises Interrupted, and InputError for a folder that is not free, or that holds another training.
+    """
+    if force and resume:
+        raise InputError("--force, --resume: give one of them; --force begins again and --resume goes on")
+    with files.locked(folder):
+        _check_place(folder, force=force, resume=resume)
+        trains = hdf5.load_spikes(spikes)
+        asked = Asked(
+            spikes=os.path.relpath(spikes, folder),
+            spikes_sha256=_sha256(spikes),
+            seed=seed,
+            device=device,
+            task=task,
+            network=network,
+            versions=versions(),
+        )
+        start = None
+        if resume and _holds(folder, CHECKPOINT, RESULT):
+            _check_same(folder, asked)
+            if not _holds(folder, CHECKPOINT):
+                return None
+            start = _load(folder, asked, trains)
+        return _train(trains, asked, spikes, folder, start)
+
+
+def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Done:
+    keeper = _Keeper(folder, asked, start)
+    n_before = len(start.epochs) if start else 0
+    with _terminated_as_interrupted():
+        try:
+            with track("train", asked.network.training.epochs, done=n_before, at_most=True) as advance:
+                fitted, sides = trained.fit(
+                    trains,
+                    asked.network,
+                    asked.task,
+                    (asked.seed, asked.seed + 1),
+                    device=asked.device,
+                    progress=lambda epoch: advance(1, _line(epoch)),
+                    start=start,
+                    keep=keeper.keep,
+                )
+            keeper.write()
+            trained.save(fitted, folder, trains, spikes, asked.task)
+            result = trained.measure(fitted, sides.test, trains.is_sa)
+            files.write_json(folder / RESULT, result)
+            (folder / CHECKPOINT).unlink(missing_ok=True)
+        except KeyboardInterrupt:
+            keeper.write()
+            raise Interrupted(keeper.epochs) from None
+    return Done(result["row"], len(sides.test.labels))
+
+
+class _Keeper:
+    """Writes the latest checkpoint of a training, now and then."""
+
+    def __init__(self, folder: Path, asked: Asked, start: Checkpoint | None) -> None:
+        self.folder, self.asked = folder, asked
+        self.is_ours = start is not None
+        self.epochs = len(start.epochs) if start else 0
+        self.latest: Checkpoint | None = None
+        self.written_at = float("-inf")
+
+    def keep(self, latest: Checkpoint) -> None:
+        self.latest = latest
+        if time.monotonic() - self.written_at >= SECONDS_BETWEEN:
+            self.write()
+
+    def write(self) -> None:
+        """Write what is not yet on the disk."""
+        if self.latest is None:
+            return
+        if not self.is_ours:
+            _begin(self.folder, self.asked)
+            self.is_ours = True
+        training_checkpoint.save(self.latest, self.folder / CHECKPOINT, digest(self.asked.settings()))
+        self.epochs, self.latest = len(self.latest.epochs), None
+        self.written_at = time.monotonic()
+
+
+def _begin(folder: Path, asked: Asked) -> None:
+    """Remove what an earlier training left, and say what this one was asked."""
+    for path in (folder / name for name in LEFT if name != ASKED):
+        if not path.is_dir():
+            path.unlink(missing_ok=True)
+    comment = "# What neurotact train was asked; a training goes on with these settings alone.\n"
+    files.write_text(folder / ASKED, comment + to_toml(asked.model_dump(mode="json", exclude_none=True)))
+
+
+def _check_place(folder: Path, *, force: bool, resume: bool) -> None:
+    """Refuse a folder that holds anything, unless it is to be replaced or gone on with."""
+    found = {path.name for path in folder.iterdir()} - {files.LOCK}
+    found = {name for name in found if not name.startswith(files.DRAFT)}
+    if found <= set(LEFT):  # nothing but a training, so that no other run is at work below
+        files.sweep(folder)
+    if not found or force:
+        return
+    if resume:
+        if found <= set(LEFT) or ASKED in found:
+            return
+        raise InputError(f"{folder}: holds no training to go on with; choose another folder")
+    if CHECKPOINT in found:
+        raise InputError(
+            f"{folder}: holds a training that was interrupted; pass --resume to go on, or --force to start again"
+        )
+    raise InputError(
+        f"{folder}: already exists and is not empty; choose another folder, or pass --force to replace a training there"
+    )
+
+
+def _check_same(folder: Path, asked: Asked) -> None:
+    """Refuse settings that are not those of the training in the folder; warn of other versions."""
+    path = folder / ASKED
+    try:
+        before = build(Asked, read(path), source=str(path))
+    except InputError as error:
+        raise InputError(f"{path}: is damaged ({error}); start again with --force") from error
+    if before.spikes_sha256 != asked.spikes_sha256:
+        raise InputError(
+            f"{folder}: was begun with other spikes, or the file has changed since ({before.spikes} from there); "
+            "give that file, or start again with --force"
+        )
+    for key, was, now in _differences(before.settings(), asked.settings()):
+        raise InputError(f"{folder}: was begun with {key} = {was}, not {now}; give that, or start again with --force")
+    other = [f"{name} {was}" for name in NUMBERS if (was := before.versions.get(name)) != asked.versions[name]]
+    if other:
+        warnings.warn(
+            f"{folder}: was begun with {', '.join(other)}; its numbers may differ from those of an uninterrupted run",
+            stacklevel=2,
+        )
+
+
+def _differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """The dotted keys whose values differ, with both.
+
+    >>> list(_differences({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"b": 1, "c": 4}, "d": 3}))
+    [('a.c', 2, 4)]
+    """
+    if not (isinstance(before, Mapping) and isinstance(now, Mapping)):
+        if before != now:
+            yield key, before, now
+        return
+    for name in (*before, *(name for name in now if name not in before)):
+        yield from _differences(before.get(name), now.get(name), f"{key}.{name}" if key else str(name))
+
+
+def _load(folder: Path, asked: Asked, trains: SpikeTrains) -> Checkpoint:
+    net = training_checkpoint.Net(asked.network, len(trains.afferents), len(trains.classes))
+    return training_checkpoint.load(folder / CHECKPOINT, net, digest(asked.settings()))
+
+
+def _holds(folder: Path, *names: str) -> bool:
+    return any((folder / name).is_file() for name in names)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+@contextmanager
+def _terminated_as_interrupted() -> Iterator[None]:
+    """Within it SIGTERM, which comes at the end of a time limit, is what Ctrl-C is; a second one is ignored."""
+    if threading.current_thread() is not threading.main_thread():  # signals are not its own
+        yield
+        return
+
+    def interrupt(*_: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _line(epoch: Epoch) -> str:
+    return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"

@@ -1,0 +1,204 @@
+"""One task, all ways: every family of classifiers on every task, on the same splits, by accuracy and by cost.
+
+Two-dimensional families see a task's features, LSTM and GRU its sequences averaged down to a few steps, the spiking
+network its sequences as spikes. All wait for the same window of signal; only early exit decides sooner. Each family's
+settings are chosen on validation examples from a small grid.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from neurotact.errors import InputError
+from neurotact.figures.style import Drawn
+from neurotact.metrics.flops import Cost, cost
+from neurotact.papers.comparison import families, figures
+from neurotact.papers.comparison import spiking as spiking_family
+from neurotact.papers.comparison.tasks import at_most, slowed, source_of, split_groups
+from neurotact.spec import Spec, build
+from neurotact.studies.protocol import Arrays, TaskData, View
+
+SKIPPED = "skipped"
+COUNTED = ("macs", "acs", "other_flops", "parameters", "bytes")
+COSTS = ("macs", "acs", "other_flops", "flops", "sops", "parameters", "bytes", "signal_ms", "energy_estimate_nJ")
+
+
+class TaskSpec(Spec):
+    """A task, and what of it is used."""
+
+    task: Literal["gratings", "stiffness", "touch_modality", "compliance", "fabrics", "pvdf_hardness"] = "gratings"
+    settings: dict[str, dict[str, Any]] = {}
+    """For each task the keys of its own spec that differ from their defaults."""
+    examples: int = Field(default=800, ge=10)
+    """At most so many, in whole groups."""
+
+
+class Parameters(Spec):
+    """One cell: a family on a task."""
+
+    data: TaskSpec = TaskSpec()
+    family: Literal["ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "RSNN"] = "ELM"
+    seed: int = Field(default=0, ge=0)
+    """Of the split, the weights and the order of training."""
+
+
+def load(data: TaskSpec) -> Arrays:
+    """The task's arrays; where its recordings are not at hand, only the sentence that says so, as `skipped`."""
+    try:
+        source = source_of(data.task)
+    except InputError as error:
+        return _left_out(data.task, error)
+    spec = build(source.data, data.settings.get(data.task, {}), source=f"settings of {data.task}")
+    try:
+        made = source.make(spec)
+    except InputError as error:
+        return _left_out(data.task, error)
+    front_end = source.front_end(spec, made)
+    task = slowed(at_most(made, data.examples))
+    slowing = families.averaging(made.sequences.shape[1], *task.sequences.shape[1:])
+    return {
+        "features": task.features,
+        "sequences": task.sequences,
+        "labels": task.labels,
+        "groups": task.groups,
+        "sampling_rate_Hz": np.array(task.sampling_rate_Hz),
+        "unit": np.array(task.unit),
+        "before_features": _as_array(cost(*front_end.features)),
+        "before_sequences": _as_array(cost(*front_end.sequences, *slowing)),
+    }
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
+    """A row of the family on the task; two for the spiking network, which also decides early."""
+    head = {"family": parameters.family, SKIPPED: ""}
+    if SKIPPED in arrays:
+        nothing = dict.fromkeys(("accuracy_validation", "accuracy_test", "chance", *COSTS), float("nan"))
+        return [{**head, **nothing, SKIPPED: str(arrays[SKIPPED])}]
+    task = task_of(arrays)
+    split = split_groups(task.labels, task.groups, parameters.seed)
+    majority = np.unique(task.labels[split.train], return_counts=True)
+    shared = {
+        "examples": len(task.labels),
+        "n_test": len(split.test),
+        "chance": float((task.labels[split.test] == majority[0][majority[1].argmax()]).mean()),
+    }
+    rows = _spiking(task, arrays, parameters, split) if parameters.family == "RSNN" else None
+    rows = rows or [_plain(task, arrays, parameters, split)]
+    return [{**head, **shared, **row} for row in rows]
+
+
+def _left_out(task: str, error: InputError) -> Arrays:
+    return {SKIPPED: np.array(f"{task} is left out: {error}")}
+
+
+def task_of(arrays: Arrays) -> TaskData:
+    """The task that `load` left."""
+    rate_Hz, unit = float(arrays["sampling_rate_Hz"]), str(arrays["unit"])
+    return TaskData(arrays["features"], arrays["sequences"], rate_Hz, unit, arrays["labels"], arrays["groups"])
+
+
+def _as_array(spent: Cost) -> np.ndarray:
+    return np.array([getattr(spent, name) for name in COUNTED], float)
+
+
+def _as_cost(array: np.ndarray) -> Cost:
+    macs, acs, other_flops, parameters, stored = array.tolist()
+    return Cost(macs=macs, acs=acs, other_flops=other_flops, parameters=int(parameters), bytes=int(stored))
+
+
+def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -> dict:
+    window_ms = 1e3 * task.sequences.shape[1] / task.sampling_rate_Hz
+    if parameters.family in families.ON_FEATURES:
+        family, sides = families.ON_FEATURES[parameters.family], families.feature_sides(task, split)
+        before = _as_cost(arrays["before_features"]) + cost(*families.standardising(sides))
+    else:
+        family, sides = families.ON_SEQUENCES[parameters.family], families.sequence_sides(task, split)
+        before = _as_cost(arrays["before_sequences"]) + cost(*families.slowing(task.sequences.shape[1], sides))
+    best = families.best_of(family, sides, parameters.seed)
+    return {
+        "settings": best.settings,
+        "accuracy_validation": families.accuracy(best, sides.validation, sides.y_validation),
+        "accuracy_test": families.accuracy(best, sides.test, sides.y_test),
+        "energy_before_nJ": before.energy_estimate_nJ,
+        **_costs(before + cost(*best.layers, signal_ms=window_ms)),
+    }
+
+
+def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -> list[dict]:
+    window_ms = 1e3 * task.sequences.shape[1] / task.sampling_rate_Hz
+    rows = []
+    for decided in spiking_family.decide(task, split, parameters.seed):
+        # Sequences are made sample by sample: who decides early pays for the samples until then.
+        needed = min(1.0, decided.cost.signal_ms / window_ms)
+        before = _as_cost(arrays["before_sequences"] * np.array([needed, needed, needed, 1.0, 1.0])) + decided.encoder
+        rows.append(
+            {
+                "family": decided.name,
+                "settings": decided.settings,
+                "accuracy_validation": decided.accuracy_validation,
+                "accuracy_test": decided.accuracy_test,
+                "energy_before_nJ": before.energy_estimate_nJ,
+                **_costs(before + decided.network),
+            }
+        )
+    return rows
+
+
+def _costs(spent: Cost) -> dict[str, float]:
+    return {name: getattr(spent, name) for name in COSTS}
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Accuracy against the energy estimate and against the signal that must be waited for, a panel a task."""
+    shown = results[results["accuracy_test"].notna()]
+    if shown.empty:
+        return
+    yield Drawn(
+        "accuracy-and-energy",
+        "Accuracy against the energy estimate",
+        figures.draw_trade_offs(shown, "energy_estimate_nJ", "energy estimate of a decision (nJ)"),
+        "Means over the splits with their deviations; the dotted line is the largest class, the open star decides "
+        "early. To the right it costs more, further down it errs more.",
+        "A panel a task, with a mark for each family of classifiers.",
+    )
+    yield Drawn(
+        "accuracy-and-parameters",
+        "Accuracy against parameters",
+        figures.draw_trade_offs(shown, "parameters", "parameters"),
+        "The same rows against the numbers that training fixes.",
+        "A panel a task, with a mark for each family of classifiers.",
+    )
+    yield Drawn(
+        "where-the-energy-goes",
+        "Energy before the classifier and of the whole decision",
+        figures.draw_energy_shares(shown),
+        "What features, averaging or afferents take by themselves, and the whole decision, means over the splits.",
+        "A panel a task, two marks a family: the energy estimate before the classifier and of the whole.",
+    )
+
+
+VIEW = View(
+    by=("task", "family"),
+    measures={
+        "accuracy_test": "test accuracy (%)",
+        "accuracy_validation": "validation accuracy (%)",
+        "energy_estimate_nJ": "energy estimate (nJ)",
+        "energy_before_nJ": "before the classifier (nJ)",
+        "macs": "MACs",
+        "acs": "ACs",
+        "sops": "SOPs",
+        "parameters": "parameters",
+        "signal_ms": "signal (ms)",
+        "chance": "largest class (%)",
+    },
+    cost="energy_estimate_nJ",
+    score="accuracy_test",
+    note="Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ a MAC and 0.9 pJ any other operation, "
+    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014). It counts all from the recorded samples on: conditioning, "
+    "features, averaging, afferents, classifier. Afferents are counted on every step and taxel, as digital neurons; an "
+    "analogue or event-driven encoder would not pay for them. Tasks whose recordings are not at hand are left out; the "
+    "column `skipped` of results.csv says why.",
+)

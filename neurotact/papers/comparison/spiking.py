@@ -1,0 +1,106 @@
+"""The spiking family on one task: afferents calibrated on training examples, a recurrent network, early exit."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+
+from neurotact.data.recordings import LABEL, Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.data.windows import Windows
+from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.metrics.flops import Cost
+from neurotact.metrics.ledger import encoding_cost, network_cost
+from neurotact.networks import trained
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import Examples, train
+from neurotact.studies.protocol import TaskData
+
+TRAINING = TrainingSpec(batch=32, epochs=150, patience=40)
+TRIED = (
+    RSNNSpec(tau_mem_ms=5, tau_syn_ms=5, surrogate_scale=20, forward_weight_scale=0.2, training=TRAINING),
+    RSNNSpec(tau_mem_ms=20, tau_syn_ms=10, surrogate_scale=20, forward_weight_scale=0.2, training=TRAINING),
+)
+"""Networks from which validation accuracy chooses: that of networks/rsnn.toml, and that of the study of fabrics."""
+EXIT_TOLERANCE = 0.01
+"""Validation accuracy that early exit may lose."""
+
+
+class Decided(NamedTuple):
+    """How a network did on test examples, and what encoding and deciding cost on average."""
+
+    name: str
+    settings: str
+    accuracy_validation: float
+    accuracy_test: float
+    encoder: Cost
+    network: Cost
+
+    @property
+    def cost(self) -> Cost:
+        """Of both."""
+        return self.encoder + self.network
+
+
+def encode(task: TaskData, train_examples: np.ndarray) -> SpikeTrains:
+    """Spike trains of all examples, from afferents whose standardisation and gains are fitted on training examples."""
+    conditions = pd.DataFrame({LABEL: task.labels})
+    recordings = Recordings(task.sequences, task.sampling_rate_Hz, task.unit, conditions, source="task")
+    start = AfferentSpec(unit=task.unit, sa1=AfferentType(gain=1.0), ra1=AfferentType(gain=1.0))
+    return encode_recordings(recordings, calibrate(recordings.select(train_examples), start).encoder)
+
+
+def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
+    """The network that validates best, over the whole window and with early exit.
+
+    Costs count conditioning and afferents of every taxel on every step that was needed, and the network from its
+    measured SOPs.
+    """
+    trains = encode(task, split.train)
+    training, validation, test = (_examples(trains, side) for side in split)
+    fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
+    best = max(range(len(fits)), key=lambda i: fits[i][1])
+    network, accuracy_validation = fits[best]
+    early = trained.exit_rule(network, validation, EXIT_TOLERANCE)
+    settings = f"N {network.spec.hidden}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms, "
+    settings += f"g {network.spec.forward_weight_scale:g}"
+    found = []
+    for name, rule in (("RSNN", FULL_WINDOW), ("RSNN, early exit", early)):
+        accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
+        found.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
+    return found
+
+
+def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
+    windows = Windows(side, np.zeros(len(side), np.int64), int(trains.trial_steps[0]))
+    return Examples(torch.from_numpy(trains.raster(windows)), torch.from_numpy(trains.labels[side]))
+
+
+def _fit(
+    trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
+) -> tuple[RSNN, float]:
+    network, order = trained.new_network(trains, spec, (2 * seed, 2 * seed + 1))
+    train(network, training, validation, generator=order)
+    return network, _accuracy(network, validation, FULL_WINDOW)
+
+
+def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
+    return trained.accuracy_of(network.infer(examples.spikes, rule), examples)
+
+
+def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
+    """Test accuracy, and the mean cost of encoding and of the network."""
+    found = network.infer(test.spikes, rule)
+    measured = {f"sops_{name}": float(v.mean()) for name, v in trained.synops_of(found, network)._asdict().items()}
+    steps = float(found.steps.double().mean())
+    signal_ms = 1e3 * steps / trains.sampling_rate_Hz
+    encoder = encoding_cost(len(trains.afferents) // 2, steps, signal_ms, trains.encoder)
+    sizes = len(trains.afferents), network.n_classes
+    network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
+    return trained.accuracy_of(found, test), encoder, network_spent

@@ -1,0 +1,249 @@
+"""Hardness of five real cubes under a P(VDF-TrFE) patch: the stiffness paper's chain and a spiking one, side by side.
+
+Recordings of the University of Genoa's COSMIC lab (see `neurotact.data.readers.pvdf_hardness`). Both chains see the
+same stretch of each press, on the same splits.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from neurotact.data.conditioning import ema, ema_coefficient
+from neurotact.data.readers import pvdf_hardness as cubes
+from neurotact.data.recordings import Recordings
+from neurotact.data.sources import expand
+from neurotact.data.splits import Split, SplitSpec, split_trials
+from neurotact.data.windows import WindowSpec
+from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.encoders.calibration import CalibrationRule, calibrate
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.figures.style import Drawn
+from neurotact.metrics import ledger
+from neurotact.metrics.flops import Cost, MovingAverage, cost
+from neurotact.networks import trained
+from neurotact.networks.specs import RSNNSpec
+from neurotact.papers.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
+from neurotact.papers.stiffness import pvdf_hardness_figures
+from neurotact.papers.stiffness.moments import moments
+from neurotact.papers.stiffness.peaks import PeakSpec, find_peaks
+from neurotact.papers.stiffness.slfn_chain import SLFNSpec, choices, unit_cost
+from neurotact.spec import Spec
+from neurotact.studies.protocol import Arrays, TaskData, View
+
+SET_OF: dict[int, FeatureSet] = {1: "4F", 2: "8F", 4: "16F"}
+"""Moments a channel (mean; with deviation; with skewness and kurtosis), as the paper names them for four channels."""
+EARLY = "RSNN, early exit"
+Rule = Literal["by trial", "by sequence"]
+
+
+class HardnessData(Spec):
+    """The presses, and which stretch of each is looked at."""
+
+    path: str = "$NEUROTACT_DATA/pvdf-hardness"
+    """The folder to read; `$NEUROTACT_DATA` stands for its value, by default ../shared/data."""
+    smoothing_Hz: float = Field(default=30.0, gt=0)
+    """Cut-off of the moving average (30 Hz in the sensor's electronics, texture paper, Sec. II-A)."""
+    rest_samples: int = Field(default=400, ge=1)
+    """Each taxel's median over these first samples is its level at rest, and is taken off."""
+    peaks: PeakSpec = PeakSpec(threshold=1.0, before=200, after=400, search=600, rest=100_000)
+    """Presses of this robot are slower than the paper's grasps, so that the stretch is longer: 0.1 + 0.2 s. The
+    threshold, in mV, is above the smoothed jerk when the arm starts (at most 0.93 mV) and below every press."""
+
+
+class Parameters(Spec):
+    """One chain, on every split."""
+
+    data: HardnessData = HardnessData()
+    chain: SLFN | Literal["RSNN"]
+    protocol: Rule = "by trial"
+    """`by trial` splits presses at random; `by sequence` tests on one height of the robot that no other side holds."""
+    splits: int = Field(default=10, ge=2)
+    """70/15/15 of the presses, balanced over cubes; by sequence there are as many as sequences."""
+    network: SLFNSpec = SLFNSpec(n_max=(100,))
+    """Of the five single-layer networks."""
+    encoder: AfferentSpec = AfferentSpec(sa1=AfferentType(gain=1.0), ra1=AfferentType(gain=1.0))
+    """Of the spiking chain; standardisation and gains are fitted on the training presses of each split."""
+    spiking: RSNNSpec = RSNNSpec()
+    starts: int = Field(default=3, ge=1)
+    """Initialisations of the spiking network, of which the best on validation presses is kept: some never learn."""
+    seed: int = Field(default=0, ge=0)
+
+
+VIEW = View(
+    by=("chain", "features", "protocol"),
+    measures={
+        "accuracy_test": "test accuracy (%)",
+        "accuracy_validation": "validation accuracy (%)",
+        "energy_estimate_nJ": "energy, estimate (nJ)",
+        "macs": "MACs",
+        "acs": "ACs",
+        "sops": "SOPs",
+        "flops": "FLOPs (ledger)",
+        "flops_published": "FLOPs (stiffness paper's count)",
+        "parameters": "parameters",
+        "bytes": "memory (bytes)",
+        "signal_ms": "signal (ms)",
+        "neurons": "mean N",
+    },
+    cost="energy_estimate_nJ",
+    score="accuracy_test",
+    note="Real presses. By trial: every press stands on one side of a random split; by sequence: the tested height of "
+    "the robot stands on no other side. Standardisation, gains, N, penalties and exit "
+    "patience are fitted or chosen on training and validation presses alone. Energy is an estimate of the arithmetic, "
+    "from the trigger on.",
+)
+
+
+def load(data: HardnessData) -> Arrays:
+    """The smoothed stretch of every press in mV, its moments, its cube, sequence and highest force."""
+    recordings = cubes.read(expand(data.path)).to_unit("mV")
+    weight = ema_coefficient(data.smoothing_Hz, recordings.sampling_rate_Hz)
+    found = []
+    for signal in recordings.signals:
+        resting = np.median(signal[: data.rest_samples], axis=0)
+        found.append(find_peaks(ema(signal - resting.astype(signal.dtype), weight), data.peaks))
+    felt = np.array([len(peaks.minimum) > 0 for peaks in found])
+    if not felt.any():
+        raise InputError(f"peaks.threshold: no press reaches {data.peaks.threshold:g} mV; lower it")
+    presses = np.stack([peaks.samples[0] for peaks in found if len(peaks.minimum)]).astype(np.float32)
+    conditions = recordings.conditions[felt]
+    return {
+        "presses": presses,
+        "features": moments(presses).reshape(len(presses), -1),
+        "labels": conditions["label"].to_numpy(dtype=str),
+        "sequence": conditions["sequence"].to_numpy(),
+        "force_max_N": conditions["force_max_N"].to_numpy(float),
+        "unfelt": np.array(int((~felt).sum())),
+        "sampling_rate_Hz": np.array(recordings.sampling_rate_Hz),
+    }
+
+
+def splits_of(labels: np.ndarray, sequence: np.ndarray, rule: Rule, n_splits: int, seed: int) -> list[Split]:
+    """Splits of presses, the same for every chain.
+
+    By trial: at random, balanced over cubes. By sequence: each sequence is the test side once, and the others are
+    divided at random into training and validation, by trial.
+    """
+    if rule == "by trial":
+        return [split_trials(labels, SplitSpec(seed=2 * (seed * n_splits + i))) for i in range(n_splits)]
+    found = []
+    for at, held in enumerate(np.unique(sequence)):
+        rest = np.flatnonzero(sequence != held)
+        inner = split_trials(labels[rest], SplitSpec(seed=2 * (seed * 100 + at), validation=0.1, test=0.1))
+        sides = np.concatenate([inner.train, inner.test]), inner.validation
+        found.append(Split(np.sort(rest[sides[0]]), rest[sides[1]], np.flatnonzero(sequence == held)))
+    return found
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
+    """A row a split and set of features: accuracies and what a decision costs."""
+    if parameters.chain == "RSNN":
+        return _spiking_rows(parameters, arrays)
+    return _slfn_rows(parameters.chain, parameters, arrays)
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Accuracy with its confidence interval against the energy estimate; the presses of each cube."""
+    yield pvdf_hardness_figures.accuracy_and_cost(results)
+    yield pvdf_hardness_figures.presses(arrays)
+
+
+def task(data: HardnessData) -> TaskData:
+    """The smoothed presses as sequences, their four moments as features; every press is a group."""
+    arrays = load(data)
+    labels = arrays["labels"]
+    rate_Hz = float(arrays["sampling_rate_Hz"])
+    return TaskData(arrays["features"], arrays["presses"], rate_Hz, "mV", labels, np.arange(len(labels)))
+
+
+def _splits(parameters: Parameters, arrays: Arrays) -> list[Split]:
+    return splits_of(arrays["labels"], arrays["sequence"], parameters.protocol, parameters.splits, parameters.seed)
+
+
+def _signal_ms(arrays: Arrays) -> float:
+    return 1e3 * arrays["presses"].shape[1] / float(arrays["sampling_rate_Hz"])
+
+
+def _slfn_rows(classifier: SLFN, parameters: Parameters, arrays: Arrays) -> list[dict]:
+    _, samples, channels = arrays["presses"].shape
+    labels = arrays["labels"]
+    n_classes = len(np.unique(labels))
+    sides = _splits(parameters, arrays)
+    rows = []
+    for order in SET_OF:
+        width = order * channels
+        chosen = choices(classifier, arrays["features"][:, :width], labels, sides, parameters.network, parameters.seed)
+        for choice in chosen:
+            sizes = {"samples": samples, "channels": channels, "order": order, "n_classes": n_classes}
+            neurons = round(choice.neurons)
+            unit = unit_cost(classifier, **sizes, neurons=neurons, signal_ms=_signal_ms(arrays))
+            published = preprocessing_flops(SET_OF[order], samples, channels)
+            published += slfn_flops(classifier, choice.neurons, width, n_classes)
+            row = {
+                "chain": classifier,
+                "features": f"{width}F",
+                "protocol": parameters.protocol,
+                "split": choice.split,
+                "n_max": choice.n_max,
+                "neurons": choice.neurons,
+                "accuracy_validation": choice.accuracy_validation,
+                "accuracy_test": choice.accuracy_test,
+                "n_train": len(sides[choice.split].train),
+                "n_test": len(sides[choice.split].test),
+                "flops_published": published,
+            }
+            rows.append({**row, **_costs(unit)})
+    return rows
+
+
+def _spiking_rows(parameters: Parameters, arrays: Arrays) -> list[dict]:
+    conditions = pd.DataFrame({"label": arrays["labels"], "sequence": arrays["sequence"]})
+    felt = Recordings(arrays["presses"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="presses")
+    splits = _splits(parameters, arrays)
+    return [row for at, split in enumerate(splits) for row in _spiking_split(parameters, felt, at, split)]
+
+
+def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Split) -> Iterator[dict]:
+    """The spiking chain on one split, over the full window and with early exit."""
+    encoder = calibrate(felt.select(split.train), parameters.encoder, rule=CalibrationRule()).encoder
+    trains = encode_recordings(felt, encoder)
+    window_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
+    what = trained.Task(window=WindowSpec(length_ms=window_ms))
+    seeds = np.random.SeedSequence([parameters.seed, at]).generate_state(2 * parameters.starts).tolist()
+    pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
+    networks = [trained.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
+    fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
+    found: dict[str, Any] = trained.measure(fitted, sides.test, trains.is_sa)["row"]
+    for chain, accuracy, prefix, steps in (
+        ("RSNN", "accuracy_test", "sops", found["window_steps"]),
+        (EARLY, "exit_accuracy", "exit_sops", found["exit_steps"]),
+    ):
+        measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
+        signal_ms = 1e3 * steps / trains.sampling_rate_Hz
+        smoothing = cost(MovingAverage(max(1, round(steps)), felt.n_channels))  # `load` took it, for all chains
+        encoding = ledger.encoding_cost(felt.n_channels, steps, signal_ms, trains.encoder)
+        sizes = len(trains.afferents), len(trains.classes)
+        network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
+        yield {
+            "chain": chain,
+            "features": "spikes",
+            "protocol": parameters.protocol,
+            "split": at,
+            "n_max": parameters.spiking.hidden,
+            "neurons": float(parameters.spiking.hidden),
+            "accuracy_validation": found["accuracy_validation"],
+            "accuracy_test": found[accuracy],
+            "n_train": len(split.train),
+            "n_test": len(split.test),
+            "flops_published": float("nan"),
+            **_costs(smoothing + encoding + network),
+        }
+
+
+def _costs(unit: Cost) -> dict[str, float]:
+    names = ("macs", "acs", "other_flops", "flops", "sops", "parameters", "bytes", "signal_ms", "energy_estimate_nJ")
+    return {name: getattr(unit, name) for name in names}

@@ -1,0 +1,108 @@
+"""Figures of the study of real hardness: accuracy with its confidence and cost, and the presses themselves."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurotact.figures.style import INK, MUTED, SERIES, Drawn, keep_within, new_figure, printed
+from neurotact.metrics.resampled import resampled_interval
+
+
+def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
+    """Mean accuracy over splits with its confidence interval, beside the estimated energy of a decision."""
+    found = intervals(results)
+    best = [rows.loc[rows["mean"].idxmax()] for _, rows in found.groupby("protocol", sort=False)]
+    words = "; ".join(
+        f"{row['protocol']}, {row['chain']} with {row['features']}, {100 * row['mean']:.1f} % "
+        f"({100 * row['low']:.1f} to {100 * row['high']:.1f})"
+        for row in best
+    )
+    caption = (
+        "Mean test accuracy over splits (dot), with its 95 % interval (corrected for splits that share presses), and "
+        f"that of each split (grey); the estimated energy of a decision's arithmetic. The most accurate: {words}."
+    )
+    alt = "; ".join(
+        f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {row['energy_estimate_nJ']:.3g} nJ"
+        for _, row in found.iterrows()
+    )
+    return Drawn("accuracy-and-cost", "Accuracy and what it costs", draw_accuracy_and_cost(results), caption, alt)
+
+
+def presses(arrays: Mapping[str, np.ndarray]) -> Drawn:
+    """The stretch that both chains see: the liveliest taxel of each cube's presses."""
+    caption = (
+        "Smoothed presses as both chains see them: the deepest taxel of every press, by cube; mean (line), middle half "
+        "(shade) and the single presses (pale). The minimum lies at 0."
+    )
+    return Drawn("presses", "The presses", draw_presses(arrays), caption, caption)
+
+
+def intervals(results: pd.DataFrame) -> pd.DataFrame:
+    """Mean accuracy and 95 % interval of each chain and set of features, with its mean energy estimate.
+
+    Columns: protocol, chain, features, energy_estimate_nJ, mean, low, high (within 0 and 1); one split has no width.
+    """
+    rows = []
+    for (protocol, chain, features), group in results.groupby(["protocol", "chain", "features"], sort=False):
+        values = group["accuracy_test"].to_numpy(float)
+        sides = int(group["n_train"].mean()), int(group["n_test"].mean())
+        mean, *ends = resampled_interval(values, *sides) if len(values) > 1 else (values[0],) * 3
+        rows.append([protocol, chain, features, group["energy_estimate_nJ"].mean(), mean, *np.clip(ends, 0.0, 1.0)])
+    return pd.DataFrame(rows, columns=["protocol", "chain", "features", "energy_estimate_nJ", "mean", "low", "high"])
+
+
+@printed
+def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
+    """A row a chain and set of features; a panel a protocol (grey: single splits), and the energy of a decision."""
+    found = intervals(results)
+    protocols, chains = (list(dict.fromkeys(found[column])) for column in ("protocol", "chain"))
+    places = [(chain, name) for chain in chains for name in dict.fromkeys(found["features"][found["chain"] == chain])]
+    heights = {place: at + 0.5 * chains.index(place[0]) for at, place in enumerate(places)}
+    figure = new_figure(0.9 + 0.17 * max(heights.values()))
+    grid = figure.subplots(1, len(protocols) + 1, sharey=True, width_ratios=[2] * len(protocols) + [1.2])
+    for axes, protocol in zip(grid, protocols, strict=False):
+        _paint_accuracy(axes, results[results["protocol"] == protocol], heights)
+        axes.set(title=protocol, xlabel="test accuracy (%)")
+        keep_within([axes], axis="x")
+    energy = found.groupby(["chain", "features"], sort=False)["energy_estimate_nJ"].mean()
+    grid[-1].barh([heights[str(chain), str(name)] for chain, name in energy.index], energy, 0.6, color=MUTED)
+    grid[-1].set(title="cost of a decision", xlabel="energy, estimate (nJ)")
+    for axes in grid:
+        axes.grid(axis="x")
+    grid[0].set_yticks(list(heights.values()), [f"{chain}, {name}" for chain, name in places])
+    grid[0].invert_yaxis()
+    return figure
+
+
+def _paint_accuracy(axes: Axes, rows: pd.DataFrame, heights: Mapping[tuple[str, str], float]) -> None:
+    """The mean of each chain and set of features with its interval, over its splits; from the least of them on."""
+    at = [heights[place] for place in zip(rows["chain"], rows["features"], strict=True)]
+    axes.plot(100 * rows["accuracy_test"], at, ls="", marker="|", ms=6, mew=0.7, color=MUTED)
+    found = intervals(rows)
+    at = [heights[place] for place in zip(found["chain"], found["features"], strict=True)]
+    mean, low, high = (100 * found[end] for end in ("mean", "low", "high"))
+    axes.errorbar(mean, at, xerr=[mean - low, high - mean], fmt="o", ms=4, lw=0.9, capsize=2, color=SERIES[0][0])
+
+
+@printed
+def draw_presses(arrays: Mapping[str, np.ndarray]) -> Figure:
+    """A panel a cube."""
+    names = sorted(set(arrays["labels"].tolist()), key=lambda name: (len(name), name))
+    figure = new_figure(2.2)
+    grid = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    for axes, name in zip(grid, names, strict=True):
+        felt = arrays["presses"][arrays["labels"] == name]
+        deepest = felt.min(axis=1).argmin(axis=1)
+        lines = felt[np.arange(len(felt)), :, deepest]
+        at = int(np.median(lines.argmin(axis=1)))
+        time_ms = 1e3 * (np.arange(lines.shape[1]) - at) / float(arrays["sampling_rate_Hz"])
+        axes.plot(time_ms, lines.T, color=MUTED, lw=0.3, alpha=0.35)
+        axes.fill_between(time_ms, *np.quantile(lines, (0.25, 0.75), axis=0), color=MUTED, alpha=0.4, lw=0)
+        axes.plot(time_ms, lines.mean(axis=0), color=INK, lw=1.2)
+        axes.set(title=name, xlabel="time (ms)")
+        axes.grid(axis="y")
+    grid[0].set_ylabel("deepest taxel (mV)")
+    return figure

@@ -1,0 +1,405 @@
+"""The simulated gratings beside what the texture paper says of its signals and spikes.
+
+    python -m neurotact.papers.texture.calibration [-o DIR] [--trials N]
+
+Simulates the published experiment, prints every calibration fact with its target and what was reached, and with
+`-o` writes the facts as a table and draws the figures that stand beside the paper's Figs. 5, 6, 10 and 12. The
+parameters of `GratingsSpec` were chosen by these facts alone; no classifier is trained here.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurotact.data.conditioning import condition
+from neurotact.data.readers import pvdf_hardness
+from neurotact.data.recordings import LABEL, Recordings, select_conditions
+from neurotact.data.sources import expand
+from neurotact.data.spikes import SpikeTrains
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.figures.encoding import Classes, draw_isis, draw_rasters, draw_rates, draw_spike_counts
+from neurotact.figures.style import add_legend, new_figure, printed, save
+from neurotact.metrics import spike_trains
+from neurotact.papers.signal_facts import Fact, keep, tell
+from neurotact.papers.texture.simulator import GratingsSpec, simulate
+from neurotact.progress import counting, say, track
+from neurotact.spec import load
+from neurotact.tables import write_table
+
+PAIRS_ms = ((1, 1), (1, 5), (5, 5), (1, 10), (5, 10), (10, 10))
+"""Refractory periods of RA-I & SA-I (Table III), in the order of Fig. 6."""
+SHOWN = (1, 5, 8)
+"""The gratings of Figs. 5 and 6."""
+FORCE_N, SPEED_mm_per_s = 12.0, 8.6
+"""The condition of Fig. 6."""
+SETTLED_s = 0.25
+"""The window of 1 s begins here."""
+STRONG_TAXELS = 3
+QUIET_CHANNELS = 6
+"""Of eight; the other two carry 0.4 mV rms even at rest."""
+PAIR_CONDITIONS = ["force_N", "speed_mm_per_s"]
+
+
+class Measured(NamedTuple):
+    """A row for each grating and condition: `signals` amplitudes and spectra, `firing` spikes of each t_ref pair."""
+
+    signals: pd.DataFrame
+    firing: pd.DataFrame
+
+
+def measure(recordings: Recordings, encoder: AfferentSpec) -> Measured:
+    """Amplitudes, spectra and firing of every grating and condition."""
+    periods_ms = sorted({period for pair in PAIRS_ms for period in pair})
+    tables = []
+    for period_ms in periods_ms:
+        trains = encode_recordings(recordings, with_periods(encoder, period_ms, period_ms))
+        tables.append(firing_table(trains).assign(t_ref_ms=period_ms))
+    # The populations do not touch each other, so the six pairs follow from three encodings.
+    firing = pd.concat(tables).set_index("t_ref_ms")
+    pairs = [_pair_table(firing.loc[[ra]], firing.loc[[sa]], f"{ra}&{sa}") for ra, sa in PAIRS_ms]
+    return Measured(signal_table(recordings, encoder), pd.concat(pairs, ignore_index=True))
+
+
+def with_periods(encoder: AfferentSpec, ra1_ms: float, sa1_ms: float) -> AfferentSpec:
+    """The encoder with other refractory periods."""
+    ra1, sa1 = (kind.model_copy(update={"t_ref_ms": t}) for kind, t in ((encoder.ra1, ra1_ms), (encoder.sa1, sa1_ms)))
+    return encoder.model_copy(update={"ra1": ra1, "sa1": sa1})
+
+
+def signal_table(recordings: Recordings, encoder: AfferentSpec) -> pd.DataFrame:
+    """Means over the trials of each grating and condition, in mV and Hz.
+
+    peak_mV, recorded_peak_mV: highest |signal| of the strongest taxel in a trial, after the EMA and as recorded.
+    p99_mV: the 99th percentile of |signal| of the strongest taxel after the EMA.
+    weak_mV: the 99th percentile on the strongest of the weak taxels. strong: taxels whose 99th is above 2 mV.
+    principal_Hz: the highest line of the mean recorded spectrum; expected_Hz: speed / spatial period.
+    """
+    smooth = condition(recordings, ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
+    start = round(SETTLED_s * recordings.sampling_rate_Hz)
+    recorded, smooth = np.asarray(recordings.signals)[:, start:], np.asarray(smooth.signals)[:, start:]
+    rows = []
+    for key, group in recordings.conditions.groupby(["grating", *PAIR_CONDITIONS]):
+        trials = group.index.to_numpy()
+        p99 = np.percentile(np.abs(smooth[trials]), 99, axis=(0, 1))
+        frequency_Hz, spectrum = mean_spectrum(recorded[trials, :, 0], recordings.sampling_rate_Hz)
+        rows.append(
+            dict(zip(["grating", *PAIR_CONDITIONS], key, strict=True))
+            | {
+                "peak_mV": np.abs(smooth[trials, :, 0]).max(axis=1).mean(),
+                "recorded_peak_mV": np.abs(recorded[trials, :, 0]).max(axis=1).mean(),
+                "p99_mV": p99[0],
+                "weak_mV": p99[STRONG_TAXELS:].max(),
+                "strong": int((p99 > 2.0).sum()),
+                "principal_Hz": frequency_Hz[spectrum.argmax()],
+                "expected_Hz": key[2] / spatial_period_mm(group),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def spatial_period_mm(conditions: pd.DataFrame) -> float:
+    """Pitch and ridge (1 mm) of a grating."""
+    return float(conditions["pitch_mm"].iloc[0]) + GratingsSpec().ridge_width_mm
+
+
+def mean_spectrum(signals: np.ndarray, rate_Hz: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies and amplitude spectrum of `(trial, time)`, averaged over trials, bins of 1 / duration."""
+    centred = signals - signals.mean(axis=1, keepdims=True)
+    spectrum = 2.0 / signals.shape[1] * np.abs(np.fft.rfft(centred, axis=1)).mean(axis=0)
+    return np.fft.rfftfreq(signals.shape[1], 1.0 / rate_Hz), spectrum
+
+
+def firing_table(trains: SpikeTrains) -> pd.DataFrame:
+    """Spikes a second of each population (all taxels together) and mean ISI, for each grating and condition."""
+    rate_Hz = trains.sampling_rate_Hz
+    start = round(SETTLED_s * rate_Hz)
+    felt = spike_trains.events(
+        [steps[steps >= start] - start for steps in trains.steps],
+        [units[steps >= start] for steps, units in zip(trains.steps, trains.units, strict=True)],
+        trains.trial_steps - start,
+        len(trains.afferents),
+    )
+    rates, isis = spike_trains.rates_Hz(felt, rate_Hz), spike_trains.isis_ms(felt, rate_Hz)
+    rows = []
+    for key, group in trains.conditions.groupby([LABEL, "grating", *PAIR_CONDITIONS]):
+        row = dict(zip([LABEL, "grating", *PAIR_CONDITIONS], key, strict=True))
+        for kind, is_kind in (("sa", trains.is_sa), ("ra", ~trains.is_sa)):
+            these = isis.isi_ms[np.isin(isis.trial, group.index) & is_kind[isis.afferent]]
+            row[f"spikes_{kind}_per_s"] = rates[group.index][:, is_kind].sum(axis=1).mean()
+            row[f"isi_{kind}_ms"] = these.mean() if len(these) else float("nan")
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def signal_facts(signals: pd.DataFrame) -> list[Fact]:
+    """Amplitudes and spectra: Secs. III-A and VI-B, Fig. 12, and the amplitudes read off the published recordings."""
+    coarse = signals[(signals.grating == 1) & (signals.force_N == FORCE_N)].mean(numeric_only=True)
+    hard = signals[signals.force_N == FORCE_N]
+    by_force = signals.groupby("force_N").p99_mV.mean()
+    by_speed = signals.groupby("speed_mm_per_s").p99_mV.mean()
+    peaks = hard.groupby("grating").peak_mV.mean()
+    half = len(peaks) // 2
+    coarse_mV, fine_mV = peaks.iloc[:half].mean(), peaks.iloc[-half:].mean()
+    off_Hz = (signals.principal_Hz - signals.expected_Hz).abs().max()
+    bin_Hz = 1.0
+    speed_up = by_speed.iloc[-1] / by_speed.iloc[0]
+    return [
+        Fact(
+            "grating 1 at 12 N: 99th percentile of |signal| on the strongest taxel, after the EMA",
+            "Fig. 12, public code",
+            "about 10 mV",
+            f"{coarse.p99_mV:.1f} mV (peak {coarse.peak_mV:.1f}; {coarse.recorded_peak_mV:.1f} as recorded)",
+            8.0 <= coarse.p99_mV <= 13.0,
+        ),
+        Fact(
+            "taxels above 2 mV at 12 N",
+            "Fig. 12, public code",
+            "2 or 3 of 8; the others <= 2 mV",
+            f"{hard.strong.min()} to {hard.strong.max()}; the others <= {hard.weak_mV.max():.1f} mV",
+            bool(hard.strong.between(2, 3).all() and hard.weak_mV.max() <= 2.0),
+        ),
+        Fact(
+            "amplitude grows with force",
+            "Secs. VI-B, Fig. 12",
+            "remarkably, 3 < 6 < 12 N",
+            " < ".join(f"{value:.1f}" for value in by_force) + " mV",
+            bool(by_force.is_monotonic_increasing and by_force.iloc[-1] > 1.5 * by_force.iloc[0]),
+        ),
+        Fact(
+            "amplitude grows with speed",
+            "Sec. VI-B",
+            "slightly",
+            f"x {speed_up:.2f}",
+            1.0 < speed_up < 1.3,
+        ),
+        Fact(
+            "amplitude reflects coarseness (peak at 12 N, coarser and finer half of the gratings)",
+            "Sec. VI-B",
+            "coarse > fine",
+            f"{coarse_mV:.1f} > {fine_mV:.1f} mV; each: " + ", ".join(f"{value:.1f}" for value in peaks),
+            bool(coarse_mV > fine_mV),
+        ),
+        Fact(
+            "principal frequency is speed / (pitch + 1 mm)",
+            "Sec. III-A",
+            "1.8 to about 10 Hz",
+            f"{signals.expected_Hz.min():.1f} to {signals.expected_Hz.max():.1f} Hz, at most {off_Hz:.1f} Hz off",
+            bool(off_Hz <= bin_Hz),
+        ),
+    ]
+
+
+def count_facts(firing: pd.DataFrame) -> list[Fact]:
+    """Fig. 6: spikes of the six pairs, gratings 1, 5 and 8 at 12 N and 8.6 mm/s."""
+    at = select_conditions(firing, {"force_N": FORCE_N, "speed_mm_per_s": SPEED_mm_per_s})
+    facts = []
+    for grating in SHOWN:
+        rows = firing[at & (firing.grating == grating)].set_index("pair")
+        total, sa, ra = (rows[f"spikes_{kind}_per_s"] for kind in ("total", "sa", "ra"))
+        between = total[["1&10", "5&10"]]
+        facts += [
+            Fact(
+                f"grating {grating}: spikes in 1 s",
+                "Fig. 6",
+                "1&1 > 1&5 > 5&5 > {1&10, 5&10} > 10&10",
+                ", ".join(f"{pair} {value:.0f}" for pair, value in total.items()),
+                bool(total["1&1"] > total["1&5"] > total["5&5"] > between.max() and between.min() > total["10&10"]),
+            ),
+            Fact(
+                f"grating {grating}: SA-I and RA-I",
+                "Fig. 6",
+                "SA-I more than RA-I, but for 1&10",
+                ", ".join(f"{pair} {sa[pair]:.0f}/{ra[pair]:.0f}" for pair in total.index),
+                all((sa[pair] > ra[pair]) != (pair == "1&10") for pair in total.index),
+            ),
+        ]
+    return facts
+
+
+def rate_facts(firing: pd.DataFrame) -> list[Fact]:
+    """Fig. 10: what force and speed do to rates and intervals, at 1&1."""
+    rows = firing[firing.pair == "1&1"]
+    facts = []
+    for kind, name in (("sa", "SA-I"), ("ra", "RA-I")):
+        rates = rows.pivot_table(index=["grating", "speed_mm_per_s"], columns="force_N", values=f"spikes_{kind}_per_s")
+        isis = rows.groupby("force_N")[f"isi_{kind}_ms"].mean()
+        by_speed = rows.groupby("speed_mm_per_s")[f"spikes_{kind}_per_s"].mean()
+        speed_up = by_speed.iloc[-1] / by_speed.iloc[0]
+        facts += [
+            Fact(
+                f"{name}: force raises the rate, every grating and speed",
+                "Fig. 10a",
+                "3 < 6 < 12 N",
+                " < ".join(f"{value:.0f}" for value in rates.mean()) + " spikes/s (mean)",
+                bool((np.diff(rates.to_numpy(), axis=1) > 0).all()),
+            ),
+            Fact(
+                f"{name}: force lowers the ISI",
+                "Fig. 10b",
+                "3 > 6 > 12 N",
+                " > ".join(f"{value:.0f}" for value in isis) + " ms (mean over gratings)",
+                bool(isis.is_monotonic_decreasing),
+            ),
+            Fact(
+                f"{name}: speed raises the rate",
+                "Fig. 10a",
+                "slightly",
+                f"x {speed_up:.2f}",
+                1.0 < speed_up < 1.3,
+            ),
+        ]
+    return facts
+
+
+def noise_facts(noise_mV_rms: float) -> list[Fact]:
+    """The electronics' noise on the real PVDF patch; none where that data set is absent."""
+    try:
+        patch = pvdf_hardness.read(expand("$NEUROTACT_DATA/pvdf-hardness")).to_unit("mV")
+    except InputError as error:
+        say(f"noise of the real PVDF patch: not measured ({error})")
+        return []
+    rms, lag1 = quiet_noise(patch)
+    quiet = np.sort(np.median(rms, axis=0))[:QUIET_CHANNELS]
+    return [
+        Fact(
+            f"noise of the {QUIET_CHANNELS} quiet channels of the real patch, before a press",
+            "PVDF hardness set",
+            f"{noise_mV_rms:g} mV rms",
+            f"{quiet.min():.2f} to {quiet.max():.2f} mV rms",
+            bool(abs(quiet.mean() - noise_mV_rms) < 0.05),
+        ),
+        Fact(
+            "that noise is white (correlation of neighbouring samples)",
+            "PVDF hardness set",
+            "0",
+            f"{np.median(lag1):.2f}",
+            bool(abs(np.median(lag1)) < 0.1),
+        ),
+    ]
+
+
+def quiet_noise(patch: Recordings) -> tuple[np.ndarray, np.ndarray]:
+    """Deviation and lag-1 correlation of the first 0.2 s, before a press, each `(trial, taxel)`."""
+    n_samples = round(0.2 * patch.sampling_rate_Hz)
+    still = np.stack([signal[:n_samples] for signal in patch.signals]).astype(np.float64)
+    still -= still.mean(axis=1, keepdims=True)
+    power = (still**2).mean(axis=1)
+    return np.sqrt(power), (still[:, 1:] * still[:, :-1]).mean(axis=1) / np.maximum(power, 1e-12)
+
+
+@printed
+def draw_signals(recordings: Recordings, encoder: AfferentSpec) -> Figure:
+    """One second of gratings 1, 5 and 8 at 12 N, both speeds: as recorded (pale) and after the EMA; and the spectra."""
+    smooth = condition(recordings, ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
+    speeds = sorted(recordings.conditions.speed_mm_per_s.unique())
+    figure = new_figure(5.0)
+    grid = figure.subplots(len(SHOWN), len(speeds) + 1, squeeze=False, width_ratios=[1.3] * len(speeds) + [1.0])
+    for row, grating in enumerate(SHOWN):
+        for column, speed in enumerate(speeds):
+            here = {"grating": grating, "force_N": FORCE_N, "speed_mm_per_s": speed}
+            trials = np.flatnonzero(select_conditions(recordings.conditions, here))
+            _paint_trial(grid[row, column], recordings.signals[trials[0]], smooth.signals[trials[0]], recordings)
+            grid[row, column].set_title(f"grating {grating}, {speed:g} mm/s")
+            strongest = np.asarray(recordings.signals)[trials][:, round(SETTLED_s * recordings.sampling_rate_Hz) :, 0]
+            frequency_Hz, spectrum = mean_spectrum(strongest, recordings.sampling_rate_Hz)
+            low = frequency_Hz <= 80
+            grid[row, -1].plot(frequency_Hz[low], spectrum[low], label=f"{speed:g} mm/s")
+        grid[row, -1].set(title="spectrum as recorded", xlabel="frequency (Hz)", ylabel="mV")
+        grid[row, 0].set_ylabel("signal (mV)")
+    for axes in grid[-1, :-1]:
+        axes.set_xlabel("time (s)")
+    add_legend(figure, [grid[0, -1]], ncols=2)
+    return figure
+
+
+def _paint_trial(axes: Axes, recorded: np.ndarray, smooth: np.ndarray, recordings: Recordings) -> None:
+    start = round(SETTLED_s * recordings.sampling_rate_Hz)
+    time_s = np.arange(len(recorded) - start) / recordings.sampling_rate_Hz
+    for taxel in reversed(range(recorded.shape[1])):
+        colour = f"C{taxel}" if taxel < STRONG_TAXELS else "#999999"
+        axes.plot(time_s, recorded[start:, taxel], color=colour, lw=0.3, alpha=0.35)
+        axes.plot(time_s, smooth[start:, taxel], color=colour, lw=0.9)
+    axes.set(ylim=(-20, 20))
+    axes.grid(axis="y")
+
+
+def draw_all(recordings: Recordings, firing: pd.DataFrame, encoder: AfferentSpec, folder: Path) -> None:
+    """The figures of the calibration, into `folder`."""
+    conditions = recordings.conditions.drop_duplicates("grating").sort_values("grating")
+    labels = tuple(conditions[LABEL])
+    numbers = dict(zip(labels, conditions.grating.astype(str), strict=True))
+    names = {label: f"Grating {numbers[label]} ({label[1:]} mm)" for label in labels}
+    classes = Classes("grating", labels, numbers, names)
+    shown = [labels[g - 1] for g in SHOWN]
+    fig6 = firing[(firing.force_N == FORCE_N) & (firing.speed_mm_per_s == SPEED_mm_per_s)]
+    first = firing[firing.pair == "1&1"]
+    slow = first[first.speed_mm_per_s == SPEED_mm_per_s]
+    save(draw_signals(recordings, encoder), folder / "gratings-signals.png")
+    save(draw_spike_counts(fig6, shown, classes), folder / "gratings-spike-counts.png")
+    save(draw_rates(first, PAIR_CONDITIONS, classes), folder / "gratings-rates.png")
+    save(draw_isis(slow, "force_N", classes), folder / "gratings-isis.png")
+    forces = sorted(recordings.conditions.force_N.unique())
+    few = recordings.select(
+        select_conditions(recordings.conditions, {"grating": SHOWN, "speed_mm_per_s": SPEED_mm_per_s, "trial": 0})
+    )
+    trains = encode_recordings(few, with_periods(encoder, 1, 1))
+    trials = [[_row(trains.conditions, g, f) for g in SHOWN] for f in forces]
+    rasters = draw_rasters(
+        trains, trials, [f"{f:g} N" for f in forces], [names[s] for s in shown], SETTLED_s, SETTLED_s + 1.0, 0.15
+    )
+    save(rasters, folder / "gratings-rasters.png")
+
+
+def _row(conditions: pd.DataFrame, grating: int, force_N: float) -> int:
+    return int(np.flatnonzero(select_conditions(conditions, {"grating": grating, "force_N": force_N}))[0])
+
+
+def _pair_table(ra: pd.DataFrame, sa: pd.DataFrame, pair: str) -> pd.DataFrame:
+    """RA-I columns of one encoding beside the SA-I columns of another."""
+    table = sa.reset_index(drop=True)
+    for column in ("spikes_ra_per_s", "isi_ra_ms"):
+        table[column] = ra[column].to_numpy()
+    table["spikes_total_per_s"] = table["spikes_sa_per_s"] + table["spikes_ra_per_s"]
+    return table.assign(pair=pair)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print every fact with its target, and whether it holds."""
+    parser = argparse.ArgumentParser(prog="python -m neurotact.papers.texture.calibration", description=__doc__)
+    parser.add_argument("-o", "--out", type=Path, help="folder for facts.csv and the figures")
+    parser.add_argument("--trials", type=int, default=20, help="for each grating, force and speed (default 20)")
+    parser.add_argument("--encoder", default="sa1-ra1-lif", help="name or path of an encoder")
+    given = parser.parse_args(arguments)
+    spec, encoder = GratingsSpec(trials=given.trials), load(AfferentSpec, given.encoder)
+    recordings = _simulated(spec)
+    measured = measure(recordings, encoder)
+    facts = [
+        *noise_facts(spec.noise_mV_rms),
+        *signal_facts(measured.signals),
+        *count_facts(measured.firing),
+        *rate_facts(measured.firing),
+    ]
+    tell(facts)
+    if given.out is not None:
+        keep(facts, given.out)
+        write_table(measured.signals, given.out / "signals.csv")
+        write_table(measured.firing, given.out / "firing.csv")
+        draw_all(recordings, measured.firing, encoder, given.out)
+    return 0
+
+
+def _simulated(spec: GratingsSpec) -> Recordings:
+    with track("simulate", spec.n_trials) as advance:
+        return simulate(spec, counting(advance))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,315 @@
+"""A PVDF finger that slides over ridged plates: the gratings of the texture paper, simulated.
+
+The plates are those of its Sec. II-B (ridges of 1 mm, gaps of 4 to 0.5 mm), the forces, speeds and trials those of
+Sec. II-C. Only the slide is simulated, from a random phase. The signals are *as recorded*: the moving average at
+30 Hz belongs to the encoder's conditioning. Equations, sources and what does not match: docs/gratings-simulator.md.
+"""
+
+from collections.abc import Callable
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, model_validator
+from scipy.signal import lfilter
+
+from neurotact.data.recordings import Recordings
+from neurotact.data.simulate.room import check_room
+from neurotact.data.sources import Simulator
+from neurotact.spec import Spec
+
+Positive = Annotated[float, Field(gt=0)]
+
+REFERENCE_FORCE_N = 12.0
+REFERENCE_PITCH_MM = 4.0
+"""The amplitudes of a spec are those of grating 1 at 12 N."""
+
+TABLE_POINTS = 4096
+
+
+class GratingsSpec(Spec):
+    """The plates, the protocol and the physics of one simulated experiment.
+
+    Values without a source are calibrated to the published amplitudes, spike counts and firing rates; see
+    `python -m neurotact.papers.texture.calibration`.
+
+    >>> GratingsSpec(trials=3).n_trials
+    144
+    """
+
+    trials: int = Field(default=100, ge=1)
+    """Slides for each grating, force and speed (texture paper, Sec. II-C)."""
+    seed: int = Field(default=0, ge=0)
+    """The same seed gives the same bytes; a trial's numbers depend on its own conditions alone."""
+    duration_s: float = Field(default=1.25, gt=0)
+    """Of the slide, a trial: a 1 s window starts after 0.25 s, when filters and membranes have settled."""
+    sampling_rate_Hz: float = Field(default=2000.0, gt=0)
+    """Of the sensor's electronics (Sec. II-A)."""
+
+    pitches_mm: tuple[Positive, ...] = Field(default=(4.0, 3.5, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5), min_length=1)
+    """The gap between ridges, gratings 1 to 8 (Sec. II-B)."""
+    ridge_width_mm: float = Field(default=1.0, gt=0)
+    """The spatial period is pitch + ridge width."""
+    forces_N: tuple[Positive, ...] = Field(default=(3.0, 6.0, 12.0), min_length=1)
+    """Indentation forces (Sec. II-C)."""
+    speeds_mm_per_s: tuple[Positive, ...] = Field(default=(8.6, 13.7), min_length=1)
+    """Sliding speeds (Sec. II-C)."""
+
+    press_mV: float = Field(default=14.5, ge=0)
+    """Press of a ridge that covers the taxel: the step before the high-pass, grating 1 at 12 N."""
+    skin_mm: float = Field(default=0.07, gt=0)
+    """Blur (standard deviation) of a ridge's footprint by the skin's thickness, at 12 N."""
+    drape: float = Field(default=0.14, ge=0)
+    """Compliance: the skin that falls into a gap drapes over the ridge and adds this part of the gap to the blur."""
+    catch_mV: float = Field(default=14.5, ge=0)
+    """Swing of the finger when the skin catches or leaves a ridge's edge, grating 1 at 12 N."""
+    edge_mm: float = Field(default=0.02, gt=0)
+    """Roundness (standard deviation) of a ridge's edge, as the skin's surface meets it at 12 N."""
+    slip_mV_rms: float = Field(default=8.0, ge=0)
+    """Stick-slip noise under a ridge that covers the taxel, grating 1 at 12 N; white, then coloured by the mount."""
+    sag_mm: float = Field(default=0.25, ge=0)
+    """Compliance: catch and slip grow with the gap g as g / (g + sag), since the skin falls less into a narrow one."""
+    mount_Hz: float = Field(default=29.0, gt=0)
+    """Resonance of the finger on its mount."""
+    mount_damping: float = Field(default=0.15, gt=0, lt=1)
+    """Damping ratio of that resonance."""
+    high_pass_Hz: float = Field(default=1.0, gt=0)
+    """Corner of the piezoelectric film and its amplifier, which forget a constant press (the paper: <= 1 Hz)."""
+
+    load_exponent: float = Field(default=0.2, ge=0)
+    """Amplitude grows as (spatial period) ** this: fewer ridges share the load."""
+    force_exponent: float = Field(default=0.5, ge=0)
+    """Amplitude grows as force ** this (1/3 for a ball on a plane, 1/2 for a roller, 1 for a spring)."""
+    flattening_exponent: float = Field(default=1 / 3, ge=0)
+    """The contact widens, and both blurs with it, as force ** this (Hertz: 1/3)."""
+
+    taxel_along_mm: tuple[float, ...] = Field(default=(0.0, 1.3, 2.7, 4.1, 0.6, 2.0, 3.4, 5.0), min_length=1)
+    """Place of each taxel along the slide: its phase."""
+    taxel_gains: tuple[float, ...] = Field(default=(1.0, 0.97, 0.94, 0.12, 0.11, 0.1, 0.08, 0.06), min_length=1)
+    """Share of the signal that each taxel sees; 1 is the taxel under the middle of the contact."""
+
+    noise_mV_rms: float = Field(default=0.2, ge=0)
+    """White noise of the electronics: that of the quiet channels of the real PVDF patch."""
+    jitter_speed: float = Field(default=0.02, ge=0, lt=0.3)
+    """Standard deviation of a trial's speed over the set speed."""
+    jitter_force: float = Field(default=0.07, ge=0, lt=0.3)
+    """Standard deviation of a trial's force over the set force."""
+    jitter_gain: float = Field(default=0.04, ge=0, lt=0.3)
+    """Standard deviation of a taxel's gain over its mean, drawn for each trial and taxel."""
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "GratingsSpec":
+        if len(self.taxel_along_mm) != len(self.taxel_gains):
+            raise ValueError(
+                f"taxel_along_mm has {len(self.taxel_along_mm)} places but taxel_gains has "
+                f"{len(self.taxel_gains)} gains; give one of each a taxel"
+            )
+        for name in ("pitches_mm", "forces_N", "speeds_mm_per_s"):
+            if len(set(getattr(self, name))) != len(getattr(self, name)):
+                raise ValueError(f"{name} holds a value twice; name each condition once")
+        if self.mount_Hz >= self.sampling_rate_Hz / 2:
+            raise ValueError("mount_Hz must be below half of sampling_rate_Hz")
+        if self.n_samples < 1:
+            raise ValueError("duration_s is shorter than one sample")
+        return self
+
+    @property
+    def n_samples(self) -> int:
+        """Samples a trial."""
+        return round(self.duration_s * self.sampling_rate_Hz)
+
+    @property
+    def n_trials(self) -> int:
+        """Trials in all: gratings x forces x speeds x trials of each."""
+        return self.trials * len(self.pitches_mm) * len(self.forces_N) * len(self.speeds_mm_per_s)
+
+
+class Slide(NamedTuple):
+    """One trial as it really went: `gains` is `(taxel,)`, `phase` the start within a spatial period, 0 to 1."""
+
+    pitch_mm: float
+    force_N: float
+    speed_mm_per_s: float
+    phase: float
+    gains: np.ndarray
+
+
+def simulate(spec: GratingsSpec, progress: Callable[[int, int], None] | None = None) -> Recordings:
+    """Slides over every grating at every force and speed, in mV, float32 `(trial, time, taxel)`.
+
+    conditions: label ("P4.0", the pitch), grating (1 is the first pitch), pitch_mm, force_N, speed_mm_per_s, trial.
+        Rows go trial by trial through all conditions, so fewer trials give a prefix of more.
+    progress: called as (trials done, trials in all).
+
+    >>> touch = simulate(GratingsSpec(trials=1, pitches_mm=(4.0, 0.5), forces_N=(12.0,)))
+    >>> touch.signals.shape, touch.unit, touch.classes
+    ((4, 2500, 8), 'mV', ('P0.5', 'P4.0'))
+    """
+    check_room(spec.n_trials, spec.n_samples, len(spec.taxel_gains))
+    check_room(1, _settling_samples(spec), len(spec.taxel_gains))
+    conditions = _conditions(spec)
+    signals = np.empty((len(conditions), spec.n_samples, len(spec.taxel_gains)), np.float32)
+    rows = zip(conditions.pitch_mm, conditions.force_N, conditions.speed_mm_per_s, conditions.trial, strict=True)
+    for i, (pitch_mm, force_N, speed_mm_per_s, trial) in enumerate(rows):
+        rng = trial_generator(spec.seed, pitch_mm, force_N, speed_mm_per_s, trial)
+        slide = draw_slide(spec, pitch_mm, force_N, speed_mm_per_s, rng)
+        signals[i] = record(spec, slide, rng)
+        if progress is not None and (i % 48 == 47 or i + 1 == len(conditions)):
+            progress(i + 1, len(conditions))
+    return Recordings(signals, spec.sampling_rate_Hz, "mV", conditions, source=f"simulated gratings {spec.digest()}")
+
+
+def _conditions(spec: GratingsSpec) -> pd.DataFrame:
+    rows = [
+        (f"P{pitch:g}" if f"{pitch:g}" != f"{pitch:.0f}" else f"P{pitch:.1f}", grating, pitch, force, speed, trial)
+        for trial in range(spec.trials)
+        for grating, pitch in enumerate(spec.pitches_mm, start=1)
+        for force in spec.forces_N
+        for speed in spec.speeds_mm_per_s
+    ]
+    return pd.DataFrame(rows, columns=["label", "grating", "pitch_mm", "force_N", "speed_mm_per_s", "trial"])
+
+
+def trial_generator(
+    seed: int, pitch_mm: float, force_N: float, speed_mm_per_s: float, trial: int
+) -> np.random.Generator:
+    """The random numbers of one trial, which no other trial can shift: keyed by its conditions, to 0.001 of a unit."""
+    key = (round(pitch_mm * 1e3), round(force_N * 1e3), round(speed_mm_per_s * 1e3), trial)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def draw_slide(
+    spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, rng: np.random.Generator
+) -> Slide:
+    """What varies from trial to trial: phase (uniform), speed, force and gains (normal, within 3 deviations)."""
+    phase = rng.random()
+    speed, force, *gains = np.clip(rng.standard_normal(2 + len(spec.taxel_gains)), -3.0, 3.0)
+    return Slide(
+        pitch_mm,
+        force_N * (1.0 + spec.jitter_force * force),
+        speed_mm_per_s * (1.0 + spec.jitter_speed * speed),
+        phase,
+        np.array(spec.taxel_gains) * (1.0 + spec.jitter_gain * np.array(gains)),
+    )
+
+
+def record(spec: GratingsSpec, slide: Slide, rng: np.random.Generator) -> np.ndarray:
+    """The recorded signal of one slide, `(time, taxel)` float32 in mV: ridges, friction and noise."""
+    rate_Hz, n_taxels = spec.sampling_rate_Hz, len(spec.taxel_gains)
+    n_settle = _settling_samples(spec)
+    period_mm = slide.pitch_mm + spec.ridge_width_mm
+    time_s = np.arange(-n_settle, spec.n_samples) / rate_Hz
+    along = slide.phase + (slide.speed_mm_per_s * time_s[:, None] + np.array(spec.taxel_along_mm)) / period_mm
+    signal = _look_up(ridge_signal(spec, slide), along[n_settle:])
+    if spec.slip_mV_rms > 0:
+        rubbing = _look_up(contact(spec, slide), along)
+        drive = rubbing * rng.standard_normal((len(time_s), 1))
+        scale = spec.slip_mV_rms * loading(spec, slide) * sagging(spec, slide.pitch_mm)
+        signal += scale * _mount_noise(spec, drive)[n_settle:]
+    noise = rng.standard_normal((spec.n_samples, n_taxels), np.float32)
+    return (signal * slide.gains).astype(np.float32) + np.float32(spec.noise_mV_rms) * noise
+
+
+def ridge_signal(spec: GratingsSpec, slide: Slide) -> np.ndarray:
+    """One spatial period of the noiseless signal, `(TABLE_POINTS,)` in mV, at gain 1 and in steady state.
+
+    The slide is periodic, so each harmonic of the ridges' profile goes through the skin's blur and then, at its
+    frequency n v / period, through the piezoelectric high-pass (press) or the mount's resonance (catch). A
+    harmonic above half of the sampling rate is left out.
+
+    >>> slide = Slide(4.0, 12.0, 8.6, 0.0, np.ones(8))
+    >>> bool(8 < np.abs(ridge_signal(GratingsSpec(), slide)).max() < 16)
+    True
+    """
+    ridges, wavenumber = _ridge_harmonics(spec, slide.pitch_mm)
+    frequency_Hz = slide.speed_mm_per_s * wavenumber
+    press = spec.press_mV * _blur(wavenumber, footprint_mm(spec, slide))
+    catch = spec.catch_mV * sagging(spec, slide.pitch_mm) * _blur(wavenumber, spec.edge_mm * flattening(spec, slide))
+    harmonics = ridges * (
+        press * _high_pass(frequency_Hz, spec.high_pass_Hz)
+        + catch * _mount(frequency_Hz, spec.mount_Hz, spec.mount_damping)
+    )
+    harmonics[frequency_Hz >= spec.sampling_rate_Hz / 2] = 0.0
+    return np.fft.irfft(harmonics, TABLE_POINTS) * TABLE_POINTS * loading(spec, slide)
+
+
+def contact(spec: GratingsSpec, slide: Slide) -> np.ndarray:
+    """How much a ridge covers a taxel over one spatial period, `(TABLE_POINTS,)`: 1 wholly, 0 not at all."""
+    ridges, wavenumber = _ridge_harmonics(spec, slide.pitch_mm)
+    return np.fft.irfft(ridges * _blur(wavenumber, footprint_mm(spec, slide)), TABLE_POINTS) * TABLE_POINTS
+
+
+def loading(spec: GratingsSpec, slide: Slide) -> float:
+    """Amplitude beside that of grating 1 at 12 N: force and the load that each ridge carries."""
+    reference_mm = REFERENCE_PITCH_MM + spec.ridge_width_mm
+    share = ((slide.pitch_mm + spec.ridge_width_mm) / reference_mm) ** spec.load_exponent
+    return share * (slide.force_N / REFERENCE_FORCE_N) ** spec.force_exponent
+
+
+def sagging(spec: GratingsSpec, pitch_mm: float) -> float:
+    """How far the skin falls into a gap, beside grating 1."""
+    return pitch_mm / (pitch_mm + spec.sag_mm) * (REFERENCE_PITCH_MM + spec.sag_mm) / REFERENCE_PITCH_MM
+
+
+def footprint_mm(spec: GratingsSpec, slide: Slide) -> float:
+    """Blur of a ridge's footprint: the skin's thickness and its drape into the gap, wider under load."""
+    return (spec.skin_mm + spec.drape * slide.pitch_mm) * flattening(spec, slide)
+
+
+def flattening(spec: GratingsSpec, slide: Slide) -> float:
+    """Width of the contact beside that at 12 N."""
+    return (slide.force_N / REFERENCE_FORCE_N) ** spec.flattening_exponent
+
+
+def _ridge_harmonics(spec: GratingsSpec, pitch_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fourier coefficients of a rectangular ridge and their wavenumbers in cycles per mm."""
+    period_mm = pitch_mm + spec.ridge_width_mm
+    wavenumber = np.arange(TABLE_POINTS // 2 + 1) / period_mm
+    coefficients = np.sinc(wavenumber * spec.ridge_width_mm) * spec.ridge_width_mm / period_mm
+    return coefficients.astype(np.complex128), wavenumber
+
+
+def _blur(wavenumber: np.ndarray, deviation_mm: float) -> np.ndarray:
+    return np.exp(-0.5 * (2.0 * np.pi * wavenumber * deviation_mm) ** 2)
+
+
+def _high_pass(frequency_Hz: np.ndarray, corner_Hz: float) -> np.ndarray:
+    """First order: a step decays with time constant 1 / (2 pi corner)."""
+    return 1j * frequency_Hz / (1j * frequency_Hz + corner_Hz)
+
+
+def _mount(frequency_Hz: np.ndarray, resonance_Hz: float, damping: float) -> np.ndarray:
+    """Second order: a unit step rings as exp(-damping w t) sin(w t), w = 2 pi resonance, to first order in damping."""
+    ratio = frequency_Hz / resonance_Hz
+    return 1j * ratio / (1.0 - ratio**2 + 2j * damping * ratio)
+
+
+def _mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
+    """White `(time, taxel)` noise through the mount's resonance as a digital band-pass, scaled to keep its power."""
+    angle = 2.0 * np.pi * spec.mount_Hz / spec.sampling_rate_Hz
+    width = np.sin(angle) * spec.mount_damping
+    b = np.array([width, 0.0, -width]) / (1.0 + width)
+    a = np.array([1.0, -2.0 * np.cos(angle) / (1.0 + width), (1.0 - width) / (1.0 + width)])
+    # The power that a white input leaves in this filter is b0 = width / (1 + width), in closed form.
+    return lfilter(b / np.sqrt(b[0]), a, drive, axis=0)
+
+
+def _settling_samples(spec: GratingsSpec) -> int:
+    """Until the mount's ringing has fallen to exp(-6)."""
+    return int(np.ceil(6.0 / (2.0 * np.pi * spec.mount_Hz * spec.mount_damping) * spec.sampling_rate_Hz))
+
+
+def _look_up(table: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """A periodic table at positions in periods, by linear interpolation."""
+    position = (along - np.floor(along)) * len(table)
+    before = position.astype(np.int64)
+    weight = position - before
+    closed = np.append(table, table[:2])
+    return closed[before] + weight * (closed[before + 1] - closed[before])
+
+
+SIMULATOR = Simulator(
+    "A PVDF finger sliding over eight gratings (texture paper).",
+    GratingsSpec,
+    simulate,
+)

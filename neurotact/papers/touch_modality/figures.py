@@ -1,0 +1,160 @@
+"""Figures of the touch-modality study: touches as recorded, accuracy over the number of steps, and what it costs.
+
+They mirror the paper's Figs. 2, 4 and 7. Tables are those of the study's `results.csv`.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurotact.figures.style import INK, MUTED, PALE, SERIES, add_legend, keep_within, new_figure, printed, sequence
+from neurotact.metrics.flops import GRU, LSTM, Dense, cost
+from neurotact.papers.published_flops import touch_modality_flops
+
+CELLS = {"LSTM": LSTM, "GRU": GRU}
+TAXELS = (16, 64, 144, 256)
+CLASSES = (3, 10, 20)
+STEPS = (8, 10, 16, 20, 50, 100, 200, 256)
+ACCURACY = "test accuracy (%)"
+PUBLISHED = "#D55E00"
+
+
+@printed
+def draw_touches(
+    patterns: np.ndarray,
+    windows: np.ndarray,
+    labels: Sequence[str],
+    sampling_rate_Hz: float,
+    band_V: tuple[float, float],
+) -> Figure:
+    """One touch of each modality: its taxels over time, and the same averaged over windows.
+
+    patterns: of Dataset A, `(touch, time, channel)` in V; windows: of Dataset C, `(touch, step, channel)` in V.
+    """
+    figure = new_figure(3.6)
+    axes = figure.subplots(2, len(patterns), sharey="row", squeeze=False)
+    time_s = np.arange(patterns.shape[1]) / sampling_rate_Hz
+    limit_mV = 1e3 * max(np.abs(windows - windows.mean(axis=1, keepdims=True)).max(), 1e-6)
+    image = None
+    for upper, lower, pattern, window, label in zip(axes[0], axes[1], patterns, windows, labels, strict=True):
+        order = np.argsort(np.ptp(pattern, axis=0))
+        for channel in order[:-3]:
+            upper.plot(time_s, pattern[:, channel], color=PALE, linewidth=0.5)
+        for (colour, _), channel in zip(SERIES, order[:-4:-1], strict=False):
+            upper.plot(time_s, pattern[:, channel], color=colour, linewidth=0.6)
+        upper.axhspan(*band_V, color=MUTED, alpha=0.12, linewidth=0)
+        upper.set_title(label)
+        upper.set_xlabel("time (s)")
+        shown = 1e3 * (window - np.median(window, axis=0)).T
+        image = lower.imshow(
+            shown, aspect="auto", cmap="RdBu_r", vmin=-limit_mV, vmax=limit_mV, interpolation="nearest"
+        )
+        lower.set_xlabel(f"step of {len(window)}")
+    axes[0, 0].set_ylabel("signal (V)")
+    axes[1, 0].set_ylabel("taxel")
+    if image is not None:
+        figure.colorbar(image, ax=axes[1].tolist(), label="from its median (mV)", fraction=0.05)
+    return figure
+
+
+@printed
+def draw_accuracy(results: pd.DataFrame, published: Mapping[tuple[str, int], Sequence[float]]) -> Figure:
+    """Accuracy over the number of steps, a line a fold (Fig. 4): networks beside each other, protocols below.
+
+    What is published stands beside the protocol `paper` alone.
+
+    results: columns network, protocol, steps, fold, accuracy_test.
+    published: accuracies of the five folds in percent, by network and steps.
+    """
+    networks, protocols = (list(dict.fromkeys(results[column])) for column in ("network", "protocol"))
+    figure = new_figure(2.3 * len(protocols) + 0.5)
+    axes = figure.subplots(len(protocols), len(networks), sharex=True, sharey=True, squeeze=False)
+    for row, protocol in enumerate(protocols):
+        for panel, network in zip(axes[row], networks, strict=True):
+            here = results[(results["network"] == network) & (results["protocol"] == protocol)]
+            means = {steps: float(np.mean(folds)) for (name, steps), folds in published.items() if name == network}
+            _draw_folds(panel, here, means if protocol == "paper" else {})
+            panel.set_title(network if row == 0 else "")
+            panel.set_xlabel("steps N" if row == len(protocols) - 1 else "")
+        axes[row, 0].set_ylabel(f"{protocol}\n{ACCURACY}")
+    keep_within(axes.ravel())
+    add_legend(figure, axes.ravel().tolist(), ncols=5)
+    return figure
+
+
+def _draw_folds(panel: Axes, results: pd.DataFrame, published: Mapping[int, float]) -> None:
+    table = 100 * results.pivot_table(index="steps", columns="fold", values="accuracy_test")
+    for colour, fold in zip(sequence(table.shape[1]), table, strict=True):
+        panel.plot(table.index, table[fold], ".-", color=colour, linewidth=0.8, label=f"fold {fold}")
+    panel.plot(table.index, table.mean(axis=1), "o-", color=INK, linewidth=1.6, markersize=4, label="mean of folds")
+    if published:
+        steps = sorted(published)
+        panel.plot(steps, [published[n] for n in steps], "--", color=PUBLISHED, label="published mean")
+    panel.axhline(100 / 3, color=MUTED, linewidth=0.7, linestyle=":", label="chance")
+    panel.set_xscale("log")
+    panel.set_xticks(STEPS, [str(steps) for steps in STEPS], rotation=90)
+    panel.minorticks_off()
+    panel.grid(axis="y")
+
+
+@printed
+def draw_other_steps(results: pd.DataFrame, steps: Sequence[int]) -> Figure:
+    """Accuracy of weights trained on N steps and used on M, a panel a network, means over folds.
+
+    results: columns network, steps, fold and `used_on_<M>` for each M of `steps`.
+    """
+    networks = list(dict.fromkeys(results["network"]))
+    figure = new_figure(2.6)
+    axes = figure.subplots(1, len(networks), sharey=True, squeeze=False)[0]
+    trained = sorted(results["steps"].unique())
+    chance, best = (
+        100 / 3,
+        100 * results.groupby(["network", "steps"])[[f"used_on_{m}" for m in steps]].mean().max().max(),
+    )
+    image = None
+    for panel, network in zip(axes, networks, strict=True):
+        here = results[results["network"] == network].groupby("steps")[[f"used_on_{m}" for m in steps]].mean()
+        table = 100 * here.reindex(trained).to_numpy()
+        image = panel.imshow(table, cmap="viridis", vmin=chance, vmax=best, aspect="auto")
+        for (i, j), value in np.ndenumerate(table):
+            colour = "white" if value < 0.5 * (chance + best) else INK
+            panel.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=6, color=colour)
+        panel.set_title(network)
+        panel.set_xticks(range(len(steps)), [str(m) for m in steps])
+        panel.set_yticks(range(len(trained)), [str(n) for n in trained])
+        panel.set_xlabel("used on M steps")
+    axes[0].set_ylabel("trained on N steps")
+    if image is not None:
+        figure.colorbar(image, ax=axes.tolist(), label=ACCURACY, fraction=0.04)
+    return figure
+
+
+@printed
+def draw_scaling(networks: Mapping[str, tuple[Literal["LSTM", "GRU"], int]]) -> Figure:
+    """FLOPs of a step and trainable parameters against sensors and classes (Fig. 7a, b).
+
+    networks: cell and neurons by name.
+    """
+    figure = new_figure(2.7)
+    axes = figure.subplots(1, 3, squeeze=False)[0]
+    dashes = dict(zip(CLASSES, ("-", "--", ":"), strict=True))
+    for (colour, marker), (name, (cell, hidden)) in zip(SERIES, networks.items(), strict=False):
+        for classes, dash in dashes.items():
+            style: Any = {"color": colour, "marker": marker, "linestyle": dash, "markersize": 3}
+            label = f"{name}, {classes} classes"
+            counted = [cost(CELLS[cell](n, hidden), Dense(hidden, classes, "softmax")) for n in TAXELS]
+            axes[0].plot(TAXELS, [touch_modality_flops(cell, hidden, n, classes) for n in TAXELS], label=label, **style)
+            axes[1].plot(TAXELS, [c.flops for c in counted], **style)
+            axes[2].plot(TAXELS, [c.parameters for c in counted], **style)
+    for panel, title in zip(axes, ("FLOPs a block, as published", "FLOPs a block, counted", "parameters"), strict=True):
+        panel.set_title(title)
+        panel.set_xlabel("sensors")
+        panel.set_xticks(TAXELS)
+        panel.set_ylim(bottom=0)
+        panel.grid(axis="y")
+    add_legend(figure, axes.tolist(), ncols=3)
+    return figure

@@ -1,0 +1,424 @@
+"""The touch-modality paper: LSTM and GRU on a few averages of a touch tell sliding, brushing and rolling apart.
+
+Table I, Figs. 4 and 7. Two protocols: `paper` has five stratified, unshuffled folds, trains on four of them and chooses
+batch size and epochs by the accuracy on the *test* folds, as published; `honest` keeps every person on one side, and
+chooses for each fold on validation people taken from its training people. Both normalise by the training patterns.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier, fit_snapshots
+from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisation, resample
+from neurotact.data.hdf5 import load_recordings
+from neurotact.data.onset import ActivityBand, cut_from_onset, find_activity
+from neurotact.errors import InputError
+from neurotact.figures.style import Drawn
+from neurotact.metrics.flops import GRU, LSTM, Cost, Dense, Moments, cost
+from neurotact.papers.published_flops import TOUCH_MODALITY_FLOPS
+from neurotact.papers.touch_modality import figures
+from neurotact.papers.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, WindowRule, dataset_c, window_bounds
+from neurotact.papers.touch_modality.folds import Fold, folds_by_person, folds_in_order
+from neurotact.papers.touch_modality.simulator import TouchModalitySpec, each_person
+from neurotact.spec import Spec
+from neurotact.studies.protocol import Arrays, TaskData, View
+
+AtLeastOne = Annotated[int, Field(ge=1)]
+
+CELLS = {"LSTM": (LSTMClassifier, LSTM), "GRU": (GRUClassifier, GRU)}
+NETWORKS: dict[str, tuple[Literal["LSTM", "GRU"], int]] = {
+    "LSTM(10)": ("LSTM", 10),
+    "GRU(10)": ("GRU", 10),
+    "GRU(12)": ("GRU", 12),
+}
+"""Cell and neurons (Sec. IV-B)."""
+TABLE_I = {
+    ("LSTM(10)", 8): (83.52, 73.52, 65.44, 76.08, 73.97),
+    ("LSTM(10)", 10): (81.98, 71.98, 67.94, 74.93, 73.14),
+    ("LSTM(10)", 16): (83.78, 71.85, 65.96, 75.64, 71.79),
+    ("LSTM(10)", 20): (84.23, 73.39, 67.11, 75.57, 69.80),
+    ("LSTM(10)", 50): (79.48, 69.48, 63.52, 74.16, 66.98),
+    ("LSTM(10)", 100): (73.26, 62.75, 62.5, 69.23, 62.17),
+    ("LSTM(10)", 200): (74.67, 58.52, 56.85, 61.08, 58.46),
+    ("LSTM(10)", 256): (68.07, 58.07, 55.32, 59.29, 56.6),
+    ("GRU(10)", 8): (82.11, 70.5, 65.44, 75.76, 71.66),
+    ("GRU(10)", 10): (81.98, 70.12, 65.0, 73.39, 71.08),
+    ("GRU(10)", 16): (81.47, 69.23, 65.57, 74.42, 69.67),
+    ("GRU(10)", 20): (81.92, 70.25, 64.55, 74.74, 68.84),
+    ("GRU(10)", 50): (81.41, 70.32, 64.23, 71.73, 64.93),
+    ("GRU(10)", 100): (79.23, 65.57, 61.79, 68.65, 63.33),
+    ("GRU(10)", 200): (72.75, 64.48, 56.15, 60.06, 52.17),
+    ("GRU(10)", 256): (68.07, 61.02, 61.41, 61.41, 52.17),
+    ("GRU(12)", 8): (82.30, 71.02, 65.12, 75.89, 72.82),
+    ("GRU(12)", 10): (80.83, 71.15, 67.05, 76.08, 71.92),
+    ("GRU(12)", 16): (83.52, 70.64, 66.66, 74.35, 69.87),
+    ("GRU(12)", 20): (83.78, 70.70, 67.75, 74.55, 68.58),
+    ("GRU(12)", 50): (81.47, 69.35, 63.65, 73.91, 65.44),
+    ("GRU(12)", 100): (78.46, 66.15, 60.70, 71.28, 62.94),
+    ("GRU(12)", 200): (75.76, 61.66, 55.51, 65.06, 55.12),
+    ("GRU(12)", 256): (70.57, 59.61, 55.38, 61.21, 54.67),
+}
+"""Published mean over ten runs of each fold (%), by network and steps."""
+
+TASK_STEPS = 8
+TASK_RATE_HZ = 250.0
+TASK_CUTOFF_HZ = 100.0
+
+
+class TouchData(Spec):
+    """The touches, and how they become sequences."""
+
+    recordings: str = ""
+    """An HDF5 file that `neurotact import touch-modality` (or `simulate touch-modality`) wrote; none: simulated."""
+    simulation: TouchModalitySpec = TouchModalitySpec()
+    band: ActivityBand = ActivityBand()
+    windows: WindowRule = "overlap"
+
+
+class Parameters(Spec):
+    """One cell: a network on sequences of one length, all folds, runs and pairs of batch and epochs."""
+
+    data: TouchData = TouchData()
+    network: Literal["LSTM(10)", "GRU(10)", "GRU(12)"] = "LSTM(10)"
+    steps: Literal[8, 10, 16, 20, 50, 100, 200, 256] = 20
+    protocol: Literal["paper", "honest"] = "honest"
+    runs: int = Field(default=10, ge=1)
+    """Random initialisations and orders of each fold (Sec. IV-C)."""
+    batches: tuple[AtLeastOne, ...] = Field(default=(48, 69), min_length=1)
+    epochs: tuple[AtLeastOne, ...] = Field(default=(48, 96), min_length=1)
+    """Sec. IV-C; the fewer epochs are a stop on the way to the more, so that runs share initialisations."""
+    learning_rate: float = Field(default=0.001, gt=0)
+    """Keras' own for Adam, since the public code sets none."""
+    seed: int = Field(default=0, ge=0)
+
+
+VIEW = View(
+    by=("network", "steps", "protocol"),
+    measures={
+        "accuracy_test": "test accuracy (%)",
+        "accuracy_validation": "validation accuracy (%)",
+        "parameters": "parameters",
+        "flops_published": "FLOPs as published",
+        "flops": "FLOPs",
+        "flops_windows": "FLOPs of averaging",
+        "energy_estimate_nJ": "energy (nJ, estimate)",
+        "signal_ms": "signal (ms)",
+    },
+    cost="flops",
+    score="accuracy_test",
+    note=(
+        "Rows are folds, each the mean of its runs; standard deviations are over folds. Protocol paper chooses batch "
+        "size and epochs on the test folds, as published, so its accuracies are optimistic; honest tests on people "
+        "whom neither training nor that choice has seen."
+    ),
+)
+
+
+class Touches(NamedTuple):
+    """Dataset A with what is known of each pattern; persons is empty where the recordings do not say."""
+
+    patterns: np.ndarray
+    labels: np.ndarray
+    persons: np.ndarray
+    activity_s: np.ndarray
+    recorded: dict[str, int]
+    sampling_rate_Hz: float
+
+
+def load(data: TouchData) -> Arrays:
+    """Dataset C for every number of steps (`steps_<N>`, `(pattern, N, 16)` in V), labels `(pattern,)` and persons
+    `(pattern,)` where known; classes with what was recorded and what was silent of each; one touch a class to be shown.
+    """
+    touches = _touches(data)
+    classes = np.array(sorted(touches.recorded))
+    recorded = np.array([touches.recorded[label] for label in classes.tolist()])
+    heard = np.array([(touches.labels == label).sum() for label in classes.tolist()])
+    arrays = {f"steps_{n}": dataset_c(touches.patterns, n, data.windows) for n in STEP_COUNTS}
+    shown = [_typical(touches.patterns, np.flatnonzero(touches.labels == label)) for label in classes.tolist()]
+    return {
+        **arrays,
+        "labels": touches.labels,
+        **({"persons": touches.persons} if len(touches.persons) else {}),
+        "classes": classes,
+        "recorded": recorded,
+        "silent": recorded - heard,
+        "activity_s": touches.activity_s,
+        "shown": touches.patterns[shown],
+        "band_V": np.array([data.band.low_V, data.band.high_V]),
+        "sampling_rate_Hz": np.array(touches.sampling_rate_Hz),
+        "windows": np.array(data.windows),
+    }
+
+
+def _touches(data: TouchData) -> Touches:
+    """Person by person, so that whole recordings never lie in memory together; sorted by class, as folders are."""
+    cuts, rows, recorded = [], [], {}
+    rate_Hz = data.simulation.sampling_rate_Hz
+    for signals, table, rate_Hz in _portions(data):
+        for signal, row in zip(signals, table.to_dict("records"), strict=True):
+            recorded[row["label"]] = recorded.get(row["label"], 0) + 1
+            cut, activity = cut_from_onset(signal, TOUCH_SAMPLES, data.band), find_activity(signal, data.band)
+            if cut is not None and activity is not None:
+                cuts.append(cut.astype(np.float32))
+                rows.append({**row, "activity_s": (activity.last - activity.first) / rate_Hz})
+    if not cuts:
+        raise InputError(
+            f"{data.recordings or 'touches'}: no signal leaves the band {data.band.low_V} to {data.band.high_V} V; "
+            "set data.band.low_V and data.band.high_V around this sensor's rest"
+        )
+    kept = pd.DataFrame(rows)
+    order = np.argsort(kept["label"].to_numpy(str), kind="stable")
+    patterns = np.empty((len(cuts), *cuts[0].shape), np.float32)
+    for place, index in enumerate(order):
+        patterns[place], cuts[index] = cuts[index], cuts[index][:0]
+    kept = kept.iloc[order]
+    persons = kept["person"].to_numpy(np.int64) if "person" in kept else np.array([], np.int64)
+    return Touches(
+        patterns, kept["label"].to_numpy(str), persons, kept["activity_s"].to_numpy(float), recorded, rate_Hz
+    )
+
+
+def _portions(data: TouchData) -> Iterator[tuple[np.ndarray, pd.DataFrame, float]]:
+    if not data.recordings:
+        for signals, table in each_person(data.simulation):
+            yield signals, table, data.simulation.sampling_rate_Hz
+        return
+    recordings = load_recordings(data.recordings).to_unit("V")
+    if recordings.n_channels != figures.TAXELS[0]:
+        raise InputError(f"{data.recordings}: has {recordings.n_channels} channels where the 4 x 4 array has 16")
+    yield np.asarray(recordings.signals), recordings.conditions, recordings.sampling_rate_Hz
+
+
+def _typical(patterns: np.ndarray, members: np.ndarray) -> int:
+    """The pattern of median strength."""
+    strength = np.array([np.ptp(patterns[i], axis=0).max() for i in members])
+    return int(members[np.argsort(strength)[len(members) // 2]])
+
+
+def folds_of(parameters: Parameters, arrays: Arrays) -> list[Fold]:
+    """The folds of a protocol; InputError where `honest` is asked of touches whose persons are not known."""
+    if parameters.protocol == "paper":
+        return folds_in_order(arrays["labels"])
+    if "persons" not in arrays:
+        raise InputError(
+            f"{parameters.data.recordings}: has no condition 'person', without which nobody can be kept on one side; "
+            "run with --set protocol=paper"
+        )
+    return folds_by_person(arrays["persons"], seed=parameters.seed)
+
+
+class Normalisation(NamedTuple):
+    """Mean and deviation of each channel over the training patterns, `(channel,)`."""
+
+    offset: tuple[float, ...]
+    scale: tuple[float, ...]
+
+    def apply(self, sequences: np.ndarray) -> np.ndarray:
+        """`(pattern, step, channel)` in deviations from the mean."""
+        return (sequences - np.array(self.offset)) / np.array(self.scale)
+
+
+class Trained(NamedTuple):
+    """The networks of one fold by pair of batch and epochs, its normalisation, and their accuracies `(pair, run)`."""
+
+    networks: dict[tuple[int, int], list]
+    normalisation: Normalisation
+    validation: np.ndarray
+    test: np.ndarray
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
+    """A row a fold: the mean over runs at the chosen pair of batch and epochs, every pair's mean, and what it costs."""
+    folds = folds_of(parameters, arrays)
+    sequences, labels = arrays[f"steps_{parameters.steps}"], arrays["labels"]
+    trained = train_folds(parameters, sequences, labels, folds)
+    pairs = list(product(parameters.batches, parameters.epochs))
+    chosen = choose(parameters.protocol, trained)
+    spent, published, averaging = costs_of(parameters, arrays)
+    rows = []
+    for number, (fold, one, pair) in enumerate(zip(folds, trained, chosen, strict=True)):
+        each_pair = {f"accuracy_b{b}_e{e}": one.test[i].mean() for i, (b, e) in enumerate(pairs)}
+        rows.append(
+            {
+                "fold": number,
+                "batch": pairs[pair][0],
+                "epochs_trained": pairs[pair][1],
+                "accuracy_test": one.test[pair].mean(),
+                "accuracy_runs_sd": one.test[pair].std(ddof=1) if parameters.runs > 1 else float("nan"),
+                "accuracy_validation": one.validation[pair].mean() if len(fold.validation) else float("nan"),
+                **each_pair,
+                **_on_other_steps(one, pairs[pair], arrays, fold.test),
+                "patterns_train": len(fold.train),
+                "patterns_test": len(fold.test),
+                "parameters": spent.parameters,
+                "flops_published": published,
+                "flops": spent.flops,
+                "macs": spent.macs,
+                "flops_windows": averaging.flops,
+                "energy_estimate_nJ": spent.energy_estimate_nJ,
+                "signal_ms": spent.signal_ms,
+            }
+        )
+    return rows
+
+
+def train_folds(parameters: Parameters, sequences: np.ndarray, labels: np.ndarray, folds: list[Fold]) -> list[Trained]:
+    """Train every run of every fold at every pair; nothing of a fold's validation or test patterns is looked at before.
+
+    sequences `(pattern, step, channel)`; labels `(pattern,)`.
+    """
+    cell, hidden = NETWORKS[parameters.network]
+    normalisations = [Normalisation(*fit_standardisation(list(sequences[fold.train]))) for fold in folds]
+    given = [
+        (n.apply(sequences[fold.train]), labels[fold.train]) for n, fold in zip(normalisations, folds, strict=True)
+    ]
+    # An order of its own for each fold and run, which neither other folds nor the number of runs can shift.
+    seeds = [_seed(parameters.seed, fold, run) for fold in range(len(folds)) for run in range(parameters.runs)]
+    examples = [pair for pair in given for _ in range(parameters.runs)]
+    networks: dict[tuple[int, int], list] = {}
+    for batch in parameters.batches:
+        prototype = CELLS[cell][0](hidden, batch=batch, learning_rate=parameters.learning_rate)
+        snapshots = fit_snapshots(prototype, examples, seeds, parameters.epochs)
+        networks |= {(batch, epochs): fitted for epochs, fitted in zip(parameters.epochs, snapshots, strict=True)}
+    return [
+        _judged(networks, normalisation, parameters.runs, number, sequences, labels, fold)
+        for number, (fold, normalisation) in enumerate(zip(folds, normalisations, strict=True))
+    ]
+
+
+def _seed(seed: int, *key: int) -> int:
+    return int(np.random.SeedSequence(seed, spawn_key=(1, *key)).generate_state(1)[0] % 2**31)
+
+
+def _judged(
+    networks: dict[tuple[int, int], list],
+    normalisation: Normalisation,
+    runs: int,
+    number: int,
+    sequences: np.ndarray,
+    labels: np.ndarray,
+    fold: Fold,
+) -> Trained:
+    mine = {pair: fitted[number * runs : (number + 1) * runs] for pair, fitted in networks.items()}
+
+    def accuracies(side: np.ndarray) -> np.ndarray:
+        if not len(side):
+            return np.full((len(mine), runs), np.nan)
+        seen = normalisation.apply(sequences[side])
+        return np.array([[(one.predict(seen) == labels[side]).mean() for one in fitted] for fitted in mine.values()])
+
+    return Trained(mine, normalisation, accuracies(fold.validation), accuracies(fold.test))
+
+
+def choose(protocol: str, trained: list[Trained]) -> list[int]:
+    """The index of the pair of batch and epochs that each fold reports.
+
+    `paper`: one pair for all folds, that of the highest mean *test* accuracy (Sec. IV-C). `honest`: for each fold by
+    itself that of the highest mean validation accuracy.
+    """
+    if protocol == "paper":
+        best = int(np.mean([one.test.mean(axis=1) for one in trained], axis=0).argmax())
+        return [best] * len(trained)
+    return [int(one.validation.mean(axis=1).argmax()) for one in trained]
+
+
+def _on_other_steps(one: Trained, pair: tuple[int, int], arrays: Arrays, test: np.ndarray) -> dict[str, float]:
+    """Accuracy of the same weights, with their own normalisation, on sequences of other lengths (Sec. V, 4)."""
+    found = {}
+    for steps in STEP_COUNTS:
+        seen = one.normalisation.apply(arrays[f"steps_{steps}"][test])
+        found[f"used_on_{steps}"] = np.mean(
+            [(network.predict(seen) == arrays["labels"][test]).mean() for network in one.networks[pair]]
+        )
+    return found
+
+
+def costs_of(parameters: Parameters, arrays: Arrays) -> tuple[Cost, int, Cost]:
+    """Our count of one decision of the network, the published FLOPs of it, and our count of averaging its windows."""
+    cell, hidden = NETWORKS[parameters.network]
+    n_channels, n_classes = arrays["shown"].shape[2], len(arrays["classes"])
+    signal_ms = 1e3 * TOUCH_SAMPLES / float(arrays["sampling_rate_Hz"])
+    network = cost(
+        CELLS[cell][1](n_channels, hidden, parameters.steps), Dense(hidden, n_classes, "softmax"), signal_ms=signal_ms
+    )
+    bounds = window_bounds(TOUCH_SAMPLES, parameters.steps, parameters.data.windows)
+    averaging = cost(*(Moments(int(stop - first), n_channels, order=1) for first, stop in bounds))
+    return network, TOUCH_MODALITY_FLOPS[cell, hidden] * parameters.steps, averaging
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Touches (Fig. 2), accuracy over steps (Fig. 4), other numbers of steps and scaling (Sec. V, Fig. 7)."""
+    band_V = (float(arrays["band_V"][0]), float(arrays["band_V"][1]))
+    silent = ", ".join(f"{n} of {of} {c}" for c, n, of in zip(*(arrays[k] for k in _COUNTS), strict=True))
+    yield Drawn(
+        "touches",
+        "One touch of each modality",
+        figures.draw_touches(
+            arrays["shown"],
+            dataset_c(arrays["shown"], 20, "printed" if str(arrays["windows"]) == "printed" else "overlap"),
+            arrays["classes"].tolist(),
+            float(arrays["sampling_rate_Hz"]),
+            band_V,
+        ),
+        "The touch of median strength of each class. Above: Dataset A, 6144 samples from the onset on; the three "
+        f"strongest taxels in colour, the grey band is rest. Below: Dataset C, 20 windows. Silent: {silent}. Activity "
+        f"lasts {arrays['activity_s'].mean():.2f} s on average.",
+        "Voltages of sixteen taxels over two seconds for brushing, rolling and sliding, and the same averaged.",
+    )
+    yield Drawn(
+        "accuracy",
+        "Accuracy over the number of steps",
+        figures.draw_accuracy(results, TABLE_I),
+        "As Fig. 4: each line is a fold, the mean of its runs. Above, protocol paper, whose pair of batch and epochs "
+        "is chosen on these very test folds; below, honest, on people that training and choice have not seen. "
+        "Dashed: the mean of Table I's folds.",
+        "Test accuracy against the number of steps for three networks and two protocols, a line a fold.",
+    )
+    shown = "honest" if (results["protocol"] == "honest").any() else "paper"
+    yield Drawn(
+        "other-steps",
+        "Weights trained on N steps, used on M",
+        figures.draw_other_steps(results[results["protocol"] == shown], STEP_COUNTS),
+        f"Mean test accuracy over folds and runs, protocol {shown}.",
+        "A table of accuracies for each network: trained steps down, used steps across.",
+    )
+    yield Drawn(
+        "scaling",
+        "Cost against sensors and classes",
+        figures.draw_scaling(NETWORKS),
+        "As Fig. 7: FLOPs of one block by the formula that yields the published numbers, by our count of a step, and "
+        "trainable parameters.",
+        "Three panels of lines that grow with the number of sensors, for three networks and three numbers of classes.",
+    )
+
+
+_COUNTS = ("classes", "silent", "recorded")
+
+
+def task(data: TouchData) -> TaskData:
+    """Touches for every family of classifiers.
+
+    features: mean and deviation of each taxel in each of the 8 windows of Dataset C, 256 numbers. sequences: Dataset A
+    after a moving average at 100 Hz, at 250 Hz, from each taxel's first sample, in mV. groups: persons, or each touch
+    by itself where they are not known.
+    """
+    touches = _touches(data)
+    bounds = window_bounds(TOUCH_SAMPLES, TASK_STEPS, data.windows)
+    parts = [touches.patterns[:, first:stop] for first, stop in bounds]
+    features = np.concatenate([f(part, axis=1) for f in (np.mean, np.std) for part in parts], axis=1)
+    smoothing = ema_coefficient(TASK_CUTOFF_HZ, touches.sampling_rate_Hz)
+    sequences = np.stack(
+        [
+            resample(ema(pattern - pattern[:1], smoothing), touches.sampling_rate_Hz, TASK_RATE_HZ)
+            for pattern in touches.patterns
+        ]
+    )
+    groups = touches.persons if len(touches.persons) else np.arange(len(touches.labels))
+    return TaskData(
+        features.astype(np.float64), np.float32(1e3) * sequences, TASK_RATE_HZ, "mV", touches.labels, groups
+    )

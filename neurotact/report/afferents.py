@@ -1,0 +1,137 @@
+"""The report of a study without a network: what its afferents send, over their gains and refractory periods."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from neurotact.figures import gains as gain_figures
+from neurotact.figures.encoding import Classes
+from neurotact.figures.style import Drawn
+from neurotact.files import existing
+from neurotact.report import page, protocol
+from neurotact.report.encoding_drawings import name_classes
+from neurotact.report.tables import first_spikes, read_encoding, with_pair
+from neurotact.spec import to_toml
+from neurotact.studies import encoded
+from neurotact.studies.cell import is_done
+from neurotact.studies.encoded import POPULATIONS
+from neurotact.studies.protocol import View
+from neurotact.studies.study import StudySpec, cells
+from neurotact.tables import read_table, write_table
+
+DOWNLOADS = {
+    "results.csv": "one row an encoding, both populations",
+    "results.json": "the same",
+    "isi.csv": "distributions of inter-spike intervals: a row a population, gain, t_ref, class and bin",
+    "encoding.csv": "firing of both populations for each class and condition, from window.start_ms to the trial's end",
+    "timings.csv": "time that each cell took",
+    "study.toml": "the study as it was run, every part whole",
+    "versions.json": "versions of what computed it",
+    "data.json": "the recordings' hash",
+}
+VIEW = View(
+    by=("population", "dataset", "gain", "t_ref_ms"),
+    measures={
+        "spikes_per_s": "spikes per second",
+        "isi_ms": "mean interval (ms)",
+        "isi_sd_ms": "SD of the intervals (ms)",
+        "isi_least_ms": "shortest interval (ms)",
+        "isi_overlap": "overlap of two classes' intervals (%)",
+        "silent_share": "silent trials (%)",
+        "latency_ms": "first spike after (ms)",
+    },
+    cost="spikes_per_s",
+    score="isi_overlap",
+    note="Populations are measured each by itself: whole, with all its afferents.",
+)
+
+
+def write(study: StudySpec, folder: Path) -> Path:
+    """Write `report.html`, its figures and `results.json` from what a run left; the page's path.
+
+    Raises InputError when a table is not there or a claim names a column that is not there.
+    """
+    every = list(cells(study))
+    done = [cell for cell in every if is_done(folder, cell)]
+    results = with_pair(read_table(folder / "results.csv"))
+    results = results.assign(
+        gain_sa=[cell.encoder.sa1.gain for cell in done], gain_ra=[cell.encoder.ra1.gain for cell in done]
+    )
+    encoding = with_pair(read_encoding(folder / "encoding.csv"))
+    isi = encoded.read_isi(existing(folder / encoded.ISI))
+    trains = first_spikes(folder, done)
+    classes = name_classes(encoding, trains.conditions if trains else None)
+    write_table(results.drop(columns=["pair", "gain_sa", "gain_ra"]), folder / "results.json")
+    return page.write(
+        "protocol.html.jinja",
+        study,
+        folder,
+        n_done=len(done),
+        n_cells=len(every),
+        tables={"results": results, "encoding": encoding},
+        figures=drawings(results, isi, classes),
+        downloads=DOWNLOADS,
+        specs={"Encoder": to_toml(study.encoder.model_dump(mode="json", exclude_none=True))},
+        seeds=study.sweep.get("seed", [0]),
+        data={"recordings": page.if_there(folder / "data.json")},
+        **protocol.seen(protocol.over_rows(by_population(results), VIEW), VIEW),
+    )
+
+
+def by_population(results: pd.DataFrame) -> pd.DataFrame:
+    """A row a population of each encoding, its measures without the population in their names.
+
+    >>> wide = pd.DataFrame({"dataset": ["all"], **{f"gain_{k}": [3.0] for k in ("sa", "ra")},
+    ...     **{f"t_ref_{k}_ms": [1.0] for k in ("sa", "ra")}, "isi_sa_ms": [31.0], "isi_ra_ms": [57.0]})
+    >>> by_population(wide)[["population", "isi_ms"]].values.tolist()
+    [['SA-I', 31.0], ['RA-I', 57.0]]
+    """
+    parts = []
+    for name, kind, _ in POPULATIONS:
+        own = {c: c.replace(f"_{kind}", "", 1) for c in results if c.endswith((f"_{kind}", f"_{kind}_ms"))}
+        own |= {f"spikes_{kind}_per_s": "spikes_per_s"} if f"spikes_{kind}_per_s" in results else {}
+        parts.append(results[["dataset", *own]].rename(columns=own).assign(population=name))
+    return pd.concat(parts, ignore_index=True)
+
+
+def drawings(results: pd.DataFrame, isi: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
+    """For each data set the ISI distributions over gains, rates and intervals over gain and t_ref, the compromise."""
+    for number, (dataset, rows) in enumerate(results.groupby("dataset", sort=False)):
+        suffix = f"-{number + 1}" if number else ""
+        yield _distributions(str(dataset), isi[isi["dataset"] == dataset], classes, suffix)
+        figure = gain_figures.draw_gain_and_t_ref(rows)
+        caption = (
+            f"Spikes per second of each whole population, and its mean inter-spike interval, over gain and refractory "
+            f"period ({dataset}); colours by their logarithm."
+        )
+        yield Drawn(f"gain-and-t-ref{suffix}", f"Gain and refractory period: {dataset}", figure, caption, caption)
+        caption = (
+            f"What the gain trades ({dataset}). A higher one makes the intervals of different classes alike (overlap "
+            "of their distributions, mean over pairs of classes); a lower one leaves trials without a spike and lets "
+            "the first one wait. As the texture paper's Sec. III-A puts it in words."
+        )
+        figure = gain_figures.draw_compromise(rows)
+        yield Drawn(f"compromise{suffix}", f"What a gain trades: {dataset}", figure, caption, _ends(rows))
+
+
+def _distributions(dataset: str, isi: pd.DataFrame, classes: Classes, suffix: str) -> Drawn:
+    t_ref_ms = float(isi["t_ref_ms"].min())
+    figure = gain_figures.draw_isi_distributions(isi, t_ref_ms, classes)
+    caption = (
+        f"Inter-spike intervals of each {classes.word} at each gain, t_ref {t_ref_ms:g} ms ({dataset}): shares of all "
+        "intervals of the class, in bins each 1.3 times as wide as the one before."
+    )
+    return Drawn(f"isi-distributions{suffix}", f"Intervals over the gains: {dataset}", figure, caption, caption)
+
+
+def _ends(rows: pd.DataFrame) -> str:
+    """The overlap at the lowest and the highest gain, in words."""
+    words = []
+    for name, kind, _ in POPULATIONS:
+        overlap = rows.groupby(f"gain_{kind}")[f"isi_overlap_{kind}"].mean()
+        words.append(
+            f"{name}: overlap {overlap.iloc[0]:.2f} at gain {overlap.index[0]:g}, {overlap.iloc[-1]:.2f} at "
+            f"{overlap.index[-1]:g}"
+        )
+    return "; ".join(words) + "."

@@ -1,0 +1,206 @@
+"""What a report tells of each cell: how it trained, what it mistakes, one test window, and what its decisions cost.
+
+All of it is numbers, which the page draws when a cell is chosen: a picture of each would be a hundred times the size.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import torch
+
+from neurotact.data.hdf5 import load_spikes
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import Windows
+from neurotact.figures.encoding import Classes
+from neurotact.figures.networks import over_seeds, pareto_front
+from neurotact.networks import checkpoint, trained
+from neurotact.networks.trained import Restored
+from neurotact.networks.training import Examples
+from neurotact.report.tables import confusion
+from neurotact.studies.cell import cell_folder, result_of
+from neurotact.studies.preparation import spikes_path
+from neurotact.studies.study import Cell
+from neurotact.tables import records, write_table
+
+MOST_EVENTS = 1_000_000
+"""Spikes drawn in one page, shared out evenly over its cells: about four bytes each."""
+SOPS_ABOUT = """# Synaptic operations (SOPs) of {title}
+
+A row a trained network; means over its test windows. Each spike is one operation at every neuron that receives it
+(texture paper, Eqs. 8 and 9): from afferents to hidden neurons (`sops_input`), among hidden neurons
+(`sops_recurrent`), from hidden neurons to the readout (`sops_readout`); `sops_total` is all three,
+`sops_total_feedforward` leaves the recurrent ones out. `spikes_sa` and `spikes_ra` are the input spikes of a window,
+`window_steps` its steps. Columns that begin with `exit_` are with early exit, at the patience that validation trials
+chose: only steps that were simulated count.
+"""
+SOPS_COLUMNS = (
+    "accuracy_test", "window_steps", "spikes_sa", "spikes_ra",
+    "sops_input", "sops_recurrent", "sops_readout", "sops_total", "sops_total_feedforward",
+    "exit_accuracy", "exit_steps",
+    "exit_sops_input", "exit_sops_recurrent", "exit_sops_readout", "exit_sops_total", "exit_sops_total_feedforward",
+)  # fmt: skip
+LOG_COLUMNS = ("epoch", "train_loss", "validation_loss", "train_accuracy", "validation_accuracy")
+
+
+class _Test(NamedTuple):
+    """The test windows that some cells share."""
+
+    examples: Examples
+    windows: Windows
+
+
+def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[str, Any]]:
+    """For each done cell, as JSON holds it: `confusion`, `training`, and where its network is kept `raster`.
+
+    raster: the spikes of one test window, the same one for all cells that are tested on the same windows.
+    """
+    found: list[dict[str, Any]] = [{} for _ in done]
+    shown: dict[str, tuple[int, int]] = {}
+    by_spikes: dict[Path, list[int]] = {}
+    for index, cell in enumerate(done):
+        by_spikes.setdefault(spikes_path(folder, cell), []).append(index)
+    for path, indices in by_spikes.items():  # each file is read once, and one is held at a time
+        trains = load_spikes(path) if path.is_file() else None
+        tests: dict[str, _Test] = {}
+        for index in indices:
+            place = cell_folder(folder, done[index])
+            matrix = confusion(result_of(folder, done[index]), classes)
+            found[index] = {
+                "confusion": None if matrix is None else matrix.tolist(),
+                "training": _training(place),
+            }
+            if trains is None or not (place / checkpoint.NETWORK).is_file():
+                continue
+            restored = trained.restore(place)
+            key = restored.task.model_dump_json()
+            if key not in tests:
+                tests[key] = _Test(*_test_windows(restored, trains))
+            if len(tests[key].windows):
+                if key not in shown:
+                    shown[key] = _middle(tests[key])
+                found[index]["raster"] = _raster(restored, trains, shown[key], classes, MOST_EVENTS // len(done))
+    return found
+
+
+def cell_name(row: pd.Series) -> str:
+    """What a cell is called.
+
+    >>> cell_name(pd.Series({"setting": "mixed", "pair": "1&10", "hidden": 30, "seed": 2}))
+    'mixed, t_ref 1&10 ms, N = 30, seed 2'
+    """
+    return f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}, seed {row['seed']}"
+
+
+def fronts(results: pd.DataFrame) -> dict[str, dict[str, list[dict[str, Any]]]]:
+    """The Pareto fronts of means over seeds for each setting, from the cheapest: `full` window, early `exit`."""
+    kinds = {"full": ("sops_total", "accuracy_test"), "exit": ("exit_sops_total", "exit_accuracy")}
+    found = {}
+    for setting, rows in results.groupby("setting", sort=False):
+        found[str(setting)] = {}
+        for kind, (cost, gain) in kinds.items():
+            networks = over_seeds(rows, [cost, gain])
+            front = networks[pareto_front(networks[cost].to_numpy(), networks[gain].to_numpy())]
+            found[str(setting)][kind] = [
+                {
+                    "name": f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}",
+                    "seeds": int(row["seeds"]),
+                    "sops": float(row[cost]),
+                    "accuracy": float(row[gain]),
+                }
+                for _, row in front.sort_values(cost, kind="stable").iterrows()
+            ]
+    return found
+
+
+def page_data(results: pd.DataFrame, details: list[dict[str, Any]], classes: Classes) -> dict[str, Any]:
+    """All that the page's script draws from.
+
+    results: a run's `results.csv` with the columns `pair` and `setting`, a row for each of `details`.
+    """
+    rows = records(results.drop(columns=["pair", "setting"]))
+    named = zip(results.iterrows(), rows, details, strict=True)
+    cells = [
+        {"name": cell_name(row), "setting": row["setting"], "pair": row["pair"], "row": record, **detail}
+        for (_, row), record, detail in named
+    ]
+    return {
+        "cells": cells,
+        "fronts": fronts(results),
+        "pairs": list(dict.fromkeys(results["pair"])),
+        "sizes": sorted({int(n) for n in results["hidden"]}),
+        "classes": classes.ticks,
+        "classWord": classes.word,
+        "best": int(results["accuracy_validation"].to_numpy().argmax()),
+    }
+
+
+def sops_table(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
+    """The SOP report of a study: a row a cell, what it is, then the columns of `SOPS_COLUMNS`."""
+    return results[["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *swept, *SOPS_COLUMNS]]
+
+
+def write_sops(table: pd.DataFrame, folder: Path, title: str) -> None:
+    """Write `sops.csv`, `sops.json` and `sops.md` into a run folder."""
+    for suffix in (".csv", ".json", ".md"):
+        write_table(table, folder / f"sops{suffix}", SOPS_ABOUT.format(title=title))
+
+
+def _test_windows(restored: Restored, trains: SpikeTrains) -> tuple[Examples, Windows]:
+    return trained.examples_of(trains, trained.test_trials(restored, trains), restored.task.window)
+
+
+def _middle(test: _Test) -> tuple[int, int]:
+    """The trial and the first step of the window whose input spikes are in the middle of all."""
+    counts = test.examples.spikes.sum(dim=(1, 2)).numpy()
+    middle = np.argsort(counts, kind="stable")[len(counts) // 2]
+    return int(test.windows.trial[middle]), int(test.windows.start[middle])
+
+
+@torch.no_grad()
+def _raster(
+    restored: Restored, trains: SpikeTrains, at: tuple[int, int], classes: Classes, most_events: int
+) -> dict[str, Any]:
+    """Spikes of one window as steps for each neuron, cut short where they are more than `most_events`."""
+    trial, start = at
+    n_steps = round(restored.task.window.length_ms * 1e-3 * trains.sampling_rate_Hz)
+    window = trains.raster(Windows(np.array([trial]), np.array([start]), n_steps))
+    network = restored.network
+    hidden, readout = (spikes[0].numpy() for spikes in network.simulate(torch.from_numpy(window)))
+    early = network.infer(torch.from_numpy(window), restored.rule)
+    order = [restored.classes.index(label) for label in classes.order]
+    layers = (window[0], hidden, readout[:, order])
+    events = np.cumsum(sum(layer.sum(axis=1) for layer in layers))
+    until = int(np.searchsorted(events, most_events, side="right"))
+    return {
+        "trial": trial,
+        "start_ms": 1e3 * start / trains.sampling_rate_Hz,
+        "step_ms": 1e3 / trains.sampling_rate_Hz,
+        "steps": n_steps,
+        "shown": max(1, until),
+        "isSA": trains.is_sa.astype(int).tolist(),
+        "input": _events(layers[0][:until]),
+        "hidden": _events(layers[1][:until]),
+        "readout": _events(layers[2][:until]),
+        "true": classes.order.index(str(trains.conditions["label"].iloc[trial])),
+        "taken": order.index(int(readout.sum(axis=0).argmax())),
+        "exitStep": int(early.steps[0]),
+        "exitTaken": order.index(int(early.labels[0])),
+    }
+
+
+def _events(raster: np.ndarray) -> list[list[int]]:
+    return [np.flatnonzero(neuron).tolist() for neuron in raster.T]
+
+
+def _training(place: Path) -> dict[str, list[float | None]] | None:
+    """The training log by column, to four digits."""
+    if not (place / "training.csv").is_file():
+        return None
+    log = pd.read_csv(place / "training.csv")
+    return {
+        column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]]
+        for column in LOG_COLUMNS
+        if column in log
+    }

@@ -1,0 +1,200 @@
+"""What a report says of the encoder: its figures after the texture paper's Figs. 5, 6 and 10, and their captions."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.recordings import LABEL
+from neurotact.data.spikes import SpikeTrains
+from neurotact.figures import encoding as encoding_figures
+from neurotact.figures.columns import in_unit
+from neurotact.figures.encoding import Classes
+from neurotact.figures.style import Drawn
+from neurotact.studies.preparation import TOUCH
+from neurotact.studies.study import StudySpec
+
+MOST_ROWS = 3
+SHOWN_s = 1.0
+
+
+class View(NamedTuple):
+    """How the conditions of trials are laid out: one of them varies, the others are held at their first value."""
+
+    by: tuple[str, ...]
+    vary: str | None
+    fixed: dict[str, Any]
+    values: tuple[Any, ...]
+
+    @property
+    def at(self) -> dict[str, Any]:
+        """The one condition shown where only one can be: the highest value of what varies."""
+        return {**self.fixed, **({self.vary: self.values[-1]} if self.vary else {})}
+
+
+def encoding_drawings(
+    study: StudySpec, trains: SpikeTrains | None, encoding: pd.DataFrame, classes: Classes
+) -> Iterator[Drawn]:
+    """Rasters (where there are spike trains), spike counts, firing rates and inter-spike intervals.
+
+    encoding: a run's `encoding.csv` with the column `pair`.
+    """
+    view = view_of(encoding, study.dataset.stratify)
+    if trains is not None:
+        yield _rasters(study, trains, view, classes)
+    yield _spike_counts(encoding, view, classes)
+    yield _rates(encoding, view, classes)
+    yield _isis(encoding, view, classes)
+
+
+def view_of(encoding: pd.DataFrame, stratify: Sequence[str]) -> View:
+    """Force varies where there is one, else the first condition that the study balances.
+
+    >>> table = pd.DataFrame({"label": ["a", "a"], "speed_mm_per_s": [8.6, 13.7], "force_N": [12.0, 3.0]})
+    >>> view_of(table, ["speed_mm_per_s", "force_N"]).at
+    {'speed_mm_per_s': 8.6, 'force_N': 12.0}
+    """
+    by = tuple(column for column in stratify if column in encoding)
+    vary = "force_N" if "force_N" in by else (by[0] if by else None)
+    fixed = {column: encoding[column].tolist()[0] for column in by if column != vary}
+    values = tuple(sorted(set(encoding[vary]))) if vary else ()
+    return View(by, vary, fixed, values)
+
+
+def name_classes(encoding: pd.DataFrame, conditions: pd.DataFrame | None) -> Classes:
+    """Classes in the order of the recordings; gratings by their number, as in the texture paper."""
+    order = tuple(dict.fromkeys(encoding[LABEL].astype(str)))
+    if conditions is None or not {"grating", "pitch_mm"} <= set(conditions):
+        names = {label: label for label in order}
+        return Classes("class", order, names, names)
+    first = conditions.drop_duplicates(LABEL).set_index(LABEL).loc[list(order)]
+    short = {label: f"{number:g}" for label, number in zip(order, first["grating"], strict=True)}
+    long = {c: f"Grating {short[c]} (P = {pitch:g} mm)" for c, pitch in zip(order, first["pitch_mm"], strict=True)}
+    return Classes("grating", order, short, long, are_ordered=True)
+
+
+def few(items: Sequence[Any]) -> list[Any]:
+    """The first, the middle and the last of them, or all of up to three.
+
+    >>> few([1, 2, 3, 4, 5, 6, 7, 8])
+    [1, 5, 8]
+    """
+    if len(items) <= MOST_ROWS:
+        return list(items)
+    return [items[0], items[len(items) // 2], items[-1]]
+
+
+def in_words(where: dict[str, Any]) -> str:
+    """Conditions as they are read in a sentence.
+
+    >>> in_words({"force_N": 12.0, "speed_mm_per_s": 8.6})
+    '12 N, 8.6 mm/s'
+    """
+    return ", ".join(in_unit(column, value) for column, value in where.items())
+
+
+def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes) -> Drawn:
+    start_s = study.window.start_ms * 1e-3
+    window_s = study.window.length_ms * 1e-3
+    shown = few(classes.order)
+    values = few(view.values) or [None]
+    rows = [in_unit(view.vary, value) if view.vary else "" for value in values]
+    wheres = [{**view.fixed, **({view.vary: value} if view.vary else {})} for value in values]
+    trials = [[_first_trial(trains, label, where) for label in shown] for where in wheres]
+    found = [trial for row in trials for trial in row if trial is not None]
+    end_s = max((float(trains.trial_steps[t] / trains.sampling_rate_Hz) for t in found), default=start_s + window_s)
+    stop_s = min(max(end_s, start_s + window_s), start_s + max(SHOWN_s, window_s))
+    columns = [classes.long[label] for label in shown]
+    figure = encoding_figures.draw_rasters(trains, trials, rows, columns, start_s, stop_s, window_s)
+    pair = "&".join(f"{trains.encoder[population].get('t_ref_ms', 0):g}" for population in ("ra1", "sa1"))
+    at = f" at {in_words(view.fixed)}" if view.fixed else ""
+    down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
+    caption = (
+        f"Spikes of the SA-I (blue) and RA-I (orange) afferents in one trial each{at}{down}. t_ref {pair} ms "
+        f"(RA-I & SA-I). Grey: a trial's first window of {study.window.length_ms:g} ms, which the networks see. "
+        "As the texture paper's Fig. 5."
+    )
+    counts = ", ".join(f"{len(trains.steps[trial])}" for trial in found)
+    alt = f"Raster plots of {len(shown)} classes in {len(rows)} rows; spikes in each whole trial, row by row: {counts}."
+    return Drawn("rasters", "What the afferents fire", figure, caption, alt)
+
+
+def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int | None:
+    keep = trains.conditions[LABEL].astype(str) == label
+    for column, value in where.items():
+        keep &= trains.conditions[column] == value
+    found = np.flatnonzero(keep)
+    return int(found[0]) if len(found) else None
+
+
+def _spike_counts(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+    rows = _select(encoding, view.at)
+    shown = few([label for label in classes.order if label in set(rows[LABEL].astype(str))])
+    figure = encoding_figures.draw_spike_counts(rows, shown, classes)
+    totals = rows[rows[LABEL].astype(str).isin(shown)].groupby("pair", sort=False)["spikes_total_per_s"].mean()
+    falling = totals.sort_values(ascending=False, kind="stable")
+    order = ", ".join(f"{pair} ({value:.0f})" for pair, value in falling.items())
+    at = f" at {in_words(view.at)}" if view.at else ""
+    caption = (
+        f"Spikes per second of all SA-I and all RA-I afferents, and of both, over the pairs of refractory periods{at}"
+        f"{_stretch(rows)}. "
+        f"Both together, mean of these classes, from most to least: {order}. As the texture paper's Fig. 6."
+    )
+    alt = f"Bars of spikes per second for {len(shown)} classes over the pairs; from most to least: {order}."
+    return Drawn("spike-counts", "Spike counts over the refractory periods", figure, caption, alt)
+
+
+def _rates(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+    pair, rows = _first_pair(encoding)
+    figure = encoding_figures.draw_rates(rows, view.by, classes)
+    caption = (
+        f"Firing rate of each population for each {classes.word}{' and condition' if view.by else ''}, as a share of "
+        f"the population's highest, at t_ref {pair} ms{_stretch(rows)}. As the texture paper's Fig. 10(a)."
+    )
+    alt = f"Two matrices of firing rates, {_trends(rows, view, 'spikes', '_per_s')}"
+    return Drawn("rates", "Firing rates", figure, caption, alt)
+
+
+def _isis(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+    pair, rows = _first_pair(encoding)
+    rows = _select(rows, view.fixed)
+    within = _stretch(rows)
+    of_touch = {name: rows[TOUCH + name] for name in ("isi_sa_ms", "isi_ra_ms") if TOUCH + name in rows}
+    if of_touch:  # a window is too short for the longer ones
+        rows, within = rows.assign(**of_touch), "; over the whole touch, from a window's start on"
+    figure = encoding_figures.draw_isis(rows, view.vary, classes)
+    at = f" at {in_words(view.fixed)}" if view.fixed else ""
+    caption = (
+        f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap where the population is "
+        "silent. As the texture paper's Fig. 10(b)."
+    )
+    alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms')}"
+    return Drawn("isis", "Inter-spike intervals", figure, caption, alt)
+
+
+def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str) -> str:
+    """Means of both populations over the varying condition, in words."""
+    words = []
+    for kind, name in (("sa", "SA-I"), ("ra", "RA-I")):
+        column = f"{stem}_{kind}{unit}"
+        groups = rows.groupby(view.vary)[column].mean() if view.vary else pd.Series({"": rows[column].mean()})
+        values = [f"{value:.3g}{f' at {in_unit(view.vary, at)}' if view.vary else ''}" for at, value in groups.items()]
+        words.append(f"{name} mean {', '.join(values)}")
+    return "; ".join(words) + "."
+
+
+def _stretch(rows: pd.DataFrame) -> str:
+    """What the rates are of, in words that end a phrase; nothing where the table does not say."""
+    return f"; {rows['stretch'].iloc[0]}" if "stretch" in rows else ""
+
+
+def _first_pair(encoding: pd.DataFrame) -> tuple[str, pd.DataFrame]:
+    pair = encoding["pair"].iloc[0]
+    return pair, encoding[encoding["pair"] == pair]
+
+
+def _select(table: pd.DataFrame, where: dict[str, Any]) -> pd.DataFrame:
+    for column, value in where.items():
+        table = table[table[column] == value]
+    return table

@@ -1,0 +1,160 @@
+"""What a report says of the networks: accuracy, its cost, the trade-off and the best one, and their captions."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from neurotact.figures import networks as network_figures
+from neurotact.figures.encoding import Classes
+from neurotact.figures.networks import Published, over_seeds, pareto_front
+from neurotact.figures.style import Drawn
+from neurotact.report.tables import confusion
+from neurotact.studies.cell import cell_folder, result_of
+from neurotact.studies.study import Cell, StudySpec
+
+MOST_LISTED = 4
+
+
+def network_drawings(
+    study: StudySpec, folder: Path, done: list[Cell], results: pd.DataFrame, classes: Classes
+) -> Iterator[Drawn]:
+    """Accuracy and SOPs (the texture paper's Fig. 11), the trade-off of both, and a look at the best of the done cells.
+
+    results: a run's `results.csv` with the columns `pair` and `setting`.
+    """
+    yield _accuracy_and_sops(study, results, len(classes.order))
+    yield _trade_off(results)
+    if done:
+        yield from _best_network(folder, done, classes)
+
+
+def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
+    """Where a measure rises from one pair to the next, in words, and how many such steps there are in all.
+
+    >>> rows = {"setting": ["all"] * 3, "pair": ["1&1", "1&5", "5&5"], "hidden": [20] * 3, "sops": [3.0, 2.0, 2.2]}
+    >>> rises(pd.DataFrame(rows), "sops")
+    (['all, N = 20, 1&5 to 5&5 (+10.0 %)'], 2)
+    """
+    found, steps = [], 0
+    for (setting, hidden), rows in networks.groupby(["setting", "hidden"], sort=False):
+        series = list(zip(rows["pair"], rows[measure], strict=True))
+        for (before, low), (after, high) in pairwise(series):
+            steps += 1
+            if high > low:
+                share = f" (+{100 * (high / low - 1):.1f} %)" if low > 0 else ""
+                found.append(f"{setting}, N = {hidden}, {before} to {after}{share}")
+    return found, steps
+
+
+def published_points(study: StudySpec, results: pd.DataFrame) -> list[Published]:
+    """The published accuracies and SOPs that the study's claims give for one pair of one data set."""
+    points = []
+    for claim in study.claims:
+        where = claim.where
+        names_one = isinstance(where.get("pair"), str) and set(where) <= {"pair", "dataset", "hidden"}
+        if claim.kind != "value" or claim.table != "results" or claim.value is None or not names_one:
+            continue
+        rows = results[results["pair"] == where["pair"]]
+        rows = rows[rows["dataset"] == where["dataset"]] if "dataset" in where else rows
+        hidden = where.get("hidden")
+        hidden = hidden if isinstance(hidden, int) else None
+        points += [Published(s, where["pair"], hidden, claim.measure, claim.value) for s in rows["setting"].unique()]
+    return points
+
+
+def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) -> Drawn:
+    published = published_points(study, results)
+    figure = network_figures.draw_accuracy_and_sops(results, published, 1 / n_classes)
+    networks = over_seeds(results, ["accuracy_test", "sops_input", "sops_total"])
+    best = networks.loc[networks["accuracy_test"].idxmax()]
+    diamonds = "; diamonds: published" if published else ""
+    totals = _rise_sentence("Total SOPs", *rises(networks, "sops_total"))
+    inputs = _rise_sentence("SOPs from afferents to hidden neurons", *rises(networks, "sops_input"))
+    caption = (
+        f"Test accuracy and synaptic operations (SOPs) by pair and hidden size N: mean ± SD over {_seeds(networks)}, "
+        f"single seeds as dots{diamonds}. {totals} {inputs} As the texture paper's Fig. 11."
+    )
+    alt = (
+        f"Accuracy and SOPs of {len(networks)} networks; the best mean accuracy is {100 * best['accuracy_test']:.1f} % "
+        f"({best['setting']}, {best['pair']}, N = {best['hidden']})."
+    )
+    return Drawn("accuracy-and-sops", "Accuracy and its cost", figure, caption, alt)
+
+
+def _rise_sentence(what: str, found: list[str], steps: int) -> str:
+    if not steps:
+        return ""
+    if not found:
+        return f"{what} rise at none of the {steps} steps from a pair to the next."
+    more = f"; and {len(found) - MOST_LISTED} more" if len(found) > MOST_LISTED else ""
+    listed = "; ".join(found[:MOST_LISTED]) + more
+    return f"{what} rise at {len(found)} of {steps} steps from a pair to the next: {listed}."
+
+
+def _seeds(networks: pd.DataFrame) -> str:
+    low, high = networks["seeds"].min(), networks["seeds"].max()
+    return f"{low} to {high} seeds" if low < high else f"{high} seed{'s' if high > 1 else ''}"
+
+
+def _trade_off(results: pd.DataFrame) -> Drawn:
+    figure = network_figures.draw_trade_off(results)
+    fronts = {str(name): _front(rows) for name, rows in results.groupby("setting", sort=False)}
+    ends = [f"{name}: {_first_to_last(front)}" for name, front in fronts.items() if front]
+    caption = (
+        "Each point is a pair and a hidden size, mean over seeds with SD: filled for the full window, open for early "
+        "exit with the patience chosen on validation trials. No network beats one on the front in both accuracy and "
+        f"SOPs; numbers beside the front are hidden sizes. Networks on the front of {'; of '.join(ends)}."
+    )
+    alt = " ".join(f"Front of {name}, full window: {', '.join(front)}." for name, front in fronts.items())
+    return Drawn("trade-off", "Accuracy against synaptic operations", figure, caption, alt)
+
+
+def _first_to_last(front: list[str]) -> str:
+    return f"{len(front)}, from {front[0]} to {front[-1]}" if len(front) > 1 else f"{front[0]} alone"
+
+
+def _front(results: pd.DataFrame) -> list[str]:
+    """The networks on the Pareto front of the full window, from the cheapest, in words."""
+    networks = over_seeds(results, ["accuracy_test", "sops_total"]).sort_values("sops_total", kind="stable")
+    front = networks[pareto_front(networks["sops_total"].to_numpy(), networks["accuracy_test"].to_numpy())]
+    return [
+        f"{row['pair']} N = {row['hidden']} ({100 * row['accuracy_test']:.1f} %, {row['sops_total'] / 1e3:,.1f} k)"
+        for _, row in front.iterrows()
+    ]
+
+
+def _best_network(folder: Path, done: list[Cell], classes: Classes) -> Iterator[Drawn]:
+    """The confusions and the training of the network that is most accurate on validation trials."""
+    found = [result_of(folder, cell) for cell in done]
+    best = max(range(len(done)), key=lambda i: found[i]["row"]["accuracy_validation"])
+    row = found[best]["row"]
+    what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, N = {row['hidden']}, seed {row['seed']}"
+    matrix = confusion(found[best], classes)
+    if matrix is not None:
+        right = 100 * np.trace(matrix) / max(matrix.sum(), 1)
+        caption = (
+            f"Test samples of the network with the highest validation accuracy ({what}): {right:.1f} % lie on the "
+            f"diagonal. {_worst_confusion(matrix, classes)}"
+        )
+        figure = network_figures.draw_confusion(matrix, classes.ticks, what)
+        yield Drawn("confusion", "What is taken for what", figure, caption, caption)
+    log = cell_folder(folder, done[best]) / "training.csv"
+    if log.is_file():
+        figure = network_figures.draw_training(pd.read_csv(log))
+        caption = (
+            f"Training of the same network ({what}). The weights of the epoch with the least validation loss were kept "
+            "(dotted line)."
+        )
+        yield Drawn("training", "Training", figure, caption, caption)
+
+
+def _worst_confusion(matrix: np.ndarray, classes: Classes) -> str:
+    wrong = matrix - np.diag(np.diag(matrix))
+    if not wrong.sum():
+        return "Nothing is mistaken."
+    true, taken = np.unravel_index(np.argmax(wrong), wrong.shape)
+    names = [classes.short[classes.order[i]] for i in (true, taken)]
+    return f"Most often mistaken: {classes.word} {names[0]} for {names[1]} ({wrong[true, taken]} samples)."

@@ -1,0 +1,265 @@
+"""The report of trained networks: what each recognises, its spikes and synaptic operations, and the trade-off."""
+
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.figures.encoding import Classes
+from neurotact.figures.networks import over_seeds
+from neurotact.figures.style import Drawn
+from neurotact.metrics import ledger
+from neurotact.report import details, page, search, selection_steps
+from neurotact.report.encoding_drawings import encoding_drawings, name_classes
+from neurotact.report.extra_drawings import extra_drawings
+from neurotact.report.network_drawings import network_drawings
+from neurotact.report.page import Entry, Table, plain
+from neurotact.report.tables import extra_tables, first_spikes, read_encoding, with_pair, with_setting
+from neurotact.spec import to_toml
+from neurotact.studies import selection
+from neurotact.studies import study as studies
+from neurotact.studies.cell import is_done
+from neurotact.studies.selection import Selection
+from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
+from neurotact.tables import read_table, write_table
+
+DOWNLOADS = {
+    "results.csv": "one row a trained network",
+    "results.json": "the same",
+    "sops.csv": "the SOP report: what each network's decisions cost, and with early exit",
+    "sops.json": "the same",
+    "sops.md": "the same, to be read",
+    "encoding.csv": "firing of both populations for each class and condition, in the classified windows and over the "
+    "whole touch",
+    "searches.csv": "every trial of every cell's search",
+    "selection.csv": "what each step of the selection saw and chose",
+    "baseline.csv": "the linear classifier",
+    "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
+    "cut_short.csv": "each network on the first so many ms of its windows",
+    "exit_curve.csv": "each network with early exit, over patience",
+    "conditions.csv": "each network under each condition",
+    "signals.csv": "amplitude and principal frequency of the signals",
+    "same_drive.csv": "spikes of an afferent under the same drive, over refractory periods",
+    "timings.csv": "time that each cell took",
+    "study.toml": "the study as it was run, every part whole",
+    "versions.json": "versions of what computed it",
+    "data.json": "the recordings' hash",
+}
+MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total"]
+NAMES = ["pair", "setting"]
+"""Columns that name a network in words; they are read, and not written."""
+NETWORK_COLUMNS = {
+    "setting": "data set",
+    "pair": "t_ref RA-I & SA-I (ms)",
+    "hidden": "N",
+    "seed": "seed",
+    "accuracy_validation": "validation accuracy (%)",
+    "accuracy_test": "test accuracy (%)",
+    "sops_total": "SOPs",
+    "exit_accuracy": "accuracy with early exit (%)",
+    "exit_steps": "steps with early exit",
+    "exit_sops_total": "SOPs with early exit",
+}
+LEDGER_HEADS = {
+    "name": "decision by",
+    "macs": "MACs",
+    "acs": "ACs",
+    "other_flops": "other FLOPs",
+    "flops": "FLOPs",
+    "parameters": "parameters",
+    "bytes": "memory (bytes)",
+    "sops": "SOPs",
+    "signal_ms": "signal (ms)",
+    "energy_estimate_nJ": "energy, estimate (nJ)",
+}
+
+
+def write(study: StudySpec, folder: Path) -> Path:
+    """Write `report.html`, its figures, `results.json` and the SOP report from what a run left; the page's path.
+
+    Raises InputError when `results.csv` or `encoding.csv` is not there or a claim names a column that is not there.
+    """
+    swept = swept_columns(study)
+    results = with_setting(with_pair(read_table(folder / "results.csv")), swept)
+    encoding = with_pair(read_encoding(folder / "encoding.csv"))
+    every = list(cells(study))
+    done = [cell for cell in every if is_done(folder, cell)]
+    trains = first_spikes(folder, done)
+    classes = name_classes(encoding, trains.conditions if trains else None)
+    course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
+    chosen = course.found if course else None
+    extra = extra_tables(study, folder)
+    trials = search.trials_table(folder, done, results)
+    baseline = read_table(folder / "baseline.csv") if study.linear_baseline else None
+    costs = _ledger(study, results, baseline, trains)
+    left = {"selection": selection.as_table(chosen)} if chosen else {}
+    _write_tables(folder, study.title, results, swept, trials, costs, left)
+    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen)
+    return page.write(
+        "networks.html.jinja",
+        study,
+        folder,
+        n_done=len(results),
+        n_cells=len(course.digests if course else every),
+        tables={"results": results, "encoding": encoding, **extra, **left},
+        figures=chain(drawn, _searches(study, trials), extra_drawings(study, results, extra, classes)),
+        downloads=DOWNLOADS,
+        specs=_specs(study),
+        seeds=study.sweep.get("seed", [0]),
+        data=page.if_there(folder / "data.json"),
+        selection=selection_steps.shown(course, study.selection) if course and study.selection else [],
+        networks=networks_table(results),
+        network_heads=list(NETWORK_COLUMNS.values()),
+        settings=list(dict.fromkeys(results["setting"])),
+        means=means_table(results),
+        searches=search.table(trials, results),
+        baseline=_baseline_table(baseline),
+        ledger=_ledger_table(costs),
+        ledger_about=ledger.ABOUT,
+        page=page.parts(_page_data(folder, done, results, trials, classes, chosen), page.NETWORKS),
+    )
+
+
+def _write_tables(
+    folder: Path,
+    title: str,
+    results: pd.DataFrame,
+    swept: list[str],
+    trials: pd.DataFrame,
+    costs: pd.DataFrame | None,
+    left: Mapping[str, pd.DataFrame],
+) -> None:
+    """What the page hands on beside the tables of the run."""
+    write_table(results.drop(columns=NAMES), folder / "results.json")
+    details.write_sops(details.sops_table(results, swept), folder, title)
+    if len(trials):
+        write_table(trials.drop(columns=NAMES), folder / search.TRIALS)
+    if costs is not None:
+        write_table(costs, folder / "ledger.csv")
+    for name, table in left.items():
+        write_table(table, folder / f"{name}.csv")
+
+
+def _page_data(
+    folder: Path,
+    done: list[Cell],
+    results: pd.DataFrame,
+    trials: pd.DataFrame,
+    classes: Classes,
+    chosen: Selection | None,
+) -> dict[str, Any]:
+    """What the page's script draws from."""
+    found = details.cell_details(folder, done, classes)
+    told = found if len(found) == len(results) else [{} for _ in range(len(results))]
+    told = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(told)]
+    best = {"best": selection_steps.best_row(chosen, results)} if chosen else {}
+    return {**details.page_data(results, told, classes), **best}
+
+
+def drawings(
+    study: StudySpec,
+    folder: Path,
+    done: list[Cell],
+    results: pd.DataFrame,
+    encoding: pd.DataFrame,
+    trains: SpikeTrains | None,
+    classes: Classes,
+    found: Selection | None = None,
+) -> Iterator[Drawn]:
+    """The figures that these tables and this run folder allow, in the order of the report.
+
+    found: what was selected; the figures of networks then show those at the window length of the selection.
+    """
+    if found is not None and study.selection is not None:
+        yield from selection_steps.drawings(found, results, study.selection)
+        results, done = selection_steps.at_choice(found, results, done)
+    yield from encoding_drawings(study, trains, encoding, classes)
+    yield from network_drawings(study, folder, done, results, classes)
+
+
+def _searches(study: StudySpec, trials: pd.DataFrame) -> Iterator[Drawn]:
+    return search.drawings(trials, study.search) if study.search else iter(())
+
+
+def means_table(results: pd.DataFrame) -> Table:
+    """Means over seeds ± SD of each network."""
+    measures = [measure for measure in MEASURES if measure in results]
+    rows = [
+        [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seeds"])]
+        + [_spread(measure, row[measure], row[f"{measure}_sd"]) for measure in measures]
+        for _, row in over_seeds(results, measures).iterrows()
+    ]
+    columns = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seeds", *(NETWORK_COLUMNS[measure] for measure in measures)]
+    return Table("Means over seeds ± SD (n - 1)", columns, rows, n_heads=3)
+
+
+def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
+    """A row a trained network, of the columns of `NETWORK_COLUMNS`."""
+    order = results[["t_ref_ra_ms", "t_ref_sa_ms"]].apply(tuple, axis=1).rank(method="dense")
+    return [
+        [
+            Entry(_entry(column, row[column]), int(order[index]) if column == "pair" else plain(row[column]))
+            for column in NETWORK_COLUMNS
+        ]
+        for index, row in results.iterrows()
+    ]
+
+
+def _baseline_table(found: pd.DataFrame | None) -> Table | None:
+    """The linear baseline as text; None where the study has none."""
+    if found is None:
+        return None
+    shares = {"accuracy_validation", "accuracy_test", "chance", "majority_class"}
+    heads = [f"{c.replace('_', ' ')} (%)" if c in shares else c.replace("_", " ") for c in found.columns]
+    rows = [
+        [f"{100 * value:.1f}" if column in shares else _number(value) for column, value in row.items()]
+        for row in found.to_dict("records")
+    ]
+    caption = "Logistic regression on the mean and deviation of each taxel, on the same windows and the same split"
+    return Table(caption, heads, rows, n_heads=1)
+
+
+def _ledger(
+    study: StudySpec, results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None
+) -> pd.DataFrame | None:
+    """What a decision costs; None where no spikes say how many afferents there are."""
+    if trains is None or study.network is None:
+        return None
+    sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
+    return ledger.study_ledger(
+        study.network, results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz, encoder=trains.encoder
+    )
+
+
+def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
+    if costs is None:
+        return None
+    rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in costs.itertuples(index=False, name=None)]
+    return Table("What a decision costs", [LEDGER_HEADS[column] for column in costs.columns], rows, n_heads=1)
+
+
+def _specs(study: StudySpec) -> dict[str, str]:
+    """The study's parts as TOML."""
+    parts = {name: getattr(study, name).model_dump(mode="json", exclude_none=True) for name in studies.PARTS}
+    return {name.capitalize(): to_toml(part) for name, part in parts.items()}
+
+
+def _spread(measure: str, mean: float, sd: float) -> str:
+    if pd.isna(mean):
+        return "-"
+    scale, digits = (100.0, 1) if "accuracy" in measure else (1.0, 0)
+    mean_text = f"{scale * mean:,.{digits}f}"
+    return mean_text if pd.isna(sd) else f"{mean_text} ± {scale * sd:,.{digits}f}"
+
+
+def _entry(column: str, value: Any) -> str:
+    if column in MEASURES:
+        return _spread(column, value, float("nan"))
+    return str(value)
+
+
+def _number(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,222 @@
+"""The page of a report: what every one shows, its style and scripts, and the files it hands on."""
+
+import json
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from gzip import compress
+from hashlib import sha256
+from importlib import resources
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from neurotact.figures.style import Drawn, save
+from neurotact.files import read_json, write_text
+from neurotact.studies.claims import Verdict, judge
+from neurotact.studies.kinds import Study
+from neurotact.studies.study import to_toml
+
+NETWORKS = ("marks.js", "plotly.js", "cell.js", "trade_off.js", "table.js", "main.js")
+PROTOCOL = ("marks.js", "plotly.js", "table.js", "protocol.js")
+
+
+class Table(NamedTuple):
+    """A table as text: what it shows, the heads of its columns, its rows, each headed by its first `n_heads` cells."""
+
+    caption: str
+    columns: list[str]
+    rows: list[list[str]]
+    n_heads: int = 0
+
+
+class Entry(NamedTuple):
+    """A cell of a table that can be sorted: what is read, and what it is sorted by."""
+
+    text: str
+    value: str | float
+
+
+class Parts(NamedTuple):
+    """What the template puts into the page as it is.
+
+    plotly: the library, gzipped and in base64: 2 MB in place of 4.8, unpacked by the browser.
+    policy: a content security policy under which these two scripts run and nothing is fetched.
+    """
+
+    style: Markup
+    script: Markup
+    plotly: Markup
+    data: Markup
+    policy: str
+
+
+def write(
+    template: str,
+    study: Study,
+    folder: Path,
+    *,
+    n_done: int,
+    n_cells: int,
+    tables: Mapping[str, pd.DataFrame],
+    figures: Iterable[Drawn],
+    downloads: Mapping[str, str],
+    specs: Mapping[str, str],
+    **shown: Any,
+) -> Path:
+    """Write `report.html` and its figures into a run folder; the page's path.
+
+    template: in `assets`; `shown` is what it reads beside the rest, which every page shows.
+    tables: those by which the study's claims are judged. downloads: files that may be in the folder, and what they are.
+    specs: parts of the study as TOML, beside the whole of it.
+    Raises InputError when a claim names a column that is not there.
+    """
+    verdicts = [judge(claim, tables) for claim in study.claims]
+    page = _template(template).render(
+        study=study,
+        n_done=n_done,
+        n_cells=n_cells,
+        verdicts=verdicts,
+        tally=tally(verdicts),
+        reasons=shared_reasons(verdicts),
+        figures=[_keep(drawn, folder) for drawn in figures],
+        timing=timing_sentence(folder),
+        downloads=_listed(folder, downloads),
+        specs={"Whole study": to_toml(study), **specs},
+        versions=if_there(folder / "versions.json"),
+        **shown,
+    )
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
+
+
+def parts(data: dict[str, Any], scripts: Sequence[str]) -> Parts:
+    """The parts of a page that shows `data` by the named scripts."""
+    script = "\n".join(["(() => {", '"use strict";', *map(_read, scripts), "})();"])
+    plotly, library_hash = _plotly()
+    allowed = f"'sha256-{_hash(script)}' '{library_hash}'"
+    policy = (
+        f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    return Parts(Markup(_read("style.css")), Markup(script), Markup(plotly), Markup(script_json(data)), policy)
+
+
+def script_json(value: Any) -> str:
+    """JSON that cannot end the script element that holds it.
+
+    >>> script_json({"name": "</script>&"})
+    '{"name":"\\\\u003c/script\\\\u003e\\\\u0026"}'
+    """
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def tally(verdicts: list[Verdict]) -> str:
+    """How many claims hold, in words.
+
+    >>> tally([])
+    ''
+    """
+    if not verdicts:
+        return ""
+    judged = [verdict.reproduced for verdict in verdicts if verdict.reproduced is not None]
+    missing = len(verdicts) - len(judged)
+    return f"{sum(judged)} of {len(judged)} claims reproduced" + (f", {missing} not in this run" if missing else "")
+
+
+def shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
+    """The reasons that more than one claim is not reproduced for, numbered in the order of the claims."""
+    given = Counter(verdict.why for verdict in verdicts if verdict.why)
+    shared = (why for why, times in given.items() if times > 1)
+    return {why: number for number, why in enumerate(shared, start=1)}
+
+
+def timing_sentence(folder: Path) -> str:
+    """What the cells took, in words; nothing where timings.csv is not there."""
+    path = folder / "timings.csv"
+    if not path.is_file():
+        return ""
+    timings = pd.read_csv(path).dropna(subset="seconds")  # of cells whose timing was damaged
+    if timings.empty:
+        return ""
+    seconds = timings["seconds"]
+    took = (
+        f"{len(timings)} cells took {_duration(seconds.sum())} of worker time: {seconds.median():.1f} s in the median, "
+        f"{seconds.max():.1f} s at most"
+    )
+    if "epochs" not in timings:
+        return f"{took}."
+    return f"{took}, for {timings['epochs'].min():.0f} to {timings['epochs'].max():.0f} epochs of training each."
+
+
+def if_there(path: Path) -> dict[str, Any]:
+    """What a JSON file holds; nothing where there is none."""
+    return read_json(path) if path.is_file() else {}
+
+
+def plain(value: Any) -> str | float:
+    """What a table is sorted by; nothing where a number is missing."""
+    if isinstance(value, str):
+        return value
+    return "" if pd.isna(value) else float(value)
+
+
+@lru_cache(maxsize=1)
+def _plotly() -> tuple[str, str]:
+    """plotly.js packed, and its hash as a policy names it."""
+    library = get_plotlyjs()
+    return b64encode(compress(library.encode(), 9, mtime=0)).decode(), f"sha256-{_hash(library)}"
+
+
+def _read(name: str) -> str:
+    return (resources.files("neurotact.report") / "assets" / name).read_text(encoding="utf-8")
+
+
+def _keep(drawn: Drawn, folder: Path) -> dict[str, Any]:
+    """Write a figure into a run folder; what the page needs of it, the picture itself among it."""
+    for suffix in (".svg", ".png"):
+        save(drawn.figure, folder / "figures" / f"{drawn.name}{suffix}")
+        drawn.figure.set_layout_engine("none")  # Laid out once: quicker, and both files look the same.
+    svg = (folder / "figures" / f"{drawn.name}.svg").read_bytes()
+    width = round(96 * drawn.figure.get_figwidth())
+    source = f"data:image/svg+xml;base64,{b64encode(svg).decode()}"
+    return {"source": source, "width": width, **{k: getattr(drawn, k) for k in ("name", "title", "caption", "alt")}}
+
+
+def _listed(folder: Path, downloads: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """The files of a run folder that its page hands on: name, what it is, and a link that holds it."""
+    return [(name, what, _inline(folder / name)) for name, what in downloads.items() if (folder / name).is_file()]
+
+
+def _inline(path: Path) -> str:
+    """A file as a link that works wherever the page goes."""
+    kinds = {".csv": "text/csv", ".json": "application/json", ".md": "text/markdown", ".toml": "application/toml"}
+    return f"data:{kinds[path.suffix]};base64,{b64encode(path.read_bytes()).decode()}"
+
+
+def _template(name: str):
+    """A page's template; what it is not given is an error."""
+    environment = Environment(
+        loader=PackageLoader("neurotact.report", "assets"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(name)
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def _hash(script: str) -> str:
+    return b64encode(sha256(script.encode()).digest()).decode()

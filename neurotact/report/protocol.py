@@ -1,0 +1,149 @@
+"""The report of a protocol study: its configurations, their scores and their costs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.figures.style import bars
+from neurotact.report import page
+from neurotact.report.page import Entry
+from neurotact.spec import to_toml
+from neurotact.studies import protocol_cell
+from neurotact.studies.cell import is_done
+from neurotact.studies.protocol import View, module_of
+from neurotact.studies.protocol_study import ProtocolStudy, cells
+from neurotact.tables import means_over, read_table, write_table
+
+DOWNLOADS = {
+    "results.csv": "one row a run, with its accuracy and its costs",
+    "results.json": "the same",
+    "means.csv": "means and standard deviations of each configuration",
+    "means.md": "the same, to be read",
+    "timings.csv": "time that each cell took",
+    "study.toml": "the study as it was run, every parameter",
+    "versions.json": "versions of what computed it",
+    "data.json": "the hashes of the data",
+}
+LOG_FROM = 30.0
+"""Costs that differ by more than this factor stand on a logarithmic axis."""
+
+
+def write(study: ProtocolStudy, folder: Path) -> Path:
+    """Write `report.html`, its figures, `results.json` and the means from what a run left; the page's path.
+
+    Raises InputError when `results.csv` is not there or a claim names a column that is not there.
+    """
+    module = module_of(study.protocol)
+    results = read_results(folder / "results.csv", module.VIEW)
+    means = over_rows(results, module.VIEW)
+    write_table(results, folder / "results.json")
+    for suffix in (".csv", ".md"):
+        write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
+    every = list(cells(study))
+    arrays = protocol_cell.load_arrays(protocol_cell.arrays_path(folder, every[0]))
+    parameters = {key: value for key, value in study.parameters.items() if key != "data"}
+    return page.write(
+        "protocol.html.jinja",
+        study,
+        folder,
+        n_done=sum(is_done(folder, cell) for cell in every),
+        n_cells=len(every),
+        tables={"results": results},
+        figures=module.draw(results, arrays),
+        downloads=DOWNLOADS,
+        specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
+        seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
+        data=page.if_there(folder / "data.json"),
+        **seen(means, module.VIEW),
+    )
+
+
+def seen(means: pd.DataFrame, view: View) -> dict[str, Any]:
+    """What `protocol.html.jinja` shows of the means of `over_rows`: its points, its table, and their words."""
+    return {
+        "n_rows": int(means["rows"].sum()),
+        "note": view.note,
+        "cost": view.measures[view.cost],
+        "score": view.measures[view.score],
+        "heads": [*map(_words, view.by), *view.measures.values()],
+        "rows": _rows(means, view),
+        "page": page.parts(_page_data(means, view), page.PROTOCOL),
+    }
+
+
+def read_results(path: Path, view: View) -> pd.DataFrame:
+    """A run's results.csv, with a dash where what names a configuration is missing."""
+    table = read_table(path)
+    texts = [column for column in view.by if column in table and table[column].isna().any()]
+    return table.assign(**{column: table[column].fillna("-") for column in texts})
+
+
+def over_rows(results: pd.DataFrame, view: View) -> pd.DataFrame:
+    """Means and standard deviations of each configuration, as `tables.means_over` gives them.
+
+    >>> view = View(("kind",), {"accuracy": "accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy")
+    >>> rows = pd.DataFrame({"kind": ["elm", "elm"], "accuracy": [0.5, 1.0], "flops": [10, 10]})
+    >>> over_rows(rows, view)[["kind", "rows", "accuracy", "flops"]].values.tolist()
+    [['elm', 2, 0.75, 10.0]]
+    """
+    return means_over(results, view.by, [name for name in view.measures if name in results], "rows")
+
+
+def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
+    return [
+        [Entry(_name(row[column]), page.plain(row[column])) for column in view.by]
+        + [_entry(head, row.get(measure), row.get(f"{measure}_sd")) for measure, head in view.measures.items()]
+        for row in means.to_dict("records")
+    ]
+
+
+def _entry(head: str, mean: Any, sd: Any) -> Entry:
+    """A mean and its spread as they are read; a head that ends in (%) asks for percent."""
+    if mean is None or pd.isna(mean):
+        return Entry("-", "")
+    scale = _scale(head)
+    spread = 0.0 if sd is None or pd.isna(sd) else scale * float(sd)
+    value = scale * float(mean)
+    digits = 1 if scale > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
+    whole = value == round(value) and scale == 1
+    text = f"{value:,.0f}" if whole else f"{value:,.{digits}f}"
+    return Entry(f"{text} ± {spread:,.{digits}f}" if spread else text, value)
+
+
+def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
+    """A point a configuration; series are told apart by what is named first."""
+    scale = _scale(view.measures[view.score])
+    whole = 100.0 if scale > 1 else None
+    costs = means[view.cost].to_numpy(float)
+    known = costs[np.isfinite(costs) & (costs > 0)]
+    points = [
+        {
+            "name": ", ".join(f"{_words(column)} {_name(row[column])}" for column in view.by),
+            "series": _name(row[view.by[0]]),
+            "x": _number(row[view.cost]),
+            "y": _number(scale * row[view.score]),
+            "bar": bars(scale * row[view.score], scale * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
+        }
+        for row in means.to_dict("records")
+    ]
+    is_log = len(known) == len(costs) and len(known) > 0 and known.max() > LOG_FROM * known.min()
+    words = {"cost": view.measures[view.cost], "score": view.measures[view.score]}
+    return {"points": points, **words, "log": bool(is_log), "whole": whole}
+
+
+def _scale(head: str) -> float:
+    return 100.0 if head.endswith("(%)") else 1.0
+
+
+def _number(value: float) -> float | None:
+    return None if pd.isna(value) else float(value)
+
+
+def _name(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _words(column: str) -> str:
+    return column.replace("_", " ").replace(".", " ")

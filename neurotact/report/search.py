@@ -1,0 +1,115 @@
+"""What a report says of the searches of a study's cells: their trials, what they won by them, and what wins."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from neurotact.figures import searches as searches_figures
+from neurotact.figures.style import Drawn
+from neurotact.networks.search import FINISHED, STOPPED
+from neurotact.networks.tuning import SearchSpec
+from neurotact.report.page import Table
+from neurotact.studies.cell import SEARCH, cell_folder
+from neurotact.studies.study import Cell
+from neurotact.tables import read_table
+
+TRIALS = "searches.csv"
+NAMED = ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")
+"""How a cell is named beside each of its trials."""
+
+
+def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.DataFrame:
+    """Every trial of every done cell, as `neurotact tune` tabulates them, after the columns that name its cell.
+
+    Columns: cell (its row in results.csv), those of NAMED and what else was swept (`setting`, `pair` besides), then
+    trial, outcome, epochs, value, accuracy_validation, sops_total, the hyperparameters, error.
+    """
+    parts = []
+    if len(done) != len(results):
+        return pd.DataFrame()  # the rows are of other cells
+    for index, (cell, (_, row)) in enumerate(zip(done, results.iterrows(), strict=True)):
+        path = cell_folder(folder, cell) / SEARCH / "trials.csv"
+        if cell.search is None or not path.is_file():
+            continue
+        table = read_table(path).rename(columns={"id": "trial", "hidden": "searched hidden"})
+        for key in reversed(["cell", *NAMED, "setting", "pair"]):
+            table.insert(0, key, index if key == "cell" else row[key])
+        parts.append(table)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
+
+
+def of_cell(trials: pd.DataFrame, index: int) -> dict[str, Any] | None:
+    """A cell's search as the page draws it: value and outcome of each trial, the best one, and what it chose."""
+    own = trials[trials["cell"] == index] if len(trials) else trials
+    if own.empty:
+        return None
+    finished = own[own["outcome"] == FINISHED]
+    best = finished.loc[finished["value"].idxmax()]
+    return {
+        "values": [None if pd.isna(value) else float(f"{value:.4g}") for value in own["value"]],
+        "outcomes": own["outcome"].tolist(),
+        "best": int(best["trial"]),
+        "chosen": {key: _text(best[key]) for key in hyperparameters(trials)},
+    }
+
+
+def hyperparameters(trials: pd.DataFrame) -> list[str]:
+    """The columns of a table of trials that hold what was searched."""
+    after = list(trials.columns).index("sops_total") + 1
+    return [column for column in trials.columns[after:] if column != "error"]
+
+
+def table(trials: pd.DataFrame, results: pd.DataFrame) -> Table | None:
+    """What each search chose, a row a cell; nothing where there was none."""
+    if trials.empty:
+        return None
+    keys = hyperparameters(trials)
+    rows = []
+    for index, row in results.reset_index(drop=True).iterrows():
+        found = of_cell(trials, int(str(index)))
+        if found is None:
+            continue
+        own = trials[trials["cell"] == index]
+        kinds = "/".join(str((own["outcome"] == kind).sum()) for kind in (FINISHED, STOPPED))
+        name = [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seed"])]
+        value = f"{own['value'][own['outcome'] == FINISHED].max():.4f}"
+        rows.append([*name, str(found["best"]), value, kinds, *found["chosen"].values()])
+    heads = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seed", "best trial", "its value", "finished/stopped", *keys]
+    return Table("What each cell's search chose", heads, rows, n_heads=4)
+
+
+def drawings(trials: pd.DataFrame, search: SearchSpec) -> Iterator[Drawn]:
+    """The best so far over trials, and which hyperparameters win; nothing where no cell has searched."""
+    if trials.empty:
+        return
+    figure = searches_figures.draw_best_so_far(trials)
+    gained = searches_figures.gains(trials)
+    stopped = (trials["outcome"] == STOPPED).mean()
+    tuner = search.tuner.upper() if search.tuner == "tpe" else search.tuner
+    settings = f"{tuner}, {search.trials} trials a cell in batches of {search.batch}, {search.assessor}"
+    caption = (
+        f"The best value of each cell's search so far (grey) and the median of the cells of a pair, over trials. "
+        f"{settings}. From the first finished trial to the last the best gains {100 * gained.median():.1f} points in "
+        f"the median cell ({100 * gained.min():.1f} to {100 * gained.max():.1f}); {100 * stopped:.0f} % of all trials "
+        "were stopped early. The best of many trials flatters: judge by the test accuracy."
+    )
+    yield Drawn("searches", "What the searches gained", figure, caption, caption)
+    keys = hyperparameters(trials)
+    winners = searches_figures.winners(trials)
+    figure = searches_figures.draw_winners(trials, winners, {key: search.space[_of_space(key)] for key in keys})
+    words = [f"{key} {_text(winners[key].mode().iloc[0])}" for key in keys]
+    caption = (
+        f"How often each value stands in the best trial of a cell ({len(winners)} cells), beside its share of all "
+        f"trials (line). Most often: {', '.join(words)}."
+    )
+    yield Drawn("search-winners", "Which hyperparameters win", figure, caption, caption)
+
+
+def _of_space(column: str) -> str:
+    return column.removeprefix("searched ")
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, (int, float)) else str(value)

@@ -1,0 +1,224 @@
+"""What a report says of a selection: each step's rule, table and outcome, and its figures."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import pandas as pd
+
+from neurotact.figures import selection as selection_figures
+from neurotact.figures.networks import over_seeds
+from neurotact.figures.style import Drawn
+from neurotact.report.page import Table
+from neurotact.studies.selection import Attempt, Course, Network, Selection
+from neurotact.studies.study import LENGTH, Cell, SelectionSpec
+
+
+class Shown(NamedTuple):
+    """A step as it is read: its title, its rule, what came out, and its table; no table where it is still to be run."""
+
+    title: str
+    rule: str
+    outcome: str
+    table: Table | None
+
+
+HEADS = {
+    LENGTH: "window (ms)",
+    "pair": "t_ref RA-I & SA-I (ms)",
+    "hidden": "N",
+    "networks": "networks",
+    "accuracy_validation": "validation accuracy (%)",
+    "sops_validation": "SOPs, validation windows",
+    "verdict": "verdict",
+    "accuracy_test": "test accuracy (%)",
+    "sops_total": "SOPs, test windows",
+    "exit_accuracy": "test accuracy, early exit (%)",
+    "exit_steps": "steps, early exit",
+    "exit_sops_total": "SOPs, early exit",
+    "exit_saved": "SOPs saved (%)",
+    "oracle_accuracy": "test accuracy, paper's exit (%)",
+    "oracle_steps": "steps, paper's exit",
+    "oracle_saved": "SOPs saved, paper's exit (%)",
+    "window_steps": "steps of the window",
+}
+JUDGED = ("accuracy_validation", "sops_validation", "verdict", "accuracy_test", "sops_total")
+
+
+def shown(course: Course, rule: SelectionSpec) -> list[Shown]:
+    """The steps of a selection; of one that is not complete, what it waits for."""
+    if course.found is None:
+        waiting = f"{len(course.due)} cells of this step are asked for, and not all are done."
+        return [Shown(course.steps[-1].name, "", waiting, None)]
+    found = course.found
+    steps = [_lengths(found, rule)]
+    for attempt in found.attempts:
+        steps += [_networks(attempt, rule), _persistence(attempt)]
+    return [
+        step._replace(title=f"{number}. {step.title}") for number, step in enumerate([*steps, _exits(found)], start=1)
+    ]
+
+
+def at_choice(found: Selection, results: pd.DataFrame, done: list[Cell]) -> tuple[pd.DataFrame, list[Cell]]:
+    """The rows and the done cells at T_min, which the figures of networks show."""
+    rows = results[results[LENGTH] == found.last.length_ms]
+    return rows, [cell for cell in done if cell.window.length_ms == found.last.length_ms]
+
+
+def best_row(found: Selection, results: pd.DataFrame) -> int:
+    """Which row the page shows first: of the network with the fewest SOPs, its most accurate seed."""
+    pair, hidden = found.last.chosen[0]
+    own = (results["pair"] == pair) & (results["hidden"] == hidden) & (results[LENGTH] == found.last.length_ms)
+    return int(results["accuracy_validation"].where(own, -1.0).to_numpy().argmax())
+
+
+def drawings(found: Selection, results: pd.DataFrame, rule: SelectionSpec) -> Iterator[Drawn]:
+    """Window lengths, the networks at T_min, and the selected networks over window lengths.
+
+    results: a run's `results.csv` with the columns `pair` and `setting`.
+    """
+    first = results[results["pair"] == found.first_pair]
+    sizes = over_seeds(first.assign(setting=first[LENGTH]), ["accuracy_validation", "sops_validation"])
+    figure = selection_figures.draw_lengths(
+        sizes.rename(columns={"setting": LENGTH}), found.lengths, rule.length_tolerance
+    )
+    outcome = _least_words(found)
+    caption = (
+        f"Validation accuracy and SOPs of each size (means over seeds) over window lengths, t_ref {found.first_pair} "
+        f"ms, and the mean over sizes. {outcome} As the texture paper's Fig. 8, but on validation trials."
+    )
+    yield Drawn("selection-lengths", "The least window that serves", figure, caption, outcome)
+    attempt = found.last
+    figure = selection_figures.draw_choice(attempt.networks, rule.accuracy_tolerance)
+    caption = (
+        f"Every network at {attempt.length_ms:g} ms on validation trials (means over seeds); numbers are hidden sizes. "
+        f"{_chosen_words(attempt)}"
+    )
+    yield Drawn("selection-choice", "The best trade-off", figure, caption, _chosen_words(attempt))
+    table = attempt.persistence.assign(name=_names(attempt.persistence))
+    order = [_name(network) for network in attempt.chosen]
+    others = [name for name in dict.fromkeys(table["name"]) if name not in order]
+    figure = selection_figures.draw_persistence(table, [*order, *others], attempt.length_ms)
+    caption = (
+        "The selected networks"
+        + (" and the most accurate one" if others else "")
+        + " over window lengths, on validation "
+        f"trials. {_persists_words(attempt)} As the texture paper's Fig. 13."
+    )
+    yield Drawn("selection-persistence", "Whether it persists", figure, caption, _persists_words(attempt))
+
+
+def _lengths(found: Selection, rule: SelectionSpec) -> Shown:
+    says = (
+        f"T_min is the shortest window whose validation accuracy, the mean over sizes and seeds at t_ref "
+        f"{found.first_pair} ms, lies within {100 * rule.length_tolerance:g} points of the best length's."
+    )
+    table = _table(found.lengths, "Window lengths", (LENGTH, "networks", *JUDGED), 1)
+    return Shown("Window length", says, _least_words(found), table)
+
+
+def _networks(attempt: Attempt, rule: SelectionSpec) -> Shown:
+    each = f"; {rule.networks} in all, each with another t_ref pair" if rule.networks > 1 else ""
+    says = (
+        f"Among the networks whose mean validation accuracy over seeds lies within {100 * rule.accuracy_tolerance:g} "
+        f"points of the best, the one with the fewest SOPs on validation windows{each}."
+    )
+    table = _table(attempt.networks, f"Networks at {attempt.length_ms:g} ms", ("pair", "hidden", *JUDGED), 2)
+    return Shown(f"Trade-off at {attempt.length_ms:g} ms", says, _chosen_words(attempt), table)
+
+
+def _persistence(attempt: Attempt) -> Shown:
+    says = (
+        f"A trade-off persists where the rule of the window length, put to each selected network alone, gives it "
+        f"{attempt.length_ms:g} ms or less; else the next longer window is tried."
+    )
+    table = _table(attempt.persistence, "Window lengths of each network", ("pair", "hidden", LENGTH, *JUDGED), 3)
+    return Shown(f"Persistence from {attempt.length_ms:g} ms", says, _persists_words(attempt), table)
+
+
+def _exits(found: Selection) -> Shown:
+    rows = found.last.networks[found.last.networks["chosen"]].sort_values("rank")
+    rows = rows.assign(
+        exit_saved=1 - rows["exit_sops_total"] / rows["sops_total"],
+        oracle_saved=1 - rows["oracle_sops_total"] / rows["sops_total"],
+    )
+    says = (
+        "The patience of early exit is the least that keeps the validation accuracy within the study's tolerance; the "
+        "paper's own exit (its Algorithm 1) knows the true label and stands beside it."
+    )
+    words = [
+        f"{row['pair']}, N = {row['hidden']} stops after {row['exit_steps']:.0f} of {row['window_steps']:.0f} steps "
+        f"and saves {100 * row['exit_saved']:.1f} % of the SOPs"
+        for _, row in rows.iterrows()
+    ]
+    columns = (
+        "pair", "hidden", "window_steps", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_saved",
+        "oracle_accuracy", "oracle_steps", "oracle_saved",
+    )  # fmt: skip
+    table = _table(rows, f"Early exit of the selected networks, {found.last.length_ms:g} ms", columns, 2)
+    return Shown("Early exit", says, f"{'; '.join(words)}.", table)
+
+
+def _least_words(found: Selection) -> str:
+    lengths = found.lengths
+    chosen = lengths[lengths["chosen"]].iloc[0]
+    best = lengths.loc[lengths["accuracy_validation"].idxmax()]
+    return (
+        f"T_min is {chosen[LENGTH]:g} ms: {100 * chosen['accuracy_validation']:.1f} %, where the best length, "
+        f"{best[LENGTH]:g} ms, has {100 * best['accuracy_validation']:.1f} %."
+    )
+
+
+def _chosen_words(attempt: Attempt) -> str:
+    networks = attempt.networks
+    best = networks[networks["best"]].iloc[0]
+    chosen = networks[networks["chosen"]].sort_values("rank")
+    words = [
+        f"{row['pair']}, N = {row['hidden']} ({100 * (row['accuracy_validation'] - best['accuracy_validation']):+.1f} "
+        f"points, {100 * (row['sops_validation'] / best['sops_validation'] - 1):+.0f} % SOPs)"
+        for _, row in chosen.iterrows()
+    ]
+    return (
+        f"Selected: {'; '.join(words)}, beside the most accurate, {best['pair']}, N = {best['hidden']} "
+        f"({100 * best['accuracy_validation']:.1f} %). {int(networks['within'].sum())} of {len(networks)} networks lie "
+        "within the tolerance."
+    )
+
+
+def _persists_words(attempt: Attempt) -> str:
+    words = [
+        f"{_name(network)} {'keeps' if kept else 'does not keep'} {attempt.length_ms:g} ms"
+        for network, kept in zip(attempt.chosen, attempt.persists, strict=True)
+    ]
+    return f"{'; '.join(words)}."
+
+
+def _table(rows: pd.DataFrame, caption: str, columns: tuple[str, ...], n_heads: int) -> Table:
+    if "verdict" in columns:
+        rows = rows.assign(verdict=[_verdict(row) for _, row in rows.iterrows()])
+    body = [[_text(column, row[column]) for column in columns] for _, row in rows.iterrows()]
+    return Table(caption, [HEADS[column] for column in columns], body, n_heads)
+
+
+def _verdict(row: pd.Series) -> str:
+    if not row["within"]:
+        return "not accurate enough"
+    if row["chosen"]:
+        return f"selected, {row['rank']:g}." if "rank" in row else "shortest"
+    return "accurate enough"
+
+
+def _text(column: str, value: object) -> str:
+    if isinstance(value, str):
+        return value
+    number = float(value)  # pyright: ignore[reportArgumentType]
+    if "accuracy" in column or column.endswith("_saved"):
+        return f"{100 * number:.1f}"
+    return f"{number:,.0f}" if "sops" in column or "steps" in column else f"{number:g}"
+
+
+def _name(network: Network) -> str:
+    return f"{network.pair}, N = {network.hidden}"
+
+
+def _names(table: pd.DataFrame) -> list[str]:
+    return [_name(Network(pair, hidden)) for pair, hidden in zip(table["pair"], table["hidden"], strict=True)]

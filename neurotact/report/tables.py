@@ -1,0 +1,88 @@
+"""The tables of a run of afferents or networks, as its report reads them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.hdf5 import load_spikes
+from neurotact.data.spikes import SpikeTrains
+from neurotact.figures.columns import in_unit, quantity
+from neurotact.figures.encoding import Classes
+from neurotact.studies.preparation import TOUCH, spikes_path
+from neurotact.studies.study import Cell, StudySpec
+from neurotact.tables import read_table
+
+EXTRA_TABLES = {
+    "cut_short": "cut_short_ms",
+    "exit_curve": "exit_patiences",
+    "conditions": "test_every_condition",
+    "signals": "signals",
+    "same_drive": "same_drive",
+}
+"""Tables that only some studies leave, and the key of a study that asks for each."""
+
+
+def read_encoding(path: Path) -> pd.DataFrame:
+    """The encoding table; a class may be called "None", and an interval or a share may be missing."""
+    measures = ("isi_sa_ms", "isi_ra_ms", "sa_share")
+    missing = {f"{stretch}{name}": [""] for stretch in ("", TOUCH) for name in measures}
+    return read_table(path, dtype={"label": str}, keep_default_na=False, na_values=missing)
+
+
+def with_pair(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with the t_ref pair as the paper writes it, RA-I first, in the column `pair`.
+
+    >>> with_pair(pd.DataFrame({"t_ref_ra_ms": [1.0], "t_ref_sa_ms": [10.0]}))["pair"].tolist()
+    ['1&10']
+    """
+    periods = zip(table["t_ref_ra_ms"], table["t_ref_sa_ms"], strict=True)
+    return table.assign(pair=[f"{ra:g}&{sa:g}" for ra, sa in periods])
+
+
+def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
+    """The table with, in the column `setting`, the data set and what else was swept, in words.
+
+    >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0], "network.training.patience": [7]})
+    >>> with_setting(rows, ["window.length_ms", "network.training.patience"])["setting"].tolist()
+    ['mixed, window length 50 ms, patience 7']
+    """
+    swept = [key for key in swept if key in results]
+    words = [
+        ", ".join([str(row["dataset"]), *(f"{_in_words(key)} {in_unit(key, row[key])}" for key in swept)])
+        for _, row in results.iterrows()
+    ]
+    return results.assign(setting=words)
+
+
+def _in_words(key: str) -> str:
+    """A swept key as it is read, without the tables that every such key has."""
+    for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
+        key = key.removeprefix(table)
+    return quantity(key)[0].replace(".", " ")
+
+
+def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
+    """The tables of `EXTRA_TABLES` that the study asks for, by name."""
+    paths = {name: folder / f"{name}.csv" for name, key in EXTRA_TABLES.items() if getattr(study, key)}
+    found = {name: read_table(path) for name, path in paths.items() if path.is_file()}
+    return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
+
+
+def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
+    """A cell's test windows by true and chosen class, in the order in which classes are drawn.
+
+    None where its classes are others than those drawn.
+    """
+    matrix = np.array(result["confusion"])
+    alphabetical = sorted(classes.order)
+    at = [alphabetical.index(label) for label in classes.order]
+    return matrix[np.ix_(at, at)] if matrix.shape == (len(at), len(at)) else None
+
+
+def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
+    """The spike trains of the first done cell that are there."""
+    held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
+    return load_spikes(held) if held else None

@@ -1,0 +1,311 @@
+"""Laws of calibration: what gains must not depend on, what they must keep, and what is refused."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from made_recordings import made, most_held
+
+from neurotact import spec as specs
+from neurotact.data import conditioning, spool
+from neurotact.data.hdf5 import open_recordings, save_recordings
+from neurotact.data.readers import fabricslide
+from neurotact.data.recordings import Recordings
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.encoders import calibration
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.calibration import Calibration, CalibrationRule, calibrate
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.figures.calibration import draw_calibration
+from neurotact.figures.style import save
+
+DATA = Path(os.environ.get("NEUROTACT_DATA", Path(__file__).parents[3] / "shared" / "data"))
+RULE = CalibrationRule(candidates=11, step=1.6, excerpt_s=0.5, trials_per_class=8)
+SPEC = specs.load(AfferentSpec, "sa1-ra1-lif")
+SHIPPED = "fabric-sa1-ra1-lif"
+
+
+def slides(frequencies_Hz=(3.0, 12.0), trials=8, unit="mV", rate_Hz=1000.0) -> Recordings:
+    """Sines of one frequency a class under three taxels, of random phase, with noise."""
+    rng = np.random.default_rng(1)
+    time_s = np.arange(0, 0.7, 1 / rate_Hz)
+    signals, labels = [], []
+    for index, frequency_Hz in enumerate(frequencies_Hz):
+        for _ in range(trials):
+            wave = np.sin(2 * np.pi * (frequency_Hz * time_s + rng.uniform()))[:, None] * [10.0, 6.0, 3.0]
+            signals.append(wave + rng.normal(0, 0.2, wave.shape))
+            labels.append(f"class {index}")
+    return Recordings(signals, rate_Hz, unit, pd.DataFrame({"label": labels}))
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Calibration:
+    return calibrate(slides(), SPEC, rule=RULE)
+
+
+def spikes(recordings: Recordings, encoder: AfferentSpec) -> list[tuple[list[int], list[int]]]:
+    trains = encode_recordings(recordings, encoder)
+    return [(s.tolist(), u.tolist()) for s, u in zip(trains.steps, trains.units, strict=True)]
+
+
+@pytest.mark.parametrize(("power", "unit"), [(-10, "V"), (5, "count")])
+def test_scaling_a_sensor_leaves_the_spikes_of_its_encoder_unchanged(fitted, power, unit):
+    # Powers of two, which float32 scales exactly.
+    recordings = slides()
+    scaled = replace(recordings, signals=[s * np.float32(2.0**power) for s in recordings.signals], unit=unit)
+    other = calibrate(scaled, SPEC, rule=RULE).encoder
+    assert (other.sa1.gain, other.ra1.gain) == (fitted.encoder.sa1.gain, fitted.encoder.ra1.gain)
+    assert spikes(scaled, other) == spikes(recordings, fitted.encoder)
+
+
+@pytest.mark.parametrize("baseline", ["none", "mean"])
+def test_another_zero_and_another_unit_change_almost_no_spike(baseline):
+    # 37.1 x + 500 rounds in float32, so that a spike may fall a step away: nothing more.
+    spec = specs.load(AfferentSpec, "sa1-ra1-lif", {"conditioning.baseline": baseline})
+    recordings = slides()
+    moved = replace(recordings, signals=[37.1 * s + 500 for s in recordings.signals], unit="count")
+    here, there = (calibrate(r, spec, rule=RULE) for r in (recordings, moved))
+    assert here.table.gain.to_numpy() == pytest.approx(there.table.gain.to_numpy(), rel=0.01)
+    assert here.table.chosen.equals(there.table.chosen)
+    counts = [sum(len(s) for s, _ in spikes(r, c.encoder)) for r, c in ((recordings, here), (moved, there))]
+    assert counts[0] == pytest.approx(counts[1], rel=0.02)
+
+
+def test_the_chosen_gains_keep_the_limits_and_no_admissible_one_separates_better(fitted):
+    for afferent, part in (("SA-I", "sa1"), ("RA-I", "ra1")):
+        rows = fitted.table[fitted.table.afferent == afferent]
+        assert len(rows) == RULE.candidates
+        assert rows.gain.is_monotonic_increasing
+        (chosen,) = rows[rows.chosen].itertuples()
+        assert chosen.gain == getattr(fitted.encoder, part).gain
+        assert chosen.silent_share <= RULE.max_silent_share
+        assert chosen.floor_share <= RULE.max_floor_share
+        best = rows[rows.admissible].separation.max()
+        assert chosen.separation >= (1 - RULE.tie) * best > 0
+        smaller = rows[rows.admissible & (rows.gain < chosen.gain)]
+        assert (smaller.separation < (1 - RULE.tie) * best).all()
+
+
+def test_higher_gains_silence_fewer_trials_and_crowd_more_intervals_at_the_floor(fitted):
+    for _, rows in fitted.table.groupby("afferent"):
+        assert rows.silent_share.is_monotonic_decreasing
+        assert rows.silent_share.iloc[0] > rows.silent_share.iloc[-1]
+        assert rows.floor_share.iloc[-1] > rows.floor_share.iloc[0]
+
+
+def test_isi_distributions_are_distributions(fitted):
+    totals = fitted.isi.groupby(["afferent", "gain", "label"]).share.sum()
+    assert len(totals) == 2 * RULE.candidates * 2
+    assert totals.to_numpy() == pytest.approx(1.0)
+
+
+def test_classes_that_are_alike_do_not_separate():
+    rule = RULE.model_copy(update={"trials_per_class": 24})
+    alike, apart = (calibrate(slides(f, trials=24), SPEC, rule=rule).table for f in ((5.0, 5.0), (3.0, 12.0)))
+    assert alike.separation.median() == pytest.approx(0.0, abs=0.005)
+    assert alike.separation.abs().max() < 0.05
+    assert apart[apart.chosen].separation.min() > 0.1
+
+
+def test_the_same_trials_give_the_same_encoder_and_one_step_of_progress_a_candidate(fitted):
+    steps = []
+    again = calibrate(slides(), SPEC, lambda n, note: steps.append((n, note)), RULE)
+    assert again.encoder == fitted.encoder
+    pd.testing.assert_frame_equal(again.table, fitted.table)
+    assert sum(n for n, _ in steps) == RULE.candidates
+
+
+def test_a_calibrated_encoder_is_a_spec_file_that_encodes(fitted, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(specs.to_toml(fitted.encoder.model_dump(mode="json", exclude_none=True)))
+    loaded = specs.load(AfferentSpec, path)
+    assert loaded == fitted.encoder
+    assert all(len(steps) > 0 for steps, _ in spikes(slides(), loaded))
+
+
+def test_the_refractory_periods_and_neuron_of_the_spec_stay():
+    changes = {"sa1.t_ref_ms": 5.0, "ra1.t_ref_ms": 10.0, "tau_mem_ms": 20.0}
+    spec = specs.load(AfferentSpec, "sa1-ra1-lif", changes)
+    encoder = calibrate(slides(), spec, rule=RULE).encoder
+    assert (encoder.sa1.t_ref_ms, encoder.ra1.t_ref_ms, encoder.tau_mem_ms) == (5.0, 10.0, 20.0)
+    assert encoder.conditioning.ema_cutoff_Hz == 30.0
+    assert encoder.conditioning.resample_Hz is None
+
+
+def test_slow_recordings_get_a_clock_and_lose_an_impossible_smoothing(caplog):
+    slow = calibrate(slides(rate_Hz=40.0, unit="count"), SPEC, rule=RULE)
+    assert slow.encoder.conditioning.resample_Hz == 1000.0
+    assert slow.encoder.conditioning.ema_cutoff_Hz is None
+    assert len(slow.notes) == 2
+    assert "30 Hz" in slow.notes[0]
+    assert all(note in caplog.text for note in slow.notes)
+    assert len(encode_recordings(slides(rate_Hz=40.0, unit="count"), slow.encoder)) == 16
+
+
+def without_baseline() -> AfferentSpec:
+    return specs.load(AfferentSpec, "sa1-ra1-lif", {"conditioning.baseline": "none"})
+
+
+def test_a_level_that_is_felt_rests_two_deviations_below_the_mean():
+    rng = np.random.default_rng(2)
+    signals = [500.0 + 5.0 * (i % 2) + rng.normal(0, 0.5, (700, 3)) for i in range(16)]
+    pressed = Recordings(signals, 1000.0, "count", pd.DataFrame({"label": ["light", "firm"] * 8}))
+    fitted = calibrate(pressed, without_baseline(), rule=RULE).encoder
+    level = np.concatenate(list(pressed.signals))
+    offset, scale = np.array(fitted.conditioning.offset), np.array(fitted.conditioning.scale)
+    assert scale == pytest.approx(level.std(axis=0), rel=0.05)
+    assert offset == pytest.approx(level.mean(axis=0) - 2 * scale, abs=0.5)
+    counts = [len(steps) for steps, _ in spikes(pressed, fitted)]
+    assert 0 < max(counts[::2]) < min(counts[1::2])  # light and firm touch
+
+
+def test_a_baseline_leaves_nothing_to_subtract(fitted):
+    assert fitted.encoder.conditioning.offset is None
+
+
+def test_a_dead_taxel_stays_silent_and_is_named():
+    recordings = slides()
+    signals = [np.concatenate([s, np.full((len(s), 1), 812.3)], axis=1) for s in recordings.signals]
+    with_dead = Recordings(signals, 1000.0, "mV", recordings.conditions)
+    fitted = calibrate(with_dead, SPEC, rule=RULE)
+    assert any(note.startswith("taxel4:") for note in fitted.notes)
+    trains = encode_recordings(with_dead, fitted.encoder)
+    heard = {trains.afferents[unit] for units in trains.units for unit in units}
+    assert heard == {f"{kind} taxel{i}" for kind in ("SA-I", "RA-I") for i in (1, 2, 3)}
+
+
+@pytest.mark.parametrize("value", [0.0, 1.82, 812.3])
+def test_constant_signals_are_refused(value):
+    still = Recordings([np.full((1000, 2), value)] * 4, 2000.0, "V", pd.DataFrame({"label": [*"aabb"]}))
+    with pytest.raises(InputError, match="never move"):
+        calibrate(still, SPEC, rule=RULE)
+
+
+def test_levels_without_any_change_leave_nothing_for_ra1():
+    table = pd.DataFrame({"label": [*"aabb"]})
+    levels = Recordings([np.full((1000, 2), v) for v in (1.0, 2.0, 3.0, 4.0)], 2000.0, "V", table)
+    with pytest.raises(InputError, match="never drive RA-I"):
+        calibrate(levels, without_baseline(), rule=RULE)
+
+
+def test_one_class_is_refused():
+    with pytest.raises(InputError, match="one class, 'class 0'"):
+        calibrate(slides((3.0,)), SPEC, rule=RULE)
+
+
+def test_silent_trials_that_no_gain_wakes_are_refused_with_their_share():
+    recordings = slides()
+    signals = [s if i % 2 else np.zeros_like(s) for i, s in enumerate(recordings.signals)]
+    with pytest.raises(InputError, match=r"SA-I: every gain tried leaves 50.0% .* max_silent_share"):
+        calibrate(replace(recordings, signals=signals), SPEC, rule=RULE)
+
+
+def test_limits_that_no_gain_keeps_together_are_refused():
+    recordings = slides()
+    signals = [s * (1 if i % 2 else 1 / 200) for i, s in enumerate(recordings.signals)]
+    with pytest.raises(InputError, match=r"SA-I: .* max_floor_share"):
+        calibrate(replace(recordings, signals=signals), SPEC, rule=RULE.model_copy(update={"candidates": 22}))
+
+
+def test_the_figure_shows_both_populations(fitted, tmp_path):
+    figure = draw_calibration(fitted.table, fitted.isi)
+    assert {"SA-I", "RA-I"} <= {axes.get_title() for axes in figure.axes}
+    save(figure, tmp_path / "calibration.png")
+    assert (tmp_path / "calibration.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (DATA / "fabricslide").is_dir(), reason=f"FabricSlide is not at {DATA}; set NEUROTACT_DATA")
+def test_the_shipped_fabric_encoder_is_what_calibration_gives_on_the_fabrics():
+    recordings = fabricslide.read(DATA / "fabricslide")
+    train = recordings.select(split_conditions(recordings.conditions, (), SplitSpec()).train)
+    fabrics = calibrate(train, without_baseline())
+    assert fabrics.encoder == specs.load(AfferentSpec, SHIPPED)
+    assert fabrics.table[fabrics.table.chosen].separation.min() > 0.1
+
+
+# --- the parts of the rule --------------------------------------------------------------------------
+
+
+def test_of_equal_gains_the_smallest_admissible_is_chosen():
+    table = pd.DataFrame({"gain": [1.0, 2.0, 4.0, 8.0], "separation": [0.9, 0.5, 0.4999, 0.1]})
+    table = table.assign(silent_share=[1.0, 0.0, 0.0, 0.0], floor_share=0.0, admissible=[False, True, True, True])
+    assert calibration._choose(table, RULE.model_copy(update={"tie": 0.01}), "here") == 1
+    turned = table.assign(separation=[0.9, 0.4999, 0.5, 0.1])
+    assert calibration._choose(turned, RULE.model_copy(update={"tie": 0.01}), "here") == 1
+    assert calibration._choose(turned, RULE.model_copy(update={"tie": 0.0}), "here") == 2
+
+
+def test_classes_that_are_the_same_are_not_told_apart():
+    """Few trials of one kind never agree exactly: what chance gives is taken off, so that some gains lie below 0."""
+    separation = calibrate(slides((6.0, 6.0, 6.0)), SPEC, rule=RULE).table.separation
+    assert separation.min() < 0
+    assert abs(separation.mean()) < 0.02
+
+
+def test_a_short_trial_ends_where_it_ends():
+    """Its last sample is not followed by a fall to zero, however long the trials beside it are."""
+    pressed = [np.full((n_steps, 2), 5.0) for n_steps in (60, 200, 60, 200)]
+    pressed[1][100:] += 1.0  # one step up, so that RA-I is driven at all
+    felt = calibration.Felt(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
+    table, _ = calibration._search(felt, SPEC, RULE, np.random.default_rng(0), None)
+    rates = table[table.afferent == "RA-I"].spikes_per_s
+    # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
+    assert set(rates.round(6)) <= {0.0, round(1 / 0.52, 6)}
+    assert rates.max() > 0
+
+
+def test_a_silent_afferent_has_a_bin_of_its_own():
+    raster = np.zeros((2, 12, 1), np.uint8)
+    raster[1, [0, 2, 4]] = 1
+    shares = calibration._isi_shares(calibration._isi_steps(raster), raster.shape, np.array([1.5, 3.5, 8.5]))
+    assert shares[:, 0].tolist() == [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
+
+
+PARTS = st.integers(0, 300).flatmap(lambda n: hnp.arrays(np.float32, n, elements=st.floats(0, 1e3, width=32)))
+
+
+@given(parts=st.lists(PARTS, min_size=1, max_size=5), percentile=st.sampled_from([99.9, 99.0, 50.0, 3.0]))
+def test_the_strongest_drive_of_parts_is_numpys_percentile_of_the_whole(parts, percentile):
+    whole = np.concatenate(parts)
+    with patch.object(calibration, "STRONGEST", percentile):
+        found = calibration._strongest(iter(parts), len(whole))
+    expected = float(np.percentile(whole, percentile)) if len(whole) else 0.0
+    assert found == (expected if expected > 0 else whole.max(initial=0.0))
+
+
+@pytest.mark.parametrize("baseline", ["mean", "none"])
+def test_gains_fitted_on_a_file_and_in_pieces_are_those_in_memory(tmp_path, baseline):
+    # Trials of several lengths, so that those encoded side by side are padded; one of them is long.
+    touch = slides()
+    signals = [signal[: 500 + 7 * i] for i, signal in enumerate(touch.signals)]
+    touch = replace(touch, signals=[*signals[:-1], np.tile(signals[-1], (3, 1))])
+    start = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"baseline": baseline})})
+    save_recordings(touch, tmp_path / "touch.h5")
+    with open_recordings(tmp_path / "touch.h5") as stored:
+        one = calibrate(stored, start, rule=RULE)
+    with patch.object(conditioning, "PIECE_VALUES", 4000):  # no shorter: a long trial's mean has other last digits
+        other = calibrate(touch, start, rule=RULE)
+    expected = calibrate(touch, start, rule=RULE)
+    for found in (one, other) if baseline == "none" else (one,):
+        assert found.encoder == expected.encoder
+        pd.testing.assert_frame_equal(found.table, expected.table, check_exact=True)
+        pd.testing.assert_frame_equal(found.isi, expected.isi, check_exact=True)
+    assert other.encoder.sa1.gain == pytest.approx(expected.encoder.sa1.gain)
+
+
+@pytest.mark.parametrize("lengths", [[400] * 1000, [2000] * 7 + [400_000]], ids=["many trials", "a long trial"])
+def test_no_more_of_the_signals_is_held_than_a_few_pieces(lengths):
+    rule = CalibrationRule(candidates=14, excerpt_s=0.2, max_floor_share=1.0, max_silent_share=0.9)
+    with patch.object(conditioning, "PIECE_VALUES", 5000), patch.object(spool, "IN_MEMORY_BYTES", 10_000):
+        calibrate(made([400] * 8), SPEC, rule=rule)  # so that no import counts
+        held = most_held(lambda: calibrate(made(lengths), SPEC, rule=rule))
+    assert held < 1_000_000  # of 3.2 MB of signals

@@ -1,0 +1,132 @@
+"""The ledger of spiking chains, from SOPs counted by hand."""
+
+import pandas as pd
+import pytest
+
+from neurotact.encoders import specs as encoders
+from neurotact.encoders.afferents import ConditioningSpec
+from neurotact.metrics import ledger, synops
+from neurotact.networks.specs import RSNNSpec
+
+SMOOTHED = {"model": "lif", "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "none", "rectify": False}}
+
+
+def test_a_network_by_hand():
+    # 2 afferents, 3 hidden neurons, 4 readouts, 10 steps; 5 input spikes and 2 hidden ones: 15 + 6 + 8 SOPs.
+    table = synops.to_table(
+        labels=["a"], predicted=["a"], steps=[10], input_spikes=[5], hidden_spikes=[2], n_hidden=3, n_readout=4,
+        recurrent=True,
+    )  # fmt: skip
+    costs = ledger.decision_ledger(RSNNSpec(hidden=3), 2, 4, 2000.0, synops.summary(table), encoder=SMOOTHED).set_index(
+        "name"
+    )
+    network = costs.loc["network"]
+    assert (network.macs, network.acs, network.sops) == (2 * 10 * 7, 29, 29)
+    assert network.parameters == 2 * 3 + 3 * 3 + 3 * 4
+    assert network.energy_estimate_nJ == pytest.approx(1e-3 * (140 * 4.6 + (29 + 70) * 0.9))
+    # One taxel, smoothed, a step: the average a MAC and a product; the two afferents four MACs, a difference and three
+    # others.
+    assert (costs.loc["encoder"].macs, costs.loc["encoder"].acs) == (10 * 5, 10)
+    assert costs.loc["both"].macs == costs.loc["encoder"].macs + network.macs
+    assert costs["signal_ms"].tolist() == [5.0, 5.0, 5.0]
+
+
+def test_the_linear_baseline_by_hand():
+    # 2 taxels, 10 samples, 3 classes: mean 10 ACs, deviation 10 ACs and 10 MACs, a taxel; 4 features; 12 weights.
+    counted = ledger.linear_cost(2, 10, 3, 5.0)
+    assert (counted.macs, counted.acs) == (20 + 4 + 12, 40)
+    assert counted.parameters == 8 + 15
+
+
+def test_a_study_has_the_baseline_the_encoding_and_each_network():
+    rows = [
+        {"setting": "all", "pair": "1&1", "hidden": 20, "seed": seed, "window_steps": 300, "sops_input": 100.0 + seed,
+         "sops_recurrent": 10.0, "sops_readout": 5.0}
+        for seed in (0, 1)
+    ]  # fmt: skip
+    results = pd.DataFrame(rows)
+    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    table = ledger.study_ledger(RSNNSpec(), results, pd.DataFrame({"samples": [300]}), **sizes)
+    assert table["name"].tolist() == [
+        "linear baseline",
+        "conditioning and encoding alone, 150 ms",
+        "spiking: all, t_ref 1&1 ms, N = 20",
+    ]
+    assert table["sops"].tolist() == [0.0, 0.0, 115.5]
+    assert (table["signal_ms"] == 150).all()
+    older = pd.DataFrame({"accuracy_test": [0.5]})
+    assert ledger.study_ledger(RSNNSpec(), results, older, **sizes)["name"].iloc[0].startswith("conditioning")
+    assert len(ledger.study_ledger(RSNNSpec(), results, None, **sizes)) == 2
+
+
+def test_a_feed_forward_network_has_no_recurrent_weights():
+    measured = {"sops_input": 15.0, "sops_recurrent": 0.0, "sops_readout": 8.0}
+    counted = ledger.network_cost(RSNNSpec(hidden=3, model="snn"), 2, 4, measured, steps=10, signal_ms=5.0)
+    assert counted.parameters == 2 * 3 + 3 * 4
+    assert counted.sops == 23
+
+
+def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
+    # 16 afferents, 20 hidden neurons, 8 readouts; LIF encoders keep 2 parameters beside.
+    row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": 300, "sops_input": 1.0, "sops_readout": 1.0}
+    rows = [
+        {**row, "setting": f"all, model {model}", "network.model": model, "sops_recurrent": sops}
+        for model, sops in (("rsnn", 10.0), ("snn", 0.0))
+    ]
+    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    table = ledger.study_ledger(RSNNSpec(), pd.DataFrame(rows), None, **sizes)
+    of_networks = table[table["name"].str.startswith("spiking")]
+    assert of_networks["sops"].tolist() == [12.0, 2.0]
+    assert of_networks["parameters"].diff().iloc[1] == -20 * 20
+
+
+def test_encoders_by_hand():
+    # A taxel, ten steps of 0.5 ms, as recorded.
+    izhikevich = ledger.encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
+    assert (izhikevich.macs, izhikevich.acs) == (4 * 100, 3 * 100 + 10)
+    assert izhikevich.other_flops == 2 * 100 + 3 * 10
+    poisson = ledger.encoding_cost(1, 10, 5.0, {"model": "poisson"})
+    assert (poisson.macs, poisson.acs, poisson.other_flops) == (20, 10, 50)
+    lif = ledger.encoding_cost(1, 10, 5.0, {"model": "lif"})
+    assert (lif.macs, lif.acs, lif.other_flops) == (40, 10, 30)
+    assert lif == ledger.encoding_cost(1, 10, 5.0, {})
+
+
+# What conditioning adds to 2 taxels and 10 steps: MACs, ACs, others, parameters, bytes.
+ADDED = [
+    ({"ema_cutoff_Hz": 30.0}, (20, 0, 20, 0, 4 * 2)),  # a MAC and a product a sample; the output before
+    ({"resample_Hz": 1000.0}, (20, 20 + 10, 10, 0, 4 * 5)),  # a MAC and a difference each; the position once a step
+    ({"baseline": "first"}, (0, 20, 0, 0, 4 * 2)),
+    ({"baseline": "mean"}, (0, 20 + 20, 2, 0, 4 * 2)),
+    ({"baseline": "median"}, (0, 20, 20 * 4, 0, 4 * (2 + 20))),  # log2 of 10, rounded up, comparisons a sample
+    ({"scale": [2.0, 3.0]}, (0, 0, 20, 2, 4 * 2)),
+    ({"offset": [1.0, 1.0], "scale": [2.0, 3.0]}, (20, 0, 0, 4, 4 * 4)),
+    ({"rectify": True}, (0, 0, 20, 0, 0)),
+    ({"baseline": "none", "rectify": False}, (0, 0, 0, 0, 0)),
+]
+
+
+@pytest.mark.parametrize(("conditioning", "added"), ADDED, ids=lambda value: "" if isinstance(value, tuple) else None)
+def test_each_step_of_conditioning_is_counted(conditioning, added):
+    plain = ledger.encoding_cost(2, 10, 5.0, {})
+    counted = ledger.encoding_cost(2, 10, 5.0, {"conditioning": conditioning})
+    names = ("macs", "acs", "other_flops", "parameters", "bytes")
+    assert tuple(getattr(counted, name) - getattr(plain, name) for name in names) == added
+
+
+def test_every_key_of_conditioning_has_its_cost():
+    """A new step of conditioning must be counted here too."""
+    counted = {key for conditioning, _ in ADDED for key in conditioning}
+    assert counted == set(ConditioningSpec.model_fields)
+
+
+def test_the_shipped_encoder_of_fabrics_by_hand():
+    """16 taxels, resampled and standardised, as spike trains carry the spec: 32 offsets and scales and two gains."""
+    encoder = encoders.load("fabric-sa1-ra1-lif").model_dump(mode="json", exclude_none=True)
+    counted = ledger.encoding_cost(16, 1000, 1000.0, encoder)
+    assert counted.parameters == 16 + 16 + 2
+    each = 16 * 1000
+    # Interpolation and standardisation a MAC each, the two afferents four.
+    assert counted.macs == 6 * each
+    assert counted.acs == (each + 1000) + each
+    assert counted.other_flops == 1000 + 3 * each

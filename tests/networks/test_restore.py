@@ -1,0 +1,104 @@
+"""A trained network is read back from its folder, and refused in one sentence where the folder is damaged."""
+
+import contextlib
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.data.spikes import SpikeTrains, from_rasters
+from neurotact.errors import InputError
+from neurotact.networks import trained
+from neurotact.networks.checkpoint import NETWORK
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+
+TASK = trained.Task(window={"length_ms": 50.0})
+
+
+def spikes(n_trials: int = 24) -> SpikeTrains:
+    """Two classes that fire on different afferents."""
+    labels = np.arange(n_trials) % 2
+    rates = np.where(labels[:, None] == np.array([[0, 0, 1, 1]]), 0.3, 0.02)
+    rasters = np.random.default_rng(0).random((n_trials, 60, 4)) < rates[:, None]
+    names = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
+    return from_rasters(rasters, 1000.0, names, pd.DataFrame({"label": [("felt", "silk")[i] for i in labels]}))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder of a trained network."""
+    run = tmp_path_factory.mktemp("trained") / "run"
+    spec = RSNNSpec(hidden=5, training=TrainingSpec(epochs=2))
+    fitted, _ = trained.fit(spikes(), spec, TASK, (0, 1), backend="reference")
+    trained.save(fitted, str(run), spikes(), str(run.parent / "spikes.h5"), TASK)
+    return run
+
+
+@pytest.fixture
+def copied(folder, tmp_path):
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    return tmp_path
+
+
+def test_a_folder_may_be_named_by_text(folder):
+    by_text, by_path = trained.restore(str(folder)), trained.restore(folder)
+    assert torch.equal(by_text.network.w_in, by_path.network.w_in)
+    assert by_text[1:] == by_path[1:]
+    assert by_text.classes == ("felt", "silk")
+    assert by_text.spikes_path.resolve() == (folder.parent / "spikes.h5").resolve()
+
+
+def rewrite(folder, **changes) -> None:
+    """Change what `network.json` holds under `extra`; None removes a key."""
+    table = json.loads((folder / NETWORK).read_text())
+    table["extra"] = {key: value for key, value in {**table["extra"], **changes}.items() if value is not None}
+    (folder / NETWORK).write_text(json.dumps(table))
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        *(({key: None}, f"'{key}' is missing") for key in ("task", "classes", "spikes", "exit_patience")),
+        ({"task": []}, "task: must be a"),
+        ({"task": {"windw": {}}}, "task.windw: unknown key; did you mean 'window'"),
+        ({"task": {"window": {"length_ms": -1}}}, "task.window.length_ms: must be > 0"),
+        ({"classes": "felt"}, "classes: "),
+        ({"classes": [1, 2]}, "classes.0: "),
+        ({"classes": ["felt"]}, "names 1 classes where the network knows 2"),
+        ({"spikes": 3}, "spikes: "),
+        ({"exit_patience": 0}, "exit_patience: must be >= 1"),
+        ({"exit_patience": "9"}, "exit_patience: "),
+        ({"exit_patience": 10**30}, "exit_patience: must be <= "),
+    ],
+)
+def test_a_damaged_table_is_refused(copied, changes, complaint):
+    rewrite(copied, **changes)
+    with pytest.raises(InputError, match=complaint) as refusal:
+        trained.restore(copied)
+    assert str(copied / NETWORK) in str(refusal.value)
+
+
+JUNK = st.recursive(
+    st.booleans() | st.integers() | st.just(10**400) | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.sampled_from(["task", "classes", "spikes", "exit_patience", "best_epoch", "encoder"]), JUNK)
+def test_junk_is_refused_or_read(copied, key, junk):
+    rewrite(copied, **{key: junk})
+    with contextlib.suppress(InputError):
+        trained.restore(copied)
+
+
+def test_patience_may_be_absent_as_none(copied):
+    table = json.loads((copied / NETWORK).read_text())
+    table["extra"]["exit_patience"] = None
+    (copied / NETWORK).write_text(json.dumps(table))
+    assert trained.restore(copied).rule.patience is None

@@ -1,0 +1,430 @@
+"""A search's journal is the same bytes whoever trains its trials and whatever interrupts it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact import cli, spec
+from neurotact.data import hdf5
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.figures.search import draw_search
+from neurotact.networks import search, trained
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+from neurotact.networks.training import Epoch, Training
+from neurotact.networks.tuning import Proposal, SearchSpec, load_space
+from neurotact.studies import cell as cells
+from neurotact.studies import preparation, study
+
+TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
+SPACE = {
+    "hidden": {"_type": "choice", "_value": [4, 6, 8]},
+    "forward_weight_scale": {"_type": "loguniform", "_value": [0.3, 3.0]},
+}
+NETWORK = RSNNSpec.model_validate({"hidden": 4, "training": {"epochs": 4, "batch": 4}})
+TRIALS = 10
+
+
+@pytest.fixture(scope="module")
+def spikes(tmp_path_factory):
+    """The spike trains of the tiny study, in a file."""
+    path = tmp_path_factory.mktemp("spikes") / "spikes.h5"
+    what = study.resolve(TINY)
+    hdf5.save_spikes(encode_recordings(preparation.load_dataset(what.dataset), what.encoder), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def trains(spikes):
+    return hdf5.load_spikes(spikes)
+
+
+def problem(trains, **settings):
+    what = study.resolve(TINY)
+    task = Task(window=what.window, split=what.split, stratify=what.dataset.stratify)
+    defaults = {"space": SPACE, "trials": TRIALS, "batch": 4, "start_epoch": 2, "objective": "accuracy-sops"}
+    return search.problem_of(trains, SearchSpec.model_validate(defaults | settings), NETWORK, task)
+
+
+def run(trains, folder, **settings):
+    what = problem(trains, **settings)
+    return search.search(what, folder, search.here(trains, what.task))[0]
+
+
+@pytest.fixture(scope="module")
+def whole(trains, tmp_path_factory):
+    """The folder of a search that nothing interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    run(trains, folder)
+    return folder
+
+
+@pytest.fixture
+def journal(whole):
+    return (whole / search.JOURNAL).read_bytes()
+
+
+# --- the journal -----------------------------------------------------------------------------------
+
+
+def test_the_journal_tells_each_trial_and_no_times(journal):
+    lines = [json.loads(line) for line in journal.splitlines()]
+    assert [line["id"] for line in lines] == list(range(TRIALS))
+    for line in lines:
+        assert list(line) == ["id", "parameters", "epochs", "outcome", "accuracy", "sops", "value"]
+        assert set(line["parameters"]) == set(SPACE)
+        assert line["value"] == line["accuracy"] - 0.1 * np.log10(line["sops"])
+
+
+def test_a_stopped_trial_is_told_its_last_epoch(trains, tmp_path):
+    trials = run(trains, tmp_path, objective="accuracy", start_epoch=1, trials=24)
+    stopped = [trial for trial in trials if trial.outcome == search.STOPPED]
+    assert stopped
+    assert all(trial.value == trial.epochs[-1] for trial in stopped)
+
+
+@pytest.mark.parametrize("kept", [0.0, 0.02, 0.31, 0.5, 0.77, 0.999, 1.0])
+def test_resumed_from_any_byte_the_journal_is_that_of_the_uninterrupted_run(trains, whole, journal, kept, tmp_path):
+    (tmp_path / "search.json").write_bytes((whole / "search.json").read_bytes())
+    (tmp_path / search.JOURNAL).write_bytes(journal[: round(kept * len(journal))])
+    trials = run(trains, tmp_path)
+    assert (tmp_path / search.JOURNAL).read_bytes() == journal
+    assert len(trials) == TRIALS
+
+
+def test_a_finished_search_trains_nothing_again(trains, whole):
+    def forbidden(jobs):
+        assert not jobs
+        return iter(())
+
+    trials, _ = search.search(problem(trains), whole, forbidden)
+    assert len(trials) == TRIALS
+
+
+def test_seeds_decide_the_journal(trains, journal, tmp_path):
+    run(trains, tmp_path, seed=1)
+    assert (tmp_path / search.JOURNAL).read_bytes() != journal
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda lines: [lines[0], "{\n", *lines[2:]], "line 2 is damaged"),
+        (lambda lines: [lines[0], *lines[2:]], "line 2 is damaged .it is of trial 2"),
+        (lambda lines: [lines[0].replace('"hidden": ', '"hidden": 1'), *lines[1:]], "trial 0 is not what this search"),
+    ],
+    ids=["garbage", "gap", "other parameters"],
+)
+def test_a_damaged_journal_is_refused(trains, whole, journal, damage, message, tmp_path):
+    (tmp_path / "search.json").write_bytes((whole / "search.json").read_bytes())
+    (tmp_path / search.JOURNAL).write_text("".join(damage(journal.decode().splitlines(keepends=True))))
+    with pytest.raises(InputError, match=message):
+        run(trains, tmp_path)
+
+
+def test_a_folder_of_another_search_is_refused(trains, whole):
+    with pytest.raises(InputError, match="holds another search"):
+        run(trains, whole, trials=TRIALS + 1)
+
+
+def test_a_folder_that_holds_anything_else_is_refused(trains, tmp_path):
+    (tmp_path / "thesis.tex").write_text("dear")
+    with pytest.raises(InputError, match="is not empty"):
+        run(trains, tmp_path)
+
+
+def test_a_trial_that_cannot_be_trained_fails_and_the_search_goes_on(trains, tmp_path, monkeypatch):
+    train = search.train
+
+    def fragile(network, *args, **kwargs):
+        if network.spec.hidden == 6:
+            raise InputError("training: weights are not finite after epoch 1; lower training.learning_rate")
+        return train(network, *args, **kwargs)
+
+    monkeypatch.setattr(search, "train", fragile)
+    trials = run(trains, tmp_path)
+    failed = [trial for trial in trials if trial.outcome == search.FAILED]
+    assert {trial.parameters["hidden"] for trial in failed} == {6}
+    assert len(trials) == TRIALS
+    assert search.best_of(trials).parameters["hidden"] != 6
+    assert search.read_journal(tmp_path / search.JOURNAL) == trials
+    with pytest.raises(InputError, match=r"none of .* trials finished; trial .*: training: weights are not finite"):
+        search.best_of(failed)
+
+
+# --- what it leaves ---------------------------------------------------------------------------------
+
+
+def test_the_best_network_comes_out_of_its_seeds_again(trains, whole):
+    what, trials = problem(trains), search.read_journal(whole / search.JOURNAL)
+    best = search.best_of(trials)
+    fitted, sides = search.train_best(what, trains, best)
+    assert [epoch.validation_accuracy for epoch in fitted.training.epochs] == best.epochs
+    assert trained.mean_sops(fitted.network, sides.validation) == best.sops
+    assert best.value == max(trial.value or -1 for trial in trials if trial.outcome == search.FINISHED)
+
+
+def test_no_finished_trial_beats_one_on_the_front(whole):
+    table = search.trials_table(search.read_journal(whole / search.JOURNAL))
+    front, finished = search.front_table(table), table[table["outcome"] == search.FINISHED]
+    assert len(front)
+    for row in front.itertuples():
+        better = (finished["accuracy_validation"] >= row.accuracy_validation) & (
+            finished["sops_total"] < row.sops_total
+        )
+        assert not better.any()
+
+
+def made_table(n=60):
+    """Values that `a` decides, `b` and the text `c` do not."""
+    rng = np.random.default_rng(0)
+    a, b = rng.choice([1, 2, 3, 4], n), rng.choice([10.0, 20.0], n)
+    value = 0.2 * a + 0.001 * rng.normal(size=n)
+    rest = {"accuracy_validation": value, "sops_total": 1e3 * a, "a": a, "b": b, "c": rng.choice(["x", "y"], n)}
+    return pd.DataFrame({"id": range(n), "outcome": search.FINISHED, "epochs": 3, "value": value, **rest, "error": ""})
+
+
+def test_importance_finds_what_decides_the_value():
+    found = search.importance(made_table(), ["a", "b", "c"])
+    assert found is not None
+    assert found.drop["a"] > 1.0
+    assert found.r2 > 0.95
+    assert abs(found.drop["b"]) < 0.05
+    assert abs(found.drop["c"]) < 0.05
+
+
+def test_too_few_trials_tell_nothing_of_importance():
+    assert search.importance(made_table(10), ["a", "b"]) is None
+
+
+def test_the_figure_shows_values_importance_and_front():
+    table = made_table()
+    table.loc[3, ["outcome", "value"]] = ["failed", float("nan")]
+    table.loc[5, "outcome"] = "stopped"
+    figure = draw_search(table, search.importance(table, ["a", "b", "c"]), search.front_table(table))
+    drawn = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
+    assert {"finished", "stopped", "failed", "best", "front"} <= drawn
+    assert len(draw_search(table, None).axes) == 1
+
+
+def test_every_trial_draws_seeds_of_its_own(trains):
+    """Also where it tries the same network again: weights and order differ from each other and from trial to trial."""
+    what, parameters = problem(trains), {"hidden": 4, "forward_weight_scale": 1.0}
+    pairs = [what.seeds_of(Proposal(number, parameters)) for number in range(20)]
+    assert len({seed for pair in pairs for seed in pair}) == 40
+    assert what.seeds_of(Proposal(3, parameters)) == pairs[3]
+    assert problem(trains, seed=1).seeds_of(Proposal(3, parameters)) != pairs[3]
+    assert what.seeds_of(Proposal(3, {**parameters, "hidden": 6})) != pairs[3]
+
+
+def test_the_same_network_tried_twice_is_trained_twice(trains):
+    what = problem(trains)
+    sides = trained.sides_of(trains, what.task)
+    first, second, again = (
+        search.try_network(search.Job(what, Proposal(number, {"hidden": 6}), None), trains, sides)
+        for number in (0, 1, 0)
+    )
+    assert first == again
+    assert (first.epochs, first.sops) != (second.epochs, second.sops)
+
+
+def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, monkeypatch):
+    what = problem(trains, objective="accuracy")
+    log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 1.0), Epoch(3, 0.5, 0.7, 0.8, 0.25))
+    monkeypatch.setattr(search, "train", lambda *_, **__: Training(log, log[0]))
+    trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, trained.sides_of(trains, what.task))
+    assert (trial.accuracy, trial.value) == (0.75, 0.75)
+
+
+# --- the command ------------------------------------------------------------------------------------
+
+
+def words(spikes, out, *more):
+    shape = ("--window-ms", "50", "--start-ms", "100", "--per-trial", "1", "--batch", "4", "--seed", "7")
+    small = ("--set", "training.epochs=3", "--set", "training.batch=4", "--space", str(out.parent / "space.toml"))
+    return ["neurotact", "tune", str(spikes), "-o", str(out), *shape, *small, *more]
+
+
+def write_space(folder):
+    (folder / "space.toml").write_text(spec.to_toml(SPACE))
+
+
+@pytest.fixture(scope="module")
+def tuned(spikes, tmp_path_factory):
+    """What `neurotact tune` left with two worker processes, and what it said on stderr."""
+    out = tmp_path_factory.mktemp("tune") / "tuned"
+    write_space(out.parent)
+    command = [sys.executable, "-c", "from neurotact.cli import main; main()"]
+    more = ("--trials", "6", "--workers", "2", "--objective", "accuracy-sops")
+    ended = subprocess.run([*command, *words(spikes, out, *more)[1:]], capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr
+    return out, ended.stderr
+
+
+def test_tune_leaves_a_network_that_can_be_used(tuned):
+    out, err = tuned
+    assert "tune 6/6  best " in err
+    assert spec.load(RSNNSpec, out / "best.toml").training.epochs == 3
+    assert (out / "search.png").is_file()
+    assert len(pd.read_csv(out / "trials.csv")) == 6
+    assert len(pd.read_csv(out / "pareto.csv")) >= 1
+    row = json.loads((out / "best" / "result.json").read_text())["row"]
+    assert row["accuracy_validation"] == search.best_of(search.read_journal(out / search.JOURNAL)).accuracy
+
+
+def test_two_processes_write_the_bytes_of_one(trains, tuned, tmp_path):
+    what = spec.build(search.Problem, json.loads((tuned[0] / "search.json").read_text()), source="search.json")
+    search.search(what, tmp_path, search.here(trains, what.task))
+    assert (tmp_path / search.JOURNAL).read_bytes() == (tuned[0] / search.JOURNAL).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--objective", "speed"), "objective: must be 'accuracy' or 'accuracy-sops'"),
+        (("--tuner", "gp"), "tuner: must be 'tpe', 'random' or 'grid'"),
+        (("--network", "rsnm"), "did you mean 'rsnn'?"),
+        (("--space", "texure"), "did you mean 'texture'?"),
+    ],
+)
+def test_tune_refuses_in_one_line(spikes, tmp_path, monkeypatch, capsys, more, message):
+    write_space(tmp_path)
+    monkeypatch.setattr(sys, "argv", words(spikes, tmp_path / "tuned", *more))
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    err = capsys.readouterr().err
+    assert end.value.code == 2
+    assert message in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "tuned").exists()
+
+
+@pytest.mark.slow
+def test_killed_and_resumed_gives_the_journal_of_the_uninterrupted_run(spikes, tmp_path):
+    write_space(tmp_path)
+    command = [sys.executable, "-c", "from neurotact.cli import main; main()"]
+    outs = [tmp_path / "whole", tmp_path / "killed"]
+    lines = [
+        [*command, *words(spikes, out, "--trials", "60", "--workers", n)[1:]] for out, n in zip(outs, "12", strict=True)
+    ]
+    subprocess.run(lines[0], check=True, capture_output=True)
+    process = subprocess.Popen(lines[1], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while not (outs[1] / search.JOURNAL).is_file() or (outs[1] / search.JOURNAL).read_bytes().count(b"\n") < 20:
+        assert process.poll() is None, "the search ended before it could be killed"
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    subprocess.run(lines[1], check=True, capture_output=True)
+    for name in (search.JOURNAL, "trials.csv", "best.toml"):
+        assert (outs[1] / name).read_bytes() == (outs[0] / name).read_bytes()
+
+
+# --- in a study -------------------------------------------------------------------------------------
+
+
+def searching_cells(**overrides):
+    table = {"search.space": SPACE, "search.trials": 5, "search.batch": 4, "search.start_epoch": 2}
+    return list(study.cells(study.resolve(TINY, table | overrides)))
+
+
+def test_without_a_search_a_cell_keeps_its_name():
+    cell = next(study.cells(study.resolve(TINY)))
+    assert cell.search is None
+    assert cell.digest() == spec.digest(cell.model_dump(mode="json", exclude={"search", *study.MEASURES}))
+    assert searching_cells()[0].digest() != cell.digest()
+
+
+def test_what_the_sweep_decides_is_not_searched():
+    assert all(set(cell.search.space) == {"forward_weight_scale"} for cell in searching_cells() if cell.search)
+    with pytest.raises(InputError, match="decides every key of its space"):
+        searching_cells(**{"search.space": {"hidden": SPACE["hidden"]}})
+
+
+def test_a_study_names_a_space_and_reads_back_equal(tmp_path):
+    what = study.resolve(TINY, {"search.space": "texture", "search.trials": 20})
+    assert what.search is not None
+    assert what.search.space == load_space("texture")
+    (tmp_path / "study.toml").write_text(study.to_toml(what))
+    assert study.resolve(tmp_path / "study.toml") == what
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"search.space": "texure"}, "did you mean 'texture'?"),
+        ({"search.trails": 3}, "search.trails: unknown key; did you mean 'trials'?"),
+        ({"search.space": {"hiden": SPACE["hidden"]}}, "hiden: unknown key; did you mean 'hidden'?"),
+    ],
+)
+def test_a_wrong_search_is_refused_before_anything_runs(overrides, message):
+    with pytest.raises(InputError) as refusal:
+        searching_cells(**overrides)
+    assert message in str(refusal.value)
+
+
+def test_a_cell_searches_and_reports_its_best_network(trains, tmp_path):
+    cell = searching_cells()[0]
+    left = cells.run_cell(cell, trains, tmp_path)
+    row = json.loads(left[cells.RESULT])["row"]
+    trials = search.read_journal(tmp_path / cells.SEARCH / search.JOURNAL)
+    best = search.best_of(trials)
+    assert len(trials) == 5
+    assert row["trial"] == best.id
+    assert row["network.forward_weight_scale"] == best.parameters["forward_weight_scale"]
+    assert row["accuracy_validation"] == best.accuracy
+    assert left[f"{cells.SEARCH}/{search.JOURNAL}"] == (tmp_path / cells.SEARCH / search.JOURNAL).read_bytes()
+
+
+def test_a_cells_search_goes_on_where_it_was_killed(trains, tmp_path):
+    cell = searching_cells()[0]
+    whole = cells.run_cell(cell, trains)
+    cells.run_cell(cell, trains, tmp_path)
+    path = tmp_path / cells.SEARCH / search.JOURNAL
+    path.write_bytes(path.read_bytes()[:400])
+    left = cells.run_cell(cell, trains, tmp_path)
+    timed = {"timing.json"}
+    assert {name: left[name] for name in left if name not in timed} == {n: whole[n] for n in whole if n not in timed}
+
+
+def test_seeds_search_anew(trains):
+    first, second = (json.loads(cells.run_cell(cell, trains)[cells.RESULT])["row"] for cell in searching_cells()[:2])
+    assert first["seed"] != second["seed"]
+    assert first["network.forward_weight_scale"] != second["network.forward_weight_scale"]
+
+
+def tried(number, value, outcome=search.FINISHED, sops=100.0):
+    return search.Trial(number, {"hidden": 4}, [value], outcome, value, sops, value)
+
+
+def test_the_best_trial_is_the_first_of_equal_ones_and_has_finished():
+    trials = [tried(0, 0.9, search.STOPPED), tried(1, 0.5), tried(2, 0.8), tried(3, 0.8)]
+    assert search.best_of(trials).id == 2
+    with pytest.raises(InputError, match="none of 1 trials finished"):
+        search.best_of(trials[:1])
+
+
+def test_a_stopped_trial_is_on_no_front():
+    trials = [tried(0, 0.9, search.STOPPED, sops=10.0), tried(1, 0.8, sops=50.0), tried(2, 0.7, sops=90.0)]
+    assert search.front_table(search.trials_table(trials))["id"].tolist() == [1]
+
+
+def test_what_no_key_decides_is_not_foreseen():
+    """Importance is that of trials which the forest has not seen: what it has seen it knows by heart."""
+    rng = np.random.default_rng(0)
+    keys = {"scale": rng.random(60), "rate": rng.random(60)}
+    at_random, decided = (pd.DataFrame({**keys, "value": value}) for value in (rng.random(60), keys["scale"]))
+    nothing, found = (search.importance(table, list(keys)) for table in (at_random, decided))
+    assert nothing is not None
+    assert found is not None
+    assert nothing.r2 < 0.1
+    assert found.r2 > 0.8
+    assert found.drop["scale"] > 10 * abs(found.drop["rate"])

@@ -1,0 +1,429 @@
+"""`neurotact train` goes on where it was interrupted and leaves the bytes of a training that was not."""
+
+import os
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from uuid import uuid4
+
+import numpy as np
+import pandas as pd
+import pytest
+import safetensors.torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neurotact import cli, files
+from neurotact.data.hdf5 import save_spikes
+from neurotact.data.spikes import SpikeTrains, from_rasters
+from neurotact.errors import InputError
+from neurotact.networks import train_run, trained
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.train_run import ASKED, CHECKPOINT, LEFT, RESULT, Interrupted, run
+from neurotact.spec import override, read, to_toml
+
+ROOT = Path(__file__).parents[2]
+N_EPOCHS = 5
+NETWORK = RSNNSpec(hidden=6, learn=("beta",), training=TrainingSpec(epochs=N_EPOCHS, batch=8, learning_rate=0.05))
+TASK = trained.Task(window={"length_ms": 40.0})
+
+
+def spikes_of(seed: int, n_trials: int = 24, n_steps: int = 40) -> SpikeTrains:
+    """Two classes that fire on different afferents."""
+    labels = np.arange(n_trials) % 2
+    rates = np.where(labels[:, None] == np.array([[0, 0, 1, 1]]), 0.3, 0.1)
+    rasters = np.random.default_rng(seed).random((n_trials, n_steps, 4)) < rates[:, None]
+    names = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
+    return from_rasters(rasters, 1000.0, names, pd.DataFrame({"label": [("felt", "silk")[i] for i in labels]}))
+
+
+@pytest.fixture(scope="module")
+def spikes(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("spikes") / "spikes.h5"
+    save_spikes(spikes_of(0), path)
+    return path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file, hidden ones too; the folder is as deep below the spikes as any other here."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def whole(spikes) -> dict[str, bytes]:
+    """What an uninterrupted training leaves."""
+    assert run(spikes, spikes.parent / "whole", NETWORK, TASK) is not None
+    left = contents(spikes.parent / "whole")
+    assert set(left) == set(LEFT) - {CHECKPOINT}
+    return left
+
+
+@pytest.fixture
+def folder(spikes) -> Path:
+    return new_folder(spikes)
+
+
+def new_folder(spikes: Path) -> Path:
+    """A folder beside the spikes that is not there yet."""
+    return spikes.parent / f"run-{uuid4()}"
+
+
+class Stop:
+    """Raises in place of the n-th call of `train_run._line`, which each epoch makes once."""
+
+    def __init__(self, after: int, error: type[BaseException] = KeyboardInterrupt) -> None:
+        self.left, self.error = after, error
+
+    def __call__(self, _epoch) -> str:
+        if self.left == 0:
+            raise self.error
+        self.left -= 1
+        return ""
+
+
+def interrupt(monkeypatch, after: int, spikes: Path, folder: Path, **options) -> int:
+    """Interrupt a training when so many epochs are saved; how many it says are."""
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "_line", Stop(after))
+        with pytest.raises(Interrupted) as end:
+            run(spikes, folder, NETWORK, TASK, **options)
+    return end.value.epochs
+
+
+@settings(max_examples=6)
+@given(stops=st.lists(st.integers(0, N_EPOCHS - 1), min_size=1, max_size=3), between=st.sampled_from([0.0, 1e9]))
+def test_a_training_interrupted_after_any_epochs_leaves_the_same_bytes(monkeypatch, spikes, whole, stops, between):
+    monkeypatch.setattr(train_run, "SECONDS_BETWEEN", between)  # each epoch, or the first and the last alone
+    folder = new_folder(spikes)
+    done = 0
+    for more in stops:
+        more = min(more, N_EPOCHS - 1 - done)
+        done += more
+        assert interrupt(monkeypatch, more, spikes, folder, resume=True) == done
+        assert not folder.exists() if done == 0 else set(contents(folder)) == {ASKED, CHECKPOINT}
+    assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
+    assert contents(folder) == whole
+
+
+@pytest.mark.parametrize("place", ["trained.save", "trained.measure", "files.write_json"])
+def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, whole, folder, place):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(f"neurotact.studies.{'train_run.' if place.startswith('files') else ''}{place}", interrupted)
+        with pytest.raises(Interrupted) as end:
+            run(spikes, folder, NETWORK, TASK)
+    assert end.value.epochs == N_EPOCHS
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "_line", Stop(0))  # no epoch is trained again
+        assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
+    assert contents(folder) == whole
+
+
+def test_a_training_that_is_done_is_left_alone(monkeypatch, spikes, whole, folder):
+    assert run(spikes, folder, NETWORK, TASK) is not None
+    monkeypatch.setattr(trained, "fit", None)
+    assert run(spikes, folder, NETWORK, TASK, resume=True) is None
+    with pytest.raises(InputError, match=r"already exists and is not empty; .*--force"):
+        run(spikes, folder, NETWORK, TASK)
+    assert contents(folder) == whole
+
+
+def test_the_folder_says_what_was_asked(spikes, whole):
+    asked = read(spikes.parent / "whole" / ASKED)
+    assert asked["spikes"] == os.path.join("..", "spikes.h5")
+    assert asked["network"]["training"]["epochs"] == N_EPOCHS
+    assert asked["task"]["window"]["length_ms"] == 40.0
+    assert asked["versions"]["neurotact"]
+
+
+# --- other settings, other spikes, other versions ---------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"seed": 1}, "seed = 0, not 1"),
+        ({"network": NETWORK.model_copy(update={"hidden": 7})}, "network.hidden = 6, not 7"),
+        ({"network": NETWORK.model_copy(update={"learn": ()})}, r"network.learn = \['beta'\], not \[\]"),
+        ({"task": TASK.model_copy(update={"exit_tolerance": 0.5})}, "task.exit_tolerance = 0.01, not 0.5"),
+        ({"task": trained.Task(window={"length_ms": 40, "hop_ms": 20})}, "task.window.hop_ms = None, not 20.0"),
+    ],
+)
+@pytest.mark.parametrize("is_done", [True, False])
+def test_other_settings_are_refused_by_name(monkeypatch, spikes, whole, folder, changes, expected, is_done):
+    if is_done:
+        folder = spikes.parent / "whole"
+    else:
+        interrupt(monkeypatch, 2, spikes, folder)
+    before = contents(folder)
+    asked = {"network": NETWORK, "task": TASK, **changes}
+    with pytest.raises(InputError, match=f"was begun with {expected}; give that, or start again with --force"):
+        run(spikes, folder, **asked, resume=True)
+    assert contents(folder) == before
+
+
+def test_spikes_that_changed_are_refused_and_moved_ones_are_not(monkeypatch, tmp_path, spikes, whole):
+    mine = tmp_path / "spikes.h5"
+    mine.write_bytes(spikes.read_bytes())
+    interrupt(monkeypatch, 2, mine, tmp_path / "run")
+    save_spikes(spikes_of(1), mine)
+    with pytest.raises(InputError, match="begun with other spikes, or the file has changed"):
+        run(mine, tmp_path / "run", NETWORK, TASK, resume=True)
+    mine.unlink()
+    run(spikes, tmp_path / "run", NETWORK, TASK, resume=True)
+    assert contents(tmp_path / "run")["weights.safetensors"] == whole["weights.safetensors"]
+
+
+def test_other_versions_are_told(monkeypatch, spikes, whole, folder):
+    versions = dict.fromkeys(train_run.NUMBERS, "x")
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "versions", lambda: {**versions, "torch": "1.0"})
+        interrupt(patch, 2, spikes, folder)
+        patch.setattr(train_run, "versions", lambda: {**versions, "torch": "2.0"})
+        with pytest.warns(UserWarning, match=r"was begun with torch 1\.0; its numbers may differ"):
+            run(spikes, folder, NETWORK, TASK, resume=True)
+    assert contents(folder)["weights.safetensors"] == whole["weights.safetensors"]
+
+
+# --- folders that are not free, and --force ---------------------------------------------------------
+
+
+def test_an_interrupted_training_is_not_begun_again_unasked(monkeypatch, spikes, folder):
+    interrupt(monkeypatch, 2, spikes, folder)
+    before = contents(folder)
+    with pytest.raises(InputError, match="was interrupted; pass --resume to go on, or --force to start again"):
+        run(spikes, folder, NETWORK, TASK)
+    assert contents(folder) == before
+
+
+def test_a_folder_that_holds_something_else_is_left_alone(tmp_path, spikes):
+    (tmp_path / "thesis.txt").write_text("precious")
+    for options, expected in (({}, "is not empty"), ({"resume": True}, "holds no training to go on with")):
+        with pytest.raises(InputError, match=expected):
+            run(spikes, tmp_path, NETWORK, TASK, **options)
+    with pytest.raises(InputError, match=r"thesis\.txt: is a file; name a folder"):
+        run(spikes, tmp_path / "thesis.txt", NETWORK, TASK)
+    assert contents(tmp_path) == {"thesis.txt": b"precious"}
+
+
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_force_replaces_a_training_and_nothing_else(monkeypatch, spikes, whole, folder, interrupted):
+    other = NETWORK.model_copy(update={"hidden": 9})
+    run(spikes, folder, other, TASK)
+    if interrupted:
+        (folder / RESULT).unlink()
+        (folder / CHECKPOINT).write_bytes(b"old")
+    (folder / "thesis.txt").write_text("precious")
+    assert run(spikes, folder, NETWORK, TASK, force=True) is not None
+    assert contents(folder) == {**whole, "thesis.txt": b"precious"}
+
+
+def test_force_replaces_nothing_until_an_epoch_is_over(monkeypatch, spikes, whole, folder):
+    run(spikes, folder, NETWORK, TASK)
+    assert interrupt(monkeypatch, 0, spikes, folder, seed=1, force=True) == 0
+    with pytest.raises(InputError, match="shorten the window"):
+        run(spikes, folder, NETWORK, trained.Task(window={"length_ms": 1e6}), force=True)
+    assert contents(folder) == whole
+    assert interrupt(monkeypatch, 1, spikes, folder, seed=1, force=True) == 1
+    assert set(contents(folder)) == {ASKED, CHECKPOINT}
+
+
+def test_a_refused_training_makes_no_folder(tmp_path, spikes):
+    with pytest.raises(InputError, match="shorten the window"):
+        run(spikes, tmp_path / "a" / "b", NETWORK, trained.Task(window={"length_ms": 1e6}))
+    with pytest.raises(InputError, match="--force, --resume: give one of them"):
+        run(spikes, tmp_path / "a" / "b", NETWORK, TASK, force=True, resume=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_one_training_at_a_time(spikes, folder):
+    with files.locked(folder), pytest.raises(InputError, match="is working here"):
+        run(spikes, folder, NETWORK, TASK)
+
+
+def test_drafts_of_a_killed_process_are_swept_and_do_not_fill_a_folder(spikes, whole, folder):
+    folder.mkdir()
+    (folder / f"{files.DRAFT}1.toml").write_text("")
+    (folder / files.LOCK).write_text("")
+    run(spikes, folder, NETWORK, TASK)
+    assert contents(folder) == whole
+
+
+# --- damaged folders --------------------------------------------------------------------------------
+
+
+def damage(folder: Path, what: str) -> None:
+    path = folder / (ASKED if what.startswith("asked") else CHECKPOINT)
+    content = path.read_bytes()
+    if what.endswith("truncated"):
+        path.write_bytes(content[: len(content) // 2])
+    elif what.endswith("junk"):
+        path.write_bytes(b'\xff{"junk": [')
+    elif what.endswith("absent"):
+        path.unlink()
+    elif what == "asked of another kind":
+        path.write_text("hidden = 3\n")
+    elif what == "asked for something else":  # by one who edits both the file and the command
+        path.write_text(to_toml(override(read(path), {"network.training.learning_rate": 0.9})))
+    else:
+        tensors = safetensors.torch.load(content)
+        tensors["weights.w_in"][0, 0] = {"NaN": float("nan"), "another weight": 0.5}[what]
+        path.write_bytes(safetensors.torch.save(tensors))
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "truncated", "junk", "NaN", "another weight", "asked truncated", "asked junk", "asked absent",
+        "asked of another kind",
+    ],
+)  # fmt: skip
+def test_a_damaged_folder_is_refused_and_begun_again_with_force(monkeypatch, spikes, whole, folder, what):
+    interrupt(monkeypatch, 2, spikes, folder)
+    damage(folder, what)
+    name = ASKED if what.startswith("asked") else CHECKPOINT
+    with pytest.raises(InputError, match=f"{name}: .*; start again with --force$") as refusal:
+        run(spikes, folder, NETWORK, TASK, resume=True)
+    assert "\n" not in str(refusal.value)
+    assert run(spikes, folder, NETWORK, TASK, force=True) is not None
+    assert contents(folder) == whole
+
+
+def test_a_checkpoint_goes_with_its_own_settings_alone(monkeypatch, spikes, folder):
+    interrupt(monkeypatch, 2, spikes, folder)
+    damage(folder, "asked for something else")
+    training = NETWORK.training.model_copy(update={"learning_rate": 0.9})
+    with pytest.raises(InputError, match="of another training"):
+        run(spikes, folder, NETWORK.model_copy(update={"training": training}), TASK, resume=True)
+
+
+def test_a_folder_without_its_checkpoint_is_begun_again(monkeypatch, spikes, whole, folder):
+    interrupt(monkeypatch, 2, spikes, folder)
+    (folder / CHECKPOINT).unlink()
+    assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
+    assert contents(folder) == whole
+
+
+def test_a_full_disk_is_one_sentence_and_the_training_goes_on_later(monkeypatch, spikes, whole, folder):
+    interrupt(monkeypatch, 2, spikes, folder)
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        patch.setattr(train_run, "SECONDS_BETWEEN", 0.0)
+        with pytest.raises(InputError, match=r"cannot be written .*make room"):
+            run(spikes, folder, NETWORK, TASK, resume=True)
+    assert set(contents(folder)) == {ASKED, CHECKPOINT}
+    assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
+    assert contents(folder) == whole
+
+
+def full(*_) -> None:
+    raise OSError(28, os.strerror(28))
+
+
+# --- as a user meets it -----------------------------------------------------------------------------
+
+OPTIONS = ("--set", f"training.epochs={N_EPOCHS}", "--set", "hidden=6", "--window-ms", "40")
+
+
+def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
+    words = ["train", str(spikes), "-o", str(folder), *OPTIONS]
+
+    def typed(*more: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["neurotact", *words, *more])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return (int(end.value.code or 0), *capsys.readouterr())
+
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "_line", Stop(0))
+        said = "neurotact: interrupted before the first epoch was over; nothing is saved\n"
+        assert typed() == (130, "", said)
+        patch.setattr(train_run, "_line", Stop(3))
+        said = f"neurotact: interrupted after epoch 3; go on with: neurotact {' '.join(words)} --resume\n"
+        assert typed("--force") == (130, "", said)
+    code, out, err = typed("--resume")
+    assert code == 0
+    assert f"{folder}: test of " in out
+    assert re.fullmatch(rf"train {N_EPOCHS}/{N_EPOCHS}  loss .*, validation accuracy .*\n", err)
+    assert typed("--resume") == (
+        0,
+        f"{folder}: this training is done already; its result is in {folder / RESULT}\n",
+        "",
+    )
+
+
+TRAIN = """
+import sys
+from pathlib import Path
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.studies import train_run
+from neurotact.networks.trained import Task
+train_run.SECONDS_BETWEEN = float(sys.argv[3])
+network = RSNNSpec(hidden=6, training=TrainingSpec(epochs=int(sys.argv[4]), patience=10**6, batch=4))
+try:
+    train_run.run(Path(sys.argv[1]), Path(sys.argv[2]), network, Task(window={"length_ms": 40}), resume=True)
+except train_run.Interrupted as interrupted:
+    sys.exit(130)
+"""
+
+
+def begin(spikes: Path, folder: Path, n_epochs: int, between: float = 0.0) -> subprocess.Popen:
+    words = [sys.executable, "-c", TRAIN, str(spikes), str(folder), str(between), str(n_epochs)]
+    return subprocess.Popen(words, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL)
+
+
+def wait_for(path: Path, process: subprocess.Popen) -> None:
+    while not path.exists() and process.poll() is None:
+        time.sleep(0.01)
+
+
+@pytest.mark.slow
+def test_the_end_of_a_time_limit_saves_as_ctrl_c_does(spikes, folder):
+    with begin(spikes, folder, 10**6, between=1e9) as process:
+        wait_for(folder / CHECKPOINT, process)
+        first = (folder / CHECKPOINT).read_bytes()
+        time.sleep(0.5)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait() == 130
+    assert set(contents(folder)) == {ASKED, CHECKPOINT}
+    assert (folder / CHECKPOINT).read_bytes() != first
+
+
+@pytest.mark.slow
+def test_a_training_killed_at_random_moments_leaves_the_same_bytes(spikes):
+    n_epochs, draw = 300, random.Random(0)
+    undisturbed, killed = new_folder(spikes), new_folder(spikes)
+    with begin(spikes, undisturbed, n_epochs) as process:
+        assert process.wait() == 0
+    n_kills = 0
+    while not (killed / RESULT).exists() and n_kills < 10:
+        with begin(spikes, killed, n_epochs) as process:
+            wait_for(killed / files.LOCK, process)
+            time.sleep(draw.random() * 0.3)
+            process.kill()
+            n_kills += process.wait() != 0
+    with begin(spikes, killed, n_epochs) as process:
+        assert process.wait() == 0
+    assert n_kills > 2
+    assert contents(killed) == contents(undisturbed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("before", ["nothing", "done", "interrupted"])
+def test_a_training_killed_before_any_step_of_its_writing_leaves_the_same_bytes(spikes, tmp_path, before):
+    script = Path(__file__).with_name("killed_trainings.py")
+    words = [sys.executable, str(script), str(spikes), str(tmp_path), before]
+    done = subprocess.run(
+        words, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    n_steps, n_untouched = map(int, done.stdout.split())
+    assert n_steps > 20
+    assert n_untouched < 5

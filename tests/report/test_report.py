@@ -1,0 +1,354 @@
+"""The report shows what a run holds, says what it lacks, and asks nothing of the network."""
+
+import json
+import re
+from base64 import b64decode
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from browser import browser
+from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
+
+from neurotact.data.hdf5 import load_spikes
+from neurotact.errors import InputError
+from neurotact.files import read_json
+from neurotact.networks import trained
+from neurotact.report import networks, tables
+from neurotact.report.details import SOPS_COLUMNS
+from neurotact.studies import study
+from neurotact.studies.cell import cell_folder
+from neurotact.studies.claims import Claim
+from neurotact.studies.study import StudySpec
+
+TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
+CLAIMS = (
+    Claim(name="Counts fall", source="Fig. 6", published="1&1 > 10&10", kind="order", table="encoding",
+          measure="spikes_total_per_s", order=(({"pair": "1&1"},), ({"pair": "10&10"},))),
+    Claim(name="1&1 is <accurate>", source="Fig. 11", published="99.9 %", kind="value", measure="accuracy_test",
+          where={"pair": "1&1", "dataset": "mixed", "hidden": 30}, value=0.999, tolerance=0.001,
+          why="Chance & noise."),
+    Claim(name="7&7", source="Fig. 8", published="90 %", kind="at_least", measure="accuracy_test",
+          where={"pair": "7&7"}, value=0.9, why="Untold."),
+)  # fmt: skip
+
+
+def make_study(**changes) -> StudySpec:
+    sweep = {
+        "dataset": ["v1 mix", "mixed"],
+        "encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [1, 5], [10, 10]],
+        "network.hidden": [20, 30],
+        "seed": [0, 1],
+    }
+    table = {
+        "title": "A study of <gratings>",
+        "about": "First paragraph.\n\nSecond.",
+        "dataset": {**GRATINGS, "subsets": SUBSETS},
+        "window": {"length_ms": 150.0, "start_ms": 100.0},
+        "sweep": sweep,
+        "claims": CLAIMS,
+        "encoder": study.PARTS["encoder"]("sa1-ra1-lif"),
+        "network": study.PARTS["network"]("rsnn"),
+    }
+    return StudySpec.model_validate({**table, **changes})
+
+
+class Page(HTMLParser):
+    """What a test asks of a page: its links, pictures, heads of tables, text, and the data of its script."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.links, self.images, self.heads, self.ids, self.text = [], [], [], [], ""
+        self.downloads, self.handlers, self.json, self._in_script = {}, [], "", None
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.links += [given[k] for k in ("href", "src") if k in given]
+        self.ids += [given["id"]] if "id" in given else []
+        if tag == "img":
+            self.images.append(given)
+        if tag == "th":
+            self.heads.append(given.get("scope"))
+        if "download" in given:
+            self.downloads[given["download"]] = given["href"]
+        self.handlers += [name for name in given if name.startswith("on")]
+        self._in_script = given.get("id", "") if tag == "script" else None
+
+    def handle_endtag(self, tag):
+        self._in_script = None if tag == "script" else self._in_script
+
+    def handle_data(self, data):
+        if self._in_script == "study-data":
+            self.json += data
+        elif self._in_script is None:
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A whole run of gratings, its RA-I afferents heard, with its report."""
+    folder = tmp_path_factory.mktemp("run")
+    what = make_study(linear_baseline=True)
+    make_run(what, folder, grating_conditions())
+    pd.DataFrame([{"dataset": "mixed", "n_test": 9, "accuracy_test": 0.456, "chance": 0.25}]).to_csv(
+        folder / "baseline.csv", index=False
+    )
+    return networks.write(what, folder)
+
+
+def test_the_report_needs_nothing_from_the_network(written):
+    text = written.read_text()
+    assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", text)
+    for link in Page(written).links:
+        assert link.startswith(("data:", "#")) or (written.parent / link).is_file(), link
+
+
+def test_links_inside_the_page_lead_somewhere_and_ids_are_unique(written):
+    page = Page(written)
+    assert len(page.ids) == len(set(page.ids))
+    assert {link[1:] for link in page.links if link.startswith("#")} <= set(page.ids)
+
+
+def test_each_figure_is_in_the_page_with_its_text_and_beside_it_twice(written):
+    page = Page(written)
+    names = [
+        "rasters", "spike-counts", "rates", "isis", "accuracy-and-sops", "trade-off", "confusion", "training",
+    ]  # fmt: skip
+    assert [i.removeprefix("figure-") for i in page.ids if i.startswith("figure-")] == names
+    assert all(image["alt"] and image["src"].startswith("data:image/svg+xml;base64,") for image in page.images)
+    found = {path.name for path in (written.parent / "figures").iterdir()}
+    assert found == {f"{name}{suffix}" for name in names for suffix in (".svg", ".png")}
+
+
+def test_each_claim_is_told_with_its_verdict(written):
+    text = Page(written).text
+    assert "1 of 2 claims reproduced, 1 not in this run" in text
+    for claim in CLAIMS:
+        assert claim.name in text
+        assert claim.rule in text
+    assert "✓ yes" in text
+    assert "✗ no: Chance & noise." in text
+    assert "no: Untold." not in text
+    assert text.count("✗ no") == 1
+
+
+def test_what_was_run_is_told(written):
+    text = Page(written).text
+    assert "A study of <gratings>" in text
+    assert "0" * 64 in text
+    assert "torch" in text
+    assert "t_ref_ms" in text
+    assert "24 cells took 1 min 24 s" in text
+    assert "45.6" in text
+
+
+def test_heads_of_tables_have_a_scope(written):
+    assert set(Page(written).heads) == {"col", "row"}
+
+
+def test_tables_hold_the_numbers(written):
+    results = tables.with_setting(tables.with_pair(pd.read_csv(written.parent / "results.csv")), [])
+    table = networks.means_table(results)
+    assert len(table.rows) == 12
+    rows = results[(results["dataset"] == "mixed") & (results["pair"] == "1&5") & (results["hidden"] == 30)]
+    (shown,) = [row for row in table.rows if row[:3] == ["mixed", "1&5", "30"]]
+    accuracy = 100 * rows["accuracy_test"]
+    assert shown[5] == f"{accuracy.mean():.1f} ± {accuracy.std():.1f}"
+    assert Page(written).text.count("10&10") > 4
+
+
+def test_the_same_run_gives_the_same_report(written):
+    before = written.read_bytes()
+    assert networks.write(make_study(linear_baseline=True), written.parent).read_bytes() == before
+
+
+def test_one_seed_and_a_silent_population(tmp_path):
+    what = make_study()
+    what = what.model_copy(update={"sweep": {**what.sweep, "seed": [0]}})
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), silent_ra=True)))
+    assert "1 seed," in page.text
+    assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path)).rows for cell in row)
+
+
+@pytest.mark.parametrize("n_done", [1, 14])
+def test_a_run_that_is_not_complete_says_so(tmp_path, n_done):
+    what = make_study()
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), n_done=n_done)))
+    assert f"{n_done} of 24" in page.text
+
+
+@pytest.mark.parametrize("stratify", [[], ["finger"]])
+def test_other_touch_than_gratings(tmp_path, stratify):
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]], "network.hidden": [30]}
+    what = make_study(dataset={"file": "fabrics.h5", "stratify": stratify}, sweep=sweep, claims=())
+    conditions = pd.DataFrame({"label": ["felt", "None"] * 4, "finger": ["left"] * 4 + ["right"] * 4})
+    page = Page(networks.write(what, make_run(what, tmp_path, conditions)))
+    assert "felt" in page.text
+    assert "claims" not in page.ids
+
+
+def test_a_reason_that_claims_share_stands_once(tmp_path):
+    claims = tuple(CLAIMS[1].model_copy(update={"name": name, "why": "Shared & told once."}) for name in ("a", "b"))
+    what = make_study(claims=(*claims, CLAIMS[1]))
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
+    claims_told = page.text.partition("Explore the trade-off")[0]
+    assert claims_told.count("Shared & told once.") == 1
+    assert claims_told.count("reason 1") == 2
+    assert "reason-1" in page.ids
+    assert "no: Chance & noise." in " ".join(claims_told.split())
+
+
+def test_another_swept_key_tells_its_networks_apart(tmp_path):
+    sweep = {"window.length_ms": [50.0, 100.0], "network.hidden": [20]}
+    what = make_study(sweep=sweep, claims=())
+    text = Page(networks.write(what, make_run(what, tmp_path, grating_conditions()))).text
+    assert "v1 mix, window length 50 ms" in text
+
+
+def test_a_folder_without_results_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"results\.csv.*no such file"):
+        networks.write(make_study(), tmp_path)
+
+
+def test_texts_are_downloaded_from_the_page_itself(written):
+    downloads = Page(written).downloads
+    for name in ("results.csv", "results.json", "sops.csv", "sops.json", "sops.md", "encoding.csv", "study.toml"):
+        kind, _, content = downloads[name].partition(";base64,")
+        assert kind.startswith("data:")
+        assert b64decode(content) == (written.parent / name).read_bytes()
+
+
+def test_results_as_json_are_those_of_the_csv(written):
+    table = pd.read_csv(written.parent / "results.csv")
+    assert read_json(written.parent / "results.json") == table.to_dict("records")
+
+
+def test_the_sop_report_is_the_same_in_three_forms_and_adds_up(written):
+    table = pd.read_csv(written.parent / "sops.csv")
+    assert list(table.columns) == ["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *SOPS_COLUMNS]
+    assert len(table) == 24
+    assert read_json(written.parent / "sops.json") == table.to_dict("records")
+    assert (written.parent / "sops.md").read_text().count("\n|") == 26
+    assert np.allclose(table.sops_total, table.sops_input + table.sops_recurrent + table.sops_readout)
+    assert (table.exit_sops_input < table.sops_input.max()).all()
+
+
+def test_the_page_knows_of_each_cell_what_its_network_does(written):
+    """One cell by hand: its raster is the network's."""
+    data = json.loads(Page(written).json)
+    cells = list(study.cells(make_study()))
+    assert [cell["row"]["seed"] for cell in data["cells"]] == [cell.seed for cell in cells]
+    assert data["cells"][23]["name"] == "mixed, t_ref 10&10 ms, N = 30, seed 1"
+    shown, place = data["cells"][23], cell_folder(written.parent, cells[23])
+    restored = trained.restore(place)
+    trains = load_spikes(restored.spikes_path)
+    raster = shown["raster"]
+    trial, windows = trained.examples_of(trains, np.array([raster["trial"]]), restored.task.window)
+    first = round(raster["start_ms"] * 1e-3 * trains.sampling_rate_Hz) == windows.start
+    with torch.no_grad():
+        spikes = restored.network.simulate(trial.spikes[first])
+    assert [list(np.flatnonzero(neuron)) for neuron in spikes.hidden[0].numpy().T] == raster["hidden"]
+    assert sum(map(len, raster["input"])) == trial.spikes[first].sum()
+    assert sum(map(len, raster["readout"])) == spikes.readout.sum()
+    assert len({cell["raster"]["trial"] for cell in data["cells"] if cell["setting"] == "mixed"}) == 1
+
+
+def test_without_its_networks_a_run_is_still_reported(tmp_path):
+    what = make_study()
+    make_run(what, tmp_path, grating_conditions())
+    for path in tmp_path.glob("cells/*/network.json"):
+        path.unlink()
+    data = json.loads(Page(networks.write(what, tmp_path)).json)
+    assert not any("raster" in cell for cell in data["cells"])
+    assert all(cell["training"] for cell in data["cells"])
+
+
+def test_a_name_cannot_leave_the_script_that_holds_it(tmp_path):
+    name = "</script><script>alert('&')</script>"
+    sweep = {"dataset": [name], "network.hidden": [20]}
+    what = make_study(dataset={**GRATINGS, "subsets": {name: {}}}, sweep=sweep, claims=())
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
+    assert json.loads(page.json)["cells"][0]["setting"] == name
+    assert not page.handlers
+
+
+def _results(folder: Path) -> pd.DataFrame:
+    return tables.with_setting(tables.with_pair(pd.read_csv(folder / "results.csv")), [])
+
+
+CHOSEN = "document.getElementById('cell-name').textContent"
+DRAWN = "document.querySelector('#plot .points path')"
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory):
+    with browser(tmp_path_factory.mktemp("chromium") / "profile") as opened:
+        yield opened
+
+
+def assert_quiet(chromium, page: Path):
+    assert chromium.complaints == []
+    asked = {url for url in chromium.requests if not url.startswith(("data:", "blob:"))}
+    assert asked == {page.as_uri()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scheme"), [(400, "dark"), (1400, "light")])
+def test_in_a_browser_a_point_is_clicked_and_its_network_shown(chromium, written, width, scheme):
+    chromium.open(written, width, scheme=scheme)
+    chromium.wait_for(DRAWN)
+    assert chromium.evaluate("document.documentElement.scrollWidth") <= width
+    # The first point of the first pair's trace: a cell of the data set that is shown.
+    place = chromium.evaluate(
+        "(() => { const host = document.getElementById('plot'); host.scrollIntoView();"
+        "const at = host.data.findIndex((trace) => trace.customdata?.length);"
+        "const { left, top } = host.getBoundingClientRect(), { xaxis, yaxis } = host._fullLayout;"
+        "return [host.data[at].customdata[0], left + xaxis._offset + xaxis.d2p(host.data[at].x[0]),"
+        "top + yaxis._offset + yaxis.d2p(host.data[at].y[0])]; })()"
+    )
+    chromium.click(*place[1:])
+    cell = json.loads(Page(written).json)["cells"][place[0]]
+    chromium.wait_for(f"{CHOSEN} === {json.dumps(cell['name'])}")
+    assert chromium.evaluate("document.querySelectorAll('#cell svg').length") == 3
+    assert chromium.evaluate("document.querySelectorAll('#cell-confusion tbody tr').length") == 4
+    ledger = chromium.evaluate("document.querySelector('#cell-sops').textContent")
+    assert f"{cell['row']['sops_total']:,.0f}" in ledger
+    assert_quiet(chromium, written)
+
+
+@pytest.mark.slow
+def test_in_a_browser_the_keyboard_sorts_the_table_and_shows_a_network(chromium, written):
+    chromium.open(written, 1400)
+    chromium.wait_for(DRAWN)
+    head = "document.querySelector('#networks thead th:nth-child(6)')"
+    column = "[...document.querySelectorAll('#networks tbody td:nth-child(6)')].map((cell) => Number(cell.textContent))"
+    chromium.evaluate(f"{head}.querySelector('button').focus()")
+    for direction, is_reversed in (("ascending", False), ("descending", True)):
+        chromium.press("Enter")
+        assert chromium.evaluate(f"{head}.getAttribute('aria-sort')") == direction
+        values = chromium.evaluate(column)
+        assert values == sorted(values, reverse=is_reversed)
+    for _ in range(5):  # four more heads, then the one row that Tab reaches
+        chromium.press("Tab")
+    assert chromium.evaluate("document.activeElement.localName") == "tr"
+    chromium.press("ArrowUp")
+    index = chromium.evaluate("document.activeElement.dataset.cell")
+    chromium.press("Enter")
+    assert chromium.evaluate(CHOSEN) == json.loads(Page(written).json)["cells"][int(index)]["name"]
+    assert chromium.evaluate("document.activeElement.id") == "cell-name"
+    assert_quiet(chromium, written)
+
+
+@pytest.mark.slow
+def test_a_browser_that_cannot_unpack_the_library_still_shows_networks(chromium, written):
+    script = chromium.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream")
+    chromium.open(written, 1400)
+    chromium.wait_for("!document.getElementById('plot-note').hidden")
+    chromium.call("Page.removeScriptToEvaluateOnNewDocument", identifier=script["identifier"])
+    assert "cannot draw the points" in chromium.evaluate("document.getElementById('plot-note').textContent")
+    chromium.evaluate("document.querySelector('#networks tbody tr').click()")
+    assert chromium.evaluate(CHOSEN) == json.loads(Page(written).json)["cells"][0]["name"]

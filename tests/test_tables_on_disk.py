@@ -1,0 +1,98 @@
+"""Tables hold the same rows whatever their suffix."""
+
+import csv
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.errors import InputError
+from neurotact.metrics.synops import summary, to_table
+from neurotact.tables import escaped, read_table, sops_summary, to_markdown, write_table
+
+TABLE = pd.DataFrame({"name": ["a|b", "é"], "n": [1, 2], "sops": [1 / 3, np.nan]})
+
+
+def test_json_and_csv_keep_every_digit(tmp_path):
+    for suffix in ("csv", "json"):
+        write_table(TABLE, tmp_path / f"t.{suffix}")
+    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "t.csv"), TABLE, rtol=1e-15)
+    assert json.loads((tmp_path / "t.json").read_text()) == [
+        {"name": "a|b", "n": 1, "sops": 1 / 3},
+        {"name": "é", "n": 2, "sops": None},
+    ]
+
+
+def test_markdown_begins_with_what_it_is_about(tmp_path):
+    write_table(TABLE, tmp_path / "t.md", about="# Title\n")
+    head, *rows = (tmp_path / "t.md").read_text().split("\n\n")[1].splitlines()
+    assert (tmp_path / "t.md").read_text().startswith("# Title\n\n| name |")
+    assert head == "| name | n | sops |"
+    assert rows[1:] == ["| a\\|b | 1 | 0.333333 |", "| é | 2 | - |"]
+
+
+def test_the_sops_of_single_windows_stand_under_their_means():
+    table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
+                     hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)  # fmt: skip
+    told = sops_summary(summary(table), "run, full window")
+    assert "| all | 2 | 0.5 | 200 |" in told
+    assert told.startswith("# Synaptic operations (SOPs) of run, full window")
+    sides = sops_summary(summary(table.assign(side=["test", "training"])), "run, full window")
+    assert "the sides of the split apart" in sides
+    assert "| training | all | 1 | 1 (seen in training) | 100 |" in sides
+    assert "| test | all | 1 | 0 | 300 |" in sides
+
+
+def test_another_suffix_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"t\.xls.*\.csv, \.json, \.md"):
+        write_table(TABLE, tmp_path / "t.xls")
+
+
+NAMES = st.text(st.sampled_from("=+-@'\t\r\n1.eax|*_`<&;~[](\\ "), min_size=1, max_size=6)
+
+
+@given(names=st.lists(NAMES.filter(lambda name: not looks_like_a_number(name)), min_size=1, max_size=5), column=NAMES)
+def test_no_cell_of_a_csv_is_a_formula_and_every_name_comes_back(tmp_path, names, column):
+    table = pd.DataFrame({"label": names, "n": range(len(names))}).rename(columns={"label": f"x{column}"})
+    write_table(table, tmp_path / "t.csv")
+    with open(tmp_path / "t.csv", newline="") as file:
+        rows = list(csv.reader(file))
+    assert not [cell for row in rows for cell in row if len(cell) > 1 and cell[0] in "=+-@\t\r\n"]
+    again = read_table(tmp_path / "t.csv", dtype={f"x{column}": str}, keep_default_na=False)
+    assert again.iloc[:, 0].tolist() == [one_line_end(name) for name in names]
+    assert list(again) == [one_line_end(name) for name in table]
+
+
+def one_line_end(name: str) -> str:
+    return name.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def looks_like_a_number(name: str) -> bool:
+    try:
+        float(name)
+    except ValueError:
+        return False
+    return True
+
+
+def test_numbers_and_ordinary_names_are_written_as_they_are(tmp_path):
+    table = pd.DataFrame({"-n": [-1.5, 2.0], "label": ["P0.5-a", "'felt'"], "t_ref_ms": ["-1e-3", "+2"]})
+    write_table(table, tmp_path / "t.csv")
+    assert (tmp_path / "t.csv").read_text() == "'-n,label,t_ref_ms\n-1.5,P0.5-a,-1e-3\n2.0,'felt',+2\n"
+    assert list(read_table(tmp_path / "t.csv")) == ["-n", "label", "t_ref_ms"]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("sops_total", "sops_total"), ("1&1", "1&1"), ("a|b", "a\\|b"), ("*a*", "\\*a\\*"), ("_a_", "\\_a\\_"),
+        ("`a`", "\\`a\\`"), ("<b>", "\\<b>"), ("a\nb\r\n| c", "a b \\| c"), ("[a](b)", "[a]\\(b)"), ("&lt;", "\\&lt;"),
+        ("a\\|b", "a\\\\\\|b"), ("~~a~~", "\\~\\~a\\~\\~"),
+    ],
+)  # fmt: skip
+def test_markup_is_escaped(text, shown):
+    assert escaped(text) == shown
+    assert to_markdown(pd.DataFrame({text: [text]})).splitlines()[::2] == [f"| {shown} |"] * 2
