@@ -1,5 +1,8 @@
 """The one error that means: what you gave cannot be used, and this is how to mend it."""
 
+INTERRUPTED = 130
+"""The exit code after Ctrl-C."""
+
 
 class InputError(ValueError):
     """A spec, a file or a recording that neurotact cannot use.

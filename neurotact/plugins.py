@@ -31,8 +31,8 @@ def load(group: Group, name: str) -> Any:
     Traceback (most recent call last):
     neurotact.errors.InputError: protocols: there is none called 'stifness'; did you mean 'stiffness'?
     """
-    found = _found(group).get(name, ())
-    if not found:
+    found = _found(group).get(name)
+    if found is None:
         raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
     if len(found) > 1:
         packages = " and ".join(sorted(_package(point) for point in found))
@@ -45,12 +45,12 @@ def load(group: Group, name: str) -> Any:
 
 
 @lru_cache
-def _found(group: Group) -> dict[str, tuple[EntryPoint, ...]]:
+def _found(group: Group) -> dict[str, list[EntryPoint]]:
     """Entry points by name; one package that is installed twice counts once."""
     found: dict[str, dict[str, EntryPoint]] = {}
     for point in entry_points(group=f"neurotact.{group}"):
         found.setdefault(point.name, {})[f"{_package(point)} {point.value}"] = point
-    return {name: tuple(points.values()) for name, points in found.items()}
+    return {name: list(points.values()) for name, points in found.items()}
 
 
 def _package(point: EntryPoint) -> str:

@@ -4,12 +4,19 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 Advance = Callable[[int, str], None]
 SECONDS_BETWEEN_LINES = 10.0
+_shown = ContextVar("shown", default=True)
+
+
+def show(is_shown: bool) -> None:
+    """Whether `track` writes anything from here on."""
+    _shown.set(is_shown)
 
 
 @contextmanager
@@ -23,6 +30,9 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
     ...     advance(1, "trial 1")
     ...     advance(1, "trial 2")
     """
+    if not _shown.get():
+        yield silent
+        return
     if sys.stderr.isatty():
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         bound = (TextColumn("at most"),) if at_most else ()

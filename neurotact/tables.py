@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from neurotact.errors import InputError
 from neurotact.files import existing, whole
-from neurotact.metrics.synops import SIDE, TRAINING
 
 SUFFIXES = (".csv", ".json", ".md")
+NETWORK = ["setting", "pair", "hidden"]
 FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
 """A text that a spreadsheet runs, or that is led by ' already."""
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
@@ -99,6 +98,18 @@ def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], 
     return pd.DataFrame(columns).reset_index()
 
 
+def over_seeds(results: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
+    """Mean, standard deviation over seeds and their number, for each network, in the order of the table.
+
+    Columns: setting, pair, hidden, seeds, and the measures as `means_over` gives them.
+
+    >>> rows = {"setting": ["all"] * 2, "pair": ["1&1"] * 2, "hidden": [20] * 2, "accuracy_test": [0.8, 0.9]}
+    >>> over_seeds(pd.DataFrame(rows), ["accuracy_test"]).round(3).to_dict("records")
+    [{'setting': 'all', 'pair': '1&1', 'hidden': 20, 'seeds': 2, 'accuracy_test': 0.85, 'accuracy_test_sd': 0.071}]
+    """
+    return means_over(results, NETWORK, measures, "seeds")
+
+
 def to_json(table: pd.DataFrame) -> str:
     """A record a row, every digit of each number kept.
 
@@ -131,31 +142,6 @@ def to_markdown(table: pd.DataFrame) -> str:
     lines = [columns, *rows]
     head, *body = ("| " + " | ".join(map(escaped, line)) + " |" for line in lines)
     return "\n".join([head, f"|{'|'.join(sides)}|", *body])
-
-
-def sops_summary(summary: pd.DataFrame, what: str) -> str:
-    """Markdown that stands above the SOPs of single windows: their means for each class.
-
-    summary: of `metrics.synops.summary`.
-    """
-    apart = ", the sides of the split apart" if SIDE in summary else ""
-    means = f"Means over windows for each class{apart}:\n\n{to_markdown(_marked(summary))}"
-    return f"# Synaptic operations (SOPs) of {escaped(what)}\n\n{means}\n\nEach window:"
-
-
-def _marked(summary: pd.DataFrame) -> pd.DataFrame:
-    """A SOP summary as it is shown: the accuracy of windows that a network was trained on says so.
-
-    >>> seen = pd.DataFrame({"side": ["training", "test"], "windows": [70, 15], "accuracy": [0.875, 0.75]})
-    >>> _marked(seen).values.tolist()
-    [['training', 70, '0.875 (seen in training)'], ['test', 15, '0.75']]
-    """
-    if SIDE not in summary:
-        return summary
-    notes = np.where(summary[SIDE] == TRAINING, " (seen in training)", "")
-    return summary.assign(
-        accuracy=[f"{share:.6g}{note}" for share, note in zip(summary["accuracy"], notes, strict=True)]
-    )
 
 
 def _text(value: Any) -> str:

@@ -1,7 +1,9 @@
 """Imports go one way, and nothing reads a pickle."""
 
 import ast
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -12,14 +14,21 @@ PACKAGE = Path(neurotact.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     ("errors",),
-    ("files", "progress", "backend"),
-    ("spec", "neurons"),
-    ("data", "encoders", "networks", "baselines", "metrics"),
-    ("export",),
+    ("files", "progress", "backend", "interrupt"),
+    ("spec", "neurons", "tables", "checks", "plugins", "workers", "versions"),
+    ("data",),
+    ("metrics",),
+    ("encoders",),
+    ("networks", "baselines"),
+    ("figures",),
     ("studies",),
+    ("report",),
+    ("papers",),
     ("cli",),
     ("__main__",),
 )
+LARGEST_ROOM = 0.30
+"""Share of the package's lines that one room may hold."""
 FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
 PICKLES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
 
@@ -63,6 +72,36 @@ def test_a_module_imports_from_lower_floors_alone(path):
         return
     same_or_higher = {used for used in parts_used(path) if used != part and FLOOR[used] >= FLOOR[part]}
     assert not same_or_higher
+
+
+def test_no_module_imports_itself_in_a_circle():
+    names = {module_of(path): path for path in MODULES}
+    used = {name: {_module_in(one, names) for one in imported(path)} - {None, name} for name, path in names.items()}
+    TopologicalSorter(used).prepare()  # raises CycleError, which names the circle
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _module_in(dotted: str, names: Mapping[str, Path]) -> str | None:
+    """The module that an imported name is, or lies in; None where it is of another package."""
+    return dotted if dotted in names else next((one for one in [dotted.rpartition(".")[0]] if one in names), None)
+
+
+def test_no_room_holds_most_of_the_package():
+    lines = Counter()
+    for path in MODULES:
+        lines[part_of(path)] += len(path.read_text(encoding="utf-8").splitlines())
+    room, most = lines.most_common(1)[0]
+    assert most < LARGEST_ROOM * lines.total(), room
+
+
+def test_only_the_papers_import_a_paper():
+    """The framework finds them by name (`neurotact.plugins`)."""
+    knowing = {path for path in MODULES if any(name.startswith("neurotact.papers") for name in imported(path))}
+    assert {part_of(path) for path in knowing} == {"papers"}
 
 
 @each_module

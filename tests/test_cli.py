@@ -14,6 +14,7 @@ import pytest
 import torch
 
 from neurotact import __version__, cli, spec
+from neurotact.cli import encoding
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.networks import trained
@@ -309,7 +310,7 @@ class Interrupt:
             os.kill(os.getpid(), signal.SIGINT)
 from neurotact.__main__ import main
 sys.meta_path.insert(0, Interrupt())
-sys.argv = ["neurotact", "list"]
+sys.argv = ["neurotact", "train", "spikes.h5", "-o", "run"]
 main()
 """
 
@@ -370,7 +371,7 @@ def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "encode_file", interrupted)
+    monkeypatch.setattr(encoding, "encode_file", interrupted)
     assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
     assert not list(tmp_path.iterdir())
 
@@ -379,7 +380,7 @@ def test_a_fault_of_ours_is_not_hidden(monkeypatch, made, tmp_path):
     def broken(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(cli, "encode_file", broken)
+    monkeypatch.setattr(encoding, "encode_file", broken)
     monkeypatch.setattr(sys, "argv", ["neurotact", "encode", str(made / "touch.h5"), "-o", str(tmp_path / "s.h5")])
     with pytest.raises(ZeroDivisionError):
         cli.main()
@@ -589,7 +590,7 @@ def test_two_outputs_of_a_command_are_two_files(refused, made, tmp_path):
 
 
 def test_a_name_that_is_too_long_is_refused_before_any_work(refused, made, tmp_path, monkeypatch):
-    monkeypatch.setattr(cli, "encode_file", lambda *_: pytest.fail("it worked"))
+    monkeypatch.setattr(encoding, "encode_file", lambda *_: pytest.fail("it worked"))
     refused(("encode", made / "touch.h5", "-o", tmp_path / ("x" * 300)), "File name too long")
 
 
@@ -844,7 +845,7 @@ def test_a_damaged_network_is_named(refused, made, tmp_path, name):
         ("encoder.sa1.t_ref_ms=5", "is swept as"),
         ("dataset.parameters.trails=5", "trails: unknown key; did you mean 'trials'?"),
         ("dataset.parameters.noise_mV_rms=nan", "noise_mV_rms: must be a finite number"),
-        ("dataset.simulate=felt", "dataset.simulate: there is no such simulation; known: gratings"),
+        ("dataset.simulate=felt", "dataset.simulate: there is no such simulation; known: compliance"),
         ("dataset.subsets=3", "dataset.subsets: must be a table; got 3"),
         ("window.length_ms=0", "window.length_ms: must be > 0; got 0"),
         ("split.test=0.9", "split: validation + test must be below 1"),

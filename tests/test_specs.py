@@ -18,7 +18,7 @@ from neurotact.errors import InputError
 from neurotact.networks import tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.studies import kinds, study
+from neurotact.studies import loading, study
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = [path for kind in spec.KINDS for path in spec.shipped(kind)]
@@ -63,16 +63,16 @@ def test_a_search_space_suits_the_network(name):
 @pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
 @pytest.mark.parametrize("name", of_kind["studies"])
 def test_a_study_has_cells_that_differ(name, quick):
-    what = kinds.resolve(name, quick=quick)
-    digests = [cell.digest() for cell in kinds.cells(what)]
+    what = loading.resolve(name, quick=quick)
+    digests = [cell.digest() for cell in loading.engine_of(what).cells()]
     assert len(set(digests)) == len(digests) > 1
 
 
 @pytest.mark.parametrize("name", of_kind["studies"])
 def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name):
-    full, quick = kinds.resolve(name), kinds.resolve(name, quick=True)
+    full, quick = loading.resolve(name), loading.resolve(name, quick=True)
     assert quick != full
-    assert len(kinds.cells(quick)) <= len(kinds.cells(full))
+    assert len(loading.engine_of(quick).cells()) <= len(loading.engine_of(full).cells())
     assert list(quick.sweep) == list(full.sweep)
     for axis, values in quick.sweep.items():
         assert all(value in full.sweep[axis] for value in values)
@@ -81,9 +81,9 @@ def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name):
 @pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
 @pytest.mark.parametrize("name", of_kind["studies"])
 def test_a_resolved_study_reads_back_equal(name, quick, tmp_path):
-    what = kinds.resolve(name, quick=quick)
+    what = loading.resolve(name, quick=quick)
     (tmp_path / "study.toml").write_text(study.to_toml(what), encoding="utf-8")
-    assert kinds.resolve(tmp_path / "study.toml") == what
+    assert loading.resolve(tmp_path / "study.toml") == what
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def use(kind: str, path: Path) -> None:
         tuning.check(space, spec.load(RSNNSpec, "rsnn"), source=str(path))
     else:
         for quick in (False, True):
-            kinds.cells(kinds.resolve(path, quick=quick))
+            loading.engine_of(loading.resolve(path, quick=quick)).cells()
 
 
 def nodes() -> list[tuple]:

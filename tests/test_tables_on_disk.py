@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.metrics.synops import summary, to_table
-from neurotact.tables import escaped, read_table, sops_summary, to_markdown, write_table
+from neurotact.metrics.synops import summary, summary_markdown, to_table
+from neurotact.tables import escaped, read_table, to_markdown, write_table
 
 TABLE = pd.DataFrame({"name": ["a|b", "é"], "n": [1, 2], "sops": [1 / 3, np.nan]})
 
@@ -37,10 +37,10 @@ def test_markdown_begins_with_what_it_is_about(tmp_path):
 def test_the_sops_of_single_windows_stand_under_their_means():
     table = to_table(labels=["a", "b"], predicted=["b", "b"], steps=[300, 100], input_spikes=[10, 0],
                      hidden_spikes=[4, 0], n_hidden=30, n_readout=8, recurrent=True)  # fmt: skip
-    told = sops_summary(summary(table), "run, full window")
+    told = summary_markdown(summary(table), "run, full window")
     assert "| all | 2 | 0.5 | 200 |" in told
     assert told.startswith("# Synaptic operations (SOPs) of run, full window")
-    sides = sops_summary(summary(table.assign(side=["test", "training"])), "run, full window")
+    sides = summary_markdown(summary(table.assign(side=["test", "training"])), "run, full window")
     assert "the sides of the split apart" in sides
     assert "| training | all | 1 | 1 (seen in training) | 100 |" in sides
     assert "| test | all | 1 | 0 | 300 |" in sides

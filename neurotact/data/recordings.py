@@ -136,6 +136,14 @@ class Recordings(Trials):
             signals = [self.signals[i] for i in index.tolist()]
         return replace(self, signals=signals, conditions=self.conditions.iloc[index].reset_index(drop=True))
 
+    def summary(self) -> str:
+        """How many trials, classes and taxels, how long, at which rate and in which unit: one line."""
+        seconds = self.lengths.sum() / self.sampling_rate_Hz
+        return (
+            f"{len(self)} trials of {len(self.classes)} classes, {self.n_channels} taxels, "
+            f"{seconds:.1f} s at {self.sampling_rate_Hz:g} Hz, in {self.unit}"
+        )
+
     def to_unit(self, unit: str) -> "Recordings":
         """The same signals in another unit; only volts and millivolts convert, others are refused."""
         if unit == self.unit:

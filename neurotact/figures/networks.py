@@ -27,9 +27,9 @@ from neurotact.figures.style import (
     sequence,
     series_style,
 )
-from neurotact.tables import means_over
+from neurotact.metrics.fronts import pareto_front
+from neurotact.tables import NETWORK, over_seeds
 
-NETWORK = ["setting", "pair", "hidden"]
 TITLE_WIDTH = 44
 """Characters of a title over half of a figure."""
 
@@ -42,33 +42,6 @@ class Published(NamedTuple):
     hidden: int | None
     measure: str
     value: float
-
-
-def over_seeds(results: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
-    """Mean, standard deviation over seeds and their number, for each network, in the order of the table.
-
-    Columns: setting, pair, hidden, seeds, and the measures as `tables.means_over` gives them.
-
-    >>> rows = {"setting": ["all"] * 2, "pair": ["1&1"] * 2, "hidden": [20] * 2, "accuracy_test": [0.8, 0.9]}
-    >>> over_seeds(pd.DataFrame(rows), ["accuracy_test"]).round(3).to_dict("records")
-    [{'setting': 'all', 'pair': '1&1', 'hidden': 20, 'seeds': 2, 'accuracy_test': 0.85, 'accuracy_test_sd': 0.071}]
-    """
-    return means_over(results, NETWORK, measures, "seeds")
-
-
-def pareto_front(cost: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Which points no other point beats: none costs at most as much and gains at least as much, one of both strictly.
-
-    cost, gain: `(point,)`; a point with NaN is never on the front. Equal points are on it together.
-
-    >>> pareto_front(np.array([1.0, 2.0, 3.0]), np.array([0.8, 0.7, 0.9])).tolist()
-    [True, False, True]
-    """
-    cost, gain = np.asarray(cost, float), np.asarray(gain, float)
-    cheaper, better = cost[:, None] <= cost, gain[:, None] >= gain
-    strictly = (cost[:, None] < cost) | (gain[:, None] > gain)
-    beaten = (cheaper & better & strictly).any(axis=0)
-    return ~beaten & np.isfinite(cost) & np.isfinite(gain)
 
 
 @printed

@@ -1,7 +1,6 @@
 """The figure of a hyperparameter search: its values over trials, what decides them, and the front of two objectives."""
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -10,15 +9,18 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed
+from neurotact.networks import search
+from neurotact.networks.search import Importance, Problem, Trial
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
 
-class Importance(NamedTuple):
-    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: what is foreseen at all."""
-
-    drop: Mapping[str, float]
-    r2: float
+def draw_found(problem: Problem, trials: Sequence[Trial]) -> Figure:
+    """`draw_search` of what a search found."""
+    table = search.trials_table(trials)
+    front = None if problem.search.objective == "accuracy" else search.front_table(table)
+    found = search.importance(table, list(problem.search.space))
+    return draw_search(table, found, front, search.value_words(problem.search))
 
 
 @printed

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.errors import InputError
+from neurotact.tables import escaped, to_markdown
 
 SIDE = "side"
 """The column of a report that says where a network met each window's trial before, where it has one."""
@@ -163,6 +164,29 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
         for label, part in parts
     ]
     return pd.DataFrame(rows, columns=["label", "windows", "accuracy", *counted])
+
+
+def summary_markdown(means: pd.DataFrame, what: str) -> str:
+    """Markdown that stands above the SOPs of single windows: their means for each class.
+
+    means: of `summary`.
+    """
+    apart = ", the sides of the split apart" if SIDE in means else ""
+    shown = f"Means over windows for each class{apart}:\n\n{to_markdown(_marked(means))}"
+    return f"# Synaptic operations (SOPs) of {escaped(what)}\n\n{shown}\n\nEach window:"
+
+
+def _marked(means: pd.DataFrame) -> pd.DataFrame:
+    """A SOP summary as it is shown: the accuracy of windows that a network was trained on says so.
+
+    >>> seen = pd.DataFrame({"side": ["training", "test"], "windows": [70, 15], "accuracy": [0.875, 0.75]})
+    >>> _marked(seen).values.tolist()
+    [['training', 70, '0.875 (seen in training)'], ['test', 15, '0.75']]
+    """
+    if SIDE not in means:
+        return means
+    notes = np.where(means[SIDE] == TRAINING, " (seen in training)", "")
+    return means.assign(accuracy=[f"{share:.6g}{note}" for share, note in zip(means["accuracy"], notes, strict=True)])
 
 
 def _sides_in(table: pd.DataFrame) -> list[str]:

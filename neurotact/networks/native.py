@@ -5,7 +5,7 @@ network's step.
 """
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, Protocol, get_args
 
 import torch
 from torch import Tensor
@@ -14,10 +14,8 @@ from torch.autograd.function import once_differentiable
 from neurotact.errors import InputError
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.kernels import native
+from neurotact.networks.specs import RSNNSpec
 from neurotact.neurons import CubaLIF, Decay, Membrane, Reset
-
-if TYPE_CHECKING:
-    from neurotact.networks.rsnn import RSNN
 
 _KINDS = {torch.uint8: 1, torch.bool: 1, torch.float32: 4, torch.float64: 8}
 Weights = tuple[Tensor, Tensor | None, Tensor]
@@ -28,7 +26,32 @@ _GRADED = (
 )
 
 
-def rsnn_counts(spikes: Tensor, network: "RSNN") -> tuple[Tensor, Tensor]:
+class Network(Protocol):
+    """What the kernels need of a network, as `rsnn.RSNN` has it."""
+
+    @property
+    def spec(self) -> RSNNSpec: ...
+    @property
+    def neuron(self) -> CubaLIF: ...
+    @property
+    def w_in(self) -> Tensor: ...
+    @property
+    def w_rec(self) -> Tensor | None: ...
+    @property
+    def w_out(self) -> Tensor: ...
+    @property
+    def alpha(self) -> Tensor: ...
+    @property
+    def beta(self) -> Tensor: ...
+    @property
+    def threshold(self) -> Tensor: ...
+    @property
+    def n_inputs(self) -> int: ...
+    @property
+    def n_classes(self) -> int: ...
+
+
+def rsnn_counts(spikes: Tensor, network: Network) -> tuple[Tensor, Tensor]:
     """Spike counts of a window, `(trial, class)` and `(trial, hidden)`, in the weights' float type.
 
     Differentiable in the three weights, in alpha, beta and threshold where they require it, and in the input spikes
@@ -40,7 +63,7 @@ def rsnn_counts(spikes: Tensor, network: "RSNN") -> tuple[Tensor, Tensor]:
     learns = [t is not None and t.requires_grad for t in (*weights, *dynamics, spikes)]
     training = torch.is_grad_enabled() and any(learns)
     shape = _shape(
-        network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spike.scale,  # pyright: ignore
+        network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spec.surrogate_scale,
         recurrent=network.spec.recurrent, per_neuron=False,
         keep_currents=training and any(learns[3:6]), with_inputs=training and learns[6],
     )  # fmt: skip
@@ -106,7 +129,7 @@ class _Counts(torch.autograd.Function):
         return g_spikes, g_in, g_rec, g_out, g_alpha, g_beta, g_threshold, None
 
 
-def rsnn_infer(spikes: Tensor, network: "RSNN", rule: ExitRule) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Labels, steps, input spikes, hidden spikes and readout spikes of each trial, as `rsnn.Inference` says.
 
     A trial stops where `rule` says so; memory does not grow with the window.
@@ -118,7 +141,7 @@ def rsnn_infer(spikes: Tensor, network: "RSNN", rule: ExitRule) -> tuple[Tensor,
     spikes = _readable(spikes, w_in)
     n_trials, n_steps, _ = spikes.shape
     shape = _shape(
-        network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spike.scale,  # pyright: ignore
+        network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spec.surrogate_scale,
         recurrent=True, per_neuron=False, keep_currents=False, with_inputs=False,
     )  # fmt: skip
     labels, steps, input_spikes, hidden_spikes = torch.empty(4, n_trials, dtype=torch.int64).unbind()
@@ -235,7 +258,7 @@ def _readable(spikes: Tensor, like: Tensor) -> Tensor:
     return spikes if spikes.stride(2) == 1 else spikes.contiguous()
 
 
-def _weights(network: "RSNN") -> Weights:
+def _weights(network: Network) -> Weights:
     """The three projections; none among the hidden neurons of a feed-forward network."""
     if network.w_rec is None:
         w_in, w_out = _same_kind(network.w_in, network.w_out)

@@ -26,9 +26,7 @@ from neurotact import files, spec, workers
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.figures.networks import pareto_front
-from neurotact.figures.search import Importance, draw_search
-from neurotact.figures.style import save as save_figure
+from neurotact.metrics.fronts import pareto_front
 from neurotact.networks import trained, tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -238,6 +236,13 @@ def front_table(table: pd.DataFrame) -> pd.DataFrame:
     return front.sort_values(["sops_total", "id"]).drop(columns=["outcome", "error"])
 
 
+class Importance(NamedTuple):
+    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: what is foreseen at all."""
+
+    drop: Mapping[str, float]
+    r2: float
+
+
 def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
     """How much each key decides the value, by permutation in random forests; None for too few trials.
 
@@ -268,16 +273,8 @@ def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> Non
     if problem.search.objective != "accuracy":
         write_table(front_table(table), folder / "pareto.csv")
     network = problem.network_of(best.parameters)
-    comment = f"# The best of {len(trials)} trials (trial {best.id}), by {_value_words(problem.search)}.\n"
+    comment = f"# The best of {len(trials)} trials (trial {best.id}), by {value_words(problem.search)}.\n"
     files.write_text(folder / "best.toml", comment + spec.to_toml(network.model_dump(mode="json")))
-
-
-def draw(problem: Problem, trials: Sequence[Trial], path: Path) -> None:
-    """Draw the search: values over trials, what decides them, the front of two objectives."""
-    table = trials_table(trials)
-    front = None if problem.search.objective == "accuracy" else front_table(table)
-    found = importance(table, list(problem.search.space))
-    save_figure(draw_search(table, found, front, _value_words(problem.search)), path)
 
 
 def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[trained.Trained, Sides]:
@@ -438,7 +435,7 @@ def as_cell(value: Any) -> Any:
     return value if isinstance(value, (int, float, str)) else json.dumps(value)
 
 
-def _value_words(search: SearchSpec) -> str:
+def value_words(search: SearchSpec) -> str:
     if search.objective == "accuracy":
         return "validation accuracy"
     return f"validation accuracy - {search.sops_weight:g} log10(SOPs)"

@@ -11,12 +11,13 @@ from neurotact.figures.style import Drawn
 from neurotact.files import existing
 from neurotact.report import page, protocol
 from neurotact.report.encoding_drawings import name_classes
-from neurotact.report.tables import first_spikes, read_encoding, with_pair
+from neurotact.report.tables import first_spikes, with_pair
 from neurotact.spec import to_toml
 from neurotact.studies import encoded
-from neurotact.studies.cell import is_done
 from neurotact.studies.encoded import POPULATIONS
+from neurotact.studies.preparation import read_encoding
 from neurotact.studies.protocol import View
+from neurotact.studies.store import is_done
 from neurotact.studies.study import StudySpec, cells
 from neurotact.tables import read_table, write_table
 

@@ -14,15 +14,14 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
-from neurotact.figures.networks import over_seeds, pareto_front
+from neurotact.metrics.fronts import pareto_front
 from neurotact.networks import checkpoint, trained
 from neurotact.networks.trained import Restored
 from neurotact.networks.training import Examples
 from neurotact.report.tables import confusion
-from neurotact.studies.cell import cell_folder, result_of
-from neurotact.studies.preparation import spikes_path
+from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell
-from neurotact.tables import records, write_table
+from neurotact.tables import over_seeds, records, write_table
 
 MOST_EVENTS = 1_000_000
 """Spikes drawn in one page, shared out evenly over its cells: about four bytes each."""
@@ -60,7 +59,7 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
     shown: dict[str, tuple[int, int]] = {}
     by_spikes: dict[Path, list[int]] = {}
     for index, cell in enumerate(done):
-        by_spikes.setdefault(spikes_path(folder, cell), []).append(index)
+        by_spikes.setdefault((folder / cell.given), []).append(index)
     for path, indices in by_spikes.items():  # each file is read once, and one is held at a time
         trains = load_spikes(path) if path.is_file() else None
         tests: dict[str, _Test] = {}

@@ -9,11 +9,13 @@ import pandas as pd
 
 from neurotact.figures import networks as network_figures
 from neurotact.figures.encoding import Classes
-from neurotact.figures.networks import Published, over_seeds, pareto_front
+from neurotact.figures.networks import Published
 from neurotact.figures.style import Drawn
+from neurotact.metrics.fronts import pareto_front
 from neurotact.report.tables import confusion
-from neurotact.studies.cell import cell_folder, result_of
+from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
+from neurotact.tables import over_seeds
 
 MOST_LISTED = 4
 

@@ -9,22 +9,22 @@ import pandas as pd
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.encoding import Classes
-from neurotact.figures.networks import over_seeds
 from neurotact.figures.style import Drawn
-from neurotact.metrics import ledger
+from neurotact.networks import ledger
 from neurotact.report import details, page, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.network_drawings import network_drawings
 from neurotact.report.page import Entry, Table, plain
-from neurotact.report.tables import extra_tables, first_spikes, read_encoding, with_pair, with_setting
+from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_setting
 from neurotact.spec import to_toml
 from neurotact.studies import selection
 from neurotact.studies import study as studies
-from neurotact.studies.cell import is_done
+from neurotact.studies.preparation import read_encoding
 from neurotact.studies.selection import Selection
+from neurotact.studies.store import is_done
 from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
-from neurotact.tables import read_table, write_table
+from neurotact.tables import over_seeds, read_table, write_table
 
 DOWNLOADS = {
     "results.csv": "one row a trained network",

@@ -19,7 +19,7 @@ from plotly.offline import get_plotlyjs
 from neurotact.figures.style import Drawn, save
 from neurotact.files import read_json, write_text
 from neurotact.studies.claims import Verdict, judge
-from neurotact.studies.kinds import Study
+from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
 
 NETWORKS = ("marks.js", "plotly.js", "cell.js", "trade_off.js", "table.js", "main.js")

@@ -11,9 +11,9 @@ from neurotact.report import page
 from neurotact.report.page import Entry
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell
-from neurotact.studies.cell import is_done
 from neurotact.studies.protocol import View, module_of
 from neurotact.studies.protocol_study import ProtocolStudy, cells
+from neurotact.studies.store import is_done
 from neurotact.tables import means_over, read_table, write_table
 
 DOWNLOADS = {

@@ -11,7 +11,8 @@ from neurotact.figures.style import Drawn
 from neurotact.networks.search import FINISHED, STOPPED
 from neurotact.networks.tuning import SearchSpec
 from neurotact.report.page import Table
-from neurotact.studies.cell import SEARCH, cell_folder
+from neurotact.studies.cell import SEARCH
+from neurotact.studies.store import cell_folder
 from neurotact.studies.study import Cell
 from neurotact.tables import read_table
 

@@ -6,11 +6,11 @@ from typing import NamedTuple
 import pandas as pd
 
 from neurotact.figures import selection as selection_figures
-from neurotact.figures.networks import over_seeds
 from neurotact.figures.style import Drawn
 from neurotact.report.page import Table
 from neurotact.studies.selection import Attempt, Course, Network, Selection
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec
+from neurotact.tables import over_seeds
 
 
 class Shown(NamedTuple):

@@ -11,7 +11,6 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
-from neurotact.studies.preparation import TOUCH, spikes_path
 from neurotact.studies.study import Cell, StudySpec
 from neurotact.tables import read_table
 
@@ -23,13 +22,6 @@ EXTRA_TABLES = {
     "same_drive": "same_drive",
 }
 """Tables that only some studies leave, and the key of a study that asks for each."""
-
-
-def read_encoding(path: Path) -> pd.DataFrame:
-    """The encoding table; a class may be called "None", and an interval or a share may be missing."""
-    measures = ("isi_sa_ms", "isi_ra_ms", "sa_share")
-    missing = {f"{stretch}{name}": [""] for stretch in ("", TOUCH) for name in measures}
-    return read_table(path, dtype={"label": str}, keep_default_na=False, na_values=missing)
 
 
 def with_pair(table: pd.DataFrame) -> pd.DataFrame:
@@ -84,5 +76,5 @@ def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
 
 def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
     """The spike trains of the first done cell that are there."""
-    held = next((spikes_path(folder, cell) for cell in done if spikes_path(folder, cell).is_file()), None)
+    held = next(((folder / cell.given) for cell in done if (folder / cell.given).is_file()), None)
     return load_spikes(held) if held else None

@@ -1,32 +1,21 @@
 """One cell of a study: train a network on spike trains, then count what its decisions cost."""
 
-import math
-import shutil
-from collections.abc import Iterable
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
-from neurotact.errors import InputError
-from neurotact.files import DRAFT, read_json, scratch, whole, write_json
+from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.networks import search, trained, truncated
 from neurotact.networks.conditions import by_condition
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
-from neurotact.studies import encoded, manifest
-from neurotact.studies.preparation import spikes_path
-from neurotact.studies.protocol_study import ProtocolCell
+from neurotact.studies import encoded
+from neurotact.studies.store import RESULT, TIMING, Files, cell_folder
 from neurotact.studies.study import Cell
 
-AnyCell = Cell | ProtocolCell
-RESULT = "result.json"
-TIMING = "timing.json"
-"""How long a cell took: the one file that differs from run to run, so that no manifest lists it."""
 SEARCH = "search"
 """The folder of a cell's search."""
-Files = dict[str, bytes]
-"""What a cell leaves: the content of each file, by its path in the cell's folder."""
 
 
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files:
@@ -66,7 +55,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
     }
     with scratch() as run:  # laid out as the run folder is, so that paths between its files hold there too
         place = cell_folder(run, cell)
-        trained.save(fitted, place, trains, spikes_path(run, cell), task)
+        trained.save(fitted, place, trains, run / cell.given, task)
         write_json(place / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
         for name, content in (searched.files if searched else {}).items():
             with whole(place / name) as draft:
@@ -117,73 +106,3 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     written = (path for path in sorted(place.iterdir()) if not path.name.startswith(DRAFT))
     left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}
     return Searched(fitted, sides, row, left)
-
-
-def write_cell(left: Files, cell: AnyCell, folder: Path) -> None:
-    """Write what `run_cell` left into `folder/cells/<digest>`; its manifest, the last, says that the cell is done."""
-    for name, content in sorted(left.items()):
-        with whole(cell_folder(folder, cell) / name) as draft:
-            draft.write_bytes(content)
-    seal(folder, cell, left.keys() - {TIMING})
-
-
-def seal(folder: Path, cell: AnyCell, names: Iterable[str]) -> None:
-    """Mark a cell as done, which left these files."""
-    manifest.seal(cell_folder(folder, cell), names, _made_from(folder, cell))
-
-
-def is_done(folder: Path, cell: AnyCell) -> bool:
-    """Whether what the cell left is as it was written, and was made from the spikes that are there.
-
-    Its result must be there; a report does without the network and the other files, as of a run that was made smaller.
-    """
-    return all(flaw == manifest.MISSING and name != RESULT for name, flaw in _flaws(folder, cell).items())
-
-
-def damage(folder: Path, cell: AnyCell) -> str | None:
-    """Why a cell that was done is no longer whole, in words; None where it is whole or was never done."""
-    return next((f"{name} {flaw}" for name, flaw in _flaws(folder, cell).items() if flaw is not None), None)
-
-
-def discard(folder: Path, cell: AnyCell) -> None:
-    """Remove all that a cell left."""
-    place = cell_folder(folder, cell)
-    try:
-        shutil.rmtree(place)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(f"{place}: is damaged and cannot be removed ({reason}); remove it") from error
-
-
-def _flaws(folder: Path, cell: AnyCell) -> manifest.Flaws:
-    place = cell_folder(folder, cell)
-    known = manifest.read(place)
-    names = dict.fromkeys([RESULT, *(known.files if known else ())])
-    return manifest.flaws(place, names, _made_from(folder, cell))
-
-
-def _made_from(folder: Path, cell: AnyCell) -> dict[str, str]:
-    """A cell's own digest, and the SHA-256 of the file that it worked on."""
-    given = folder / cell.given
-    known = manifest.read(given.parent)
-    return {"settings": cell.digest(), given.parent.name: known.files.get(given.name, "") if known else ""}
-
-
-def result_of(folder: Path, cell: AnyCell) -> dict[str, Any]:
-    """What a cell that is done left as its result."""
-    return read_json(cell_folder(folder, cell) / RESULT)
-
-
-def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
-    """Seconds that a cell took and, of a network, epochs; nothing where that was damaged, since no result needs it."""
-    try:
-        found = read_json(cell_folder(folder, cell) / TIMING)
-    except InputError:
-        return {}
-    parts = ("seconds", "epochs")
-    known: dict[str, Any] = {name: found.get(name) for name in parts} if isinstance(found, dict) else {}
-    return {name: value for name, value in known.items() if type(value) in (int, float) and 0 <= value < math.inf}
-
-
-def cell_folder(folder: Path, cell: AnyCell) -> Path:
-    return folder / "cells" / cell.digest()

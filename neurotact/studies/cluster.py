@@ -8,15 +8,14 @@ from contextlib import contextmanager
 from functools import partial
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 import torch
 
 from neurotact.errors import InputError
-from neurotact.studies import kinds
-from neurotact.studies.cell import Files
-from neurotact.studies.kinds import AnyCell, Given, MapCells
+from neurotact.studies.engine import Engine, MapCells, RunCell
+from neurotact.studies.store import AnyCell, Files
 from neurotact.versions import versions
 
 if TYPE_CHECKING:
@@ -71,10 +70,12 @@ async def _reach(address: str) -> None:
         ) from error
 
 
-def _map_cells(client: "Client", address: str, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+def _map_cells(
+    client: "Client", address: str, engine: Engine, cells: list[AnyCell], folder: Path
+) -> Iterator[tuple[AnyCell, Files]]:
     from distributed import KilledWorker, as_completed
 
-    cell_of = _submit(client, cells, folder)
+    cell_of = _submit(client, engine, cells, folder)
     go_on = f"then neurotact study resume {folder}"
     for future in as_completed(list(cell_of), loop=client.loop):
         cell = cell_of.pop(future)
@@ -89,7 +90,7 @@ def _map_cells(client: "Client", address: str, cells: list[AnyCell], folder: Pat
         yield cell, left
 
 
-def _submit(client: "Client", cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
+def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
     """Send what several cells work on once, and the cells that do; futures of what cells leave."""
     import dask.config
 
@@ -97,29 +98,30 @@ def _submit(client: "Client", cells: list[AnyCell], folder: Path) -> "dict[Futur
     run = uuid4().hex  # runs that share a scheduler share no task
 
     def path_of(cell: AnyCell) -> Path:
-        return kinds.given_path(folder, cell)
+        return folder / cell.given
 
     for path, group in groupby(sorted(cells, key=path_of), key=path_of):
         same = list(group)
         name = path.stem
         # A task that gives back what it was sent can run again; scattered data are lost with the worker that held them.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            given = client.submit(_same, kinds.load_given(path), key=f"given-{name}-{run}")
+            given = client.submit(_same, engine.load_given(path), key=f"given-{name}-{run}")
         # The first part of the key makes a group of them, which Dask hands out one by one, not all in advance.
         keys = [(f"cells-{name}-{run}", cell.digest()) for cell in same]
-        arguments = same, [given] * len(same), [versions()] * len(same)
+        n = len(same)
+        arguments = [engine.run_cell] * n, same, [given] * n, [versions()] * n
         cell_of |= zip(client.map(_run_on_worker, *arguments, key=keys, retries=RETRIES), same, strict=True)
     return cell_of
 
 
-def _same(given: Given) -> Given:
+def _same(given: Any) -> Any:
     return given
 
 
-def _run_on_worker(cell: AnyCell, given: Given, expected: dict[str, str]) -> Files:
+def _run_on_worker(run_cell: RunCell, cell: AnyCell, given: Any, expected: dict[str, str]) -> Files:
     _check_worker(expected)  # here too: workers may join while the study runs
     torch.set_num_threads(1)
-    return kinds.run_cell(cell, given)
+    return run_cell(cell, given, None)
 
 
 def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None) -> None:

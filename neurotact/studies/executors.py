@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from neurotact.studies import kinds
-from neurotact.studies.cell import Files, cell_folder
 from neurotact.studies.cluster import cluster
-from neurotact.studies.kinds import AnyCell, Given, MapCells
+from neurotact.studies.engine import Engine, Load, MapCells, RunCell
+from neurotact.studies.store import AnyCell, Files, cell_folder
 from neurotact.workers import spawned_as_done
 
 
@@ -26,18 +26,19 @@ def processes(n_workers: int) -> Iterator[MapCells]:
     """Compute cells in processes of this machine, which read what they work on in the run folder."""
     with spawned_as_done(n_workers) as run:
 
-        def map_cells(cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
-            jobs = [(cell, kinds.given_path(folder, cell), cell_folder(folder, cell)) for cell in cells]
+        def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+            how = engine.load_given, engine.run_cell
+            jobs = [(*how, cell, folder / cell.given, cell_folder(folder, cell)) for cell in cells]
             return ((cells[place], left) for place, left in run(_run_from_disk, jobs))
 
         yield map_cells
 
 
-def _run_from_disk(job: tuple[AnyCell, Path, Path]) -> Files:
-    cell, given, kept = job
-    return kinds.run_cell(cell, _load_given(given), kept)
+def _run_from_disk(job: tuple[Load, RunCell, AnyCell, Path, Path]) -> Files:
+    load, run, cell, given, kept = job
+    return run(cell, _loaded(load, given), kept)
 
 
 @lru_cache(maxsize=2)
-def _load_given(path: Path) -> Given:
-    return kinds.load_given(path)
+def _loaded(load: Load, path: Path) -> Any:
+    return load(path)

@@ -30,7 +30,7 @@ from neurotact.studies import manifest
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec
-from neurotact.tables import write_table
+from neurotact.tables import read_table, write_table
 
 DATA = "data.json"
 """What the recordings of a run are: their hash, how many trials, which classes."""
@@ -44,10 +44,6 @@ def load_dataset(spec: DatasetSpec) -> Recordings:
     if spec.file is not None:
         return hdf5.load_recordings(spec.file)
     return reader(spec.read or "").read(expand(spec.path or ""))
-
-
-def spikes_path(folder: Path, cell: Cell) -> Path:
-    return folder / cell.given
 
 
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
@@ -73,7 +69,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     for cell in missing.values():
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
         write_table(encoding_table(trains, cell, dataset.stratify), place / f"{cell.spikes_name}.csv")
-        hdf5.save_spikes(trains, spikes_path(folder, cell))
+        hdf5.save_spikes(trains, folder / cell.given)
         manifest.seal(place, _encoded(cell), made_from)
     if "signals.csv" in table_flaws:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
@@ -83,7 +79,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         write_table(table, folder / "same_drive.csv")
     if "baseline.csv" in table_flaws:
         subsets = {cell.dataset: cell.subset for cell in cells}
-        trains = hdf5.load_spikes(spikes_path(folder, cells[0]))
+        trains = hdf5.load_spikes(folder / cells[0].given)
         windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cells[0].window)
         features = linear_features(recordings, windows, trains.sampling_rate_Hz)
         parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
@@ -154,6 +150,13 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
 
 TOUCH = "touch_"
 """Before the columns of `encoding.csv` that are of the whole touch where the others are of windows."""
+
+
+def read_encoding(path: Path) -> pd.DataFrame:
+    """The encoding table; a class may be called "None", and an interval or a share may be missing."""
+    measures = ("isi_sa_ms", "isi_ra_ms", "sa_share")
+    missing = {f"{stretch}{name}": [""] for stretch in ("", TOUCH) for name in measures}
+    return read_table(path, dtype={"label": str}, keep_default_na=False, na_values=missing)
 
 
 def _firing(

@@ -13,10 +13,10 @@ from neurotact.data.sources import expand
 from neurotact.errors import InputError
 from neurotact.files import existing, whole, write_json
 from neurotact.studies import manifest
-from neurotact.studies.cell import RESULT, TIMING, Files
 from neurotact.studies.preparation import DATA, check_files
 from neurotact.studies.protocol import Arrays, module_of
 from neurotact.studies.protocol_study import ProtocolCell
+from neurotact.studies.store import RESULT, TIMING, Files
 
 
 def arrays_path(folder: Path, cell: ProtocolCell) -> Path:
@@ -82,8 +82,8 @@ def load_arrays(path: Path) -> Arrays:
         return {name: kept[name] for name in kept.files}
 
 
-def run_cell(cell: ProtocolCell, arrays: Arrays) -> Files:
-    """Run a cell; the files that it leaves. It reads and keeps nothing but what is passed."""
+def run_cell(cell: ProtocolCell, arrays: Arrays, kept: Path | None = None) -> Files:
+    """Run a cell; the files that it leaves. It reads and keeps nothing but what is passed, and nothing in `kept`."""
     began = perf_counter()
     rows = [_plain(row) for row in module_of(cell.protocol).run(cell.built(), arrays)]
     result = json.dumps({"rows": rows}, indent=1)

@@ -1,4 +1,4 @@
-"""Running a study: its cells, each done once, whatever interrupts it; then its tables and report."""
+"""Running a study: its cells, each done once, whatever interrupts it; then its tables."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -9,25 +9,22 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import say, track
-from neurotact.report import afferents, networks, protocol
-from neurotact.report.tables import read_encoding
 from neurotact.spec import digest
-from neurotact.studies import encoded, kinds, manifest
-from neurotact.studies.cell import cell_folder, damage, discard, is_done, result_of, timing_of, write_cell
-from neurotact.studies.executors import executor
-from neurotact.studies.kinds import AnyCell, MapCells, Study
-from neurotact.studies.preparation import check_files, spikes_path
-from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
-from neurotact.studies.study import Cell, StudySpec, swept_columns, to_toml, value_at
-from neurotact.tables import read_table, write_table
+from neurotact.studies import manifest
+from neurotact.studies.executors import MapCells, executor
+from neurotact.studies.loading import Study, engine_of, read_back
+from neurotact.studies.preparation import check_files
+from neurotact.studies.store import AnyCell, cell_folder, damage, discard, is_done, timing_of, write_cell
+from neurotact.studies.study import to_toml
+from neurotact.tables import write_table
 from neurotact.versions import versions
 
 STUDY = "study.toml"
 VERSIONS = "versions.json"
 
 
-def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None) -> Path:
-    """Run what is not yet done of `study` in `folder`, then write tables and report; the report's path.
+def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None) -> None:
+    """Run what is not yet done of `study` in `folder`, then write its tables; `report.write` shows them.
 
     scheduler: address of a Dask scheduler, whose workers compute the cells in place of `workers` processes here.
     Each cell trains with one thread and seeds of its own, so that who computes it changes no number.
@@ -41,28 +38,29 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # of worker processes that were stopped
             _compute(study, folder, map_cells)
-        return finish(study, folder)
+        _write_tables(study, folder)
 
 
 def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
     """Write what cells share and what each leaves, as far as it is not there or damaged."""
+    engine = engine_of(study)
     with track("prepare", 1) as advance:
-        kinds.prepare(study, folder)
+        engine.prepare(folder)
         advance(1, "")
     for cell, place, why in _damaged(study, folder):
         say(f"{place}: {why}; computed again")
         discard(folder, cell)
-    for name, asked in kinds.steps(study, folder):
+    for name, asked in engine.steps(folder):
         todo = [cell for cell in asked if not is_done(folder, cell)]
         if todo:
             with track(name, len(todo)) as advance:
-                for cell, left in map_cells(todo, folder):
+                for cell, left in map_cells(engine, todo, folder):
                     write_cell(left, cell, folder)
                     advance(1, "")
 
 
-def report(folder: Path) -> Path:
-    """Write tables and report again from the cells that are done; the report's path.
+def write_tables(folder: Path) -> None:
+    """Write the tables of a run again from the cells that are done.
 
     A damaged cell is left out, and a line on stderr names it. Raises InputError when anything else was changed, and
     when another process works in the folder.
@@ -71,11 +69,11 @@ def report(folder: Path) -> Path:
     with files.locked(folder):
         files.sweep(folder)
         check_files(folder, [VERSIONS])
-        kinds.check(study, folder)
+        engine_of(study).check(folder)
         for cell, place, why in _damaged(study, folder):
             if not is_done(folder, cell):
                 say(f"{place}: {why}; left out, neurotact study resume {folder} computes it again")
-        return finish(study, folder)
+        _write_tables(study, folder)
 
 
 def load(folder: Path) -> Study:
@@ -84,7 +82,7 @@ def load(folder: Path) -> Study:
     again = f"neurotact study run NAME -o {folder}"
     if not path.is_file():
         raise InputError(f"{folder}: holds no study; start one with {again}")
-    study, known = kinds.read_back(path), manifest.read(folder)
+    study, known = read_back(path), manifest.read(folder)
     if known is None:
         raise InputError(
             f"{folder}: its {manifest.FILES} is damaged or missing, or an earlier neurotact made it, so that nothing "
@@ -98,71 +96,18 @@ def load(folder: Path) -> Study:
     return study
 
 
-def finish(study: Study, folder: Path) -> Path:
-    """Write the tables, the figures and the report from what the cells left; the report's path."""
-    every = kinds.asked_for(study, folder)
+def _write_tables(study: Study, folder: Path) -> None:
+    """Write the tables of the cells that are done."""
+    engine = engine_of(study)
+    every = engine.asked_for(folder)
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
-        say(f"{folder}: {len(done)} of {len(every)} cells are done; the report shows these")
+        say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables show these")
     write_table(_timings_table(folder, done), folder / "timings.csv")
-    if isinstance(study, ProtocolStudy):
-        ran = [cell for cell in done if isinstance(cell, ProtocolCell)]
-        write_table(protocol_table(study, folder, ran), folder / "results.csv")
-        return protocol.write(study, folder)
-    trained = [cell for cell in done if isinstance(cell, Cell)]
-    write_table(results_table(study, folder, trained), folder / "results.csv")
-    write_table(encoding_table(study, folder, trained), folder / "encoding.csv")
-    if study.network is None:
-        places = [cell_folder(folder, cell) for cell in trained]
-        rows = read_table(folder / "results.csv")
-        write_table(encoded.isi_table(places, rows, swept_columns(study)), folder / encoded.ISI)
-        return afferents.write(study, folder)
-    for name, table in extra_tables(study, folder, trained).items():
-        write_table(table, folder / f"{name}.csv")
-    return networks.write(study, folder)
-
-
-def protocol_table(study: ProtocolStudy, folder: Path, done: list[ProtocolCell]) -> pd.DataFrame:
-    """The rows of all cells, in the order of the sweep; what was swept stands first."""
-    rows = []
-    for cell in done:
-        swept = swept_values(study, cell)
-        rows += [{**swept, **row} for row in result_of(folder, cell)["rows"]]
-    return pd.DataFrame(rows)
-
-
-def results_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFrame:
-    """One row a cell, in the order of the sweep; swept keys without a column of their own come last."""
-    rows = []
-    for cell in done:
-        extra = {key: value_at(cell, key) for key in swept_columns(study)}
-        rows.append({**result_of(folder, cell)["row"], **extra})
-    return pd.DataFrame(rows)
-
-
-def extra_tables(study: StudySpec, folder: Path, done: list[Cell]) -> dict[str, pd.DataFrame]:
-    """By name, the tables that cells left besides their row; each line begins with its cell's sweep."""
-    found: dict[str, list[dict]] = {}
-    for cell in done:
-        result = result_of(folder, cell)
-        keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
-        keys |= {key: value_at(cell, key) for key in swept_columns(study)}
-        for name, lines in result.get("tables", {}).items():
-            found.setdefault(name, []).extend({**keys, **line} for line in lines)
-    return {name: pd.DataFrame(lines) for name, lines in found.items()}
-
-
-def encoding_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFrame:
-    """Firing under each condition, once for each encoder; swept keys of the encoder come last."""
-    keys = [key for key in swept_columns(study) if key.startswith("encoder.")]
-    tables = {}
-    for cell in done:
-        if cell.spikes_name not in tables:
-            table = read_encoding(spikes_path(folder, cell).with_suffix(".csv"))
-            tables[cell.spikes_name] = table.assign(**{key: value_at(cell, key) for key in keys})
-    return pd.concat(tables.values(), ignore_index=True)
+    for name, table in engine.tables(folder, done).items():
+        write_table(table, folder / name)
 
 
 def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
@@ -172,7 +117,7 @@ def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
 
 def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
     """Each cell that was done and is no longer whole, where it lies in the run folder, and why."""
-    for cell in kinds.cells(study):
+    for cell in engine_of(study).cells():
         why = damage(folder, cell)
         if why is not None:
             yield cell, cell_folder(folder, cell).relative_to(folder).as_posix(), why
@@ -187,7 +132,7 @@ def _claim(folder: Path, study: Study) -> None:
     if known is not None:
         is_ours = known.made_from == made_from
     elif path.is_file():
-        is_ours = _made_from(kinds.read_back(path)) == made_from
+        is_ours = _made_from(read_back(path)) == made_from
     elif files.is_free(folder):
         is_ours = True
     else:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from neurotact.studies.cell import is_done, result_of
+from neurotact.studies.store import is_done, result_of
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec, StudySpec, cells
 
 JUDGED = ("accuracy_validation", "sops_validation")

@@ -7,7 +7,7 @@ says all that was run. A cell is one combination of the swept values, with every
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, field_validator, model_validator
 
@@ -45,7 +45,8 @@ class DatasetSpec(Spec):
     """An experiment that can be simulated, such as `gratings`."""
     parameters: dict[str, Any] = {}
     """Of the simulation, by the keys of its spec."""
-    read: Literal["fabricslide", "pvdf-hardness"] | None = None
+    read: str | None = None
+    """A published format, such as `fabricslide`."""
     file: str | None = None
     """An HDF5 file of recordings."""
     path: str | None = None
@@ -65,10 +66,12 @@ class DatasetSpec(Spec):
     @field_validator("simulate")
     @classmethod
     def _can_be_simulated(cls, name: str | None) -> str | None:
-        known = plugins.names("simulators")
-        if name is not None and name not in known:
-            raise ValueError(f"there is no such simulation; {nearest(name, known)}")
-        return name
+        return _known("simulators", name, "simulation")
+
+    @field_validator("read")
+    @classmethod
+    def _can_be_read(cls, name: str | None) -> str | None:
+        return _known("readers", name, "reader")
 
     @model_validator(mode="after")
     def _has_one_source(self) -> "DatasetSpec":
@@ -81,6 +84,13 @@ class DatasetSpec(Spec):
     def identity(self) -> dict[str, Any]:
         """What decides the recordings, wherever the files lie on this machine."""
         return {"simulate": self.simulate, "parameters": self.parameters, "read": self.read, "stratify": self.stratify}
+
+
+def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
+    names = plugins.names(group)
+    if name is not None and name not in names:
+        raise ValueError(f"there is no such {what}; {nearest(name, names)}")
+    return name
 
 
 class EarlyExitSpec(Spec):

@@ -16,8 +16,10 @@ from neurotact.errors import InputError
 from neurotact.figures import encoding as encoding_figures
 from neurotact.figures import networks as network_figures
 from neurotact.figures import style
-from neurotact.figures.networks import Published, over_seeds, pareto_front
+from neurotact.figures.networks import Published
 from neurotact.figures.raster import draw_raster
+from neurotact.metrics.fronts import pareto_front
+from neurotact.tables import over_seeds
 
 PAIRS = ("1&1", "1&5", "10&10")
 

@@ -15,7 +15,8 @@ import numpy as np
 import typer
 from judge import Case
 
-from neurotact import cli, spec
+from neurotact import cli, plugins, spec
+from neurotact.data.sources import simulator
 
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "studies" / "tiny.toml"
@@ -462,13 +463,14 @@ def _keys_of(table: dict[str, Any], before: str = "") -> list[str]:
 
 def _keys() -> dict[str, list[str]]:
     """The keys that `--set` may name, by command."""
-    from neurotact.papers.experiments import EXPERIMENTS
-
     afferents, net, study = (
         _keys_of(spec.read(path))
         for path in (spec.find("encoders", "fabric-sa1-ra1-lif"), spec.find("networks", "rsnn"), TINY)
     )
-    simulated = {f"simulate {n}": _keys_of(e.model().model_dump(mode="json")) for n, e in EXPERIMENTS.items()}
+    simulated = {
+        f"simulate {name}": _keys_of(simulator(name).model().model_dump(mode="json"))
+        for name in plugins.names("simulators")
+    }
     known = {"encode": afferents, "calibrate": afferents, "train": net, "tune": net}
     parts = [*(f"encoder.{key}" for key in afferents), *(f"network.{key}" for key in net), *study]
     return {**simulated, **known, "study run": parts}

@@ -10,8 +10,9 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks import trained
+from neurotact.report import report
 from neurotact.studies import runner, study
-from neurotact.studies.cell import cell_folder
+from neurotact.studies.store import cell_folder
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
 UNKNOWN = {
@@ -30,6 +31,7 @@ def run(tmp_path_factory):
     what = study.resolve(TINY, UNKNOWN)
     folder = tmp_path_factory.mktemp("unknown")
     runner.run(what, folder, workers=1)
+    report.write(folder)
     return what, folder
 
 
@@ -103,6 +105,7 @@ def told(tmp_path_factory):
     what = study.resolve(TINY, {**asked, **small, "dataset.stratify": ["force_N", "speed_mm_per_s"]})
     folder = tmp_path_factory.mktemp("told")
     runner.run(what, folder, workers=1)
+    report.write(folder)
     return what, folder
 
 

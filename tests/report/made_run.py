@@ -15,9 +15,9 @@ from neurotact.networks import trained
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Epoch, Training
-from neurotact.studies import manifest, runner, study
-from neurotact.studies.cell import TIMING, cell_folder, seal
+from neurotact.studies import manifest, network_engine, runner, study
 from neurotact.studies.preparation import encoding_table, spikes_path
+from neurotact.studies.store import TIMING, cell_folder, seal
 from neurotact.studies.study import Cell, StudySpec
 
 GRATINGS = {"simulate": "gratings", "stratify": ["force_N", "speed_mm_per_s"]}
@@ -128,7 +128,7 @@ def make_run(
         save_network(cell, place, hdf5.load_spikes(path), path)
         manifest.seal(path.parent, [path.name])
         seal(folder, cell, [one.name for one in place.iterdir() if one.name != TIMING])
-    runner.results_table(what, folder, done).to_csv(folder / "results.csv", index=False)
+    network_engine.results_table(what, folder, done).to_csv(folder / "results.csv", index=False)
     pd.concat(encoding.values()).to_csv(folder / "encoding.csv", index=False)
     timings = [{"cell": cell.digest(), "seconds": 3.5, "epochs": 20} for cell in done]
     pd.DataFrame(timings).to_csv(folder / "timings.csv", index=False)

@@ -20,8 +20,8 @@ from neurotact.networks import trained
 from neurotact.report import networks, tables
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.studies import study
-from neurotact.studies.cell import cell_folder
 from neurotact.studies.claims import Claim
+from neurotact.studies.store import cell_folder
 from neurotact.studies.study import StudySpec
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"

@@ -14,7 +14,8 @@ from neurotact.networks.tuning import SearchSpec
 from neurotact.report import networks
 from neurotact.report import search as report_search
 from neurotact.studies import study
-from neurotact.studies.cell import SEARCH, cell_folder
+from neurotact.studies.cell import SEARCH
+from neurotact.studies.store import cell_folder
 
 SPACE = {
     "tau_mem_ms": {"_type": "choice", "_value": [5, 10, 20]},

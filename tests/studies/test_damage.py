@@ -13,14 +13,15 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from toy import bring
 
 from neurotact import files
 from neurotact.data import hdf5
 from neurotact.errors import InputError
 from neurotact.networks import search
 from neurotact.spec import shipped
-from neurotact.studies import kinds, manifest, preparation, protocol, protocols, runner, study
-from neurotact.studies.cell import cell_folder
+from neurotact.studies import loading, manifest, network_engine, preparation, protocol, protocol_engine, runner, study
+from neurotact.studies.store import cell_folder
 
 HERE = Path(__file__).parent
 TINY = HERE / "tiny.toml"
@@ -40,20 +41,20 @@ KINDS = {
 
 @contextmanager
 def one_process() -> Iterator[pytest.MonkeyPatch]:
-    """Studies run in this process, which knows the toy protocol, and networks are not drawn."""
+    """Studies run in this process, which knows the toy protocol."""
 
     @contextmanager
     def here(*_):
-        yield lambda cells, folder: (
-            (cell, kinds.run_cell(cell, kinds.load_given(folder / cell.given), cell_folder(folder, cell)))
+        yield lambda engine, cells, folder: (
+            (cell, engine.run_cell(cell, engine.load_given(folder / cell.given), cell_folder(folder, cell)))
             for cell in cells
         )
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
-        patch.setattr(kinds, "in_a_process", lambda task, *arguments: task(*arguments))
+        bring(patch)
+        for engine in (network_engine, protocol_engine):
+            patch.setattr(engine, "in_a_process", lambda task, *arguments: task(*arguments))
         patch.setattr(runner, "executor", here)
-        patch.setattr(runner.networks, "write", lambda *_: None)
         yield patch
 
 
@@ -68,7 +69,7 @@ def whole(request, tmp_path_factory) -> Path:
     """A run of each kind that nothing happened to."""
     folder = tmp_path_factory.mktemp(request.param) / "run"
     with one_process():
-        runner.run(kinds.resolve(*KINDS[request.param]), folder)
+        runner.run(loading.resolve(*KINDS[request.param]), folder)
     return folder
 
 
@@ -209,7 +210,7 @@ def test_other_spikes_are_encoded_again(whole, run, capsys):
     halved = [[trial[::2] for trial in events] for events in (trains.steps, trains.units)]
     hdf5.save_spikes(replace(trains, steps=halved[0], units=halved[1]), path)
     with pytest.raises(InputError, match=rf"spikes/{path.name}: was changed; neurotact study resume .* writes it agai"):
-        runner.report(run)
+        runner.write_tables(run)
     resume(run)
     assert f"spikes/{path.name}: was changed; encoded again" in capsys.readouterr().err
     assert content(run) == content(whole)
@@ -232,13 +233,13 @@ def test_manifests_of_what_cells_share_are_made_again(whole, run):
 def test_an_edited_study_is_refused_and_mended_by_running_it_again(whole, run):
     path = run / "study.toml"
     path.write_text(path.read_text().replace("length_ms = 50.0", "length_ms = 40.0"))
-    for go_on in (resume, runner.report):
+    for go_on in (resume, runner.write_tables):
         with pytest.raises(InputError, match=r"study\.toml: was changed since the study began; restore it with"):
             go_on(run)
-    changed = kinds.resolve(path)
+    changed = loading.resolve(path)
     with pytest.raises(InputError, match="already holds another study"):
         runner.run(changed, run)
-    runner.run(kinds.resolve(*KINDS["networks"]), run)
+    runner.run(loading.resolve(*KINDS["networks"]), run)
     assert content(run) == content(whole)
 
 
@@ -247,7 +248,7 @@ def test_words_and_claims_of_a_study_may_be_mended(run):
     before, path = times_of_results(run), run / "study.toml"
     path.write_text(path.read_text().replace('title = "Tiny"', 'title = "Small"').replace("Longer", "Long"))
     resume(run)
-    runner.report(run)
+    runner.write_tables(run)
     assert times_of_results(run) == before
     assert runner.load(run).title == "Small"
 
@@ -255,7 +256,7 @@ def test_words_and_claims_of_a_study_may_be_mended(run):
 @pytest.mark.parametrize("junk", [b"", b"\xff", b"title = ", b"[]"])
 def test_junk_in_a_study_is_one_sentence(run, junk):
     (run / "study.toml").write_bytes(junk)
-    for go_on in (resume, runner.report):
+    for go_on in (resume, runner.write_tables):
         with pytest.raises(InputError, match=r"study\.toml"):
             go_on(run)
 
@@ -263,10 +264,10 @@ def test_junk_in_a_study_is_one_sentence(run, junk):
 def test_a_lost_manifest_of_the_run_is_refused_and_made_again_by_running_it(whole, run):
     before = times_of_results(run)
     (run / manifest.FILES).unlink()
-    for go_on in (resume, runner.report):
+    for go_on in (resume, runner.write_tables):
         with pytest.raises(InputError, match=r"files\.json is damaged or missing, or an earlier neurotact made it"):
             go_on(run)
-    runner.run(kinds.read_back(run / "study.toml"), run)
+    runner.run(loading.read_back(run / "study.toml"), run)
     assert content(run) == content(whole)
     assert times_of_results(run) == before
 
@@ -274,7 +275,7 @@ def test_a_lost_manifest_of_the_run_is_refused_and_made_again_by_running_it(whol
 def test_cells_of_an_earlier_version_are_computed_again(whole, run, capsys):
     for path in run.rglob(manifest.FILES):
         path.unlink()
-    runner.run(kinds.read_back(run / "study.toml"), run)
+    runner.run(loading.read_back(run / "study.toml"), run)
     said = capsys.readouterr().err
     for path in run.glob("cells/*"):
         assert f"cells/{path.name}: result.json is not listed in files.json; computed again" in said
@@ -295,14 +296,14 @@ def test_other_versions_are_told_and_not_written_over(run, monkeypatch, capsys):
 @pytest.mark.parametrize("path", shipped("studies"), ids=lambda path: path.stem)
 def test_a_study_is_known_again_from_its_file(path, tmp_path, patched):
     patched.undo()
-    what = kinds.resolve(path)
+    what = loading.resolve(path)
     files.write_text(tmp_path / "study.toml", study.to_toml(what))
-    assert runner._made_from(kinds.read_back(tmp_path / "study.toml")) == runner._made_from(what)
+    assert runner._made_from(loading.read_back(tmp_path / "study.toml")) == runner._made_from(what)
 
 
 def test_a_study_of_no_subset_is_refused():
     with pytest.raises(InputError, match=r"dataset\.subsets: must name at least one part"):
-        kinds.resolve(TINY, {"dataset.subsets": {}})
+        loading.resolve(TINY, {"dataset.subsets": {}})
 
 
 # --- recordings ----------------------------------------------------------------------------------------
@@ -315,7 +316,7 @@ def recorded(tmp_path) -> tuple[Path, Path]:
     hdf5.save_recordings(preparation.load_dataset(study.resolve(TINY).dataset), path)
     table = TINY.read_text().replace('simulate = "gratings"', f'file = "{path}"')
     (tmp_path / "study.toml").write_text("\n".join(line for line in table.splitlines() if "parameters =" not in line))
-    runner.run(kinds.resolve(tmp_path / "study.toml", ONE_SIZE), folder)
+    runner.run(loading.resolve(tmp_path / "study.toml", ONE_SIZE), folder)
     return path, folder
 
 
@@ -352,7 +353,7 @@ def test_recordings_of_a_protocol_that_changed_are_refused(tmp_path, monkeypatch
     (tmp_path / "coins.csv").write_text("0")
     coins = protocol.module_of("coins")
     monkeypatch.setattr(coins, "load", lambda data: {"fell": pd.read_csv(data.path, header=None).to_numpy()[:, 0] > 0})
-    what = kinds.resolve(COINS, {"data.path": str(tmp_path / "coins.csv")}, quick=True)
+    what = loading.resolve(COINS, {"data.path": str(tmp_path / "coins.csv")}, quick=True)
     folder = tmp_path / "run"
     runner.run(what, folder)
     (tmp_path / "coins.csv").write_text("1")
@@ -366,7 +367,7 @@ def test_recordings_of_a_protocol_that_changed_are_refused(tmp_path, monkeypatch
 def test_a_report_leaves_out_what_is_damaged(run, capsys):
     path = a_cell(run) / "result.json"
     path.write_text(with_accuracy(path.read_text()))
-    runner.report(run)
+    runner.write_tables(run)
     assert 7.5 not in pd.read_csv(run / "results.csv")["accuracy_test"].tolist()
     assert f"cells/{path.parent.name}: result.json was changed; left out, neurotact study resume" in (
         capsys.readouterr().err
@@ -376,13 +377,13 @@ def test_a_report_leaves_out_what_is_damaged(run, capsys):
 @pytest.mark.slow
 def test_no_junk_anywhere_breaks_a_report(run, patched, monkeypatch):
     patched.undo()
-    monkeypatch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
+    bring(monkeypatch)
     paths = [path for path in sorted(run.rglob("*")) if path.is_file() and "figures" not in path.parts]
     for path, junk in zip(paths, cycle(JUNK), strict=False):
         kept = path.read_bytes()
         path.write_bytes(junk)
         with suppress(InputError):
-            runner.report(run)
+            runner.write_tables(run)
         path.write_bytes(kept)
 
 

@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 
 from neurotact.errors import InputError
+from neurotact.report import report
 from neurotact.spec import read, to_toml
-from neurotact.studies import kinds, runner
+from neurotact.studies import loading, network_engine, runner
 
 TINY = Path(__file__).parent / "tiny.toml"
 
@@ -22,19 +23,20 @@ def study_of(tmp_path: Path, **parts) -> Path:
 
 @contextmanager
 def in_this_process(workers, scheduler):
-    yield lambda cells, folder: (
-        (cell, kinds.run_cell(cell, kinds.load_given(kinds.given_path(folder, cell)))) for cell in cells
+    yield lambda engine, cells, folder: (
+        (cell, engine.run_cell(cell, engine.load_given(folder / cell.given), None)) for cell in cells
     )
 
 
 @pytest.mark.parametrize(("encoder", "gain"), [("izhikevich", "gain_mV_per_ms"), ("poisson", "gain_Hz")])
 def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "executor", in_this_process)
-    monkeypatch.setattr(kinds, "in_a_process", lambda function, *arguments: function(*arguments))
+    monkeypatch.setattr(network_engine, "in_a_process", lambda function, *arguments: function(*arguments))
     sweep = {f"encoder.sa1.{gain}": [3.0, 12.0], "seed": [0]}
     path = study_of(tmp_path, encoder=encoder, network="snn", sweep=sweep, quick={})
     out = tmp_path / "run"
-    runner.run(kinds.resolve(path, {"network.hidden": 4, "network.training.epochs": 1}), out)
+    runner.run(loading.resolve(path, {"network.hidden": 4, "network.training.epochs": 1}), out)
+    report.write(out)
     results = pd.read_csv(out / "results.csv")
     assert results[f"encoder.sa1.{gain}"].tolist() == [3.0, 12.0]
     assert results["spikes_sa"][0] < results["spikes_sa"][1]
@@ -49,10 +51,10 @@ def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch
 def test_only_lif_encoders_are_calibrated(tmp_path):
     path = study_of(tmp_path, encoder="poisson", calibrate=True, sweep={"seed": [0, 1]}, quick={})
     with pytest.raises(InputError, match=r"calibrate\.model: must be 'lif'; got 'poisson'"):
-        kinds.resolve(path)
+        loading.resolve(path)
 
 
 def test_a_refractory_period_that_the_model_lacks_is_refused(tmp_path):
     path = study_of(tmp_path, encoder="izhikevich")
     with pytest.raises(InputError, match=r"encoder\.(ra1|sa1)\.t_ref_ms: unknown key; known: gain_mV_per_ms"):
-        kinds.resolve(path)
+        loading.resolve(path)

@@ -131,7 +131,7 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
     for work in (
         lambda: runner.run(what, folder),
         lambda: runner.run(runner.load(folder), folder),
-        lambda: runner.report(folder),
+        lambda: runner.write_tables(folder),
     ):
         with pytest.raises(InputError, match=said):
             work()
@@ -140,7 +140,7 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
     process.kill()
     process.wait()
     with pytest.raises(InputError, match="no cell is done yet"):
-        runner.report(folder)
+        runner.write_tables(folder)
     assert not (folder / LOCK).exists()
 
 
@@ -163,8 +163,8 @@ PLACES = ("", "cells/ab12", "cells/ab12/search", "spikes", "data", "figures")
 
 def test_drafts_of_a_killed_process_are_swept(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "_compute", lambda *_: None)
-    monkeypatch.setattr(runner, "finish", lambda *_: None)
-    for go_on in (lambda: runner.run(study.resolve(TINY), tmp_path), lambda: runner.report(tmp_path)):
+    monkeypatch.setattr(runner, "_write_tables", lambda *_: None)
+    for go_on in (lambda: runner.run(study.resolve(TINY), tmp_path), lambda: runner.write_tables(tmp_path)):
         for place in PLACES:
             (tmp_path / place).mkdir(parents=True, exist_ok=True)
             (tmp_path / place / f"{DRAFT}0123.csv").write_text("half")
@@ -275,7 +275,7 @@ def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path, monkeypatch):
         raise OSError(30, "Read-only file system")
 
     monkeypatch.setattr(files.os, "open", refused)
-    for work in (lambda: runner.run(what, tmp_path), lambda: runner.report(tmp_path)):
+    for work in (lambda: runner.run(what, tmp_path), lambda: runner.write_tables(tmp_path)):
         with pytest.raises(InputError, match=r"cannot be written \(Read-only file system\)"):
             work()
 

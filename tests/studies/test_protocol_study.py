@@ -7,10 +7,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from toy import bring
 
+from neurotact import plugins
 from neurotact.errors import InputError
-from neurotact.studies import kinds, protocol, protocol_cell, protocol_study, protocols, runner, study
-from neurotact.studies.cell import is_done, write_cell
+from neurotact.report import report
+from neurotact.studies import loading, protocol, protocol_cell, protocol_study, runner, study
+from neurotact.studies.store import is_done, write_cell
 
 HERE = Path(__file__).parent
 COINS = HERE / "coins.toml"
@@ -18,7 +21,7 @@ COINS = HERE / "coins.toml"
 
 @pytest.fixture(autouse=True)
 def _toy_protocols(monkeypatch):
-    monkeypatch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
+    bring(monkeypatch)
 
 
 def run_here(what: protocol_study.ProtocolStudy, folder: Path, n_cells: int | None = None) -> Path:
@@ -28,22 +31,23 @@ def run_here(what: protocol_study.ProtocolStudy, folder: Path, n_cells: int | No
     protocol_cell.prepare(folder, cells)
     for cell in cells[:n_cells]:
         if not is_done(folder, cell):
-            given = kinds.load_given(kinds.given_path(folder, cell))
-            write_cell(kinds.run_cell(cell, given), cell, folder)
-    return runner.finish(what, folder)
+            given = protocol_cell.load_arrays(folder / cell.given)
+            write_cell(protocol_cell.run_cell(cell, given), cell, folder)
+    runner.write_tables(folder)
+    return report.write(folder)
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(protocols, "__path__", [str(HERE / "toy_protocols")])
+        bring(patch)
         folder = tmp_path_factory.mktemp("coins")
-        run_here(kinds.resolve(COINS), folder)
+        run_here(loading.resolve(COINS), folder)
         yield folder
 
 
 def test_cells_are_the_product_of_the_sweep_with_every_parameter_whole():
-    cells = list(protocol_study.cells(kinds.resolve(COINS)))
+    cells = list(protocol_study.cells(loading.resolve(COINS)))
     assert len({cell.digest() for cell in cells}) == len(cells) == 8
     assert [(c.parameters["rule"], c.parameters["data"]["heads"], c.parameters["seed"]) for c in cells[:3]] == [
         ("toss", 0.2, 0), ("toss", 0.2, 1), ("toss", 0.9, 0),
@@ -54,14 +58,14 @@ def test_cells_are_the_product_of_the_sweep_with_every_parameter_whole():
 
 @pytest.mark.parametrize("quick", [False, True])
 def test_a_resolved_study_reads_back_equal(tmp_path, quick):
-    what = kinds.resolve(COINS, quick=quick)
+    what = loading.resolve(COINS, quick=quick)
     (tmp_path / "study.toml").write_text(study.to_toml(what))
-    assert kinds.resolve(tmp_path / "study.toml") == kinds.read_back(tmp_path / "study.toml") == what
+    assert loading.resolve(tmp_path / "study.toml") == loading.read_back(tmp_path / "study.toml") == what
 
 
 @pytest.mark.parametrize("key", ["data.tosses", "parameters.data.tosses"])
 def test_an_override_reaches_the_parameters(key):
-    what = kinds.resolve(COINS, {key: 7, "rule": "heads"}, quick=True)
+    what = loading.resolve(COINS, {key: 7, "rule": "heads"}, quick=True)
     assert [(c.parameters["rule"], c.parameters["data"]["tosses"]) for c in protocol_study.cells(what)] == [
         ("heads", 7), ("heads", 7),
     ]  # fmt: skip
@@ -78,13 +82,13 @@ def test_an_override_reaches_the_parameters(key):
 )
 def test_what_is_wrong_is_refused_before_anything_runs(overrides, words):
     with pytest.raises(InputError, match=re.escape(words)):
-        kinds.resolve(COINS, overrides)
+        loading.resolve(COINS, overrides)
 
 
 def test_an_unknown_protocol_is_refused_by_its_nearest_name(tmp_path):
     (tmp_path / "study.toml").write_text(COINS.read_text().replace('"coins"', '"coin"'))
     with pytest.raises(InputError, match="there is none called 'coin'; did you mean 'coins'"):
-        kinds.resolve(tmp_path / "study.toml")
+        loading.resolve(tmp_path / "study.toml")
 
 
 def test_results_have_a_row_for_each_that_a_cell_gives_and_what_was_swept_first(finished):
@@ -98,7 +102,7 @@ def test_results_have_a_row_for_each_that_a_cell_gives_and_what_was_swept_first(
 
 def test_the_rows_stand_in_the_order_of_the_sweep(finished):
     swept = pd.read_csv(finished / "results.csv")[["rule", "heads", "seed"]].drop_duplicates()
-    sweep = kinds.resolve(COINS).sweep
+    sweep = loading.resolve(COINS).sweep
     assert swept.values.tolist() == [list(point) for point in product(*sweep.values())]
 
 
@@ -112,7 +116,7 @@ def test_swept_keys_that_end_alike_keep_their_whole_names():
 
 
 def test_an_interrupted_study_goes_on_to_the_same_bytes(finished, tmp_path):
-    what = kinds.resolve(COINS)
+    what = loading.resolve(COINS)
     run_here(what, tmp_path, n_cells=3)
     assert len(pd.read_csv(tmp_path / "results.csv")) == 3 * 3
     run_here(what, tmp_path)
@@ -121,7 +125,7 @@ def test_an_interrupted_study_goes_on_to_the_same_bytes(finished, tmp_path):
 
 
 def test_recordings_that_changed_are_refused(finished, tmp_path, monkeypatch):
-    what = kinds.resolve(COINS)
+    what = loading.resolve(COINS)
     run_here(what, tmp_path, n_cells=1)
     for path in (tmp_path / "data").glob("*.npz"):
         path.unlink()
@@ -150,7 +154,7 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
 
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
     monkeypatch.undo()
-    for name in protocol.names():
+    for name in plugins.names("protocols"):
         module = protocol.module_of(name)
         assert "data" in module.Parameters.model_fields, name
         assert {module.VIEW.cost, module.VIEW.score} <= set(module.VIEW.measures), name

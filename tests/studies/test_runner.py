@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from neurotact.errors import InputError
+from neurotact.report import report
 from neurotact.studies import runner, study
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -21,6 +22,7 @@ def finished(tmp_path_factory):
     """The tiny study, run without interruption in one process."""
     folder = tmp_path_factory.mktemp("whole")
     runner.run(study.resolve(TINY), folder, workers=1)
+    report.write(folder)
     return folder
 
 
@@ -87,6 +89,8 @@ def test_a_finished_study_runs_again_without_training(finished):
     before = {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}
     claimed = {"name": "c", "source": "s", "published": "p", "kind": "at_least", "measure": "hidden", "value": 1}
     runner.run(study.resolve(TINY, {"claims": [claimed]}), finished, workers=1)
+    report.write(finished)
     assert "1 of 1 claims reproduced" in (finished / "report.html").read_text()
     runner.run(study.resolve(TINY), finished, workers=1)
+    report.write(finished)
     assert before == {path: path.stat().st_mtime_ns for path in finished.glob("cells/*/result.json")}

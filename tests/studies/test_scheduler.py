@@ -51,14 +51,6 @@ def left_by(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in found if p.name != "timing.json"}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _no_report():
-    """The report is another test's matter."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner.networks, "write", lambda *_: None)
-        yield
-
-
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory) -> dict[str, bytes]:
     """What the tiny study leaves when one process computes it."""

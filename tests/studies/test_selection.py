@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.studies import runner, selection, study
-from neurotact.studies.cell import cell_folder
 from neurotact.studies.selection import LENGTH, Network, by_length, by_network, follow
+from neurotact.studies.store import cell_folder
 from neurotact.studies.study import Cell, SelectionSpec, StudySpec
 
 LENGTHS_MS = [50.0, 100.0, 200.0]

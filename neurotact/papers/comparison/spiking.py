@@ -14,9 +14,9 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.metrics.ledger import encoding_cost, network_cost
 from neurotact.networks import trained
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.ledger import encoding_cost, network_cost
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import Examples, train

@@ -22,9 +22,8 @@ from neurotact.encoders.calibration import CalibrationRule, calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
-from neurotact.metrics import ledger
 from neurotact.metrics.flops import Cost, MovingAverage, cost
-from neurotact.networks import trained
+from neurotact.networks import ledger, trained
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
 from neurotact.papers.stiffness import pvdf_hardness_figures

@@ -28,12 +28,12 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import Drawn
-from neurotact.metrics import ledger, spike_features
 from neurotact.metrics import spike_feature_flops as spent
+from neurotact.metrics import spike_features
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
 from neurotact.metrics.spike_distances import van_rossum, victor_purpura
 from neurotact.metrics.spike_trains import Events, events_of_raster, spike_counts
-from neurotact.networks import trained
+from neurotact.networks import ledger, trained
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
 from neurotact.papers.texture import baselines_figures as figures

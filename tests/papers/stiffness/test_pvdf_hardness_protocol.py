@@ -8,7 +8,7 @@ from neurotact.data.sources import expand
 from neurotact.errors import InputError
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.papers.stiffness import pvdf_hardness as hardness
-from neurotact.studies import kinds
+from neurotact.studies import loading
 
 NETWORK = {"neurons": (10,), "n_max": (10,), "exponents": (-2, 0), "draws": 2, "epochs": 20}
 SPIKING = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=16))
@@ -152,6 +152,6 @@ def test_real_presses_tell_the_cubes_apart():
 
 
 def test_the_shipped_study_sweeps_all_six_chains_both_ways():
-    study = kinds.resolve("pvdf-hardness")
-    assert len(kinds.cells(study)) == 12
+    study = loading.resolve("pvdf-hardness")
+    assert len(loading.engine_of(study).cells()) == 12
     assert study.parameters["spiking"]["forward_weight_scale"] == 0.1

@@ -6,7 +6,7 @@ import pytest
 
 from neurotact.errors import InputError
 from neurotact.papers.stiffness import protocol as stiffness
-from neurotact.studies import kinds
+from neurotact.studies import loading
 
 SMALL = {"simulation": {"placements": 5, "grasps": 4}}
 NETWORK = {"neurons": (5, 10), "n_max": (5, 10), "exponents": (-2, 0), "draws": 2, "epochs": 5}
@@ -90,8 +90,8 @@ def test_a_threshold_that_nothing_reaches_is_refused():
 
 
 def test_the_shipped_study_is_table_iii():
-    study = kinds.resolve("stiffness-slfn")
-    assert len(kinds.cells(study)) == 5 * 3 * 3
+    study = loading.resolve("stiffness-slfn")
+    assert len(loading.engine_of(study).cells()) == 5 * 3 * 3
     assert study.parameters["network"]["neurons"] == [25, 50, 100, 200, 300]
     assert study.parameters["network"]["n_max"] == [50, 100, 200, 300]
     assert study.parameters["network"]["exponents"] == list(range(-8, 9))

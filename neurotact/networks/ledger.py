@@ -9,7 +9,6 @@ from typing import Any
 
 import pandas as pd
 
-from neurotact.figures.networks import NETWORK
 from neurotact.metrics.flops import (
     Afferents,
     Cost,
@@ -32,7 +31,7 @@ from neurotact.metrics.signal_flops import (
     StandardisedSteps,
 )
 from neurotact.networks.specs import RSNNSpec
-from neurotact.tables import means_over
+from neurotact.tables import NETWORK, means_over
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MODEL = "network.model"

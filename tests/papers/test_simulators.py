@@ -5,8 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from neurotact import plugins
+from neurotact.data.sources import simulator
 from neurotact.errors import InputError
-from neurotact.papers.experiments import EXPERIMENTS
 
 SMALL = {
     "gratings": {"trials": 1, "duration_s": 0.3},
@@ -17,9 +18,9 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", list(EXPERIMENTS))
+@pytest.mark.parametrize("name", plugins.names("simulators"))
 def test_an_experiment_gives_its_trials_tells_its_progress_and_repeats(name):
-    experiment = EXPERIMENTS[name]
+    experiment = simulator(name)
     spec = experiment.model(**SMALL[name])
     told = []
     first = experiment.simulate(spec, lambda done, total: told.append((done, total)))
@@ -40,7 +41,7 @@ HUGE = {
 
 @pytest.mark.parametrize(("name", "changes"), [(name, changes) for name in HUGE for changes in HUGE[name]])
 def test_a_simulation_that_is_too_large_is_refused_before_it_begins(name, changes):
-    experiment = EXPERIMENTS[name]
+    experiment = simulator(name)
     spec = experiment.model(**changes)
     tracemalloc.start()
     with pytest.raises(InputError, match=r"simulation: .* MB, more than the limit of 512 MB; .*NEUROTACT_MAX_MB"):
@@ -50,4 +51,4 @@ def test_a_simulation_that_is_too_large_is_refused_before_it_begins(name, change
 
 
 def test_every_experiment_is_bounded():
-    assert list(HUGE) == list(EXPERIMENTS)
+    assert list(HUGE) == plugins.names("simulators")

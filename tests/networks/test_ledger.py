@@ -5,7 +5,8 @@ import pytest
 
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import ConditioningSpec
-from neurotact.metrics import ledger, synops
+from neurotact.metrics import synops
+from neurotact.networks import ledger
 from neurotact.networks.specs import RSNNSpec
 
 SMOOTHED = {"model": "lif", "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "none", "rectify": False}}

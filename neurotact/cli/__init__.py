@@ -1,0 +1,102 @@
+"""The command line: it parses, calls and prints. Each group of commands is imported when it is used."""
+
+import logging
+import sys
+import warnings
+from importlib import import_module
+from io import TextIOWrapper
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from typer.main import get_group
+
+from neurotact import __version__, files, progress
+from neurotact.cli.lazy import command_of, lazy_group
+from neurotact.errors import INTERRUPTED, InputError
+from neurotact.interrupt import ending_at_once
+from neurotact.progress import say
+
+
+class Place(NamedTuple):
+    """Where a command stands: its module in this package, its function or app there, and its line of help."""
+
+    module: str
+    name: str
+    help: str
+
+
+COMMANDS = {
+    "list": Place("specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies."),
+    "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
+    "copy": Place("specs", "copy", "Copy a spec here, to be edited and given by its path."),
+    "simulate": Place("simulate", "app", "Simulate an experiment."),
+    "import": Place("recordings", "app", "Read recordings as they were published into one HDF5 file."),
+    "calibrate": Place("encoding", "calibrate", "Find an encoder's gains for a sensor, from its training trials."),
+    "encode": Place("encoding", "encode", "Turn whole trials into the spikes of afferents."),
+    "raster": Place("encoding", "raster", "Draw a trial's spikes (.png, .svg, .pdf), or write all events (.csv)."),
+    "train": Place("networks", "train_command", "Train a network on windows of spike trains."),
+    "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
+    "infer": Place("networks", "infer", "Classify every window with a trained network, and count what it cost."),
+    "sops": Place("networks", "sops", "Write the synaptic operations of each test window."),
+    "study": Place("studies", "app", "Run, resume and report studies."),
+}
+
+
+def _load(name: str) -> Any:
+    place = COMMANDS[name]
+    with ending_at_once():  # torch alone takes seconds
+        found = getattr(import_module(f"neurotact.cli.{place.module}"), place.name)
+    if not isinstance(found, typer.Typer):
+        return command_of(found)
+    group = get_group(found)
+    group.name = name
+    return group
+
+
+Root = lazy_group(lambda: {name: place.help for name, place in COMMANDS.items()}, _load)
+app = typer.Typer(cls=Root, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress; warnings and errors are shown.")] = False,
+) -> None:
+    """Spiking touch: taxel signals to mechanoreceptor spikes to a decision, and what each saving costs."""
+    progress.show(not quiet)
+    if version:
+        print(__version__)
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may know no µ
+    warnings.showwarning = lambda message, *_: say(message)
+    try:
+        for word in sys.argv[1:]:
+            files.check_text(word)
+        code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
+    except InputError as error:
+        say(error)
+        sys.exit(2)
+    except typer.TyperException as error:
+        say(f"{error.format_message().rstrip('.')}; see {_command_of(error)} --help")
+        sys.exit(2)
+    if code == INTERRUPTED:  # Typer makes this of Ctrl-C
+        say("interrupted")
+    sys.exit(code or 0)
+
+
+class _Said(logging.Handler):
+    """What neurotact logs, printed like its errors."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        say(self.format(record))
+
+
+def _command_of(error: typer.TyperException) -> str:
+    context = getattr(error, "ctx", None)
+    return context.command_path if context else "neurotact"

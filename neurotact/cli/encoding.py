@@ -1,0 +1,122 @@
+"""The commands from recordings to spikes: calibrate, encode, raster."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from neurotact import files, spec
+from neurotact.cli.options import MOST_SPLITS, EncoderOption, Force, OutFile, SetOption, Spikes, Stratify
+from neurotact.cli.options import Recordings as RecordingsFile
+from neurotact.data import hdf5
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.encoders import calibration, firing
+from neurotact.encoders import specs as encoders
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_file
+from neurotact.errors import InputError
+from neurotact.figures import raster as rasters
+from neurotact.figures.calibration import draw_calibration
+from neurotact.figures.style import save as save_figure
+from neurotact.progress import say, track
+
+
+def calibrate(
+    recordings: RecordingsFile,
+    out: OutFile,
+    encoder: EncoderOption = "sa1-ra1-lif",
+    set_: SetOption = None,
+    split_seed: Annotated[
+        int, typer.Option(min=0, max=MOST_SPLITS, help="Of the split; only its training trials are looked at.")
+    ] = 0,
+    stratify: Stratify = None,
+    figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
+    force: Force = False,
+) -> None:
+    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
+    _check_outputs([out, figure], force, [recordings, encoder])
+    rule = calibration.CalibrationRule()
+    start = spec.load(AfferentSpec, encoder, spec.parse_assignments(set_ or []))
+    with hdf5.open_recordings(recordings) as data, track("calibrate", rule.candidates) as advance:
+        split = split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
+        found = calibration.calibrate(data.select(split.train), start, advance, rule)
+    trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
+    comment = f"# Calibrated from {encoder} on the {trials}.\n"
+    files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
+    if figure:
+        save_figure(draw_calibration(found.table, found.isi), figure)
+    print(f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}")
+
+
+def encode(
+    recordings: RecordingsFile,
+    out: OutFile,
+    encoder: EncoderOption = "sa1-ra1-lif",
+    set_: SetOption = None,
+    force: Force = False,
+) -> None:
+    """Turn whole trials into the spikes of SA-I and RA-I afferents."""
+    files.check_new(out, force=force, inputs=[recordings, encoder])
+    what = encoders.load(encoder, spec.parse_assignments(set_ or []))
+    with hdf5.open_recordings(recordings) as data, track("encode", len(data)) as advance:
+        found = encode_file(data, what, out, lambda n: advance(n, ""))
+    for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
+        say(complaint)
+    print(
+        f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
+        f"in {found.steps / found.clock_Hz:.1f} s"
+    )
+
+
+def raster(
+    spikes: Spikes,
+    out: OutFile,
+    trial: Annotated[int, typer.Option(min=0, help="Which trial to draw.")] = 0,
+    start_s: Annotated[float, typer.Option("--start-s", min=0, help="Beginning of the stretch.")] = 0.0,
+    stop_s: Annotated[float | None, typer.Option("--stop-s", help="Its end; the trial's end when absent.")] = None,
+    recordings: Annotated[Path | None, typer.Option(help="The recordings, when they moved since encoding.")] = None,
+    force: Force = False,
+) -> None:
+    """Draw a trial's spikes with the signal above (.png, .svg, .pdf), or write all events (.csv)."""
+    files.check_new(out, force=force, inputs=[spikes, recordings])
+    trains = hdf5.load_spikes(spikes)
+    files.check_new(out, force=force, inputs=[trains.source or None])
+    if trial >= len(trains):
+        raise InputError(f"--trial {trial}: {spikes} holds trials 0 to {len(trains) - 1}; choose one of them")
+    if out.suffix == ".csv":
+        rasters.write_events(trains, out)
+    else:
+        signal = _signal_of(trains, trial, recordings, spikes)
+        rasters.write_raster(trains, trial, out, signal=signal, start_s=start_s, stop_s=stop_s)
+    print(out)
+
+
+def _check_outputs(outputs: list[Path | None], force: bool, inputs: list[str | Path]) -> None:
+    """Refuse outputs that exist or are inputs, and two outputs that are one file."""
+    given = [out for out in outputs if out]
+    for out in given:
+        files.check_new(out, force=force, inputs=inputs)
+    places = [out.resolve() for out in given]
+    if len(set(places)) < len(places):
+        raise InputError(f"{given[-1]}: is the place of two outputs of this command; give each its own file")
+
+
+def _signal_of(
+    trains: SpikeTrains, trial: int, given: Path | None, spikes: Path
+) -> tuple[np.ndarray, float, str] | None:
+    """The recorded signal of one trial, its sampling rate and unit; None where the recordings are not at hand."""
+    path = given or Path(trains.source or ".")
+    if not (given or path.is_file()):
+        say(f"the signal is left out: {trains.source or 'its recordings'} is not there; name it with --recordings")
+        return None
+    with hdf5.open_recordings(path) as data:
+        if len(data) != len(trains):
+            raise InputError(
+                f"{data.source}: holds {len(data)} trials but {spikes} {len(trains)}; "
+                "name the recordings that were encoded with --recordings"
+            )
+        n_samples = int(data.lengths[trial])
+        files.check_size(f"{path}, trial {trial}", 4 * n_samples * data.n_channels)
+        return data.piece(trial, 0, n_samples), data.sampling_rate_Hz, data.unit

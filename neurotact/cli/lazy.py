@@ -1,0 +1,76 @@
+"""Groups of commands that are imported when they are used: help on a group imports none of them."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+from typer.main import get_command
+
+Help = str | Callable[[], str]
+"""A command's line in its group's help, or a function that finds it."""
+
+
+def new_app(help: str = "") -> typer.Typer:
+    """An app whose help is plain text."""
+    return typer.Typer(help=help, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+
+
+def command_of(function: Callable[..., None]) -> Any:
+    """A function as a command by itself."""
+    app = new_app()
+    app.command()(function)
+    return get_command(app)
+
+
+class LazyCommands(MutableMapping[str, Any]):
+    """Commands by name, each loaded when it is looked up.
+
+    ready: commands that need no loading. names: of the others. load: gives one of these by its name.
+    """
+
+    def __init__(
+        self, ready: MutableMapping[str, Any], names: Callable[[], Iterable[str]], load: Callable[[str], Any]
+    ) -> None:
+        self._loaded = {**ready}
+        self._names, self._load = names, load
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._loaded:
+            if name not in self._names():
+                raise KeyError(name)
+            self._loaded[name] = self._load(name)
+        return self._loaded[name]
+
+    def __setitem__(self, name: str, command: Any) -> None:
+        self._loaded[name] = command
+
+    def __delitem__(self, name: str) -> None:
+        del self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict.fromkeys([*self._names(), *self._loaded]))
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
+def lazy_group(helps: Callable[[], Mapping[str, Help]], load: Callable[[str], Any]) -> type[TyperGroup]:
+    """A kind of group with further commands, which `load(name)` gives when they are run or asked for help.
+
+    helps: the line of each such command in the group's help, by name.
+    """
+
+    class LazyGroup(TyperGroup):
+        def __init__(self, **attributes: Any) -> None:
+            super().__init__(**attributes)
+            self.ready = {**self.commands}
+            self.commands = LazyCommands(self.ready, helps, load)
+
+        def format_commands(self, ctx: Any, formatter: Any) -> None:
+            ready = {name: command.get_short_help_str(200) for name, command in self.ready.items()}
+            lazy = {name: line if isinstance(line, str) else line() for name, line in helps().items()}
+            with formatter.section("Commands"):
+                formatter.write_dl(list((lazy | ready).items()))
+
+    return LazyGroup

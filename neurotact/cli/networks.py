@@ -1,0 +1,251 @@
+"""The commands that train a network, search one, and measure it: train, tune, infer, sops."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import pandas as pd
+import torch
+import typer
+
+from neurotact import files, spec
+from neurotact.cli.options import (
+    MOST_WORKERS,
+    DeviceOption,
+    Force,
+    HopMs,
+    Json,
+    OtherEncoder,
+    OutFile,
+    OutFolder,
+    PerTrial,
+    RunFolder,
+    Seed,
+    SetOption,
+    Spikes,
+    SplitSeed,
+    StartMs,
+    Stratify,
+    Tolerance,
+    WindowMs,
+)
+from neurotact.cli.output import print_row, print_table
+from neurotact.data import hdf5
+from neurotact.errors import INTERRUPTED, InputError
+from neurotact.figures.search import draw_found
+from neurotact.figures.style import save as save_figure
+from neurotact.metrics import synops
+from neurotact.networks import ledger, search, train_run, trained, tuning
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+from neurotact.progress import say, track
+from neurotact.tables import to_json, write_table
+
+SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
+"""What of a SOP summary fits a terminal; the files hold all of it."""
+SIDES = {
+    synops.TRAINING: "training windows: seen in training, so that their accuracy is not that of new touches",
+    synops.VALIDATION: "validation windows: they chose the epoch and the patience",
+    synops.TEST: "test windows",
+    synops.UNSEEN: "unseen windows: of trials on no side of the split",
+    synops.UNKNOWN: "windows of which it cannot be told whether they were seen in training",
+}
+
+
+def train_command(
+    spikes: Spikes,
+    out: OutFolder,
+    network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "rsnn",
+    set_: SetOption = None,
+    window_ms: WindowMs = 150.0,
+    start_ms: StartMs = 0.0,
+    hop_ms: HopMs = None,
+    per_trial: PerTrial = None,
+    stratify: Stratify = None,
+    split_seed: SplitSeed = 0,
+    tolerance: Tolerance = 0.01,
+    seed: Seed = 0,
+    device: DeviceOption = "cpu",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted training; begin where there is none.")
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Train a network on windows of spike trains; the best on validation is kept.
+
+    What is interrupted goes on with the same command and --resume, and leaves the same files.
+    """
+    what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
+    window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    task = _task("train", window, split_seed, stratify, tolerance)
+    try:
+        done = train_run.run(spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume)
+    except train_run.Interrupted as interrupted:
+        say(_how_to_go_on(interrupted.epochs))
+        sys.exit(INTERRUPTED)
+    if done is None:
+        print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
+    else:
+        print_row(f"{out}: test of {done.n_test} windows", done.row, as_json=as_json)
+
+
+def _how_to_go_on(epochs: int) -> str:
+    """What an interrupted training says, with the command that goes on."""
+    if epochs == 0:
+        return "interrupted before the first epoch was over; nothing is saved"
+    words = [word for word in sys.argv[1:] if word not in ("--force", "--resume")]
+    return f"interrupted after epoch {epochs}; go on with: {shlex.join(['neurotact', *words, '--resume'])}"
+
+
+def tune(
+    spikes: Spikes,
+    out: OutFolder,
+    space: Annotated[str, typer.Option(help="Name or path of a search space, in NNI's terms.")] = "texture",
+    network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "rsnn",
+    set_: SetOption = None,
+    trials: Annotated[int, typer.Option(min=1, help="Networks to train.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the search.")] = 0,
+    objective: Annotated[
+        str, typer.Option(help="accuracy, or accuracy-sops with the Pareto front of both.")
+    ] = "accuracy",
+    sops_weight: Annotated[
+        float, typer.Option("--sops-weight", min=0, help="w in accuracy - w log10(SOPs), the objective accuracy-sops.")
+    ] = 0.1,
+    tuner: Annotated[str, typer.Option(help="tpe, random or grid.")] = "tpe",
+    batch: Annotated[int, typer.Option(min=1, help="Trials proposed at once; proposals depend on it.")] = 8,
+    assessor: Annotated[str, typer.Option(help="median-stop ends hopeless trials early; or none.")] = "median-stop",
+    start_epoch: Annotated[int, typer.Option("--start-epoch", min=1, help="After it, a trial may be stopped.")] = 10,
+    window_ms: WindowMs = 150.0,
+    start_ms: StartMs = 0.0,
+    hop_ms: HopMs = None,
+    per_trial: PerTrial = None,
+    stratify: Stratify = None,
+    split_seed: SplitSeed = 0,
+    tolerance: Tolerance = 0.01,
+    workers: Annotated[
+        int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
+    ] = 2,
+) -> None:
+    """Search a network's hyperparameters on validation windows; given the same folder again, it goes on there."""
+    settings = {
+        "space": tuning.load_space(space),
+        "tuner": tuner,
+        "trials": trials,
+        "batch": batch,
+        "seed": seed,
+        "objective": objective,
+        "sops_weight": sops_weight,
+        "assessor": assessor,
+        "start_epoch": start_epoch,
+    }
+    window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    problem = search.problem_of(
+        hdf5.load_spikes(spikes),
+        spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
+        spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
+        _task("tune", window, split_seed, stratify, tolerance),
+    )
+    with files.locked(out):
+        try:
+            with search.processes(spikes, workers) as run, track("tune", trials) as advance:
+                found, timing = search.search(problem, out, run, advance)
+        except KeyboardInterrupt:
+            say(f"interrupted; the same command goes on in {out}")
+            sys.exit(INTERRUPTED)
+        search.write_tables(problem, out, found)
+        save_figure(draw_found(problem, found), out / "search.png")
+        torch.set_num_threads(1)  # as in the search, so that its best network comes out again to the last bit
+        result = search.save_best(problem, spikes, out, found)
+    best = search.best_of(found)
+    print_row(f"{out}: trial {best.id} of {len(found)} is the best; its test", result["row"])
+    print(f"{out / 'best.toml'}: proposals took {timing.proposals:.1f} s of {timing.seconds:.1f} s")
+
+
+def infer(
+    run: RunFolder,
+    spikes: Spikes,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Also write each window's decision (.csv, .json, .md).")
+    ] = None,
+    early_exit: Annotated[
+        bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
+    ] = False,
+    allow_other_encoder: OtherEncoder = False,
+    device: DeviceOption = "cpu",
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Classify every window of spike trains with a trained network, and count what it cost.
+
+    Windows of training, validation, test and unseen trials are summarised apart; trials are known by their content.
+    """
+    if out:
+        files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
+    restored = trained.restore(run, device=_device(device))
+    trains = hdf5.load_spikes(spikes)
+    table = trained.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
+    if out:
+        write_table(table, out)
+    _print_sides(synops.summary(table), as_json=as_json)
+
+
+def sops(
+    run: RunFolder,
+    out: OutFile,
+    spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
+    early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
+    allow_other_encoder: OtherEncoder = False,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write the synaptic operations of each test window of a trained network (.csv, .json, .md)."""
+    files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
+    restored = trained.restore(run)
+    restored = restored._replace(spikes_path=spikes or restored.spikes_path)
+    files.check_new(out, force=force, inputs=[restored.spikes_path])
+    trains = trained.load_spikes_of(restored)
+    table = trained.infer(
+        restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
+    )
+    summary = synops.summary(table)
+    what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
+    write_table(table, out, about=synops.summary_markdown(summary, what))
+    _print_sides(summary, as_json=as_json)
+    if as_json:
+        return
+    network = restored.network
+    sizes = len(trains.afferents), network.n_classes
+    costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)
+    print_table(costs[["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]])
+
+
+def _task(command: str, window: dict[str, Any], split_seed: int, stratify: list[str] | None, tolerance: float) -> Task:
+    """The task that the options of a command describe."""
+    split = {"seed": split_seed}
+    table = {"window": window, "split": split, "stratify": stratify or [], "exit_tolerance": tolerance}
+    return spec.build(Task, table, source=command)
+
+
+def _network_files(run: Path) -> list[Path]:
+    return [path for path in run.glob("*") if path.is_file() and path.suffix in (".json", ".safetensors")]
+
+
+def _device(name: str) -> str:
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise InputError(
+            f"--device {name}: torch cannot use it here ({str(error).splitlines()[0]}); try cpu"
+        ) from error
+    return name
+
+
+def _print_sides(summary: pd.DataFrame, *, as_json: bool) -> None:
+    """A SOP summary, a table a side; as JSON, one table."""
+    if as_json:
+        print(to_json(summary))
+        return
+    for side, rows in summary.groupby(synops.SIDE, sort=False):
+        print_table(rows[SHOWN], title=SIDES[str(side)])

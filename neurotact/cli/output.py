@@ -1,0 +1,34 @@
+"""What commands print: tables for people or, as JSON, for programs."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from neurotact.tables import to_json
+
+console = Console(soft_wrap=True, highlight=False)
+
+
+def print_row(title: str, row: dict[str, Any], *, as_json: bool = False) -> None:
+    """One result, a line a column; as JSON, a list of one record."""
+    if as_json:
+        print(to_json(pd.DataFrame([row])))
+        return
+    table = Table(title=title, title_justify="left", show_header=False, box=None)
+    for key, value in row.items():
+        table.add_row(key, _shown(value))
+    console.print(table)
+
+
+def print_table(frame: pd.DataFrame, title: str | None = None) -> None:
+    table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
+    for row in frame.itertuples(index=False):
+        table.add_row(*map(_shown, row))
+    console.print(table)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, (float, np.floating)) else str(value)

@@ -1,0 +1,64 @@
+"""The commands that read recordings in the forms that they are published in."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from neurotact import files, plugins
+from neurotact.cli.lazy import command_of, lazy_group, new_app
+from neurotact.cli.options import Force, OutFile, Source
+from neurotact.data import hdf5
+from neurotact.data.readers import folder
+from neurotact.data.recordings import Recordings
+from neurotact.data.sources import reader
+
+IMPORTED = (".csv", ".npz", ".lvm")
+"""Files of recordings as they were published."""
+
+app = new_app("Read recordings as they were published into one HDF5 file.")
+
+
+@app.command("folder")
+def import_folder(
+    source: Source,
+    out: OutFile,
+    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples a second.")],
+    unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
+    force: Force = False,
+) -> None:
+    """Any recordings: a sub-folder a class, holding CSV or NPZ files, a row a sample and a column a taxel."""
+    _check_import(source, out, force)
+    _save_recordings(folder.read(source, sampling_rate_hz, unit), out)
+
+
+def _command(name: str) -> Any:
+    form = reader(name)
+
+    def command(source: Source, out: OutFile, force: Force = False) -> None:
+        _check_import(source, out, force)
+        _save_recordings(form.read(source), out)
+
+    command.__doc__ = form.about
+    return command_of(command)
+
+
+def _helps() -> dict[str, Any]:
+    return {name: lambda name=name: reader(name).about for name in plugins.names("readers")}
+
+
+app.info.cls = lazy_group(_helps, _command)
+
+
+@app.callback()
+def _import() -> None:
+    """Read recordings as they were published into one HDF5 file."""
+
+
+def _check_import(source: Path, out: Path, force: bool) -> None:
+    files.check_new(out, force=force, inputs=[p for p in files.below(source) if p.suffix.lower() in IMPORTED])
+
+
+def _save_recordings(recordings: Recordings, out: Path) -> None:
+    hdf5.save_recordings(recordings, out)
+    print(f"{out}: {recordings.summary()}")

@@ -1,0 +1,20 @@
+"""The report of a run folder: one page of what any study left there."""
+
+from pathlib import Path
+
+from neurotact import files
+from neurotact.report import afferents, networks, protocol
+from neurotact.studies import runner
+from neurotact.studies.protocol_study import ProtocolStudy
+
+
+def write(folder: Path) -> Path:
+    """Write the figures and `report.html` of a run from its tables; the page's path.
+
+    Raises InputError when the folder holds no study or no tables, and when another process works in it.
+    """
+    study = runner.load(folder)
+    with files.locked(folder):
+        if isinstance(study, ProtocolStudy):
+            return protocol.write(study, folder)
+        return networks.write(study, folder) if study.network is not None else afferents.write(study, folder)

@@ -1,0 +1,35 @@
+"""Studies by name or path, and the engine of each kind: the one place that tells the kinds apart."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from neurotact import spec as specs
+from neurotact.studies import protocol_study, study
+from neurotact.studies.engine import Engine
+from neurotact.studies.network_engine import NetworkEngine
+from neurotact.studies.protocol_engine import ProtocolEngine
+from neurotact.studies.protocol_study import ProtocolStudy
+from neurotact.studies.study import StudySpec
+
+Study = StudySpec | ProtocolStudy
+
+
+def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False) -> Study:
+    """Load a study file with its parts whole; see `study.resolve` and `protocol_study.resolve`."""
+    path = specs.find(StudySpec.folder, name)
+    table = specs.read(path)
+    if "protocol" in table:
+        return protocol_study.resolve(table, path, overrides, quick=quick)
+    return study.resolve(path, overrides, quick=quick)
+
+
+def read_back(path: Path) -> Study:
+    """The resolved study that a run folder holds."""
+    table = specs.read(path)
+    return specs.build(ProtocolStudy if "protocol" in table else StudySpec, table, source=str(path))
+
+
+def engine_of(study: Study) -> Engine:
+    """What carries out a study: one of protocols, or one of encoders and networks."""
+    return ProtocolEngine(study) if isinstance(study, ProtocolStudy) else NetworkEngine(study)

@@ -1,0 +1,20 @@
+"""The toy protocol, found by name as that of an installed package is."""
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from neurotact import plugins
+
+FOLDER = Path(__file__).parent / "toy_protocols"
+
+
+def bring(patch: pytest.MonkeyPatch) -> None:
+    """Make the protocol `coins` known until the patch is undone."""
+    found = plugins._found
+    point = EntryPoint("coins", "coins", "neurotact.protocols")
+    patch.syspath_prepend(str(FOLDER))
+    patch.setattr(
+        plugins, "_found", lambda group: {**found(group), "coins": [point]} if group == "protocols" else found(group)
+    )
