@@ -190,6 +190,8 @@ def write_json(path: str | Path, value: Any) -> None:
 def append(path: str | Path, text: str) -> None:
     """Add `text` to the end of a file; when this returns it is on the disk, and when it raises nothing was added."""
     path = Path(path)
+    if os.path.exists(path):
+        existing(path)  # a pipe that nobody reads would be opened for ever
     with _writable(path), path.open("ab", buffering=0) as file:
         before = file.tell()
         try:

@@ -79,12 +79,17 @@ def find(kind: str, name: str | Path) -> Path:
     return path
 
 
-def read(path: Path) -> dict[str, Any]:
-    """The table in a TOML file; InputError when it does not parse or holds a number that no spec can have."""
+def text(path: Path) -> str:
+    """The text of a spec file; InputError when it is not UTF-8, or longer than any spec."""
     if existing(path).stat().st_size > LONGEST:
         raise InputError(f"{path}: is longer than {LONGEST:,} bytes, which no spec is; check the file")
+    return read_text(path)
+
+
+def read(path: Path) -> dict[str, Any]:
+    """The table in a TOML file; InputError when it does not parse or holds a number that no spec can have."""
     try:
-        table = tomllib.loads(read_text(path))
+        table = tomllib.loads(text(path))
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

@@ -894,3 +894,14 @@ def test_a_folder_without_a_study_cannot_be_resumed(refused, tmp_path):
         refused(("study", command, tmp_path), f"{tmp_path}: holds no study; start one with neurotact study run")
     (tmp_path / "study.toml").write_text("title = 3")
     refused(("study", "resume", tmp_path), f"{tmp_path / 'study.toml'}")
+
+
+@pytest.mark.parametrize("command", ["show", "copy"])
+@pytest.mark.parametrize(("content", "expected"), [(b"\xa0", "is not UTF-8"), (b"#" * 2**21, "is longer than")])
+def test_a_file_that_is_no_spec_is_neither_shown_nor_copied(refused, tmp_path, command, content, expected):
+    (tmp_path / "given.toml").write_bytes(content)
+    refused((command, tmp_path / "given.toml", *(() if command == "show" else ("-o", tmp_path / "new.toml"))), expected)
+
+
+def test_the_folder_of_a_network_that_cannot_be_named_is_refused(refused, tmp_path):
+    refused(("sops", "x/" * 3000, "-o", tmp_path / "out.csv"), "there is no such folder")

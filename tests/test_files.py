@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from neurotact.errors import InputError
 from neurotact.files import (
     MAX_MB,
+    append,
     check_new,
     check_size,
     existing,
@@ -231,3 +232,9 @@ def test_a_limit_that_is_no_number_is_refused(monkeypatch, limit):
     monkeypatch.setenv(MAX_MB, limit)
     with pytest.raises(InputError, match=f"{MAX_MB}: must be a whole number"):
         check_size("x", 1)
+
+
+def test_nothing_is_appended_to_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "journal.jsonl")
+    with pytest.raises(InputError, match="is not a regular file"):
+        append(tmp_path / "journal.jsonl", "{}\n")

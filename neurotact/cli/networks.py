@@ -229,7 +229,11 @@ def _task(command: str, window: dict[str, Any], split_seed: int, stratify: list[
 
 
 def _network_files(run: Path) -> list[Path]:
-    return [path for path in run.glob("*") if path.is_file() and path.suffix in (".json", ".safetensors")]
+    return [
+        path
+        for path in files.existing(run, "folder").glob("*")
+        if path.is_file() and path.suffix in (".json", ".safetensors")
+    ]
 
 
 def _device(name: str) -> str:

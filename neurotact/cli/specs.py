@@ -25,7 +25,7 @@ def list_specs() -> None:
 
 def show(name: Annotated[str, typer.Argument(help="Name or path of a spec.")]) -> None:
     """Print a spec, with the comments that give its sources."""
-    print(files.read_text(_find_any(name)), end="")
+    print(spec.text(_find_any(name)), end="")
 
 
 def copy(
@@ -37,7 +37,7 @@ def copy(
     source = _find_any(name)
     target = out or Path(source.name)
     files.check_new(target, force=force, inputs=[source])
-    files.write_text(target, files.read_text(source))
+    files.write_text(target, spec.text(source))
     print(target)
 
 

@@ -54,6 +54,8 @@ class Claim(Spec):
         for key in needed.get(self.kind, ("value",)):
             if getattr(self, key) in (None, {}, ()):
                 raise ValueError(f"a claim of kind '{self.kind}' needs '{key}'")
+        if self.kind == "order" and (len(self.order) < 2 or not all(self.order)):
+            raise ValueError("order: needs at least two places, each with at least one selection")
         return self
 
     @property
@@ -212,7 +214,7 @@ def _for(where: dict[str, Any]) -> str:
 def _chain(order: tuple[tuple[dict[str, Any], ...], ...]) -> str:
     """The places of an order; the words that all of them share stand once."""
     pairs_alone = all(set(where) == {"pair"} for place in order for where in place)
-    places = [" and ".join(where["pair"] if pairs_alone else _words(where) for where in place) for place in order]
+    places = [" and ".join(str(where["pair"]) if pairs_alone else _words(where) for where in place) for place in order]
     return f"t_ref {' > '.join(places)} ms" if pairs_alone else " > ".join(places)
 
 

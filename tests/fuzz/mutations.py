@@ -267,7 +267,7 @@ def _of_another_shape(file: h5py.File, name: str, old: np.ndarray, rng: random.R
 
 
 def _of_other_values(file: h5py.File, name: str, old: np.ndarray, rng: random.Random) -> None:
-    if old.dtype == object:
+    if old.dtype.kind in "OSU":
         _of_other_words(file, name, old, rng)
         return
     values = old.astype("f8" if old.dtype.kind == "f" else "i8")

@@ -135,3 +135,13 @@ def test_an_unknown_column_is_refused_by_its_nearest():
 def test_a_claim_without_what_its_kind_needs_is_refused(kind):
     with pytest.raises(ValidationError, match="needs"):
         claim(kind)
+
+
+@pytest.mark.parametrize("order", [[[{"pair": "1&1"}]], [[{"pair": "1&1"}], []]])
+def test_an_order_needs_two_places_that_select_something(order):
+    with pytest.raises(ValueError, match="order: needs at least two places, each with at least one selection"):
+        claim("order", order=order)
+
+
+def test_a_rule_shows_a_pair_that_is_a_number():
+    assert "t_ref 1 > 5 ms" in claim("order", order=[[{"pair": 1}], [{"pair": 5}]]).rule
