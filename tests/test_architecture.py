@@ -24,6 +24,7 @@ FLOORS = (
     ("studies",),
     ("report",),
     ("papers",),
+    ("api",),
     ("cli",),
     ("__main__",),
 )

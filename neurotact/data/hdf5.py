@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.hdf5_input import Declared, attribute, names, opened, table
+from neurotact.data.hdf5_input import Declared, attribute, kind_of, names, opened, table
 from neurotact.data.hdf5_output import Output, create
 from neurotact.data.recordings import (
     Recordings,
@@ -261,6 +261,11 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     with spike_writer(path, *about) as writer:
         for trial in trains.trials():
             writer.append(trial)
+
+
+def load(path: str | Path) -> Recordings | SpikeTrains:
+    """Read recordings or spike trains, whichever the file says that it holds; InputError as of either."""
+    return load_spikes(path) if kind_of(path) == "spikes" else load_recordings(path)
 
 
 def load_spikes(path: str | Path) -> SpikeTrains:

@@ -34,6 +34,16 @@ FILTERS = {
 """What may be done to chunks: filters whose output can be bounded before."""
 
 
+def kind_of(path: str | Path) -> str:
+    """What an HDF5 file says that it holds, such as "spikes"; empty where it says nothing or cannot be read."""
+    try:
+        with h5py.File(existing(path), "r") as file:
+            return str(attribute(file, "kind", path)) if "kind" in file.attrs else ""
+    except (OSError, LookupError, ValueError, TypeError, RuntimeError):
+        existing(path)
+        return ""
+
+
 @contextmanager
 def opened(path: str | Path, kind: str, command: str) -> Iterator[h5py.File]:
     """The file at `path`, to read from; InputError for one that is truncated, not HDF5 or of another kind.

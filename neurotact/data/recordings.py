@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from neurotact.data.notebook import html_of
 from neurotact.errors import InputError, nearest
 
 LABEL = "label"
@@ -135,6 +136,19 @@ class Recordings(Trials):
         else:
             signals = [self.signals[i] for i in index.tolist()]
         return replace(self, signals=signals, conditions=self.conditions.iloc[index].reset_index(drop=True))
+
+    def __repr__(self) -> str:
+        lengths = self.lengths
+        span = f"{lengths.min()}" if lengths.min() == lengths.max() else f"{lengths.min()} to {lengths.max()}"
+        seconds = " to ".join(f"{n / self.sampling_rate_Hz:.3g}" for n in dict.fromkeys([lengths.min(), lengths.max()]))
+        return (
+            f"Recordings({len(self)} trials x {self.n_channels} taxels, {span} samples at {self.sampling_rate_Hz:g} Hz "
+            f"({seconds} s), {self.unit}, {len(self.classes)} classes)"
+        )
+
+    def _repr_html_(self) -> str:
+        counts = self.conditions[LABEL].value_counts().sort_index()
+        return html_of(self, {"trials of each class": ", ".join(f"{name}: {n}" for name, n in counts.items())})
 
     def summary(self) -> str:
         """How many trials, classes and taxels, how long, at which rate and in which unit: one line."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.data.notebook import html_of
 from neurotact.data.recordings import check_conditions, check_sampling_rate, class_indices, class_names
 from neurotact.data.windows import LONGEST_STEPS, Windows
 from neurotact.errors import InputError
@@ -75,6 +76,23 @@ class SpikeTrains:
 
     def __len__(self) -> int:
         return len(self.steps)
+
+    def __repr__(self) -> str:
+        seconds = self.trial_steps.sum() / self.sampling_rate_Hz
+        n_spikes = sum(map(len, self.steps))
+        rate_Hz = n_spikes / seconds / max(1, len(self.afferents)) if seconds else 0.0
+        return (
+            f"SpikeTrains({len(self)} trials x {len(self.afferents)} afferents, {n_spikes:,} spikes in {seconds:.3g} s "
+            f"({rate_Hz:.3g} Hz per afferent), clock {self.sampling_rate_Hz:g} Hz, {len(self.classes)} classes)"
+        )
+
+    def _repr_html_(self) -> str:
+        periods = {
+            name: f"{self.encoder[name]['t_ref_ms']:g} ms"
+            for name in ("sa1", "ra1")
+            if isinstance(self.encoder.get(name), Mapping) and "t_ref_ms" in self.encoder[name]
+        }
+        return html_of(self, {f"t_ref of {name}": period for name, period in periods.items()})
 
     @property
     def classes(self) -> tuple[str, ...]:

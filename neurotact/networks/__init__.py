@@ -1,1 +1,5 @@
 """Recurrent spiking networks: definition, training, early exit, exchange."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -4,7 +4,7 @@ Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -16,6 +16,7 @@ from neurotact.networks.kernels import Backend
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
+from neurotact.spec import build, override
 
 
 class Counts(NamedTuple):
@@ -56,7 +57,12 @@ class RSNN(nn.Module):
     `(trial, time, afferent)` of any type whose values are 0 and 1; `backend` chooses the implementation (see
     `kernels.use_native`).
 
-    >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
+    The spec is given whole, or by its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys
+    that are not given have the spec's defaults. InputError names a key that no spec has.
+
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
+    >>> net
+    RSNN(16 afferents, 20 hidden (recurrent), 8 classes, clock 2000 Hz, tau_mem 20 ms, tau_syn 10 ms, 880 weights)
     >>> spikes = (torch.rand(4, 300, 16) < 0.1).to(torch.uint8)
     >>> net(spikes).readout.shape
     torch.Size([4, 8])
@@ -66,15 +72,19 @@ class RSNN(nn.Module):
         self,
         n_inputs: int,
         n_classes: int,
-        spec: RSNNSpec,
-        sampling_rate_Hz: float,
+        spec: RSNNSpec | None = None,
+        sampling_rate_Hz: float | None = None,
         *,
         backend: Backend = "auto",
         generator: torch.Generator | None = None,
         dtype: torch.dtype = torch.float32,
+        **keys: Any,
     ) -> None:
         super().__init__()
-        self.spec = spec
+        if sampling_rate_Hz is None:
+            raise InputError("sampling_rate_Hz: the time constants need a clock; pass RSNN(..., sampling_rate_Hz=2000)")
+        table = {} if spec is None else spec.model_dump(mode="json")
+        self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
         self.sampling_rate_Hz = sampling_rate_Hz
         self.backend: Backend = backend
         self.neuron = CubaLIF(spec.membrane, spec.reset, spec.recurrent_delay_steps)
@@ -93,6 +103,15 @@ class RSNN(nn.Module):
 
     def _dynamics(self, name: str, value: float, dtype: torch.dtype) -> nn.Parameter:
         return nn.Parameter(torch.full((2,), value, dtype=dtype), requires_grad=name in self.spec.learn)
+
+    def __repr__(self) -> str:
+        kind = "recurrent" if self.spec.recurrent else "feed-forward"
+        n_weights = sum(w.numel() for w in (self.w_in, self.w_rec, self.w_out) if w is not None)
+        return (
+            f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
+            f"clock {self.sampling_rate_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
+            f"tau_syn {self.spec.tau_syn_ms:g} ms, {n_weights:,} weights)"
+        )
 
     @property
     def n_inputs(self) -> int:

@@ -1,8 +1,13 @@
 """Exchange of networks with snnTorch: Linear, RSynaptic, Linear, Synaptic, stepped over time.
 
-snnTorch's neurons are those with membrane `immediate`, reset `zero` or `subtract` and no recurrent delay; they clamp
-alpha and beta to [0, 1] and have a bias in every projection, which must be zero here. Weights are transposed on the
-way, because torch.nn.Linear keeps them as (postsynaptic, presynaptic).
+snnTorch's neurons are those with membrane `immediate`, reset `zero` or `subtract`; they clamp alpha and beta to [0, 1]
+and have a bias in every projection, which must be zero here. Weights are transposed on the way, because torch.nn.Linear
+keeps them as (postsynaptic, presynaptic).
+
+The membranes `eq4` and `delayed` are the same neurons one step behind their input: with mem[k] = U[k+1], snnTorch's
+mem[k] = beta mem[k-1] + syn[k] is `delayed` where syn[k] = I[k], and `eq4` where syn[k] = beta I[k]. Hence input and
+hidden spikes arrive one step later, and under `eq4` all weights are multiplied by beta. The spikes are equal but for
+rounding.
 """
 
 import math
@@ -30,48 +35,56 @@ class SnnTorchNetwork(nn.Module):
     """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
 
     fc_in, hidden, fc_out, readout: Linear, RSynaptic, Linear, Synaptic.
+    late: steps by which the neurons lag behind what they hear: 0 for `immediate`, 1 for `eq4` and `delayed`.
+    recurrent_delay: further steps by which a hidden spike comes back to the hidden layer.
     """
 
     def __init__(
-        self, fc_in: nn.Linear, hidden: snntorch.RSynaptic, fc_out: nn.Linear, readout: snntorch.Synaptic
+        self,
+        fc_in: nn.Linear,
+        hidden: snntorch.RSynaptic,
+        fc_out: nn.Linear,
+        readout: snntorch.Synaptic,
+        late: int = 0,
+        recurrent_delay: int = 0,
     ) -> None:
         super().__init__()
         self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
+        self.late, self.recurrent_delay = late, recurrent_delay
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero."""
-        rows, rasters = len(spikes), ([], [])
-        sent, syn, mem = (spikes.new_zeros(rows, self.fc_in.out_features, dtype=torch.float32) for _ in range(3))
-        syn_out, mem_out = (spikes.new_zeros(rows, self.fc_out.out_features, dtype=torch.float32) for _ in range(2))
-        for arriving in spikes.to(torch.float32).unbind(dim=1):
-            sent, syn, mem = self.hidden(self.fc_in(arriving), sent, syn, mem)
-            decided, syn_out, mem_out = self.readout(self.fc_out(sent), syn_out, mem_out)
-            rasters[0].append(sent)
-            rasters[1].append(decided)
-        return torch.stack(rasters[0], dim=1), torch.stack(rasters[1], dim=1)
+        rows, n_steps, _ = spikes.shape
+        silent, syn, mem = (spikes.new_zeros(rows, self.fc_in.out_features, dtype=torch.float32) for _ in range(3))
+        nothing, syn_out, mem_out = (spikes.new_zeros(rows, self.fc_out.out_features).float() for _ in range(3))
+        hidden, readout = [silent] * self.late, [nothing] * self.late
+        arriving = [torch.zeros_like(spikes[:, 0]).float()] * self.late + [*spikes.float().unbind(dim=1)]
+        for k in range(n_steps - self.late):
+            back = k - 1 - self.recurrent_delay  # the step whose hidden spikes come back; step k + late is computed
+            sent, syn, mem = self.hidden(self.fc_in(arriving[k]), hidden[back] if back >= 0 else silent, syn, mem)
+            hidden.append(sent)
+            heard = hidden[k - 1] if self.late and k else silent if self.late else sent
+            decided, syn_out, mem_out = self.readout(self.fc_out(heard), syn_out, mem_out)
+            readout.append(decided)
+        return torch.stack(hidden[:n_steps], dim=1), torch.stack(readout[:n_steps], dim=1)
 
 
 def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
-    Raises InputError unless the network is float32, recurrent without a delay, `immediate`, reset `zero` or `subtract`,
-    alpha and beta in [0, 1].
+    Raises InputError unless the network is float32, recurrent, reset `zero` or `subtract`, alpha and beta in [0, 1].
     In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
 
-    >>> net = RSNN(16, 8, RSNNSpec(hidden=20, membrane="immediate"), sampling_rate_Hz=2000.0)
+    >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
     >>> hidden, readout = to_snntorch(net)(torch.ones(2, 10, 16))
     >>> readout.shape
     torch.Size([2, 10, 8])
     """
-    if network.spec.membrane != "immediate":
-        raise InputError(f"membrane: snnTorch has 'immediate' alone; got '{network.spec.membrane}'")
     if network.spec.reset not in RESETS:
         raise InputError(f"reset: snnTorch has 'zero' and 'subtract' alone; got '{network.spec.reset}'")
     w_rec = network.w_rec
     if w_rec is None:
         raise InputError("model: networks without recurrence ('snn') are not exchanged with snnTorch; train an 'rsnn'")
-    if network.spec.recurrent_delay_steps:
-        raise InputError("recurrent_delay_steps: snnTorch has no delay; train the network with 0")
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)
@@ -90,8 +103,16 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     _forget(hidden, readout)
     recurrent = cast(nn.Linear, hidden.recurrent)
     recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
-    recurrent.weight = nn.Parameter(w_rec.detach().t().contiguous())
-    made = SnnTorchNetwork(_linear(network.w_in), hidden, _linear(network.w_out), readout)
+    factors = network.beta.detach() if network.spec.membrane == "eq4" else torch.ones_like(network.beta)
+    recurrent.weight = nn.Parameter((factors[0] * w_rec.detach()).t().contiguous())
+    made = SnnTorchNetwork(
+        _linear(factors[0] * network.w_in),
+        hidden,
+        _linear(factors[1] * network.w_out),
+        readout,
+        late=int(network.spec.membrane != "immediate"),
+        recurrent_delay=network.spec.recurrent_delay_steps,
+    )
     return made.to(network.w_in.device)
 
 
@@ -116,6 +137,8 @@ def from_snntorch(
     """
     if not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
+    if isinstance(parts, SnnTorchNetwork) and (parts.late or parts.recurrent_delay):
+        raise InputError("parts: these neurons hear their input later than snnTorch's own; give an 'immediate' network")
     fc_in, hidden, fc_out, readout = _four(parts)
     recurrent = getattr(hidden, "recurrent", None)
     if not isinstance(recurrent, nn.Linear):

@@ -1,1 +1,1 @@
-"""Sweeps over specs: cells, runner, calibration, claims, report."""
+"""The engine: what a study is, its cells, who computes them, its tables and claims."""

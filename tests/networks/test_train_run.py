@@ -115,7 +115,7 @@ def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, wh
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"neurotact.studies.{'train_run.' if place.startswith('files') else ''}{place}", interrupted)
+        patch.setattr(f"neurotact.networks.{'train_run.' if place.startswith('files') else ''}{place}", interrupted)
         with pytest.raises(Interrupted) as end:
             run(spikes, folder, NETWORK, TASK)
     assert end.value.epochs == N_EPOCHS
@@ -363,7 +363,7 @@ TRAIN = """
 import sys
 from pathlib import Path
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.studies import train_run
+from neurotact.networks import train_run
 from neurotact.networks.trained import Task
 train_run.SECONDS_BETWEEN = float(sys.argv[3])
 network = RSNNSpec(hidden=6, training=TrainingSpec(epochs=int(sys.argv[4]), patience=10**6, batch=4))

@@ -16,7 +16,7 @@ from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Epoch, Training
 from neurotact.studies import manifest, network_engine, runner, study
-from neurotact.studies.preparation import encoding_table, spikes_path
+from neurotact.studies.preparation import encoding_table
 from neurotact.studies.store import TIMING, cell_folder, seal
 from neurotact.studies.study import Cell, StudySpec
 
@@ -116,7 +116,7 @@ def make_run(
     n_classes = conditions["label"].nunique()
     encoding = {}
     for cell in done:
-        place, path = cell_folder(folder, cell), spikes_path(folder, cell)
+        place, path = cell_folder(folder, cell), folder / cell.given
         if cell.spikes_name not in encoding:
             trains = make_trains(conditions, cell, rate_Hz, seconds, silent_ra)
             hdf5.save_spikes(trains, path)

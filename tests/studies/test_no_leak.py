@@ -105,7 +105,7 @@ def left_of(folder, recordings: Recordings, seed: int = 0) -> tuple[SpikeTrains,
     one = cell_of(folder, seed)
     what = study.resolve(folder / "study.toml", {"split.seed": seed, "dataset.file": str(folder / "touch.h5")})
     preparation.prepare(folder, what, [one])
-    trains = hdf5.load_spikes(preparation.spikes_path(folder, one))
+    trains = hdf5.load_spikes(folder / one.given)
     return trains, cell.run_cell(one, trains)
 
 

@@ -126,7 +126,7 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
     expected = [n for n in train.tolist() if not only_known or table.force_N[n] == 3]
     assert given == [expected]
     assert len(expected) == (14 if only_known else 28)
-    made = load_spikes(preparation.spikes_path(tmp_path, cell)).encoder
+    made = load_spikes(tmp_path / cell.given).encoder
     assert made["tau_mem_ms"] == 8.0
     assert made["sa1"]["t_ref_ms"] == cell.encoder.sa1.t_ref_ms
 

@@ -1,1 +1,1 @@
-"""."""
+"""The compliance paper: moments of tactile images, k-means on an FPGA."""

@@ -15,7 +15,7 @@ import pandas as pd
 from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.room import check_room
+from neurotact.data.room import check_room
 from neurotact.data.sources import Simulator
 from neurotact.papers.compliance.tactile_moments import NAMES, moment_weights
 from neurotact.papers.compliance.viscoelastic import Bodies, Squeeze, deformation_at, squeeze

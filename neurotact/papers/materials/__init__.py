@@ -1,1 +1,1 @@
-"""."""
+"""The materials paper: probes of four materials, recursive least squares."""

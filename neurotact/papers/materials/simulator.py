@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.simulate.room import check_room
+from neurotact.data.room import check_room
 from neurotact.data.sources import Simulator
 from neurotact.papers.materials.lock_in import lock_in, phase_between
 from neurotact.spec import Spec

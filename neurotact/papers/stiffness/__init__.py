@@ -1,1 +1,1 @@
-"""."""
+"""The stiffness paper: a gripper, extreme learning machines, and the hardness cubes."""

@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
-from neurotact.data.simulate.room import check_room
+from neurotact.data.room import check_room
 from neurotact.data.sources import Simulator
 from neurotact.spec import Spec
 

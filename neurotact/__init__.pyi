@@ -1,0 +1,31 @@
+from .api import calibrate as calibrate
+from .api import encode as encode
+from .api import infer as infer
+from .api import load as load
+from .api import load_network as load_network
+from .api import plot_raster as plot_raster
+from .api import read as read
+from .api import read_folder as read_folder
+from .api import report_study as report_study
+from .api import run_study as run_study
+from .api import save as save
+from .api import save_network as save_network
+from .api import simulate as simulate
+from .api import train as train
+from .api import tune as tune
+from .data.recordings import Recordings as Recordings
+from .data.spikes import SpikeTrains as SpikeTrains
+from .data.windowed import SpikeArray as SpikeArray
+from .data.windowed import WindowedSpikes as WindowedSpikes
+from .data.windowed import windows as windows
+from .encoders.afferents import AfferentSpec as AfferentSpec
+from .encoders.transformer import SpikeEncoder as SpikeEncoder
+from .errors import InputError as InputError
+from .networks.classifier import SpikingClassifier as SpikingClassifier
+from .networks.rsnn import RSNN as RSNN
+from .networks.snntorch_exchange import from_snntorch as from_snntorch
+from .networks.snntorch_exchange import to_snntorch as to_snntorch
+from .networks.specs import RSNNSpec as RSNNSpec
+from .networks.specs import TrainingSpec as TrainingSpec
+
+__version__: str

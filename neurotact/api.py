@@ -1,0 +1,301 @@
+"""The front door's functions: what the command line does, one call each, on objects in memory.
+
+Each joins rooms that know nothing of one another; estimators, specs and arrays come from their own rooms.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from neurotact import files, spec
+from neurotact.data import hdf5, sources
+from neurotact.data.readers import folder
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.encoders import calibration, specs
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+from neurotact.figures.raster import draw_raster
+from neurotact.networks import checkpoint, search, train_run, trained, tuning
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+from neurotact.report import report
+from neurotact.studies import loading, runner
+from neurotact.tables import read_table
+
+Settings = Mapping[str, Any]
+"""Changes of a spec: dotted keys and their values, such as `{"sa1.t_ref_ms": 5}`."""
+
+
+def simulate(
+    name: str, settings: Settings | None = None, *, progress: sources.Progress | None = None, **parameters: Any
+) -> Recordings:
+    """Simulate an experiment, such as "gratings"; InputError names the nearest for an unknown name or key.
+
+    settings, parameters: changes of its spec: dotted keys in `settings`, plain ones as keywords.
+    progress: called as `progress(done, total)` with numbers of trials.
+
+    >>> simulate("gratings", trials=1, duration_s=0.3)
+    Recordings(48 trials x 8 taxels, 600 samples at 2000 Hz (0.3 s), mV, 8 classes)
+    """
+    found = sources.simulator(_text("name", name))
+    return found.simulate(found.build({**parameters, **(settings or {})}, f"simulate {name}"), progress)
+
+
+def read(name: str, path: str | Path) -> Recordings:
+    """Read recordings as they were published; `name` is a reader's, such as "fabricslide"."""
+    return sources.reader(_text("name", name)).read(Path(path))
+
+
+def read_folder(path: str | Path, sampling_rate_Hz: float, unit: str) -> Recordings:
+    """Read a folder of CSV or NPZ files, a sub-folder per class, a row per sample and a column per taxel.
+
+    sampling_rate_Hz: samples per second. unit: of the signals, such as "mV" or "count".
+    """
+    return folder.read(path, sampling_rate_Hz, unit)
+
+
+def load(path: str | Path) -> Recordings | SpikeTrains:
+    """Load an HDF5 file of recordings or of spike trains."""
+    return hdf5.load(path)
+
+
+def save(what: Recordings | SpikeTrains, path: str | Path, *, force: bool = False) -> None:
+    """Save recordings or spike trains as HDF5; an existing file is refused unless `force`."""
+    files.check_new(path, force=force)
+    if isinstance(what, Recordings):
+        hdf5.save_recordings(what, path)
+    elif isinstance(what, SpikeTrains):
+        hdf5.save_spikes(what, path)
+    else:
+        raise InputError(f"save: takes recordings or spike trains; got {type(what).__name__}")
+
+
+def encode(
+    recordings: Recordings,
+    encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
+    settings: Settings | None = None,
+    *,
+    progress: Callable[[int], None] | None = None,
+) -> SpikeTrains:
+    """Spikes of SA-I and RA-I afferents for whole trials.
+
+    encoder: a spec, or the name or path of one. settings: changes of it, dotted keys.
+    progress: called with the number of trials done since its last call.
+
+    >>> spikes = encode(simulate("gratings", trials=1, duration_s=0.3), "sa1-ra1-lif", {"sa1.t_ref_ms": 5})
+    >>> spikes.afferents[0], spikes.encoder["sa1"]["t_ref_ms"]
+    ('SA-I taxel1', 5.0)
+    """
+    _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
+    return encode_recordings(recordings, _encoder(encoder, settings), progress)
+
+
+def calibrate(
+    recordings: Recordings,
+    encoder: str | Path | AfferentSpec = "sa1-ra1-lif",
+    settings: Settings | None = None,
+    *,
+    split_seed: int = 0,
+    stratify: Sequence[str] = (),
+) -> AfferentSpec:
+    """An encoder with gains for a sensor, from the training trials of the split with that random seed."""
+    _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
+    split = split_conditions(recordings.conditions, stratify, SplitSpec(seed=split_seed))
+    start = encoder if isinstance(encoder, AfferentSpec) else spec.load(AfferentSpec, encoder)
+    return calibration.calibrate(recordings.select(split.train), _changed(start, settings)).encoder
+
+
+def plot_raster(
+    spikes: SpikeTrains,
+    trial: int = 0,
+    recordings: Recordings | None = None,
+    *,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+) -> Figure:
+    """The spikes of one trial as a matplotlib figure, under the signals of `recordings` where they are given."""
+    _instance("spikes", spikes, SpikeTrains, "nt.encode returns them")
+    if recordings is not None and len(recordings) != len(spikes):
+        raise InputError(f"recordings: hold {len(recordings)} trials but the spikes {len(spikes)}; give those encoded")
+    signal = None
+    if recordings is not None:
+        signal = (recordings.signals[trial], recordings.sampling_rate_Hz, recordings.unit)
+    return draw_raster(spikes, trial, signal, start_s, stop_s)
+
+
+def train(
+    spikes: str | Path,
+    folder: str | Path,
+    network: str | Path | RSNNSpec = "rsnn",
+    settings: Settings | None = None,
+    *,
+    length_ms: float = 150.0,
+    start_ms: float = 0.0,
+    hop_ms: float | None = None,
+    per_trial: int | None = None,
+    stratify: Sequence[str] = (),
+    split_seed: int = 0,
+    exit_tolerance: float = 0.01,
+    seed: int = 0,
+    device: str = "cpu",
+    force: bool = False,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Train a network on windows of a file of spikes and save it in `folder`, as `neurotact train` does; its result.
+
+    network: a spec, or the name or path of one. settings: changes of it, dotted keys.
+    length_ms, start_ms, hop_ms, per_trial: as for `windows`. stratify: conditions that are balanced in the split.
+    exit_tolerance: validation accuracy that early exit may lose.
+    force: replace a training that is in the folder. resume: go on with one that was interrupted.
+    Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys.
+    """
+    window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    task = _task(window, split_seed, stratify, exit_tolerance, "train")
+    what, place = _network(network, settings), Path(folder)
+    train_run.run(Path(spikes), place, what, task, seed=seed, device=device, force=force, resume=resume)
+    return files.read_json(place / train_run.RESULT)["row"]
+
+
+def infer(
+    folder: str | Path,
+    spikes: SpikeTrains,
+    *,
+    early_exit: bool = False,
+    test_only: bool = False,
+    allow_other_encoder: bool = False,
+    device: str = "cpu",
+) -> pd.DataFrame:
+    """Decide every window of spike trains with the network in `folder`: one row per window, with its spikes and SOPs.
+
+    Columns: trial, side (training, validation, test, unseen), label, predicted, steps, input_spikes, hidden_spikes and
+    sops_*. test_only: the network's own test trials alone. early_exit: stop where the validated patience says so.
+    Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
+    """
+    _instance("spikes", spikes, SpikeTrains, "nt.encode and nt.load return them")
+    restored = trained.restore(folder, device=device)
+    return trained.infer(
+        restored, spikes, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
+    )
+
+
+def tune(
+    spikes: str | Path,
+    folder: str | Path,
+    space: str | Mapping[str, Any] = "texture",
+    network: str | Path | RSNNSpec = "rsnn",
+    settings: Settings | None = None,
+    *,
+    trials: int = 100,
+    seed: int = 0,
+    objective: str = "accuracy",
+    tuner: str = "tpe",
+    length_ms: float = 150.0,
+    start_ms: float = 0.0,
+    hop_ms: float | None = None,
+    per_trial: int | None = None,
+    stratify: Sequence[str] = (),
+    split_seed: int = 0,
+    workers: int = 2,
+) -> pd.DataFrame:
+    """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
+
+    space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
+    objective: "accuracy", or "accuracy-sops". The journal, `best.toml` and the best network are saved in `folder`;
+    given the same folder again, the search goes on there.
+    """
+    window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    table = {
+        "space": tuning.load_space(space) if isinstance(space, str) else space,
+        "trials": trials,
+        "seed": seed,
+        "objective": objective,
+        "tuner": tuner,
+    }
+    task = _task(window, split_seed, stratify, 0.01, "tune")
+    asked = spec.build(tuning.SearchSpec, table, source="tune")
+    problem = search.problem_of(hdf5.load_spikes(spikes), asked, _network(network, settings), task)
+    place = Path(folder)
+    with files.locked(place):
+        with search.processes(Path(spikes), workers) as run:
+            found, _ = search.search(problem, place, run)
+        search.write_tables(problem, place, found)
+        search.save_best(problem, Path(spikes), place, found)
+    return search.trials_table(found)
+
+
+def run_study(
+    name: str | Path,
+    folder: str | Path,
+    settings: Settings | None = None,
+    *,
+    quick: bool = False,
+    workers: int = 2,
+    scheduler: str | None = None,
+) -> pd.DataFrame:
+    """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
+
+    settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
+    quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
+    The folder holds all tables, the figures and `report.html`; what was done before is not done again.
+    """
+    study = loading.resolve(name, settings, quick=quick)
+    runner.run(study, Path(folder), workers, scheduler)
+    return report_study(folder)
+
+
+def report_study(folder: str | Path) -> pd.DataFrame:
+    """Write the tables, figures and `report.html` of a study from what is done; its results."""
+    runner.write_tables(Path(folder))
+    report.write(Path(folder))
+    return read_table(Path(folder) / "results.csv")
+
+
+def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> None:
+    """Save a network as safetensors and JSON in `folder`; one that is there is refused unless `force`."""
+    _instance("network", network, RSNN, "a SpikingClassifier has one in network_")
+    files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
+    checkpoint.save(network, folder)
+
+
+def load_network(folder: str | Path) -> RSNN:
+    """The network in a folder that `save_network`, `train` or the command line wrote."""
+    return checkpoint.load(folder)[0]
+
+
+def _network(network: str | Path | RSNNSpec, settings: Settings | None) -> RSNNSpec:
+    return spec.load(RSNNSpec, network, settings) if isinstance(network, (str, Path)) else _changed(network, settings)
+
+
+def _task(window: dict[str, Any], seed: int, stratify: Sequence[str], exit_tolerance: float, source: str) -> Task:
+    table = {"window": window, "split": {"seed": seed}, "stratify": list(stratify), "exit_tolerance": exit_tolerance}
+    return spec.build(Task, table, source=source)
+
+
+def _encoder(encoder: str | Path | EncoderSpec, settings: Settings | None) -> Any:
+    return specs.load(encoder, settings) if isinstance(encoder, (str, Path)) else _changed(encoder, settings)
+
+
+def _changed(what: Any, settings: Settings | None) -> Any:
+    """A spec with dotted keys changed."""
+    if not settings:
+        return what
+    return spec.build(type(what), spec.override(what.model_dump(mode="json"), settings), source="settings")
+
+
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{name}: must be text; got {type(value).__name__}")
+    return value
+
+
+def _instance(name: str, value: object, wanted: type, fix: str) -> None:
+    if not isinstance(value, wanted):
+        raise InputError(f"{name}: must be {wanted.__name__}; got {type(value).__name__}; {fix}")

@@ -1,0 +1,135 @@
+"""Windows of spike trains as arrays that an estimator takes: X, y and the trial that each window comes from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.windows import WindowSpec, cut
+from neurotact.errors import InputError
+from neurotact.spec import build
+
+
+class SpikeArray(np.ndarray):
+    """A raster of spikes that knows its clock: an ordinary NumPy array with the attribute `sampling_rate_Hz`.
+
+    Slices, indexed parts and reshaped views keep the clock, so that it reaches an estimator through scikit-learn's
+    splitters and pipelines. The result of arithmetic keeps it too; `np.asarray` drops it.
+
+    >>> spikes = SpikeArray.of(np.zeros((4, 300, 16), np.uint8), 2000.0)
+    >>> spikes[:2].sampling_rate_Hz, np.asarray(spikes).shape
+    (2000.0, (4, 300, 16))
+    """
+
+    sampling_rate_Hz: float | None
+
+    @staticmethod
+    def of(spikes: np.ndarray, sampling_rate_Hz: float) -> "SpikeArray":
+        """`spikes` `(window, time, afferent)` on the clock `sampling_rate_Hz`, without a copy."""
+        made = np.asarray(spikes).view(SpikeArray)
+        made.sampling_rate_Hz = float(sampling_rate_Hz)
+        return made
+
+    def __array_finalize__(self, obj: np.ndarray | None) -> None:
+        self.sampling_rate_Hz = getattr(obj, "sampling_rate_Hz", None)
+
+    def __reduce__(self) -> tuple:
+        rebuild, arguments, state = super().__reduce__()
+        return rebuild, arguments, (state, self.sampling_rate_Hz)
+
+    def __setstate__(self, state: tuple) -> None:
+        whole, self.sampling_rate_Hz = state
+        super().__setstate__(whole)
+
+
+@dataclass(frozen=True)
+class WindowedSpikes:
+    """Windows of equal length, cut from trials.
+
+    X: spikes `(window, time, afferent)` uint8, with the attribute `sampling_rate_Hz`.
+    y: class names `(window,)`.
+    groups: the trial of each window `(window,)` int64, as scikit-learn's group splitters take it.
+    start_steps: the first step of each window in its trial `(window,)`.
+    trains: the spike trains that the windows were cut from.
+    """
+
+    X: SpikeArray
+    y: np.ndarray
+    groups: np.ndarray
+    start_steps: np.ndarray
+    trains: SpikeTrains
+
+    def __len__(self) -> int:
+        return len(self.y)
+
+    @property
+    def length_ms(self) -> float:
+        """Length of a window in ms."""
+        return 1e3 * self.X.shape[1] / self.trains.sampling_rate_Hz
+
+    def select(self, keep: np.ndarray) -> "WindowedSpikes":
+        """The windows where the boolean `keep` is true, or the windows that an index array names."""
+        X = SpikeArray.of(self.X[keep], self.trains.sampling_rate_Hz)
+        return WindowedSpikes(X, self.y[keep], self.groups[keep], self.start_steps[keep], self.trains)
+
+    def split(
+        self, seed: int = 0, *, validation: float = 0.15, test: float = 0.15, stratify: Sequence[str] = ()
+    ) -> "WindowedSplit":
+        """Training, validation and test windows. Trials are split, so no trial stands on two sides.
+
+        seed: random seed of the split. validation, test: shares of the trials.
+        stratify: conditions that are balanced over the sides, besides the class.
+        Raises InputError when a class has too few trials.
+        """
+        table = {"seed": seed, "validation": validation, "test": test}
+        spec = build(SplitSpec, table, source="split")
+        sides = split_conditions(self.trains.conditions, stratify, spec)
+        return WindowedSplit(*(self.select(np.isin(self.groups, side)) for side in sides))
+
+    def __repr__(self) -> str:
+        n_windows, n_steps, n_afferents = self.X.shape
+        return (
+            f"WindowedSpikes({n_windows} windows of {n_steps} steps ({self.length_ms:g} ms) x {n_afferents} afferents, "
+            f"{len(np.unique(self.y))} classes, {len(np.unique(self.groups))} trials)"
+        )
+
+
+class WindowedSplit(NamedTuple):
+    """The three sides of a split."""
+
+    train: WindowedSpikes
+    validation: WindowedSpikes
+    test: WindowedSpikes
+
+
+def windows(
+    spikes: SpikeTrains,
+    length_ms: float = 150.0,
+    start_ms: float = 0.0,
+    *,
+    hop_ms: float | None = None,
+    per_trial: int | None = None,
+) -> WindowedSpikes:
+    """Cut the trials of spike trains into windows.
+
+    length_ms: length of a window. start_ms: skipped at the beginning of each trial.
+    hop_ms: from one window's start to the next; the window's length when None.
+    per_trial: at most so many windows per trial; all that fit when None.
+    Raises InputError when a trial holds no window, or for values out of range.
+
+    >>> import pandas as pd
+    >>> from neurotact.data.spikes import from_rasters
+    >>> felt = from_rasters(np.zeros((2, 700, 16)), 2000.0, ("SA-I taxel1",) * 16, pd.DataFrame({"label": ["a", "b"]}))
+    >>> windows(felt, length_ms=150)
+    WindowedSpikes(4 windows of 300 steps (150 ms) x 16 afferents, 2 classes, 2 trials)
+    """
+    if not isinstance(spikes, SpikeTrains):
+        raise InputError(f"spikes: must be spike trains, as nt.encode returns them; got {type(spikes).__name__}")
+    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    found = cut(spikes.trial_steps, spikes.sampling_rate_Hz, build(WindowSpec, table, source="windows"))
+    X = SpikeArray.of(spikes.raster(found), spikes.sampling_rate_Hz)
+    names = spikes.conditions["label"].to_numpy(dtype=str)
+    return WindowedSpikes(X, names[found.trial], found.trial, found.start, spikes)

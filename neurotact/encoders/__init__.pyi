@@ -1,0 +1,2 @@
+from .afferents import AfferentSpec as AfferentSpec
+from .transformer import SpikeEncoder as SpikeEncoder

@@ -1,0 +1,273 @@
+"""The spiking network as a scikit-learn estimator."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.model_selection import GroupShuffleSplit, train_test_split
+from sklearn.utils.validation import check_is_fitted
+
+from neurotact.checks import sequences, trial_labels
+from neurotact.data.recordings import check_sampling_rate
+from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.rsnn import RSNN, Inference
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import exit_rule, synops_of
+from neurotact.networks.training import Examples, Training, train
+from neurotact.spec import load
+
+AXES = "window, time, afferent"
+TRAINING = ("learning_rate", "batch", "epochs", "patience")
+
+
+class SpikingClassifier(ClassifierMixin, BaseEstimator):
+    """A spiking network, recurrent by default, trained by surrogate gradients (texture paper, Eqs. 4 to 7).
+
+    Parameters
+    ----------
+    hidden : neurons of the hidden layer.
+    recurrent : whether hidden neurons are connected to one another.
+    tau_mem_ms, tau_syn_ms : time constants.
+    learning_rate, batch, epochs, patience : of the training.
+    network : name or path of a network spec (`networks/*.toml`), which holds every value that is None here.
+    settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
+    validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
+    exit_tolerance : accuracy on validation windows that early exit may lose.
+    sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` leave it.
+    random_state : random seed of the initial weights and of the order of the windows.
+    device : a torch device.
+
+    Attributes
+    ----------
+    classes_ `(class,)`; network_, an `RSNN`, which is a `torch.nn.Module`; training_, with `epochs` (the log) and
+    `best`; exit_rule_, chosen on validation windows; n_features_in_, the number of afferents; sampling_rate_Hz_.
+
+    Raises InputError for spikes that are not `(window, time, afferent)` zeros and ones, for a single class, for an
+    unknown clock and for parameters out of range.
+
+    >>> rng = np.random.default_rng(0)
+    >>> rates = np.repeat([0.02, 0.2], 30)[:, None, None]
+    >>> X, y = (rng.random((60, 100, 4)) < rates).astype(np.uint8), np.repeat(["soft", "hard"], 30)
+    >>> clf = SpikingClassifier(
+    ...     hidden=20, epochs=40, batch=8, learning_rate=0.01, settings={"forward_weight_scale": 1.0},
+    ...     sampling_rate_Hz=1000.0, random_state=0,
+    ... )
+    >>> bool(clf.fit(X, y).score(X, y) > 0.9)
+    True
+    >>> clf.decide(X, early_exit=True).columns.tolist()[:3]
+    ['predicted', 'steps', 'ms']
+    """
+
+    def __init__(
+        self,
+        hidden: int | None = None,
+        *,
+        recurrent: bool | None = None,
+        tau_mem_ms: float | None = None,
+        tau_syn_ms: float | None = None,
+        learning_rate: float | None = None,
+        batch: int | None = None,
+        epochs: int | None = None,
+        patience: int | None = None,
+        network: str = "rsnn",
+        settings: Mapping[str, Any] | None = None,
+        validation_fraction: float = 0.15,
+        exit_tolerance: float = 0.01,
+        sampling_rate_Hz: float | None = None,
+        random_state: int | np.random.RandomState | None = None,
+        device: str = "cpu",
+    ):
+        self.hidden = hidden
+        self.recurrent = recurrent
+        self.tau_mem_ms = tau_mem_ms
+        self.tau_syn_ms = tau_syn_ms
+        self.learning_rate = learning_rate
+        self.batch = batch
+        self.epochs = epochs
+        self.patience = patience
+        self.network = network
+        self.settings = settings
+        self.validation_fraction = validation_fraction
+        self.exit_tolerance = exit_tolerance
+        self.sampling_rate_Hz = sampling_rate_Hz
+        self.random_state = random_state
+        self.device = device
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        *,
+        validation: tuple[ArrayLike, ArrayLike] | None = None,
+        groups: ArrayLike | None = None,
+    ) -> "SpikingClassifier":
+        """Train on X `(window, time, afferent)`, y `(window,)`.
+
+        validation: `(X, y)` for early stopping and for the exit rule; held out from X when None.
+        groups: the trial of each window; windows of one trial are then held out together.
+        """
+        rate_Hz = self._clock(X)
+        spikes, labels = spike_windows(X), np.asarray(y)
+        labels = trial_labels(labels, len(spikes))
+        classes, indices = np.unique(labels, return_inverse=True)
+        if len(classes) < 2:
+            raise InputError(f"y: holds one class, '{classes[0]}', where a classifier needs two; add another class")
+        weights_seed, order_seed, split_seed = self._seeds()
+        if validation is None:
+            inside, held = self._hold_out(indices, groups, split_seed)
+            train_side = _examples(spikes[inside], indices[inside])
+            validation_side = _examples(spikes[held], indices[held])
+        else:
+            train_side = _examples(spikes, indices)
+            X_held, y_held = validation
+            held_labels = np.asarray(y_held)
+            unknown = held_labels[~np.isin(held_labels, classes)]
+            if len(unknown):
+                raise InputError(f"validation: class '{unknown[0]}' is not a class of training; leave it out")
+            held_spikes = spike_windows(X_held, n_afferents=spikes.shape[2])
+            held_labels = trial_labels(held_labels, len(held_spikes))
+            validation_side = _examples(held_spikes, np.searchsorted(classes, held_labels))
+        generator = torch.Generator().manual_seed(weights_seed)
+        network = RSNN(spikes.shape[2], len(classes), self.spec(), rate_Hz, generator=generator).to(self.device)
+        order = torch.Generator().manual_seed(order_seed)
+        self.training_: Training = train(network, train_side, validation_side, generator=order)
+        self.network_: RSNN = network
+        self.exit_rule_: ExitRule = exit_rule(network, validation_side, self.exit_tolerance)
+        self.classes_ = classes
+        self.n_features_in_ = spikes.shape[2]
+        self.sampling_rate_Hz_ = rate_Hz
+        return self
+
+    def spec(self) -> RSNNSpec:
+        """The network spec that the parameters describe."""
+        given = {name: getattr(self, name) for name in ("hidden", "tau_mem_ms", "tau_syn_ms")}
+        given |= {f"training.{name}": getattr(self, name) for name in TRAINING}
+        if self.recurrent is not None:
+            given["model"] = "rsnn" if self.recurrent else "snn"
+        chosen = {key: _plain(value) for key, value in given.items() if value is not None}
+        return load(RSNNSpec, self.network, {**chosen, **(self.settings or {})})
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Class of each window over its full length, `(window,)`."""
+        labels = self._infer(X, FULL_WINDOW).labels.cpu().numpy()
+        return self.classes_[labels]
+
+    def decision_function(self, X: ArrayLike) -> np.ndarray:
+        """Spike counts of the readout `(window, class)`; for two classes their difference `(window,)`."""
+        counts = self._infer(X, FULL_WINDOW).readout.cpu().numpy()
+        return counts[:, 1] - counts[:, 0] if len(self.classes_) == 2 else counts
+
+    def sops(self, X: ArrayLike, *, early_exit: bool = False) -> synops.Synops:
+        """Synaptic operations of each window: `input`, `recurrent`, `readout`, `total`, ... each `(window,)`."""
+        return synops_of(self._infer(X, self._rule(early_exit)), self.network_)
+
+    def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
+        """What is decided for each window, when, and at what cost: one row per window.
+
+        Columns: predicted, steps, ms (until the decision), input_spikes, hidden_spikes, and sops_* as in a SOP report.
+        """
+        found = self._infer(X, self._rule(early_exit))
+        steps = found.steps.cpu().numpy()
+        return pd.DataFrame(
+            {
+                "predicted": self.classes_[found.labels.cpu().numpy()],
+                "steps": steps,
+                "ms": 1e3 * steps / self.sampling_rate_Hz_,
+                "input_spikes": found.input_spikes.cpu().numpy(),
+                "hidden_spikes": found.hidden_spikes.cpu().numpy(),
+                **{f"sops_{name}": each for name, each in synops_of(found, self.network_)._asdict().items()},
+            }
+        )
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.input_tags.three_d_array = True
+        tags.non_deterministic = False
+        return tags
+
+    def _rule(self, early_exit: bool) -> ExitRule:
+        check_is_fitted(self)
+        return self.exit_rule_ if early_exit else FULL_WINDOW
+
+    def _infer(self, X: ArrayLike, rule: ExitRule) -> Inference:
+        check_is_fitted(self)
+        spikes = spike_windows(X, n_afferents=self.n_features_in_)
+        rate_Hz = getattr(X, "sampling_rate_Hz", None)
+        if rate_Hz is not None and rate_Hz != self.sampling_rate_Hz_:
+            raise InputError(
+                f"X: is sampled at {rate_Hz:g} Hz but the network was trained at {self.sampling_rate_Hz_:g} Hz; "
+                "encode it on that clock"
+            )
+        return self.network_.infer(torch.from_numpy(spikes).to(self.device), rule)
+
+    def _clock(self, X: ArrayLike) -> float:
+        found = getattr(X, "sampling_rate_Hz", None)
+        given = self.sampling_rate_Hz
+        if given is None and found is None:
+            raise InputError(
+                "sampling_rate_Hz: X does not say its clock; pass SpikingClassifier(sampling_rate_Hz=...) or make X "
+                "with nt.windows"
+            )
+        if given is not None and found is not None and given != found:
+            raise InputError(
+                f"sampling_rate_Hz: is {given:g} but X is sampled at {found:g} Hz; leave the parameter out"
+            )
+        rate_Hz = float(given if found is None else found)  # pyright: ignore[reportArgumentType]
+        check_sampling_rate(rate_Hz, "SpikingClassifier")
+        return rate_Hz
+
+    def _seeds(self) -> tuple[int, int, int]:
+        """Random seeds of the weights, the order of windows and the windows that are held out."""
+        state = self.random_state
+        if isinstance(state, np.random.RandomState):
+            first = int(state.randint(2**31 - 2))
+        else:
+            first = int(np.random.default_rng().integers(2**31 - 2)) if state is None else int(state)
+        return first, first + 1, first
+
+    def _hold_out(self, y: np.ndarray, groups: ArrayLike | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        share = self.validation_fraction
+        if not 0 < share < 1:
+            raise InputError(f"validation_fraction: must lie between 0 and 1; got {share!r}")
+        if groups is not None:
+            splitter = GroupShuffleSplit(1, test_size=share, random_state=seed)
+            return next(splitter.split(y, groups=trial_labels(np.asarray(groups), len(y))))
+        n_classes = len(np.unique(y))
+        n_held = max(n_classes, round(share * len(y)))
+        if np.bincount(y).min() < 2 or n_held > len(y) - n_classes:
+            raise InputError(
+                "y: a class has too few windows to hold one out for validation; add windows or pass validation=(X, y)"
+            )
+        inside, held = train_test_split(np.arange(len(y)), test_size=n_held, stratify=y, random_state=seed)
+        return np.sort(inside), np.sort(held)
+
+
+def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
+    """X as spikes `(window, time, afferent)` uint8; InputError for other shapes and values than 0 and 1.
+
+    >>> spike_windows(np.full((1, 2, 1), 0.5))
+    Traceback (most recent call last):
+    neurotact.errors.InputError: X: holds values other than 0 and 1; encode the signals first (nt.encode)
+    """
+    values = sequences(X, AXES, np.float32) if np.asarray(X).dtype != np.uint8 else sequences(X, AXES, np.uint8)
+    if not ((values == 0) | (values == 1)).all():
+        raise InputError("X: holds values other than 0 and 1; encode the signals first (nt.encode)")
+    if n_afferents is not None and values.shape[2] != n_afferents:
+        raise InputError(f"X: has {values.shape[2]} afferents, but training had {n_afferents}; give those")
+    return np.ascontiguousarray(values, np.uint8)
+
+
+def _examples(spikes: np.ndarray, labels: np.ndarray) -> Examples:
+    return Examples(torch.from_numpy(spikes), torch.from_numpy(np.asarray(labels, np.int64)))
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy number as Python's own, which a spec takes."""
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,74 @@
+"""Windows as arrays: what X, y and groups hold, and that a split never divides a trial."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.model_selection import train_test_split
+
+from neurotact.data.spikes import from_rasters
+from neurotact.data.windowed import SpikeArray, windows
+from neurotact.errors import InputError
+
+
+def trains(n_trials: int = 40, n_steps: int = 50):
+    rng = np.random.default_rng(0)
+    rasters = (rng.random((n_trials, n_steps, 4)) < 0.2).astype(np.uint8)
+    conditions = pd.DataFrame(
+        {"label": np.tile(["felt", "silk"], n_trials // 2), "force_N": np.arange(n_trials) % 4 // 2}
+    )
+    names = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
+    return from_rasters(rasters, 1000.0, names, conditions), rasters
+
+
+def test_windows_hold_the_spikes_the_class_and_the_trial_of_each():
+    spikes, rasters = trains()
+    data = windows(spikes, length_ms=20, start_ms=5, hop_ms=10)
+    assert data.X.shape == (40 * 3, 20, 4)
+    assert data.X.sampling_rate_Hz == 1000.0
+    for at in (0, 1, 119):
+        trial, start = data.groups[at], data.start_steps[at]
+        assert (data.X[at] == rasters[trial, start : start + 20]).all()
+        assert data.y[at] == spikes.conditions["label"][trial]
+    assert data.start_steps[:3].tolist() == [5, 15, 25]
+
+
+@given(st.integers(0, 2**32 - 2))
+def test_a_split_puts_each_trial_on_one_side_and_loses_no_window(seed):
+    data = windows(trains()[0], length_ms=20)
+    sides = data.split(seed)
+    groups = [set(side.groups.tolist()) for side in sides]
+    assert sum(map(len, groups)) == len(set.union(*groups))
+    assert sum(map(len, sides)) == len(data)
+    assert all(set(side.y) == {"felt", "silk"} for side in sides)
+    assert data.split(seed).test.groups.tolist() == sides.test.groups.tolist()
+
+
+def test_a_split_balances_the_conditions_that_are_named():
+    sides = windows(trains(80)[0], length_ms=20).split(0, stratify=["force_N"])
+    forces = sides.test.trains.conditions["force_N"].to_numpy()[sides.test.groups]
+    assert np.bincount(forces).min() >= 0.4 * len(forces)
+
+
+def test_the_clock_survives_indexing_splitting_and_pickling():
+    X = SpikeArray.of(np.eye(6, dtype=np.uint8).reshape(6, 3, 2), 500.0)
+    held, _ = train_test_split(X, test_size=2, random_state=0)
+    for part in (X[1:3], X[[0, 2]], X[np.arange(6) > 2], held, pickle.loads(pickle.dumps(X)), X.copy()):
+        assert part.sampling_rate_Hz == 500.0
+    assert type(np.asarray(X)) is np.ndarray
+
+
+@pytest.mark.parametrize("wrong", [None, "spikes.h5", np.zeros((2, 3, 4))])
+def test_another_type_is_refused_with_the_fix(wrong):
+    with pytest.raises(InputError, match=r"as nt\.encode returns them"):
+        windows(wrong)
+
+
+def test_a_window_that_fits_no_trial_is_refused():
+    with pytest.raises(InputError, match="shorten the window"):
+        windows(trains()[0], length_ms=60)
+    with pytest.raises(InputError, match="length_ms"):
+        windows(trains()[0], length_ms=-1)

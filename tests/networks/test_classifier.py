@@ -1,0 +1,193 @@
+"""The spiking classifier keeps scikit-learn's contract and trains as `train` does."""
+
+import numpy as np
+import pytest
+import torch
+from sklearn.base import clone
+from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
+from sklearn.pipeline import make_pipeline
+from sklearn.utils.estimator_checks import check_estimator
+from sklearn.utils.multiclass import check_classification_targets
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from neurotact.data.windowed import SpikeArray
+from neurotact.encoders.transformer import SpikeEncoder
+from neurotact.errors import InputError
+from neurotact.networks.classifier import SpikingClassifier, spike_windows
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.training import Examples, train
+
+RATE_HZ = 1000.0
+EXCEPTIONS = {
+    "check_classifiers_train": "asks for 83 % on features of any scale; three epochs on their spike counts have less",
+}
+"""Checks of scikit-learn that cannot hold, and why."""
+
+
+def touches(n: int = 40, seed: int = 0) -> tuple[SpikeArray, np.ndarray]:
+    """Windows of two classes that differ in how often their afferents fire."""
+    rng = np.random.default_rng(seed)
+    y = np.tile(["hard", "soft"], n // 2)
+    rates = np.where(y == "hard", 0.25, 0.02)[:, None, None]
+    return SpikeArray.of((rng.random((n, 60, 4)) < rates).astype(np.uint8), RATE_HZ), y
+
+
+def small(**changes) -> SpikingClassifier:
+    given = {"hidden": 6, "epochs": 6, "batch": 8, "learning_rate": 0.02, "random_state": 0}
+    return SpikingClassifier(**given | changes)
+
+
+def test_it_trains_the_network_that_train_trains():
+    X, y = touches()
+    X_held, y_held = touches(seed=1)
+    clf = small().fit(X, y, validation=(X_held, y_held))
+    network = RSNN(4, 2, clf.spec(), RATE_HZ, generator=torch.Generator().manual_seed(0))
+    sides = [
+        Examples(torch.from_numpy(np.asarray(a)), torch.from_numpy((b == "soft").astype(np.int64)))
+        for a, b in ((X, y), (X_held, y_held))
+    ]
+    log = train(network, *sides, generator=torch.Generator().manual_seed(1))
+    assert log.epochs == clf.training_.epochs
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, clf.network_.state_dict()[name]), name
+
+
+def test_equal_seeds_give_equal_networks_and_others_do_not():
+    X, y = touches()
+    first, again, other = (small(random_state=seed).fit(X, y).network_.w_in for seed in (3, 3, 4))
+    assert torch.equal(first, again)
+    assert not torch.equal(first, other)
+
+
+def test_a_decision_is_counted_from_its_own_spikes():
+    X, y = touches()
+    clf = small().fit(X, y)
+    found = clf.decide(X, early_exit=False)
+    assert (found["steps"] == 60).all()
+    assert found["ms"].tolist() == [60.0] * 40
+    assert found["input_spikes"].tolist() == np.asarray(X).sum(axis=(1, 2)).tolist()
+    hidden = found["hidden_spikes"]
+    assert (found["sops_total"] == 6 * found["input_spikes"] + 6 * hidden + 2 * hidden).all()
+    assert found["predicted"].tolist() == clf.predict(X).tolist()
+    assert clf.sops(X).total.tolist() == found["sops_total"].tolist()
+    early = clf.decide(X, early_exit=True)
+    assert (early["steps"] <= found["steps"]).all()
+    assert (early["sops_total"] <= found["sops_total"]).all()
+
+
+def test_a_feed_forward_network_has_no_recurrent_operations():
+    X, y = touches()
+    clf = small(recurrent=False).fit(X, y)
+    assert clf.network_.w_rec is None
+    assert not clf.sops(X).recurrent.any()
+
+
+def test_decision_function_agrees_with_predict():
+    X, y = touches()
+    clf = small().fit(X, y)
+    assert (clf.classes_[(clf.decision_function(X) > 0).astype(int)] == clf.predict(X)).all()
+
+
+def test_held_out_windows_share_no_group_with_training():
+    _, y = touches()
+    clf = small()
+    inside, held = clf._hold_out((y == "soft").astype(int), np.arange(40) // 4, 0)
+    assert not set(inside // 4) & set(held // 4)
+    assert sorted([*inside, *held]) == list(range(40))
+
+
+def test_it_works_in_a_search_a_pipeline_and_cross_validation():
+    X, y = touches()
+    search = GridSearchCV(small(epochs=2), {"hidden": [3, 5]}, cv=2).fit(X, y)
+    assert search.best_params_["hidden"] in (3, 5)
+    scores = cross_val_score(small(), X, y, groups=np.arange(40) // 4, cv=GroupKFold(2))
+    assert scores.shape == (2,)
+    signals = np.where((y == "hard")[:, None, None], 12.0, 2.0) * np.ones((1, 200, 2))
+    chain = make_pipeline(SpikeEncoder(sampling_rate_Hz=2000.0), small(epochs=2))
+    assert chain.fit(signals, y).predict(signals).shape == (40,)
+
+
+def test_the_clock_comes_from_the_array_or_the_parameter():
+    X, y = touches()
+    plain = np.asarray(X)
+    assert small().fit(X, y).sampling_rate_Hz_ == RATE_HZ
+    assert small(sampling_rate_Hz=500.0).fit(plain, y).sampling_rate_Hz_ == 500.0
+    with pytest.raises(InputError, match="X does not say its clock"):
+        small().fit(plain, y)
+    with pytest.raises(InputError, match="is 500 but X is sampled at 1000 Hz"):
+        small(sampling_rate_Hz=500.0).fit(X, y)
+    fitted = small().fit(X, y)
+    with pytest.raises(InputError, match="is sampled at 2000 Hz but the network was trained at 1000 Hz"):
+        fitted.predict(SpikeArray.of(plain, 2000.0))
+
+
+@pytest.mark.parametrize(
+    ("X", "y", "words"),
+    [
+        (np.zeros((4, 5)), ["a", "b"] * 2, r"X: must be \(window, time, afferent\)"),
+        (np.full((4, 5, 2), 0.5), ["a", "b"] * 2, "values other than 0 and 1"),
+        (np.full((4, 5, 2), np.nan), ["a", "b"] * 2, "not finite"),
+        (np.zeros((4, 5, 2)), ["a"] * 4, "holds one class, 'a'"),
+        (np.zeros((4, 5, 2)), ["a", "b"], "4 trials"),
+        (np.zeros((4, 5, 2)), ["a", "b", "b", "b"], "too few windows to hold one out"),
+        ("spikes.h5", ["a", "b"], "X: must be"),
+    ],
+)
+def test_what_it_cannot_take_is_refused_in_one_sentence(X, y, words):
+    with pytest.raises(InputError, match=words):
+        SpikingClassifier(sampling_rate_Hz=1000.0).fit(X, y)
+
+
+@pytest.mark.parametrize(("name", "value"), [("hidden", 0), ("epochs", "many"), ("settings", {"hiden": 3})])
+def test_a_wrong_parameter_is_named(name, value):
+    X, y = touches()
+    with pytest.raises(InputError, match="hidden" if name != "epochs" else "epochs"):
+        SpikingClassifier(**{name: value}).fit(X, y)
+
+
+def test_a_clone_has_the_parameters_and_nothing_learned():
+    X, y = touches()
+    copy = clone(small(settings={"reset": "subtract"}).fit(X, y))
+    assert copy.get_params() == small(settings={"reset": "subtract"}).get_params()
+    assert not hasattr(copy, "network_")
+
+
+class OfTables(SpikingClassifier):
+    """The classifier behind a code that turns each feature into a spike count, so that scikit-learn can feed it."""
+
+    def fit(self, X, y):
+        X, y = validate_data(self, X, y, dtype=np.float64)
+        check_classification_targets(y)
+        self.low_, self.high_ = X.min(axis=0), X.max(axis=0)
+        super().fit(self._spikes(X), y)
+        return self
+
+    def _infer(self, X, rule):
+        check_is_fitted(self)
+        return super()._infer(self._spikes(validate_data(self, X, dtype=np.float64, reset=False)), rule)
+
+    def _spikes(self, X):
+        share = (X - self.low_) / np.maximum(self.high_ - self.low_, 1e-9)
+        return (share[:, None, :] > np.linspace(0.05, 0.95, 20)[None, :, None]).astype(np.uint8)
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array, tags.input_tags.three_d_array = True, False
+        return tags
+
+
+def test_scikit_learns_checks_hold():
+    """All checks of scikit-learn, but those listed here with the reason."""
+    behind = OfTables(hidden=8, sampling_rate_Hz=1000.0, epochs=3, batch=16, random_state=0)
+    failed = [
+        found["check_name"]
+        for found in check_estimator(behind, on_fail=None, on_skip=None)
+        if found["status"] == "failed" and found["check_name"] not in EXCEPTIONS
+    ]
+    assert failed == []
+
+
+def test_spikes_of_any_number_type_are_taken():
+    values = np.array([[[0, 1], [1, 0]]])
+    for kind in (bool, np.int64, np.float32, np.uint8):
+        assert (spike_windows(values.astype(kind)) == values).all()

@@ -1,0 +1,166 @@
+"""The front door: `import neurotact as nt`."""
+
+import ast
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+import neurotact as nt
+from neurotact.errors import InputError
+
+HEAVY = ("torch", "numpy", "pandas", "sklearn", "h5py", "matplotlib", "nni", "snntorch", "scipy", "typer")
+SMALL = {"trials": 1, "duration_s": 0.5}
+QUICK = {"hidden": 6, "training.epochs": 2}
+README = Path(__file__).parents[1] / "README.md"
+
+
+@pytest.fixture(scope="module")
+def touches():
+    return nt.simulate("gratings", **SMALL)
+
+
+@pytest.fixture(scope="module")
+def spikes(touches):
+    return nt.encode(touches)
+
+
+@pytest.fixture
+def saved(spikes, tmp_path):
+    nt.save(spikes, tmp_path / "spikes.h5")
+    return tmp_path / "spikes.h5"
+
+
+def test_the_import_loads_nothing_heavy():
+    ask = f"import sys, neurotact; print([name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_name_is_there_and_says_what_it_is():
+    for name in nt.__all__:
+        found = getattr(nt, name)
+        assert name == "__version__" or inspect.getdoc(found), name
+    assert {*nt.__all__} - {"__version__"} <= {*dir(nt)}
+
+
+@pytest.mark.parametrize("package", ["baselines", "data", "encoders", "networks"])
+def test_each_package_exports_what_it_is_for(package):
+    module = getattr(__import__(f"neurotact.{package}"), package)
+    assert module.__all__
+    assert all(inspect.getdoc(getattr(module, name)) for name in module.__all__)
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="spikify"):
+        nt.spikify  # noqa: B018
+
+
+def test_the_lines_of_the_readme_run(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    code = README.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    small = code.replace("trials=10", "trials=2, duration_s=0.5").replace("random_state=0", "epochs=2, random_state=0")
+    assert small.count("epochs=2") == 1
+    found: dict = {}
+    exec(compile(ast.parse(small), str(README), "exec"), found)
+    assert isinstance(found["net"], nt.RSNN)
+    assert found["data"].X.shape[1:] == (300, 16)
+
+
+def test_recordings_and_spikes_are_saved_and_loaded_as_they_are(touches, spikes, tmp_path):
+    for what, name in ((touches, "touch.h5"), (spikes, "spikes.h5")):
+        nt.save(what, tmp_path / name)
+        assert type(nt.load(tmp_path / name)) is type(what)
+        with pytest.raises(InputError, match="already exists"):
+            nt.save(what, tmp_path / name)
+    again = nt.load(tmp_path / "spikes.h5")
+    assert all(np.array_equal(a, b) for a, b in zip(again.steps, spikes.steps, strict=True))
+
+
+def test_train_does_what_the_command_line_does(saved, tmp_path):
+    given = {"length_ms": 100.0, "start_ms": 100.0, "per_trial": 2}
+    row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, **given)
+    words = ["--window-ms", "100", "--start-ms", "100", "--per-trial", "2"]
+    changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
+    command = ["train", str(saved), "--network", "rsnn", *words, *changes, "-o", str(tmp_path / "theirs")]
+    subprocess.run([sys.executable, "-m", "neurotact", *command], check=True, capture_output=True)
+    for name in ("result.json", "weights.safetensors"):
+        assert (tmp_path / "mine" / name).read_bytes() == (tmp_path / "theirs" / name).read_bytes()
+    assert 0 <= row["accuracy_test"] <= 1
+
+
+def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
+    nt.train(saved, tmp_path / "run", "rsnn", QUICK, length_ms=100.0)
+    table = nt.infer(tmp_path / "run", spikes, test_only=True)
+    assert set(table["side"]) == {"test"}
+    net = nt.load_network(tmp_path / "run")
+    nt.save_network(net, tmp_path / "copy")
+    assert torch.equal(nt.load_network(tmp_path / "copy").w_in, net.w_in)
+    with pytest.raises(InputError, match="already exists"):
+        nt.save_network(net, tmp_path / "copy")
+
+
+def test_a_search_goes_on_where_it_was(saved, tmp_path):
+    space = {"hidden": {"_type": "choice", "_value": [4, 5]}}
+    given = {"trials": 2, "length_ms": 100.0, "workers": 1, "settings": {"training.epochs": 1}}
+    found = nt.tune(saved, tmp_path / "search", space, **given)
+    assert len(found) == 2
+    pd.testing.assert_frame_equal(nt.tune(saved, tmp_path / "search", space, **given), found)
+
+
+@pytest.mark.slow
+def test_a_study_runs_and_reports(tmp_path):
+    tiny = Path(__file__).parent / "studies" / "tiny.toml"
+    results = nt.run_study(tiny, tmp_path / "run", {"network.training.epochs": 1}, quick=True, workers=1)
+    assert (tmp_path / "run" / "report.html").is_file()
+    pd.testing.assert_frame_equal(nt.report_study(tmp_path / "run"), results)
+
+
+def test_a_raster_is_a_figure(touches, spikes):
+    figure = nt.plot_raster(spikes, trial=1, recordings=touches)
+    assert figure.axes
+    plt.close(figure)
+    with pytest.raises(InputError, match="hold 2 trials"):
+        nt.plot_raster(spikes, recordings=touches.select(np.array([0, 1])))
+
+
+def test_a_network_is_built_from_keys():
+    net = nt.RSNN(16, 8, hidden=12, tau_mem_ms=40, sampling_rate_Hz=2000.0)
+    assert (net.spec.hidden, net.spec.tau_mem_ms) == (12, 40)
+    changed = nt.RSNN(16, 8, net.spec, 2000.0, hidden=4)
+    assert (changed.spec.hidden, changed.spec.tau_mem_ms) == (4, 40)
+    with pytest.raises(InputError, match=r"hiden: unknown key; did you mean 'hidden'\?"):
+        nt.RSNN(16, 8, hiden=12, sampling_rate_Hz=2000.0)
+    with pytest.raises(InputError, match="sampling_rate_Hz: the time constants need a clock"):
+        nt.RSNN(16, 8, hidden=12)
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (lambda: nt.simulate("grating"), "did you mean 'gratings'"),
+        (lambda: nt.simulate(3), "name: must be text; got int"),
+        (lambda: nt.encode("touches.h5"), "recordings: must be Recordings; got str"),
+        (lambda: nt.plot_raster([1]), "spikes: must be SpikeTrains; got list"),
+        (lambda: nt.save([1], "x.h5"), "takes recordings or spike trains; got list"),
+        (lambda: nt.read("fabricslid", "."), "did you mean 'fabricslide'"),
+        (lambda: nt.load("absent.h5"), "there is no such file"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_the_fix(call, expected):
+    with pytest.raises(InputError, match=expected):
+        call()
+
+
+def test_what_is_shown_is_short_and_says_sizes_rates_and_units(touches, spikes):
+    assert repr(touches) == "Recordings(48 trials x 8 taxels, 1000 samples at 2000 Hz (0.5 s), mV, 8 classes)"
+    assert repr(spikes).startswith("SpikeTrains(48 trials x 16 afferents, ")
+    assert "clock 2000 Hz" in repr(spikes)
+    for what in (touches, spikes):
+        assert "<code>" in what._repr_html_()
