@@ -433,3 +433,11 @@ def test_a_number_edited_in_the_journal_of_a_search_under_way_is_refused(run, wh
     path.write_text("\n".join([json.dumps(DAMAGES[what](json.loads(first))), *others, ""]))
     with pytest.raises(InputError, match=r"journal\.jsonl: line 1 is damaged"):
         resume(run)
+
+
+def test_a_file_that_grew_beyond_all_limits_was_changed(tmp_path):
+    (tmp_path / "result.json").write_text("{}")
+    manifest.seal(tmp_path, ["result.json"])
+    with open(tmp_path / "result.json", "ab") as file:
+        file.truncate(2**40)  # sparse: reading it would take hours
+    assert manifest.flaws(tmp_path, ["result.json"]) == {"result.json": "was changed"}
