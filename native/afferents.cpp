@@ -1,5 +1,5 @@
 // Afferent LIF neurons, from conditioned signals to spikes (neurotact/encoders/afferents.py, neurons.lif_step).
-#include <omp.h>
+#include "parallel.h"
 
 #include "dispatch.hpp"
 #include "simd.hpp"

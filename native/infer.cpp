@@ -1,5 +1,5 @@
 // Inference: hidden layer and readout step by step, nothing kept but the state, and out as soon as the rule says so.
-#include <omp.h>
+#include "parallel.h"
 
 #include "dispatch.hpp"
 #include "layer.hpp"

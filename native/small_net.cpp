@@ -6,7 +6,7 @@
 // step t under `eq4` and `delayed`, at step t-1 under `immediate`. So that one list of events serves both, the readout
 // runs a step behind (`lag`) under `immediate`, and with a delay, which is known here under `delayed` alone: turn t of
 // the loop takes s[t-d] into step t of the hidden layer and into step t-lag of the readout.
-#include <omp.h>
+#include "parallel.h"
 
 #include "dispatch.hpp"
 #include "memory.hpp"

@@ -1,7 +1,7 @@
 // Networks and layers of any size. Forward: each trial by itself, event-driven, a panel of neurons in registers at a
 // time. Backward: blocks of trials side by side, so that the one dense product of a step, dL/ds = dL/dI V^T, is a
 // matrix product; weight gradients are gathered from the events of a few steps at once.
-#include <omp.h>
+#include "parallel.h"
 
 #include "dispatch.hpp"
 #include "layer.hpp"

@@ -7,9 +7,11 @@ order in which it asked. Spaces are written in NNI's terms: `_type` and `_value`
 
 import logging
 import math
+import platform
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
+from importlib.util import find_spec
 from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
@@ -231,7 +233,13 @@ def _nni() -> SimpleNamespace:
     """What is used of NNI, imported when a search begins, since that takes a second.
 
     NNI greets with warnings about its own dependencies, and its loggers print to stdout.
+    Raises InputError where it is not installed: it has no wheel for Linux aarch64 and macOS arm64.
     """
+    if find_spec("nni") is None:
+        raise InputError(
+            "search: NNI is not installed (it has no wheel for this machine: "
+            f"{platform.system()} {platform.machine()}); search on Linux or Windows x86-64, all else works here"
+        )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import nni

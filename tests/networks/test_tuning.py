@@ -278,3 +278,11 @@ def test_nni_is_imported_by_a_search_alone():
     names = [ast.unparse(node) for tree in modules.values() for node in tree.body if isinstance(node, IMPORTS)]
     assert names
     assert not [name for name in names if "nni" in name.split()[1].split(".")]
+
+
+def test_without_nni_a_search_says_what_is_missing(monkeypatch):
+    monkeypatch.setattr(tuning, "find_spec", lambda name: None)
+    tuning._nni.cache_clear()
+    with pytest.raises(InputError, match=r"search: NNI is not installed .*; search on Linux"):
+        MedianStop(10)
+    tuning._nni.cache_clear()
