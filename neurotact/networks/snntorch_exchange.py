@@ -55,7 +55,7 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
     Raises InputError unless the network is float32, recurrent without a delay, `immediate`, reset `zero` or `subtract`,
-    alpha and beta in [0, 1].
+    its readout counts spikes, and alpha and beta lie in [0, 1].
     In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20, membrane="immediate"), sampling_rate_Hz=2000.0)
@@ -70,6 +70,10 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     w_rec = network.w_rec
     if w_rec is None:
         raise InputError("model: networks without recurrence ('snn') are not exchanged with snnTorch; train an 'rsnn'")
+    if network.bias is not None:
+        raise InputError(
+            "readout: an integrator does not spike, as snnTorch's readout does; train with readout 'count'"
+        )
     if network.spec.recurrent_delay_steps:
         raise InputError("recurrent_delay_steps: snnTorch has no delay; train the network with 0")
     if network.w_in.dtype != torch.float32:

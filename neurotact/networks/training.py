@@ -1,5 +1,7 @@
 """Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam, early stopping."""
 
+import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -60,12 +62,13 @@ ADAM = ("step", "exp_avg", "exp_avg_sq")
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
-    """Cross-entropy of the readout counts and the two rate penalties of the Braille-reading study.
+    """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
 
     `rate_penalty` weighs the spikes of a hidden neuron in a window, averaged over trials and neurons;
     `population_penalty` the squared spike count of a batch, averaged over neurons.
     """
-    total = functional.cross_entropy(counts.readout, labels)
+    logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
+    total = functional.cross_entropy(logits, labels)
     if spec.rate_penalty:
         total = total + spec.rate_penalty * counts.hidden.mean()
     if spec.population_penalty:
@@ -87,7 +90,8 @@ def train(
 
     generator: orders the trials; with the network's own it fixes every number.
     progress: called after each epoch.
-    start: where an earlier call with the same arguments had come to; the result is the one it would have had.
+    start: where an earlier call with the same arguments had come to; the result is the one it would have had. With a
+        relative learning rate `network` has the weights that it began with, from which the rates follow.
     keep: called after each epoch with what `start` takes.
     Raises InputError when a weight is no longer finite: its neurons would fall silent, not fail.
 
@@ -98,9 +102,8 @@ def train(
     >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
     2
     """
-    optimiser = torch.optim.Adam(
-        (p for p in network.parameters() if p.requires_grad), lr=network.spec.training.learning_rate, fused=True
-    )
+    optimiser = torch.optim.Adam(_groups(network), lr=network.spec.training.learning_rate, fused=True)
+    rates = [group["lr"] for group in optimiser.param_groups]
     log: list[Epoch] = []
     best_weights: Mapping[str, Tensor] = {}
     if start is not None:
@@ -108,7 +111,7 @@ def train(
         _go_back(start, network, optimiser, generator)
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
-        fitted = _pass(network, training, order, optimiser)
+        fitted = _pass(network, training, order, optimiser, _Rates(network.spec.training, rates, len(log)))
         log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise InputError(f"training: weights are not finite after epoch {len(log)}; lower training.learning_rate")
@@ -133,20 +136,67 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log).epoch >= spec.patience)
 
 
-def _pass(network: RSNN, training: Examples, order: Tensor, optimiser: torch.optim.Optimizer) -> tuple[float, float]:
+def _groups(network: RSNN) -> list[dict[str, Any]]:
+    """What Adam trains: one group or, with relative rates, each parameter with its own, in the network's order."""
+    trained = [p for p in network.parameters() if p.requires_grad]
+    spec = network.spec.training
+    if spec.relative_learning_rate is None:
+        return [{"params": trained}]
+    relative = spec.relative_learning_rate
+    own = [relative * float(p.detach().square().mean().sqrt()) if p.ndim == 2 else 0.0 for p in trained]
+    return [{"params": [p], "lr": rate or spec.learning_rate} for p, rate in zip(trained, own, strict=True)]
+
+
+class _Rates(NamedTuple):
+    """The learning rates of an epoch: `first` of each group, before any step, and how many epochs came before."""
+
+    spec: TrainingSpec
+    first: Sequence[float]
+    epochs_before: int
+
+    def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
+        """Give the groups their rates after this share of the epoch."""
+        if self.spec.schedule == "cosine":
+            done = (self.epochs_before + share) / self.spec.epochs
+            for group, rate in zip(optimiser.param_groups, self.first, strict=True):
+                group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * done))
+
+
+EXPLODED = 1e6
+"""A median gradient norm that no training comes back from: those that learn stay some thousandfold below it."""
+
+
+def _watch(norms: Sequence[Tensor], epoch: int) -> None:
+    """Warn of gradients that explode: Adam then follows noise."""
+    median = float(torch.stack(list(norms)).median())
+    if EXPLODED < median < math.inf:  # weights that are no longer finite are refused
+        warnings.warn(
+            f"training: gradients explode (median norm {median:.0e} in epoch {epoch}); use model = 'snn', which has "
+            "no recurrence, a larger surrogate_scale or shorter time constants",
+            stacklevel=3,
+        )
+
+
+def _pass(
+    network: RSNN, training: Examples, order: Tensor, optimiser: torch.optim.Optimizer, rates: _Rates
+) -> tuple[float, float]:
     """Train on every trial once, in this order; `(loss, accuracy)`, each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
     total, correct = 0.0, 0
-    for batch in order.split(spec.batch):
+    batches, norms = order.split(spec.batch), []
+    for number, batch in enumerate(batches):
+        rates.set(optimiser, number / len(batches))
         spikes, labels = training.spikes[batch].to(device), training.labels[batch].to(device)
         optimiser.zero_grad()
         counts = network(spikes)
         batch_loss = loss(counts, labels, spec)
         batch_loss.backward()
+        norms.append(torch.nn.utils.get_total_norm(p.grad for p in network.parameters() if p.grad is not None))
         optimiser.step()
         _bound(network)
         total += batch_loss.item() * len(batch)
         correct += int((counts.readout.argmax(dim=1) == labels).sum())
+    _watch(norms, rates.epochs_before + 1)
     return total / len(order), correct / len(order)
 
 

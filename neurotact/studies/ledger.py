@@ -15,6 +15,7 @@ from neurotact.metrics.flops import (
     Afferents,
     Cost,
     Dense,
+    Integrator,
     IzhikevichAfferents,
     Layer,
     Moments,
@@ -94,7 +95,7 @@ def network_cost(
 ) -> Cost:
     """The spiking network of one decision.
 
-    spec: of the network, which says how many hidden neurons it has and whether it is recurrent.
+    spec: of the network, which says how many hidden neurons it has, whether it is recurrent and what its readout is.
     measured: mean SOPs of the projections, under the names of `SOPS`.
     steps: simulated steps of a decision, a mean under early exit.
 
@@ -103,10 +104,15 @@ def network_cost(
     >>> found.macs, found.acs, found.parameters
     (22800, 1280, 1620)
     """
-    into_hidden = measured["sops_input"] + measured["sops_recurrent"]
+    into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
+    readout = (
+        Integrator(spec.hidden, n_classes, sops=into_readout)
+        if spec.readout == "integrator"
+        else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
+    )
     return cost(
         SpikingLayer(n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent),
-        SpikingLayer(spec.hidden, n_classes, steps=steps, sops=measured["sops_readout"], recurrent=False),
+        readout,
         signal_ms=signal_ms,
     )
 

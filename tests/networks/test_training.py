@@ -1,5 +1,7 @@
 """Training learns, stops, keeps the best weights, and repeats bit for bit from its seeds."""
 
+import math
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -79,6 +81,56 @@ def test_the_loss_is_cross_entropy_and_two_rate_penalties():
     assert loss(counts, torch.tensor([0, 1]), spec).item() == pytest.approx(expected.item())
 
 
+def test_a_temperature_multiplies_the_readout_alone():
+    counts = Counts(torch.tensor([[3.0, 1.0], [0.0, 4.0]]), torch.tensor([[4.0, 0.0], [0.0, 2.0]]))
+    labels, penalties = torch.tensor([0, 1]), {"rate_penalty": 0.1, "population_penalty": 0.01}
+    scaled = Counts(0.25 * counts.readout, counts.hidden)
+    found = loss(counts, labels, TrainingSpec(temperature=0.25, **penalties))
+    assert found.item() == loss(scaled, labels, TrainingSpec(**penalties)).item()
+
+
+def rates_seen(monkeypatch, net):
+    """The learning rates of every step of a training, a list a step."""
+    seen = []
+    step = torch.optim.Adam.step
+    monkeypatch.setattr(
+        torch.optim.Adam, "step", lambda self: (seen.append([g["lr"] for g in self.param_groups]), step(self))
+    )
+    fit(net)
+    return seen
+
+
+def test_a_cosine_falls_to_nothing_over_all_epochs(monkeypatch):
+    seen = rates_seen(monkeypatch, network(epochs=3, patience=3, schedule="cosine"))
+    assert len(seen) == 3 * 4
+    expected = [0.01 * 0.5 * (1 + math.cos(math.pi * k / 12)) for k in range(12)]
+    assert [rate for (rate,) in seen] == pytest.approx(expected)
+
+
+def test_relative_rates_follow_each_matrix(monkeypatch):
+    net = network(epochs=1, relative_learning_rate=0.05)
+    with torch.no_grad():
+        net.w_in *= 100.0
+    expected = [0.05 * w.detach().square().mean().sqrt().item() for w in (net.w_in, net.w_rec, net.w_out)]
+    assert rates_seen(monkeypatch, net)[0] == pytest.approx(expected)
+
+
+def test_a_matrix_of_zeros_learns_at_the_absolute_rate(monkeypatch):
+    net = network(epochs=1, relative_learning_rate=0.05)
+    with torch.no_grad():
+        net.w_rec.zero_()
+    assert rates_seen(monkeypatch, net)[0][1] == 0.01
+
+
+def test_gradients_that_explode_are_said(monkeypatch):
+    net = network(epochs=1)
+    with torch.no_grad():
+        net.w_in *= 1e3
+    monkeypatch.setattr("neurotact.networks.training.EXPLODED", 0.0)
+    with pytest.warns(UserWarning, match="gradients explode .* in epoch 1"):
+        fit(net)
+
+
 @pytest.mark.parametrize("name", ["alpha", "beta", "threshold"])
 def test_learned_dynamics_move_and_stay_within_bounds(name):
     spec = RSNNSpec(hidden=10, learn=(name,), training=TrainingSpec(epochs=3, batch=16, learning_rate=0.05))
@@ -110,10 +162,14 @@ def trained_state(net, training):
     model=st.sampled_from(["rsnn", "snn"]),
     patience=st.integers(1, 7),
     dtype=st.sampled_from([torch.float32, torch.float64]),
+    readout=st.sampled_from(["count", "integrator"]),
+    schedule=st.sampled_from(["constant", "cosine"]),
 )
-def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(stop, learn, model, patience, dtype):
-    training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience)
-    spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), training=training)
+def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
+    stop, learn, model, patience, dtype, readout, schedule
+):
+    training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience, schedule=schedule)
+    spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), readout=readout, training=training)
 
     def run(weights_seed, order_seed, **state):
         generator = torch.Generator().manual_seed(weights_seed)
