@@ -34,7 +34,18 @@ from neurotact.metrics import synops
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import counting, say, track
-from neurotact.studies import calibration, firing, kinds, ledger, preparation, runner, search, train_run, trained
+from neurotact.studies import (
+    calibration,
+    comparison,
+    firing,
+    kinds,
+    ledger,
+    preparation,
+    runner,
+    search,
+    train_run,
+    trained,
+)
 from neurotact.studies.encoding import encode_file
 from neurotact.studies.trained import Task
 
@@ -306,7 +317,7 @@ def raster(
 def train_command(
     spikes: Path,
     out: OutFolder,
-    network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "rsnn",
+    network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "default",
     set_: SetOption = None,
     window_ms: WindowMs = 150.0,
     start_ms: StartMs = 0.0,
@@ -330,7 +341,9 @@ def train_command(
     window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
     task = _task("train", window, split_seed, stratify, tolerance)
     try:
-        done = train_run.run(spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume)
+        done = train_run.run(
+            spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume, tell=print
+        )
     except train_run.Interrupted as interrupted:
         say(_how_to_go_on(interrupted.epochs))
         sys.exit(INTERRUPTED)
@@ -338,6 +351,10 @@ def train_command(
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
     else:
         _print_row(f"{out}: test of {done.n_test} windows", done.row)
+        for line in comparison.lines(done.compared, done.row["sops_total"]):
+            print(line)
+        for complaint in comparison.complaints(done.compared):
+            say(complaint)
 
 
 def _how_to_go_on(epochs: int) -> str:
@@ -353,7 +370,7 @@ def tune(
     spikes: Path,
     out: OutFolder,
     space: Annotated[str, typer.Option(help="Name or path of a search space, in NNI's terms.")] = "texture",
-    network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "rsnn",
+    network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "default",
     set_: SetOption = None,
     trials: Annotated[int, typer.Option(min=1, help="Networks to train.")] = 100,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the search.")] = 0,

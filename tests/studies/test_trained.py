@@ -174,9 +174,10 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
 
 def test_the_first_seed_draws_the_weights_and_the_second_the_order():
     trains = trains_of((STEADY, 0), (SILENT, 1))
-    network, order = trained.new_network(trains, SPEC, (3, 4))
-    other_order, order_of_5 = trained.new_network(trains, SPEC, (3, 5))
-    other_weights, _ = trained.new_network(trains, SPEC, (4, 4))
+    training = torch.zeros(2, 10, 2, dtype=torch.uint8)
+    network, order = trained.new_network(trains, SPEC, (3, 4), training)
+    other_order, order_of_5 = trained.new_network(trains, SPEC, (3, 5), training)
+    other_weights, _ = trained.new_network(trains, SPEC, (4, 4), training)
     alone = RSNN(2, 2, SPEC, 1000.0, generator=torch.Generator().manual_seed(3))
     assert torch.equal(network.w_in, alone.w_in)
     assert torch.equal(network.w_out, other_order.w_out)

@@ -1,0 +1,173 @@
+"""The rules by which a network is trained unless told otherwise."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neurotact import spec as specs
+from neurotact.networks import recipe
+from neurotact.networks.recipe import Seen, choices, free_moments, resolve, scale_weights
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.neurons import CubaLIF
+
+DEFAULT = RSNNSpec(recipe="default")
+seen = st.builds(Seen, st.integers(1, 100_000), st.integers(1, 100_000), st.floats(1.0, 1e5))
+
+
+def spikes(seed: int = 0, n_trials: int = 12, n_steps: int = 30, n_in: int = 5) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    rates = torch.rand(n_trials, 1, n_in, generator=generator)
+    return (torch.rand(n_trials, n_steps, n_in, generator=generator) < rates).to(torch.uint8)
+
+
+def free_membranes(given_spikes, weights, neuron, alpha, beta):
+    """By the equations, a step at a time: `(trial, time, neuron)`."""
+    current = membrane = torch.zeros(len(given_spikes), weights.shape[1], dtype=torch.float64)
+    found = []
+    for arriving in given_spikes.double().unbind(dim=1):
+        before, current = current, alpha * current + arriving @ weights
+        if neuron.membrane == "eq4":
+            membrane = beta * (membrane + before)
+        elif neuron.membrane == "delayed":
+            membrane = beta * membrane + before
+        else:
+            membrane = beta * membrane + current
+        found.append(membrane)
+    return torch.stack(found, dim=1)
+
+
+@given(
+    seed=st.integers(0, 999),
+    membrane=st.sampled_from(["eq4", "delayed", "immediate"]),
+    reset=st.sampled_from(["zero", "subtract", "hard"]),
+    decays=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+)
+@settings(max_examples=25, deadline=None)
+def test_moments_are_those_of_membranes_that_never_fire(seed, membrane, reset, decays):
+    neuron, weights = CubaLIF(membrane, reset), torch.randn(5, 3, dtype=torch.float64)
+    mean, covariance = free_moments(spikes(seed), neuron, *decays)
+    flat = free_membranes(spikes(seed), weights, neuron, *decays).flatten(0, 1)
+    torch.testing.assert_close(mean @ weights, flat.mean(dim=0))
+    torch.testing.assert_close((weights.T @ covariance * weights.T).sum(dim=1), flat.var(dim=0, correction=0))
+
+
+@given(seed=st.integers(0, 999), g=st.floats(1e-3, 1e3), deviation=st.floats(0.1, 10.0))
+@settings(max_examples=25, deadline=None)
+def test_every_hidden_neuron_deviates_as_asked_whatever_was_drawn(seed, g, deviation):
+    table = {"hidden": 6, "readout": "integrator", "input_deviation": deviation, "forward_weight_scale": g}
+    net = RSNN(5, 3, RSNNSpec(**table), 400.0, backend="reference", generator=torch.Generator().manual_seed(seed))
+    scale_weights(net, spikes(seed))
+    alpha, beta = float(net.alpha[0]), float(net.beta[0])
+    flat = free_membranes(spikes(seed), net.w_in.detach().double(), net.neuron, alpha, beta).flatten(0, 1)
+    torch.testing.assert_close(flat.std(dim=0, correction=0), torch.full((6,), deviation).double(), rtol=1e-4, atol=0)
+    with torch.no_grad():
+        sums = net(spikes(seed))
+    if sums.hidden.std(dim=0).any():
+        assert float(sums.readout.std(dim=0, correction=0).mean()) == pytest.approx(1.0, rel=1e-3)
+
+
+def test_a_neuron_that_hears_nothing_keeps_its_weights():
+    net = RSNN(5, 3, RSNNSpec(readout="integrator", input_deviation=1.0), 400.0, backend="reference")
+    before = {name: tensor.clone() for name, tensor in net.state_dict().items()}
+    scale_weights(net, torch.zeros(4, 30, 5, dtype=torch.uint8))
+    assert all(torch.equal(tensor, before[name]) for name, tensor in net.state_dict().items())
+
+
+def test_weights_stay_as_drawn_unless_a_deviation_is_asked_for():
+    net = RSNN(5, 3, RSNNSpec(readout="integrator"), 400.0, backend="reference")
+    before = {name: tensor.clone() for name, tensor in net.state_dict().items()}
+    scale_weights(net, spikes())
+    assert all(torch.equal(tensor, before[name]) for name, tensor in net.state_dict().items())
+
+
+def test_the_windows_that_are_looked_at_are_spread_over_all(monkeypatch):
+    monkeypatch.setattr(recipe, "LOOKED_AT", 3)
+    looked = []
+    monkeypatch.setattr(recipe, "free_moments", lambda some, *_: looked.append(some) or free_moments(some, *_))
+    net = RSNN(5, 3, RSNNSpec(readout="integrator", input_deviation=1.0), 400.0, backend="reference")
+    scale_weights(net, spikes(n_trials=9))
+    assert torch.equal(looked[0], spikes(n_trials=9)[::3])
+
+
+@given(seen)
+def test_every_choice_is_a_spec_without_a_recipe(given_seen):
+    chosen = resolve(DEFAULT, given_seen)
+    assert chosen.recipe is None
+    assert resolve(chosen, given_seen) is chosen
+    assert specs.build(RSNNSpec, chosen.model_dump(mode="json"), "saved") == chosen
+
+
+@given(seen, st.integers(1, 20))
+def test_constants_are_shares_of_the_window_on_any_clock(given_seen, finer):
+    coarse = resolve(DEFAULT, given_seen)
+    on_finer = Seen(given_seen.windows, finer * given_seen.steps, finer * given_seen.sampling_rate_Hz)
+    fine = resolve(DEFAULT, on_finer)
+    if given_seen.steps >= 50:  # else a step bounds them
+        assert fine.tau_mem_ms == pytest.approx(coarse.tau_mem_ms, rel=1e-3)
+        assert fine.tau_syn_ms == pytest.approx(coarse.tau_syn_ms, rel=1e-3)
+    step_ms = 1e3 / given_seen.sampling_rate_Hz
+    assert min(coarse.tau_mem_ms, coarse.tau_syn_ms) >= step_ms * (1 - 1e-3)
+
+
+@given(seen)
+def test_a_small_set_is_trained_for_as_many_steps_as_a_large_one(given_seen):
+    training = resolve(DEFAULT, given_seen).training
+    steps = training.epochs * math.ceil(given_seen.windows / training.batch)
+    assert steps >= recipe.LEAST_STEPS
+    assert training.epochs >= recipe.EPOCHS
+    assert training.patience >= training.epochs
+    assert training.epochs == recipe.EPOCHS or steps < recipe.LEAST_STEPS + math.ceil(given_seen.windows / 32)
+
+
+@pytest.mark.parametrize(
+    "given_keys",
+    [
+        {"tau_mem_ms": 20.0},  # also where it is what the model has without a recipe
+        {"model": "rsnn", "readout": "count"},
+        {"training": {"epochs": 3, "schedule": "constant"}},
+    ],
+)
+def test_what_is_given_is_not_chosen(given_keys):
+    asked = specs.build(RSNNSpec, {"recipe": "default", **given_keys}, "test")
+    again = specs.build(RSNNSpec, asked.model_dump(mode="json"), "written and read")
+    at = Seen(900, 1000, 1000.0)
+    for spec in (asked, again):
+        chosen = resolve(spec, at).model_dump()
+        flat = given_keys | {"training": {}} | {f"training.{k}": v for k, v in given_keys.get("training", {}).items()}
+        for key, value in flat.items():
+            if key.startswith("training."):
+                assert getattr(resolve(spec, at).training, key.removeprefix("training.")) == value
+            elif key != "training":
+                assert getattr(resolve(spec, at), key) == value
+        told = " ".join(recipe.described(spec, at))
+        assert not any(f"{key} = " in told for key in flat if key != "training")
+        assert chosen["training"]["relative_learning_rate"] == 0.05
+
+
+def test_what_is_chosen_is_told_line_by_line():
+    at = Seen(900, 1000, 1000.0)
+    told = list(recipe.described(DEFAULT, at))
+    assert len(told) == len(choices(at))
+    assert "tau_mem_ms = 100.0 (a tenth of the window)" in told
+    assert list(recipe.described(RSNNSpec(), at)) == []
+
+
+def test_a_spec_without_new_keys_is_written_as_before_there_were_any():
+    keys = (
+        "model hidden membrane reset tau_mem_ms tau_syn_ms surrogate_scale forward_weight_scale "
+        "recurrent_weight_scale learn training"
+    )
+    of_training = "learning_rate batch epochs patience rate_penalty population_penalty"
+    given_defaults = RSNNSpec(readout="count", input_deviation=None, training=TrainingSpec(temperature=1.0))
+    for spec in (RSNNSpec(), given_defaults, specs.load(RSNNSpec, "rsnn"), specs.load(RSNNSpec, "snn")):
+        table = spec.model_dump(mode="json")
+        assert list(table) == keys.split()
+        assert list(table["training"]) == of_training.split()
+
+
+def test_the_default_network_has_the_recipe_and_little_else():
+    assert specs.load(RSNNSpec, "default").model_dump(mode="json") == {"recipe": "default", "hidden": 50}
