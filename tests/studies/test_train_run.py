@@ -377,7 +377,8 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
     code, out, err = typed("--resume")
     assert code == 0
     assert f"{folder}: test of " in out
-    assert re.fullmatch(rf"train {N_EPOCHS}/{N_EPOCHS}  loss .*, validation accuracy .*\n(neurotact: training: .*\n)*", err)
+    done = rf"train {N_EPOCHS}/{N_EPOCHS}  loss .*, validation accuracy .*\n"
+    assert re.fullmatch(rf"{done}(neurotact: training: .*\n)*", err)
     assert typed("--resume") == (
         0,
         f"{folder}: this training is done already; its result is in {folder / RESULT}\n",
