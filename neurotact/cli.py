@@ -18,6 +18,7 @@ from rich.table import Table
 
 from neurotact import __version__, files, spec
 from neurotact.data import hdf5
+from neurotact.data.conditioning import ACAUSAL, acausal_note
 from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
 from neurotact.data.simulate.experiments import EXPERIMENTS, Experiment
@@ -253,13 +254,18 @@ def calibrate(
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
     force: Force = False,
 ) -> None:
-    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
+    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at.
+
+    A baseline that knows the whole trial gives way to one that knows the past alone, unless it is given with --set.
+    """
     _check_outputs([out, figure], force, [recordings, encoder])
-    rule = calibration.CalibrationRule()
-    start = spec.load(AfferentSpec, encoder, spec.parse_assignments(set_ or []))
-    with hdf5.open_recordings(recordings) as data, track("calibrate", rule.candidates) as advance:
+    rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
+    start = spec.load(AfferentSpec, encoder, changes)
+    chooses = start.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in changes
+    fit, times = (calibration.calibrate_causally, len(calibration.PAST)) if chooses else (calibration.calibrate, 1)
+    with hdf5.open_recordings(recordings) as data, track("calibrate", times * rule.candidates) as advance:
         split = preparation.split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
-        found = calibration.calibrate(data.select(split.train), start, advance, rule)
+        found = fit(data.select(split.train), start, advance, rule)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
@@ -287,6 +293,7 @@ def encode(
         f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
         f"in {found.steps / found.clock_Hz:.1f} s"
     )
+    _print_line(acausal_note(what.model_dump(mode="json")))
 
 
 @app.command()
@@ -351,8 +358,8 @@ def train_command(
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
     else:
         _print_row(f"{out}: test of {done.n_test} windows", done.row)
-        for line in comparison.lines(done.compared, done.row["sops_total"]):
-            print(line)
+        for line in (*comparison.lines(done.compared, done.row["sops_total"]), done.acausal):
+            _print_line(line)
         for complaint in comparison.complaints(done.compared):
             say(complaint)
 
@@ -456,6 +463,7 @@ def infer(
     if out:
         write_table(table, out)
     _print_sides(synops.summary(table))
+    _print_line(acausal_note(trains.encoder))
 
 
 @app.command()
@@ -480,6 +488,7 @@ def sops(
     what = f"{run.resolve().name}, {'early exit' if early_exit else 'full window'}"
     write_table(table, out, about=sops_summary(summary, what))
     _print_sides(summary)
+    _print_line(acausal_note(trains.encoder))
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)
@@ -596,6 +605,11 @@ def _print_row(title: str, row: dict[str, Any]) -> None:
     for key, value in row.items():
         table.add_row(key, _shown(value))
     console.print(table)
+
+
+def _print_line(line: str | None) -> None:
+    if line:
+        print(line)
 
 
 def _print_sides(summary: pd.DataFrame) -> None:

@@ -1,22 +1,11 @@
 """What a network spec says (`networks/*.toml`)."""
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from neurotact.neurons import Membrane, Reset
-from neurotact.spec import Spec
-
-
-def without_defaults(spec: Spec, table: dict[str, Any], keys: Sequence[str]) -> dict[str, Any]:
-    """The table of a spec without those of `keys` that have their default.
-
-    A spec is written as before there were such keys: digests and seeds are drawn from what is written.
-    """
-    fields = type(spec).model_fields
-    absent = {key for key in keys if getattr(spec, key) == fields[key].default}
-    return {key: value for key, value in table.items() if key not in absent}
+from neurotact.spec import Spec, without_defaults
 
 
 class TrainingSpec(Spec):

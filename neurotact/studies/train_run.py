@@ -19,6 +19,7 @@ from pydantic import Field
 
 from neurotact import files
 from neurotact.data import hdf5
+from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks import checkpoint, recipe, training_checkpoint
@@ -69,11 +70,15 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Done(NamedTuple):
-    """The row of a training's result, of how many test windows, and how it compares."""
+    """The row of a training's result, of how many test windows, how it compares, and whether it is acausal.
+
+    acausal: what to say of the encoder's baseline; None where windows know the past alone.
+    """
 
     row: dict[str, Any]
     n_test: int
     compared: Comparison
+    acausal: str | None
 
 
 def run(
@@ -148,7 +153,7 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
         except KeyboardInterrupt:
             keeper.write()
             raise Interrupted(keeper.epochs) from None
-    return Done(result["row"], len(sides.test.labels), compared)
+    return Done(result["row"], len(sides.test.labels), compared, acausal_note(trains.encoder))
 
 
 class _Keeper:
