@@ -19,7 +19,7 @@ from rich.table import Table
 from neurotact import __version__, files, spec
 from neurotact.data import hdf5
 from neurotact.data.conditioning import ACAUSAL, acausal_note
-from neurotact.data.readers import fabricslide, folder, pvdf_hardness, touch_modality
+from neurotact.data.readers import braille_letters, fabricslide, folder, pvdf_hardness, touch_modality
 from neurotact.data.recordings import Recordings
 from neurotact.data.simulate.experiments import EXPERIMENTS, Experiment
 from neurotact.data.spikes import SpikeTrains
@@ -226,6 +226,23 @@ def import_touch_modality(source: Path, out: OutFile, force: Force = False) -> N
     """Sliding, brushing and rolling on a 4 x 4 array (Mendeley Data dmcdp33ctt): three folders of .lvm files."""
     _check_import(source, out, force)
     _save_recordings(touch_modality.read(source), out)
+
+
+@import_app.command("braille-letters")
+def import_braille_letters(
+    source: Path,
+    out: OutFile,
+    step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = 5.0,
+    force: Force = False,
+) -> None:
+    """27 Braille letters under an event-based fingertip (Zenodo 6556273): the published file, to spikes."""
+    files.check_new(out, force=force, inputs=[source])
+    trains = braille_letters.read(source, step_ms)
+    hdf5.save_spikes(trains, out)
+    print(
+        f"{out}: {len(trains)} trials of {len(trains.classes)} classes, {sum(map(len, trains.steps))} spikes of "
+        f"{len(trains.afferents)} afferents, {trains.trial_steps[0]} steps at {trains.sampling_rate_Hz:g} Hz"
+    )
 
 
 @import_app.command("folder")

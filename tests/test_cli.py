@@ -289,7 +289,8 @@ COMMANDS = [
     (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"),
     ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("simulate", "stiffness"),
     ("simulate", "compliance"), ("import",), ("import", "touch-modality"),
-    ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
+    ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("import", "braille-letters"),
+    ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
 ]  # fmt: skip
