@@ -2,10 +2,12 @@
 
 The time constants follow the window, the weights are scaled on the spikes, the rates follow the weights and fall to 0,
 and the readout adds up hidden spikes. `resolve` writes what the rules choose into the spec, where it can be read,
-changed and saved; keys that are given stay as they are. `start` scales the initial weights.
+changed and saved; keys that are given stay as they are. `start` scales the initial weights and mends a start that
+would not learn.
 """
 
 import math
+import warnings
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -21,6 +23,8 @@ from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 BATCH, EPOCHS, LEAST_STEPS = 32, 40, 1000
 LOOKED_AT = 256
 """Training windows on which weights are scaled, evenly taken."""
+ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
+"""Draws of silent neurons; by how much recurrence may raise a gradient; halvings of its weights until it does not."""
 NEVER = 1e30
 """A threshold that no membrane reaches."""
 
@@ -127,24 +131,91 @@ def free_moments(spikes: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> 
     return mean, squares / n_values - torch.outer(mean, mean)
 
 
-@torch.no_grad()
-def scale_weights(network: RSNN, spikes: Tensor) -> None:
-    """Scale each hidden neuron's input weights so that its free membrane deviates by `spec.input_deviation` thresholds.
+def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Scale the initial weights of a network with an `input_deviation`, and mend a start that would not learn.
 
-    spikes: of training windows. A neuron that hears nothing keeps its weights. An integrator's weights are then
-    scaled so that its classes deviate by 1 over the windows, on average.
+    spikes: of training windows. generator: draws the weights of hidden neurons that would stay silent anew.
+    Warns of what was mended.
     """
-    spec = network.spec
-    if spec.input_deviation is None:
+    if network.spec.input_deviation is None:
         return
     some = spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device)
+    scale_weights(network, some)
+    if some.any():
+        _wake(network, some, generator)
+        _calm(network, some)
+        scale_readout(network, some)
+
+
+@torch.no_grad()
+def scale_weights(network: RSNN, spikes: Tensor) -> None:
+    """Scale each hidden neuron's input weights so that its free membrane deviates by `input_deviation` thresholds.
+
+    A neuron that hears nothing keeps its weights.
+    """
+    assert network.spec.input_deviation is not None
     alpha, beta = float(network.alpha[0]), float(network.beta[0])
-    _, covariance = free_moments(some.cpu(), network.neuron, alpha, beta)
+    _, covariance = free_moments(spikes.cpu(), network.neuron, alpha, beta)
     w = network.w_in.double().cpu()
     deviation = ((w.T @ covariance) * w.T).sum(dim=1).clamp(min=0).sqrt()
-    factor = torch.where(deviation > 0, spec.input_deviation * float(network.threshold[0]) / deviation, 1.0)
+    wanted = network.spec.input_deviation * float(network.threshold[0])
+    factor = torch.where(deviation > 0, wanted / deviation, 1.0)
     network.w_in *= factor.to(network.w_in)
+
+
+@torch.no_grad()
+def scale_readout(network: RSNN, spikes: Tensor) -> None:
+    """Scale an integrator's weights so that its classes deviate by 1 over the windows, on average."""
     if network.bias is not None:
-        deviation = network(some).readout.std(dim=0, correction=0).mean()
+        deviation = network(spikes).readout.std(dim=0, correction=0).mean()
         if deviation > 0:
             network.w_out /= deviation
+
+
+@torch.no_grad()
+def _wake(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Draw the input weights of hidden neurons that never spike anew, a few times at most."""
+    silent = ~network(spikes).hidden.any(dim=0)
+    redrawn = int(silent.sum())
+    for _ in range(ATTEMPTS):
+        if not silent.any():
+            break
+        drawn = torch.randn(network.w_in.shape, generator=generator).to(network.w_in)
+        network.w_in[:, silent] = drawn[:, silent]
+        scale_weights(network, spikes)
+        silent = ~network(spikes).hidden.any(dim=0)
+    if redrawn > len(silent) / 2:
+        warnings.warn(
+            f"training: {redrawn} of {len(silent)} hidden neurons would have stayed silent; their weights were drawn "
+            f"anew, and {int(silent.sum())} stay silent",
+            stacklevel=2,
+        )
+
+
+def _calm(network: RSNN, spikes: Tensor) -> None:
+    """Halve recurrent weights under which gradients explode at the start."""
+    if network.w_rec is None:
+        return
+    recurrent = network.w_rec.detach().clone()
+    with torch.no_grad():
+        network.w_rec.zero_()
+    most = EXPLODES * _gradient_norm(network, spikes)
+    with torch.no_grad():
+        network.w_rec.copy_(recurrent)
+    halvings = 0
+    while not _gradient_norm(network, spikes) <= most and halvings < HALVINGS:
+        halvings += 1
+        with torch.no_grad():
+            network.w_rec *= 0.5
+    if halvings:
+        warnings.warn(
+            f"training: gradients would have exploded; the recurrent weights begin {2**halvings} times smaller",
+            stacklevel=2,
+        )
+
+
+def _gradient_norm(network: RSNN, spikes: Tensor) -> float:
+    """Of the spread of the readout over windows, by the input weights."""
+    readout = network(spikes[:BATCH]).readout
+    (gradient,) = torch.autograd.grad(readout.var(dim=0, correction=0).sum(), network.w_in)
+    return float(gradient.double().norm())

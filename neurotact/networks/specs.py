@@ -7,6 +7,10 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
+LATER_TRAINING_KEYS = ("temperature", "relative_learning_rate", "schedule", "input_dropout", "input_jitter_ms")
+LATER_KEYS = ("recurrent_delay_steps", "readout", "input_deviation", "recipe")
+"""Keys that came after networks had been trained: without them a spec is written as it was then."""
+
 
 class TrainingSpec(Spec):
     """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
@@ -28,9 +32,14 @@ class TrainingSpec(Spec):
     schedule: Literal["constant", "cosine"] = "constant"
     """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
 
+    input_dropout: float = Field(default=0.0, ge=0, lt=1)
+    """The share of input spikes that each training step leaves out, drawn anew."""
+    input_jitter_ms: float = Field(default=0.0, ge=0)
+    """By up to how much each training step moves each input spike in time, earlier or later, drawn anew."""
+
     @model_serializer(mode="wrap")
     def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), ("temperature", "relative_learning_rate", "schedule"))
+        return without_defaults(self, dump(self), LATER_TRAINING_KEYS)
 
 
 class RSNNSpec(Spec):
@@ -80,7 +89,7 @@ class RSNNSpec(Spec):
     def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         table = dump(self)
         if self.recipe is None:
-            return without_defaults(self, table, ("recurrent_delay_steps", "readout", "input_deviation", "recipe"))
+            return without_defaults(self, table, LATER_KEYS)
         given = {key: value for key, value in table.items() if key in self.model_fields_set and key != "training"}
         training = {key: getattr(self.training, key) for key in sorted(self.training.model_fields_set)}
         return {**given, "training": training} if training else given

@@ -88,7 +88,7 @@ def train(
 ) -> Training:
     """Train `network` in place by its spec and leave it with the weights of the lowest validation loss.
 
-    generator: orders the trials; with the network's own it fixes every number.
+    generator: orders the trials, and drops and moves input spikes; with the network's own it fixes every number.
     progress: called after each epoch.
     start: where an earlier call with the same arguments had come to; the result is the one it would have had. With a
         relative learning rate `network` has the weights that it began with, from which the rates follow.
@@ -111,7 +111,8 @@ def train(
         _go_back(start, network, optimiser, generator)
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
-        fitted = _pass(network, training, order, optimiser, _Rates(network.spec.training, rates, len(log)))
+        epoch_rates = _Rates(network.spec.training, rates, len(log))
+        fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
         log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise InputError(f"training: weights are not finite after epoch {len(log)}; lower training.learning_rate")
@@ -147,6 +148,25 @@ def _groups(network: RSNN) -> list[dict[str, Any]]:
     return [{"params": [p], "lr": rate or spec.learning_rate} for p, rate in zip(trained, own, strict=True)]
 
 
+def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
+    """Spikes `(trial, time, afferent)` of which some are left out and the others moved by up to `jitter_steps`.
+
+    What would leave the window stays at its end; spikes that meet are one.
+
+    >>> one = torch.zeros(1, 9, 1, dtype=torch.uint8)
+    >>> one[0, 4, 0] = 1
+    >>> moved = disturbed(one, 0.0, 2, torch.Generator().manual_seed(0))
+    >>> int(moved.sum()), 2 <= int(moved[0, :, 0].argmax()) <= 6
+    (1, True)
+    """
+    trial, step, afferent = spikes.nonzero(as_tuple=True)
+    kept = torch.rand(len(step), generator=generator) >= dropout
+    moves = torch.randint(-jitter_steps, jitter_steps + 1, (len(step),), generator=generator)
+    found = torch.zeros_like(spikes)
+    found[trial[kept], (step + moves)[kept].clamp(0, spikes.shape[1] - 1), afferent[kept]] = 1
+    return found
+
+
 class _Rates(NamedTuple):
     """The learning rates of an epoch: `first` of each group, before any step, and how many epochs came before."""
 
@@ -178,15 +198,24 @@ def _watch(norms: Sequence[Tensor], epoch: int) -> None:
 
 
 def _pass(
-    network: RSNN, training: Examples, order: Tensor, optimiser: torch.optim.Optimizer, rates: _Rates
+    network: RSNN,
+    training: Examples,
+    order: Tensor,
+    optimiser: torch.optim.Optimizer,
+    rates: _Rates,
+    generator: torch.Generator,
 ) -> tuple[float, float]:
     """Train on every trial once, in this order; `(loss, accuracy)`, each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
+    jitter_steps = round(spec.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
     total, correct = 0.0, 0
     batches, norms = order.split(spec.batch), []
     for number, batch in enumerate(batches):
         rates.set(optimiser, number / len(batches))
-        spikes, labels = training.spikes[batch].to(device), training.labels[batch].to(device)
+        spikes, labels = training.spikes[batch], training.labels[batch].to(device)
+        if spec.input_dropout or jitter_steps:
+            spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
+        spikes = spikes.to(device)
         optimiser.zero_grad()
         counts = network(spikes)
         batch_loss = loss(counts, labels, spec)

@@ -143,7 +143,7 @@ def new_network(
     shape = (len(trains.afferents), len(trains.classes))
     chosen = recipe.resolve(spec, recipe.Seen(*training.shape[:2], trains.sampling_rate_Hz))
     network = RSNN(*shape, chosen, trains.sampling_rate_Hz, backend=backend, generator=weights)
-    recipe.scale_weights(network, training)
+    recipe.start(network, training, weights)
     return network, order
 
 

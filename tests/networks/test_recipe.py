@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from neurotact import spec as specs
 from neurotact.networks import recipe
-from neurotact.networks.recipe import Seen, choices, free_moments, resolve, scale_weights
+from neurotact.networks.recipe import Seen, choices, free_moments, resolve, scale_readout, scale_weights, start
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.neurons import CubaLIF
@@ -61,6 +61,7 @@ def test_every_hidden_neuron_deviates_as_asked_whatever_was_drawn(seed, g, devia
     table = {"hidden": 6, "readout": "integrator", "input_deviation": deviation, "forward_weight_scale": g}
     net = RSNN(5, 3, RSNNSpec(**table), 400.0, backend="reference", generator=torch.Generator().manual_seed(seed))
     scale_weights(net, spikes(seed))
+    scale_readout(net, spikes(seed))
     alpha, beta = float(net.alpha[0]), float(net.beta[0])
     flat = free_membranes(spikes(seed), net.w_in.detach().double(), net.neuron, alpha, beta).flatten(0, 1)
     torch.testing.assert_close(flat.std(dim=0, correction=0), torch.full((6,), deviation).double(), rtol=1e-4, atol=0)
@@ -70,17 +71,23 @@ def test_every_hidden_neuron_deviates_as_asked_whatever_was_drawn(seed, g, devia
         assert float(sums.readout.std(dim=0, correction=0).mean()) == pytest.approx(1.0, rel=1e-3)
 
 
-def test_a_neuron_that_hears_nothing_keeps_its_weights():
-    net = RSNN(5, 3, RSNNSpec(readout="integrator", input_deviation=1.0), 400.0, backend="reference")
+def begun(given_spikes: torch.Tensor, seed: int = 0, **table) -> tuple[RSNN, dict[str, torch.Tensor]]:
+    """A network after `start`, and its weights before."""
+    generator = torch.Generator().manual_seed(seed)
+    spec = RSNNSpec(**{"readout": "integrator", "input_deviation": 1.0, "hidden": 12} | table)
+    net = RSNN(5, 3, spec, 400.0, backend="reference", generator=generator)
     before = {name: tensor.clone() for name, tensor in net.state_dict().items()}
-    scale_weights(net, torch.zeros(4, 30, 5, dtype=torch.uint8))
+    start(net, given_spikes, generator)
+    return net, before
+
+
+def test_where_nothing_is_heard_the_weights_stay():
+    net, before = begun(torch.zeros(4, 30, 5, dtype=torch.uint8))
     assert all(torch.equal(tensor, before[name]) for name, tensor in net.state_dict().items())
 
 
 def test_weights_stay_as_drawn_unless_a_deviation_is_asked_for():
-    net = RSNN(5, 3, RSNNSpec(readout="integrator"), 400.0, backend="reference")
-    before = {name: tensor.clone() for name, tensor in net.state_dict().items()}
-    scale_weights(net, spikes())
+    net, before = begun(spikes(), input_deviation=None)
     assert all(torch.equal(tensor, before[name]) for name, tensor in net.state_dict().items())
 
 
@@ -88,9 +95,46 @@ def test_the_windows_that_are_looked_at_are_spread_over_all(monkeypatch):
     monkeypatch.setattr(recipe, "LOOKED_AT", 3)
     looked = []
     monkeypatch.setattr(recipe, "free_moments", lambda some, *_: looked.append(some) or free_moments(some, *_))
-    net = RSNN(5, 3, RSNNSpec(readout="integrator", input_deviation=1.0), 400.0, backend="reference")
-    scale_weights(net, spikes(n_trials=9))
+    begun(spikes(n_trials=9))
     assert torch.equal(looked[0], spikes(n_trials=9)[::3])
+
+
+def test_silent_hidden_neurons_are_drawn_anew_and_said(monkeypatch):
+    scaled = recipe.scale_weights
+
+    def silencing(net, some):
+        """The first time, most neurons get weights that never fire."""
+        scaled(net, some)
+        if not calls:
+            net.w_in[:, :10] = -net.w_in[:, :10].abs()
+        calls.append(1)
+
+    calls = []
+    monkeypatch.setattr(recipe, "scale_weights", torch.no_grad()(silencing))
+    with pytest.warns(UserWarning, match="1[0-2] of 12 hidden neurons would have stayed silent"):
+        net, _ = begun(spikes(n_steps=200))
+    with torch.no_grad():
+        assert int(net(spikes(n_steps=200)).hidden.any(dim=0).sum()) >= 10
+
+
+@pytest.mark.filterwarnings("default")
+def test_recurrence_that_explodes_begins_smaller_and_is_said():
+    long = spikes(n_steps=200)
+    wild = {"model": "rsnn", "recurrent_weight_scale": 30.0, "tau_mem_ms": 200.0, "surrogate_scale": 1.0}
+    with pytest.warns(UserWarning, match="recurrent weights begin [0-9]+ times smaller"):
+        net, before = begun(long, **wild)
+    ratio = (before["w_rec"] / net.w_rec.detach()).flatten()
+    assert ratio[0] >= 2
+    torch.testing.assert_close(ratio, ratio[0].expand_as(ratio))
+    with torch.no_grad():
+        alone = RSNN(5, 3, net.spec.model_copy(update={"model": "snn"}), 400.0, backend="reference")
+        alone.load_state_dict({k: v for k, v in net.state_dict().items() if k != "w_rec"})
+    assert recipe._gradient_norm(net, long) <= recipe.EXPLODES * recipe._gradient_norm(alone, long)
+
+
+def test_a_recurrence_that_does_not_explode_stays_as_drawn():
+    net, before = begun(spikes(), model="rsnn")
+    assert torch.equal(net.w_rec, before["w_rec"])
 
 
 @given(seen)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN, Counts
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Epoch, Examples, best_of, evaluate, is_over, loss, train
+from neurotact.networks.training import Epoch, Examples, best_of, disturbed, evaluate, is_over, loss, train
 
 
 def touches(n_trials, seed, n_steps=60):
@@ -122,6 +122,34 @@ def test_a_matrix_of_zeros_learns_at_the_absolute_rate(monkeypatch):
     assert rates_seen(monkeypatch, net)[0][1] == 0.01
 
 
+@given(seed=st.integers(0, 999), jitter=st.integers(0, 5), dropout=st.floats(0.0, 0.99))
+def test_disturbed_spikes_are_some_of_them_moved_no_further_than_asked(seed, jitter, dropout):
+    generator = torch.Generator().manual_seed(seed)
+    given_spikes = (torch.rand(3, 40, 4, generator=generator) < 0.1).to(torch.uint8)
+    found = disturbed(given_spikes, dropout, jitter, generator)
+    near = torch.nn.functional.max_pool1d(given_spikes.float().transpose(1, 2), 2 * jitter + 1, 1, jitter)
+    assert (found <= near.transpose(1, 2)).all()
+    assert (found.sum(dim=1) <= given_spikes.sum(dim=1)).all()
+    assert found.dtype == given_spikes.dtype
+
+
+def test_nothing_is_disturbed_by_nothing_and_the_asked_share_is_left_out():
+    many = (torch.rand(20, 100, 10, generator=torch.Generator().manual_seed(0)) < 0.5).to(torch.uint8)
+    assert torch.equal(disturbed(many, 0.0, 0, torch.Generator()), many)
+    left = disturbed(many, 0.3, 0, torch.Generator().manual_seed(1))
+    assert (left <= many).all()
+    assert float(left.sum() / many.sum()) == pytest.approx(0.7, abs=0.02)
+
+
+def test_training_windows_alone_are_disturbed(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "neurotact.networks.training.disturbed", lambda spikes, *rest: (seen.append(rest[:2]), spikes)[1]
+    )
+    fit(network(epochs=2, patience=2, input_dropout=0.2, input_jitter_ms=1.0))
+    assert seen == 2 * 4 * [(0.2, 2)]
+
+
 def test_gradients_that_explode_are_said(monkeypatch):
     net = network(epochs=1)
     with torch.no_grad():
@@ -164,11 +192,13 @@ def trained_state(net, training):
     dtype=st.sampled_from([torch.float32, torch.float64]),
     readout=st.sampled_from(["count", "integrator"]),
     schedule=st.sampled_from(["constant", "cosine"]),
+    dropout=st.sampled_from([0.0, 0.3]),
 )
 def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
-    stop, learn, model, patience, dtype, readout, schedule
+    stop, learn, model, patience, dtype, readout, schedule, dropout
 ):
     training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience, schedule=schedule)
+    training = training.model_copy(update={"input_dropout": dropout, "input_jitter_ms": 2 * dropout})
     spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), readout=readout, training=training)
 
     def run(weights_seed, order_seed, **state):
