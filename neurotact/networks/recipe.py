@@ -66,6 +66,7 @@ def choices(seen: Seen) -> list[Choice]:
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
         Choice("training.relative_learning_rate", 0.05, "of each matrix's standard deviation"),
         Choice("training.schedule", "cosine", "the rates fall to 0"),
+        Choice("training.keep", "accuracy", "of the best epoch on validation windows"),
         Choice("training.rate_penalty", 0.0, "none"),
     ]
 

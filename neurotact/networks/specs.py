@@ -7,7 +7,9 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
-LATER_TRAINING_KEYS = ("temperature", "relative_learning_rate", "schedule", "input_dropout", "input_jitter_ms")
+LATER_TRAINING_KEYS = (
+    "temperature", "relative_learning_rate", "schedule", "input_dropout", "input_jitter_ms", "keep",
+)  # fmt: skip
 LATER_KEYS = ("recurrent_delay_steps", "readout", "input_deviation", "recipe")
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
 
@@ -19,7 +21,7 @@ class TrainingSpec(Spec):
     batch: int = Field(default=128, ge=1)
     epochs: int = Field(default=100, ge=1)
     patience: int = Field(default=7, ge=1)
-    """Epochs without a better validation loss after which training stops."""
+    """Epochs without a better one after which training stops."""
     rate_penalty: float = Field(default=0.0015, ge=0)
     """lambda1, on the mean over trials and hidden neurons of the spikes in a window."""
     population_penalty: float = Field(default=0.0, ge=0)
@@ -32,6 +34,9 @@ class TrainingSpec(Spec):
     schedule: Literal["constant", "cosine"] = "constant"
     """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
 
+    keep: Literal["loss", "accuracy"] = "loss"
+    """Of which epoch the weights are kept, and from which patience counts: that of the lowest validation loss, or of
+    the highest validation accuracy and of these the lowest loss."""
     input_dropout: float = Field(default=0.0, ge=0, lt=1)
     """The share of input spikes that each training step leaves out, drawn anew."""
     input_jitter_ms: float = Field(default=0.0, ge=0)

@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -45,7 +45,7 @@ class Checkpoint:
     """A training between two epochs: all that decides how it goes on, as copies on the CPU.
 
     epochs: the log so far.
-    weights: the network's state after the last of them; best_weights: after the one with the lowest validation loss.
+    weights: the network's state after the last of them; best_weights: after the best one.
     optimiser: Adam's values of each trained parameter, named as in "w_in.exp_avg".
     generator: the state of the generator that orders the trials.
     """
@@ -86,7 +86,7 @@ def train(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> Training:
-    """Train `network` in place by its spec and leave it with the weights of the lowest validation loss.
+    """Train `network` in place by its spec and leave it with the weights of the best epoch on validation trials.
 
     generator: orders the trials, and drops and moves input spikes; with the network's own it fixes every number.
     progress: called after each epoch.
@@ -118,23 +118,25 @@ def train(
             raise InputError(f"training: weights are not finite after epoch {len(log)}; lower training.learning_rate")
         if progress:
             progress(log[-1])
-        if best_of(log) is log[-1]:
+        if best_of(log, network.spec.training.keep) is log[-1]:
             best_weights = _copied(network.state_dict())
         if keep:
             state = _copied(network.state_dict()), best_weights, _adam(network, optimiser)
             keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
-    return Training(tuple(log), best_of(log))
+    return Training(tuple(log), best_of(log, network.spec.training.keep))
 
 
-def best_of(log: Sequence[Epoch]) -> Epoch:
-    """The first epoch with the lowest validation loss."""
-    return min(log, key=lambda epoch: epoch.validation_loss)
+def best_of(log: Sequence[Epoch], keep: Literal["loss", "accuracy"] = "loss") -> Epoch:
+    """The first epoch with the lowest validation loss or, of those with the highest validation accuracy, the lowest."""
+    if keep == "loss":
+        return min(log, key=lambda epoch: epoch.validation_loss)
+    return min(log, key=lambda epoch: (-epoch.validation_accuracy, epoch.validation_loss))
 
 
 def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
-    """Whether a training with this log has run its epochs, or has waited its patience for a better loss."""
-    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log).epoch >= spec.patience)
+    """Whether a training with this log has run its epochs, or has waited its patience for a better one."""
+    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
 
 
 def _groups(network: RSNN) -> list[dict[str, Any]]:

@@ -219,6 +219,15 @@ def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
     assert tuple(told) == whole[0].epochs[len(start.epochs) :]
 
 
+def test_the_best_epoch_by_accuracy_is_of_the_most_accurate_the_one_of_lowest_loss():
+    rows = [(0.5, 0.6), (0.9, 0.8), (0.7, 0.8), (0.7, 0.8), (0.4, 0.7)]
+    log = [Epoch(number, 0.0, 0.0, *row) for number, row in enumerate(rows, 1)]
+    assert best_of(log).epoch == 5
+    assert best_of(log, "accuracy").epoch == 3
+    assert not is_over(log, TrainingSpec(keep="accuracy", patience=3))
+    assert is_over(log, TrainingSpec(keep="accuracy", patience=2))
+
+
 def test_the_first_of_equal_epochs_is_the_best_and_patience_counts_from_it():
     log = [Epoch(i, 0.0, 0.0, loss, 0.0) for i, loss in enumerate([3.0, 2.0, 2.0, 5.0], 1)]
     assert best_of(log).epoch == 2
