@@ -20,7 +20,8 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
-BATCH, EPOCHS, LEAST_STEPS = 32, 40, 1000
+BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 1000, 10_000
+RECURRENT_STEPS = 400
 LOOKED_AT = 256
 """Training windows on which weights are scaled, evenly taken."""
 ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
@@ -53,21 +54,31 @@ def choices(seen: Seen) -> list[Choice]:
     """
     step_ms = 1e3 / seen.sampling_rate_Hz
     window_ms = seen.steps * step_ms
-    batches = math.ceil(seen.windows / BATCH)
+    batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
+    batches = math.ceil(seen.windows / batch)
     epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
+    recurrent = seen.steps <= RECURRENT_STEPS
     return [
-        Choice("model", "snn", "feed-forward"),
+        Choice(
+            "model",
+            "rsnn" if recurrent else "snn",
+            f"recurrent up to {RECURRENT_STEPS} steps, beyond which its gradients grow too steep",
+        ),
+        Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper where recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
         Choice("tau_mem_ms", _short(max(window_ms / 10, step_ms)), "a tenth of the window"),
-        Choice("tau_syn_ms", _short(max(window_ms / 50, step_ms)), "a fiftieth of the window, one step at least"),
+        Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
         Choice("input_deviation", 1.0, "free membranes deviate by one threshold on the training windows"),
-        Choice("training.batch", BATCH, "windows a step"),
+        Choice("training.batch", batch, f"windows a step, {BATCH} or as many as make {MOST_STEPS} steps"),
         Choice("training.epochs", epochs, f"{EPOCHS}, or as many as make {LEAST_STEPS} steps"),
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
         Choice("training.relative_learning_rate", 0.05, "of each matrix's standard deviation"),
         Choice("training.schedule", "cosine", "the rates fall to 0"),
         Choice("training.keep", "accuracy", "of the best epoch on validation windows"),
         Choice("training.rate_penalty", 0.0, "none"),
+        Choice("training.input_dropout", 0.1, "of the input spikes are left out of each step"),
+        Choice("training.input_jitter_ms", _short(window_ms / 130), "a 130th of the window, so far spikes are moved"),
+        Choice("training.readout_dropout", 0.3, "of the hidden neurons are not heard by the readout in each step"),
     ]
 
 

@@ -126,7 +126,7 @@ class RSNN(nn.Module):
         self._check(spikes)
         if self.bias is not None:
             hidden = self._hidden_counts(spikes)
-            return Counts(self._sums(hidden), hidden)
+            return Counts(self.sums(hidden), hidden)
         if self._native():
             return Counts(*native.rsnn_counts(spikes, self))
         rasters = self.simulate(spikes)
@@ -138,7 +138,7 @@ class RSNN(nn.Module):
             return native.layer_counts(spikes, self.w_in, self.w_rec, *dynamics, self.neuron, self.spec.surrogate_scale)
         return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
 
-    def _sums(self, hidden: Tensor) -> Tensor:
+    def sums(self, hidden: Tensor) -> Tensor:
         """What an integrator has added up at the end of a window, from the hidden neurons' counts."""
         return (self._added(hidden) + self.level).to(self.w_out.dtype)
 

@@ -8,7 +8,8 @@ from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
 LATER_TRAINING_KEYS = (
-    "temperature", "relative_learning_rate", "schedule", "input_dropout", "input_jitter_ms", "keep",
+    "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
+    "readout_dropout",
 )  # fmt: skip
 LATER_KEYS = ("recurrent_delay_steps", "readout", "input_deviation", "recipe")
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
@@ -41,6 +42,9 @@ class TrainingSpec(Spec):
     """The share of input spikes that each training step leaves out, drawn anew."""
     input_jitter_ms: float = Field(default=0.0, ge=0)
     """By up to how much each training step moves each input spike in time, earlier or later, drawn anew."""
+    readout_dropout: float = Field(default=0.0, ge=0, lt=1)
+    """The share of hidden neurons that an integrator does not hear in a training step, drawn anew for each window; a
+    readout that counts hears all."""
 
     @model_serializer(mode="wrap")
     def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:

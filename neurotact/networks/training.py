@@ -169,6 +169,12 @@ def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torc
     return found
 
 
+def partly_heard(hidden: Tensor, dropout: float, generator: torch.Generator) -> Tensor:
+    """Counts `(trial, hidden)`, some of which are 0 and the others the larger for it, so that their mean stays."""
+    kept = torch.rand(hidden.shape, generator=generator) >= dropout
+    return hidden * kept.to(hidden) / (1 - dropout)
+
+
 class _Rates(NamedTuple):
     """The learning rates of an epoch: `first` of each group, before any step, and how many epochs came before."""
 
@@ -220,6 +226,9 @@ def _pass(
         spikes = spikes.to(device)
         optimiser.zero_grad()
         counts = network(spikes)
+        if spec.readout_dropout and network.bias is not None:
+            heard = partly_heard(counts.hidden, spec.readout_dropout, generator)
+            counts = counts._replace(readout=network.sums(heard))
         batch_loss = loss(counts, labels, spec)
         batch_loss.backward()
         norms.append(torch.nn.utils.get_total_norm(p.grad for p in network.parameters() if p.grad is not None))

@@ -165,6 +165,7 @@ def test_a_small_set_is_trained_for_as_many_steps_as_a_large_one(given_seen):
     assert training.epochs >= recipe.EPOCHS
     assert training.patience >= training.epochs
     assert training.epochs == recipe.EPOCHS or steps < recipe.LEAST_STEPS + math.ceil(given_seen.windows / 32)
+    assert steps <= recipe.MOST_STEPS
 
 
 @pytest.mark.parametrize(

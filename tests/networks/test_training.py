@@ -10,7 +10,17 @@ from hypothesis import strategies as st
 from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN, Counts
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Epoch, Examples, best_of, disturbed, evaluate, is_over, loss, train
+from neurotact.networks.training import (
+    Epoch,
+    Examples,
+    best_of,
+    disturbed,
+    evaluate,
+    is_over,
+    loss,
+    partly_heard,
+    train,
+)
 
 
 def touches(n_trials, seed, n_steps=60):
@@ -150,6 +160,33 @@ def test_training_windows_alone_are_disturbed(monkeypatch):
     assert seen == 2 * 4 * [(0.2, 2)]
 
 
+@given(st.integers(0, 999), st.floats(0.0, 0.9))
+def test_hidden_neurons_that_are_heard_stand_in_for_those_that_are_not(seed, dropout):
+    generator = torch.Generator().manual_seed(seed)
+    counts = torch.randint(1, 9, (400, 50), generator=generator).float()
+    heard = partly_heard(counts, dropout, generator)
+    kept = heard != 0
+    torch.testing.assert_close(heard[kept], counts[kept] / (1 - dropout))
+    assert float(kept.float().mean()) == pytest.approx(1 - dropout, abs=0.03)
+
+
+def test_an_integrator_hears_some_hidden_neurons_in_training_and_all_in_validation(monkeypatch):
+    spec = TrainingSpec(epochs=1, batch=16, rate_penalty=0.0, readout_dropout=0.4)
+    heard = []
+    monkeypatch.setattr(
+        "neurotact.networks.training.partly_heard", lambda hidden, share, _: (heard.append(share), 0 * hidden)[1]
+    )
+    told = {}
+    for readout in ("integrator", "count"):
+        heard.clear()
+        made = RSNNSpec(hidden=10, readout=readout, training=spec)
+        net = RSNN(4, 2, made, 2000.0, backend="reference", generator=torch.Generator().manual_seed(1))
+        told[readout] = fit(net).epochs[0]
+        assert heard == (4 * [0.4] if readout == "integrator" else [])
+    assert told["integrator"].train_loss == pytest.approx(math.log(2), abs=1e-2)  # nothing was heard
+    assert told["integrator"].validation_loss != pytest.approx(math.log(2), abs=1e-4)
+
+
 def test_gradients_that_explode_are_said(monkeypatch):
     net = network(epochs=1)
     with torch.no_grad():
@@ -198,7 +235,9 @@ def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
     stop, learn, model, patience, dtype, readout, schedule, dropout
 ):
     training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience, schedule=schedule)
-    training = training.model_copy(update={"input_dropout": dropout, "input_jitter_ms": 2 * dropout})
+    training = training.model_copy(
+        update={"input_dropout": dropout, "input_jitter_ms": 2 * dropout, "readout_dropout": dropout}
+    )
     spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), readout=readout, training=training)
 
     def run(weights_seed, order_seed, **state):
