@@ -33,6 +33,7 @@ from neurotact.metrics.signal_flops import (
     ScaledSteps,
     StandardisedSteps,
 )
+from neurotact.networks import recipe
 from neurotact.networks.specs import RSNNSpec
 
 SOPS = ("sops_input", "sops_recurrent", "sops_readout")
@@ -157,7 +158,8 @@ def study_ledger(
 ) -> pd.DataFrame:
     """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
 
-    spec: of the study's network; `hidden` and, where it was swept or searched, `network.model` of `results` count.
+    spec: of the study's network, by its recipe where it has one; `hidden` and, where it was swept or searched,
+        `network.model` of `results` count.
     results: a run's `results.csv` with the columns `pair` and `setting`.
     baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
     encoder: as for `encoding_cost`.
@@ -172,10 +174,13 @@ def study_ledger(
         rows.append(
             (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
         )
-    results = results if MODEL in results else results.assign(**{MODEL: spec.model})
+    is_chosen = MODEL not in results
+    results = results.assign(**{MODEL: spec.model}) if is_chosen else results
     for _, row in means_over(results, [*NETWORK, MODEL], [*SOPS, "window_steps"], "seeds").iterrows():
         steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
-        own = spec.model_copy(update={"hidden": int(row["hidden"]), "model": row[MODEL]})
+        chosen = recipe.resolve(spec, recipe.Seen(1, round(steps), rate_Hz))
+        model = chosen.model if is_chosen else row[MODEL]
+        own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": model})
         network = network_cost(own, n_afferents, n_classes, row, steps=steps, signal_ms=signal_ms)
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
         rows.append((name, encoding_cost(n_taxels, steps, signal_ms, encoder) + network))

@@ -81,6 +81,16 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
     assert of_networks["parameters"].diff().iloc[1] == -20 * 20
 
 
+@pytest.mark.parametrize(("steps", "recurrent"), [(300, 20 * 20), (1000, 0)])
+def test_a_study_by_a_recipe_counts_what_the_recipe_chose(steps, recurrent):
+    row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": steps, "setting": "all"}
+    rows = [{**row, "sops_input": 1.0, "sops_recurrent": 0.0, "sops_readout": 1.0}]
+    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    table = ledger.study_ledger(RSNNSpec(recipe="default"), pd.DataFrame(rows), None, **sizes)
+    alone, chain = (table[table["name"].str.startswith(name)].iloc[0] for name in ("conditioning", "spiking"))
+    assert chain["parameters"] - alone["parameters"] == 16 * 20 + recurrent + (20 + 1) * 8
+
+
 def test_encoders_by_hand():
     # A taxel, ten steps of 0.5 ms, as recorded.
     izhikevich = ledger.encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
