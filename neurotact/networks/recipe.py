@@ -22,6 +22,7 @@ from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 1000, 10_000
 RECURRENT_STEPS = 400
+SPARSE = 10.0
 LOOKED_AT = 256
 """Training windows on which weights are scaled, evenly taken."""
 ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
@@ -31,11 +32,16 @@ NEVER = 1e30
 
 
 class Seen(NamedTuple):
-    """What the rules look at: how many training windows there are, their length in steps, and steps a second."""
+    """What the rules look at.
+
+    windows, steps, sampling_rate_Hz: how many training windows there are, their length in steps, and steps a second.
+    spikes: of one afferent in one window, the mean over all.
+    """
 
     windows: int
     steps: int
     sampling_rate_Hz: float
+    spikes: float
 
 
 class Choice(NamedTuple):
@@ -49,7 +55,7 @@ class Choice(NamedTuple):
 def choices(seen: Seen) -> list[Choice]:
     """What the default recipe chooses for training windows.
 
-    >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0))}["tau_mem_ms"]
+    >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
     100.0
     """
     step_ms = 1e3 / seen.sampling_rate_Hz
@@ -57,7 +63,8 @@ def choices(seen: Seen) -> list[Choice]:
     batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
     batches = math.ceil(seen.windows / batch)
     epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
-    recurrent = seen.steps <= RECURRENT_STEPS
+    recurrent, sparse = seen.steps <= RECURRENT_STEPS, seen.spikes < SPARSE
+    scarce = f"where an afferent sends fewer than {SPARSE:g} spikes a window, which are learned by heart"
     return [
         Choice(
             "model",
@@ -76,9 +83,9 @@ def choices(seen: Seen) -> list[Choice]:
         Choice("training.schedule", "cosine", "the rates fall to 0"),
         Choice("training.keep", "accuracy", "of the best epoch on validation windows"),
         Choice("training.rate_penalty", 0.0, "none"),
-        Choice("training.input_dropout", 0.1, "of the input spikes are left out of each step"),
-        Choice("training.input_jitter_ms", _short(window_ms / 130), "a 130th of the window, so far spikes are moved"),
-        Choice("training.readout_dropout", 0.3, "of the hidden neurons are not heard by the readout in each step"),
+        Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
+        Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"W / 130; {scarce}"),
+        Choice("training.readout_dropout", 0.2 if sparse else 0.0, f"share of hidden neurons left out; {scarce}"),
     ]
 
 
@@ -88,7 +95,7 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     A spec without a recipe is returned as it is.
 
     >>> asked = RSNNSpec(recipe="default", tau_syn_ms=5.0)
-    >>> chosen = resolve(asked, Seen(900, 1000, 1000.0))
+    >>> chosen = resolve(asked, Seen(900, 1000, 1000.0, 50.0))
     >>> chosen.tau_mem_ms, chosen.tau_syn_ms, chosen.readout, chosen.recipe
     (100.0, 5.0, 'integrator', None)
     """

@@ -178,7 +178,7 @@ def study_ledger(
     results = results.assign(**{MODEL: spec.model}) if is_chosen else results
     for _, row in means_over(results, [*NETWORK, MODEL], [*SOPS, "window_steps"], "seeds").iterrows():
         steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
-        chosen = recipe.resolve(spec, recipe.Seen(1, round(steps), rate_Hz))
+        chosen = recipe.resolve(spec, recipe.Seen(1, round(steps), rate_Hz, 1.0))
         model = chosen.model if is_chosen else row[MODEL]
         own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": model})
         network = network_cost(own, n_afferents, n_classes, row, steps=steps, signal_ms=signal_ms)

@@ -97,7 +97,10 @@ def seen(trains: SpikeTrains, task: Task, split: Split | None = None) -> recipe.
     """What a recipe looks at of the training windows."""
     trials = trials_of(trains, task, split).train
     windows = cut(trains.trial_steps[trials], trains.sampling_rate_Hz, task.window, trials)
-    return recipe.Seen(len(windows), windows.n_steps, trains.sampling_rate_Hz)
+    ends = zip(windows.trial, windows.start, windows.start + windows.n_steps, strict=True)
+    n_spikes = sum(int(np.diff(np.searchsorted(trains.steps[trial], (start, end)))[0]) for trial, start, end in ends)
+    spikes = n_spikes / max(1, len(windows) * len(trains.afferents))
+    return recipe.Seen(len(windows), windows.n_steps, trains.sampling_rate_Hz, spikes)
 
 
 def fit(
@@ -141,7 +144,8 @@ def new_network(
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
     shape = (len(trains.afferents), len(trains.classes))
-    chosen = recipe.resolve(spec, recipe.Seen(*training.shape[:2], trains.sampling_rate_Hz))
+    spikes = float(training.sum()) / max(1, len(training) * training.shape[2])
+    chosen = recipe.resolve(spec, recipe.Seen(*training.shape[:2], trains.sampling_rate_Hz, spikes))
     network = RSNN(*shape, chosen, trains.sampling_rate_Hz, backend=backend, generator=weights)
     recipe.start(network, training, weights)
     return network, order

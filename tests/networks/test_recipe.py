@@ -15,7 +15,7 @@ from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.neurons import CubaLIF
 
 DEFAULT = RSNNSpec(recipe="default")
-seen = st.builds(Seen, st.integers(1, 100_000), st.integers(1, 100_000), st.floats(1.0, 1e5))
+seen = st.builds(Seen, st.integers(1, 100_000), st.integers(1, 100_000), st.floats(1.0, 1e5), st.floats(0.0, 1e4))
 
 
 def spikes(seed: int = 0, n_trials: int = 12, n_steps: int = 30, n_in: int = 5) -> torch.Tensor:
@@ -148,13 +148,21 @@ def test_every_choice_is_a_spec_without_a_recipe(given_seen):
 @given(seen, st.integers(1, 20))
 def test_constants_are_shares_of_the_window_on_any_clock(given_seen, finer):
     coarse = resolve(DEFAULT, given_seen)
-    on_finer = Seen(given_seen.windows, finer * given_seen.steps, finer * given_seen.sampling_rate_Hz)
+    steps, rate_Hz = finer * given_seen.steps, finer * given_seen.sampling_rate_Hz
+    on_finer = given_seen._replace(steps=steps, sampling_rate_Hz=rate_Hz)
     fine = resolve(DEFAULT, on_finer)
     if given_seen.steps >= 50:  # else a step bounds them
         assert fine.tau_mem_ms == pytest.approx(coarse.tau_mem_ms, rel=1e-3)
         assert fine.tau_syn_ms == pytest.approx(coarse.tau_syn_ms, rel=1e-3)
     step_ms = 1e3 / given_seen.sampling_rate_Hz
     assert min(coarse.tau_mem_ms, coarse.tau_syn_ms) >= step_ms * (1 - 1e-3)
+
+
+@given(seen)
+def test_spikes_are_disturbed_where_they_are_few(given_seen):
+    training = resolve(DEFAULT, given_seen).training
+    disturbed = (training.input_dropout, training.input_jitter_ms, training.readout_dropout)
+    assert all(disturbed) if given_seen.spikes < recipe.SPARSE else not any(disturbed)
 
 
 @given(seen)
@@ -179,7 +187,7 @@ def test_a_small_set_is_trained_for_as_many_steps_as_a_large_one(given_seen):
 def test_what_is_given_is_not_chosen(given_keys):
     asked = specs.build(RSNNSpec, {"recipe": "default", **given_keys}, "test")
     again = specs.build(RSNNSpec, asked.model_dump(mode="json"), "written and read")
-    at = Seen(900, 1000, 1000.0)
+    at = Seen(900, 1000, 1000.0, 50.0)
     for spec in (asked, again):
         chosen = resolve(spec, at).model_dump()
         flat = given_keys | {"training": {}} | {f"training.{k}": v for k, v in given_keys.get("training", {}).items()}
@@ -194,7 +202,7 @@ def test_what_is_given_is_not_chosen(given_keys):
 
 
 def test_what_is_chosen_is_told_line_by_line():
-    at = Seen(900, 1000, 1000.0)
+    at = Seen(900, 1000, 1000.0, 50.0)
     told = list(recipe.described(DEFAULT, at))
     assert len(told) == len(choices(at))
     assert "tau_mem_ms = 100.0 (a tenth of the window)" in told
