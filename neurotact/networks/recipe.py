@@ -179,7 +179,7 @@ def scale_weights(network: RSNN, spikes: Tensor) -> None:
     deviation = ((w.T @ covariance) * w.T).sum(dim=1).clamp(min=0).sqrt()
     wanted = network.spec.input_deviation * float(network.threshold[0])
     factor = torch.where(deviation > 0, wanted / deviation, 1.0)
-    network.w_in *= factor.to(network.w_in)
+    network.w_in.mul_(factor.to(network.w_in))
 
 
 @torch.no_grad()
@@ -221,11 +221,11 @@ def _calm(network: RSNN, spikes: Tensor) -> None:
     most = EXPLODES * _gradient_norm(network, spikes)
     with torch.no_grad():
         network.w_rec.copy_(recurrent)
-    halvings = 0
+    weights, halvings = network.w_rec, 0
     while not _gradient_norm(network, spikes) <= most and halvings < HALVINGS:
         halvings += 1
         with torch.no_grad():
-            network.w_rec *= 0.5
+            weights.mul_(0.5)
     if halvings:
         warnings.warn(
             f"training: gradients would have exploded; the recurrent weights begin {2**halvings} times smaller",

@@ -119,7 +119,7 @@ class RSNN(nn.Module):
     @property
     def level(self) -> Tensor | None:
         """Where an integrator begins, its bias in float64 `(class,)`; None where readout spikes are counted."""
-        return None if self.bias is None else self.bias.to(torch.float64)
+        return None if self.bias is None else self._level()
 
     def forward(self, spikes: Tensor) -> Counts:
         """Spike counts over the whole window, for training."""
@@ -140,7 +140,7 @@ class RSNN(nn.Module):
 
     def sums(self, hidden: Tensor) -> Tensor:
         """What an integrator has added up at the end of a window, from the hidden neurons' counts."""
-        return (self._added(hidden) + self.level).to(self.w_out.dtype)
+        return (self._added(hidden) + self._level()).to(self.w_out.dtype)
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
         """Every spike of every neuron; differentiable. `ordered` runs the reference, adding as the kernels do."""
@@ -154,6 +154,10 @@ class RSNN(nn.Module):
             return Rasters(hidden, self._added(hidden))
         readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
         return Rasters(hidden, readout)
+
+    def _level(self) -> Tensor:
+        assert self.bias is not None
+        return self.bias.to(torch.float64)
 
     def _added(self, hidden: Tensor) -> Tensor:
         """What an integrator adds for hidden spikes or counts of them, `(..., class)`."""
@@ -180,7 +184,7 @@ class RSNN(nn.Module):
         steps = torch.full((n_trials,), n_steps, device=spikes.device)
         if rule.patience is None:
             hidden = self._hidden_counts(spikes)
-            sums = self._added(hidden) + self.level
+            sums = self._added(hidden) + self._level()
             sent, heard = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, sent, heard, sums)
         hidden, gained = self.simulate(spikes)

@@ -201,9 +201,8 @@ def calibrate_causally(
         except InputError:
             if baseline == PAST[-1] and not found:
                 raise
-    separations = {baseline: _chosen_separation(each) for baseline, each in found.items()}
-    best = max(separations, key=lambda baseline: separations[baseline])
-    told = ", ".join(f"{baseline} {bits:.3f} bit" for baseline, bits in separations.items())
+    best = max(found, key=lambda baseline: _chosen_separation(found[baseline]))
+    told = ", ".join(f"{baseline} {_chosen_separation(each):.3f} bit" for baseline, each in found.items())
     note = f"the baseline is '{best}', which knows the past alone and separates the classes best (SA-I: {told})"
     log.warning("%s: %s", _source(recordings), note)
     return replace(found[best], notes=(*found[best].notes, note))

@@ -145,7 +145,8 @@ def new_network(
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
     shape = (len(trains.afferents), len(trains.classes))
     spikes = float(training.sum()) / max(1, len(training) * training.shape[2])
-    chosen = recipe.resolve(spec, recipe.Seen(*training.shape[:2], trains.sampling_rate_Hz, spikes))
+    looked_at = recipe.Seen(len(training), training.shape[1], trains.sampling_rate_Hz, spikes)
+    chosen = recipe.resolve(spec, looked_at)
     network = RSNN(*shape, chosen, trains.sampling_rate_Hz, backend=backend, generator=weights)
     recipe.start(network, training, weights)
     return network, order
