@@ -194,6 +194,16 @@ EXPLODED = 1e6
 """A median gradient norm that no training comes back from: those that learn stay some thousandfold below it."""
 
 
+@torch.no_grad()
+def _relative_norm(network: RSNN) -> Tensor:
+    """Of the gradient in units of the weights: what a change by their own size would do to the loss.
+
+    So it does not grow with the window, over which small weights meet many spikes.
+    """
+    parts = [p.grad.norm() * p.square().mean().sqrt() for p in network.parameters() if p.grad is not None]
+    return torch.stack(parts).norm()
+
+
 def _watch(norms: Sequence[Tensor], epoch: int) -> None:
     """Warn of gradients that explode: Adam then follows noise."""
     median = float(torch.stack(list(norms)).median())
@@ -231,7 +241,7 @@ def _pass(
             counts = counts._replace(readout=network.sums(heard))
         batch_loss = loss(counts, labels, spec)
         batch_loss.backward()
-        norms.append(torch.nn.utils.get_total_norm(p.grad for p in network.parameters() if p.grad is not None))
+        norms.append(_relative_norm(network))
         optimiser.step()
         _bound(network)
         total += batch_loss.item() * len(batch)
