@@ -22,7 +22,7 @@ from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 1000, 10_000
 RECURRENT_STEPS = 400
-SPARSE = 10.0
+SPARSE = 5.0
 LOOKED_AT = 256
 """Training windows on which weights are scaled, evenly taken."""
 ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
