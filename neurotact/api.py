@@ -134,7 +134,7 @@ def plot_raster(
 def train(
     spikes: str | Path,
     folder: str | Path,
-    network: str | Path | RSNNSpec = "rsnn",
+    network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
     length_ms: float = 150.0,
@@ -190,7 +190,7 @@ def tune(
     spikes: str | Path,
     folder: str | Path,
     space: str | Mapping[str, Any] = "texture",
-    network: str | Path | RSNNSpec = "rsnn",
+    network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
     trials: int = 100,

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, time
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
@@ -45,6 +45,16 @@ class Spec(BaseModel):
         True
         """
         return digest(self.model_dump(mode="json"))
+
+
+def without_defaults(spec: Spec, table: dict[str, Any], keys: Sequence[str]) -> dict[str, Any]:
+    """The table of a spec without those of `keys` that have their default.
+
+    A spec is written as before there were such keys: digests and seeds are drawn from what is written.
+    """
+    fields = type(spec).model_fields
+    absent = {key for key in keys if getattr(spec, key) == fields[key].default}
+    return {key: value for key, value in table.items() if key not in absent}
 
 
 SpecT = TypeVar("SpecT", bound=Spec)

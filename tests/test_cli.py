@@ -160,6 +160,24 @@ def test_a_longer_refractory_period_gives_fewer_spikes(neurotact, made, tmp_path
     assert counts[0] > counts[1] > counts[2] > 0
 
 
+@pytest.mark.parametrize(("baseline", "is_acausal"), [("mean", True), ("start", False), ("none", False)])
+def test_results_of_a_baseline_that_knows_the_future_are_marked(neurotact, made, tmp_path, baseline, is_acausal):
+    spikes, run = tmp_path / "spikes.h5", tmp_path / "run"
+    encoded = neurotact("encode", made / "touch.h5", "--set", f"conditioning.baseline={baseline}", "-o", spikes)
+    trained = neurotact("train", spikes, "-o", run, *QUICK)
+    inferred, counted = neurotact("infer", run, spikes), neurotact("sops", run, "-o", tmp_path / "sops.csv")
+    for code, out, _ in (encoded, trained, inferred, counted):
+        assert code == 0
+        assert ("acausal: the baseline is the mean of each whole trial" in out) == is_acausal
+
+
+def test_calibration_leaves_a_baseline_that_knows_the_future_unless_it_is_asked_for(neurotact, made, tmp_path):
+    for words, expected in (((), ("none", "start")), (("--set", "conditioning.baseline=mean"), ("mean",))):
+        mine = tmp_path / f"{expected[0]}.toml"
+        assert neurotact("calibrate", made / "touch.h5", *words, "-o", mine)[0] == 0
+        assert spec.read(mine)["conditioning"]["baseline"] in expected
+
+
 def test_calibration_writes_an_encoder_for_this_sensor(neurotact, made, tmp_path):
     mine = tmp_path / "mine.toml"
     code, out, _ = neurotact("calibrate", made / "touch.h5", "--stratify", "force_N", "-o", mine)
@@ -272,7 +290,8 @@ COMMANDS = [
     (), ("list",), ("show",), ("copy",), ("simulate",), ("simulate", "gratings"),
     ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("simulate", "stiffness"),
     ("simulate", "compliance"), ("import",), ("import", "touch-modality"),
-    ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("calibrate",), ("encode",),
+    ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("import", "braille-letters"),
+    ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
 ]  # fmt: skip
@@ -733,8 +752,9 @@ def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path)
     assert neurotact(*words, "-o", tmp_path / "silent.h5")[0] == 0
     code, _, err = neurotact("train", tmp_path / "silent.h5", "-o", tmp_path / "run", *QUICK)
     assert code == 0
-    (line,) = (line for line in err.splitlines() if line.startswith("neurotact: "))
-    assert line.startswith("neurotact: training: none of the 48 training windows holds a spike")
+    first, near_chance = (line for line in err.splitlines() if line.startswith("neurotact: "))
+    assert first.startswith("neurotact: training: none of the 48 training windows holds a spike")
+    assert "is not clearly above chance (50.0 %)" in near_chance
 
 
 def test_the_seed_of_a_training_gives_one_seed_for_the_weights_and_another_for_the_order(neurotact, made, tmp_path):
@@ -772,8 +792,8 @@ def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
         (("--stratify", "force"), ("there is no condition 'force'", "force_N")),
         (("--device", "tpu9"), ("--device tpu9: torch cannot use it here", "try cpu")),
         (("--device", "cuda:99"), ("--device cuda:99: torch cannot use it here", "try cpu")),
-        (("--set", "hiden=5"), ("hiden: unknown key; did you mean 'hidden'?", "rsnn.toml")),
-        (("--set", "hidden=0"), ("hidden: must be >= 1; got 0", "rsnn.toml")),
+        (("--set", "hiden=5"), ("hiden: unknown key; did you mean 'hidden'?", "default.toml")),
+        (("--set", "hidden=0"), ("hidden: must be >= 1; got 0", "default.toml")),
         (("--set", "reset=none"), ("reset: must be 'zero', 'subtract' or 'hard'; got 'none'",)),
     ],
 )  # fmt: skip

@@ -9,7 +9,9 @@ import typer
 from neurotact import files, spec
 from neurotact.cli.options import MOST_SPLITS, EncoderOption, Force, OutFile, SetOption, Spikes, Stratify
 from neurotact.cli.options import Recordings as RecordingsFile
+from neurotact.cli.output import print_line
 from neurotact.data import hdf5
+from neurotact.data.conditioning import ACAUSAL, acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import calibration, firing
@@ -35,13 +37,18 @@ def calibrate(
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
     force: Force = False,
 ) -> None:
-    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at."""
+    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at.
+
+    A baseline that knows the whole trial gives way to one that knows the past alone, unless it is given with --set.
+    """
     _check_outputs([out, figure], force, [recordings, encoder])
-    rule = calibration.CalibrationRule()
-    start = spec.load(AfferentSpec, encoder, spec.parse_assignments(set_ or []))
-    with hdf5.open_recordings(recordings) as data, track("calibrate", rule.candidates) as advance:
+    rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
+    start = spec.load(AfferentSpec, encoder, changes)
+    chooses = start.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in changes
+    fit, times = (calibration.calibrate_causally, len(calibration.PAST)) if chooses else (calibration.calibrate, 1)
+    with hdf5.open_recordings(recordings) as data, track("calibrate", times * rule.candidates) as advance:
         split = split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
-        found = calibration.calibrate(data.select(split.train), start, advance, rule)
+        found = fit(data.select(split.train), start, advance, rule)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
@@ -68,6 +75,7 @@ def encode(
         f"{out}: {found.trials} trials, {found.fired.sum()} spikes of {len(found.fired)} afferents "
         f"in {found.steps / found.clock_Hz:.1f} s"
     )
+    print_line(acausal_note(what.model_dump(mode="json")))
 
 
 def raster(

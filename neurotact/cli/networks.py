@@ -30,13 +30,14 @@ from neurotact.cli.options import (
     Tolerance,
     WindowMs,
 )
-from neurotact.cli.output import print_row, print_table
+from neurotact.cli.output import print_line, print_row, print_table
 from neurotact.data import hdf5
+from neurotact.data.conditioning import acausal_note
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import draw_found
 from neurotact.figures.style import save as save_figure
 from neurotact.metrics import synops
-from neurotact.networks import ledger, search, train_run, trained, tuning
+from neurotact.networks import comparison, ledger, search, train_run, trained, tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
 from neurotact.progress import say, track
@@ -56,7 +57,7 @@ SIDES = {
 def train_command(
     spikes: Spikes,
     out: OutFolder,
-    network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "rsnn",
+    network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "default",
     set_: SetOption = None,
     window_ms: WindowMs = 150.0,
     start_ms: StartMs = 0.0,
@@ -81,7 +82,10 @@ def train_command(
     window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
     task = _task("train", window, split_seed, stratify, tolerance)
     try:
-        done = train_run.run(spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume)
+        done = train_run.run(
+            spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume,
+            tell=lambda line: None if as_json else print(line),
+        )  # fmt: skip
     except train_run.Interrupted as interrupted:
         say(_how_to_go_on(interrupted.epochs))
         sys.exit(INTERRUPTED)
@@ -89,6 +93,11 @@ def train_command(
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
     else:
         print_row(f"{out}: test of {done.n_test} windows", done.row, as_json=as_json)
+        if not as_json:
+            for line in (*comparison.lines(done.compared, done.row["sops_total"]), done.acausal):
+                print_line(line)
+        for complaint in comparison.complaints(done.compared):
+            say(complaint)
 
 
 def _how_to_go_on(epochs: int) -> str:
@@ -103,7 +112,7 @@ def tune(
     spikes: Spikes,
     out: OutFolder,
     space: Annotated[str, typer.Option(help="Name or path of a search space, in NNI's terms.")] = "texture",
-    network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "rsnn",
+    network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "default",
     set_: SetOption = None,
     trials: Annotated[int, typer.Option(min=1, help="Networks to train.")] = 100,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the search.")] = 0,
@@ -189,6 +198,8 @@ def infer(
     if out:
         write_table(table, out)
     _print_sides(synops.summary(table), as_json=as_json)
+    if not as_json:
+        print_line(acausal_note(trains.encoder))
 
 
 def sops(
@@ -215,6 +226,7 @@ def sops(
     _print_sides(summary, as_json=as_json)
     if as_json:
         return
+    print_line(acausal_note(trains.encoder))
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)

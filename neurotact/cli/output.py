@@ -23,6 +23,11 @@ def print_row(title: str, row: dict[str, Any], *, as_json: bool = False) -> None
     console.print(table)
 
 
+def print_line(line: str | None) -> None:
+    if line:
+        print(line)
+
+
 def print_table(frame: pd.DataFrame, title: str | None = None) -> None:
     table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
     for row in frame.itertuples(index=False):

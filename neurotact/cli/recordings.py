@@ -9,7 +9,7 @@ from neurotact import files, plugins
 from neurotact.cli.lazy import command_of, lazy_group, new_app
 from neurotact.cli.options import Force, OutFile, Source
 from neurotact.data import hdf5
-from neurotact.data.readers import folder
+from neurotact.data.readers import braille_letters, folder
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import reader
 
@@ -30,6 +30,23 @@ def import_folder(
     """Any recordings: a sub-folder a class, holding CSV or NPZ files, a row a sample and a column a taxel."""
     _check_import(source, out, force)
     _save_recordings(folder.read(source, sampling_rate_hz, unit), out)
+
+
+@app.command("braille-letters")
+def import_braille_letters(
+    source: Source,
+    out: OutFile,
+    step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = 5.0,
+    force: Force = False,
+) -> None:
+    """27 Braille letters under an event-based fingertip (Zenodo 6556273): the published file, to spikes."""
+    files.check_new(out, force=force, inputs=[source])
+    trains = braille_letters.read(source, step_ms)
+    hdf5.save_spikes(trains, out)
+    print(
+        f"{out}: {len(trains)} trials of {len(trains.classes)} classes, {sum(map(len, trains.steps))} spikes of "
+        f"{len(trains.afferents)} afferents, {trains.trial_steps[0]} steps at {trains.sampling_rate_Hz:g} Hz"
+    )
 
 
 def _command(name: str) -> Any:

@@ -4,9 +4,9 @@ The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline
 A trial is conditioned whole, or piece by piece where it is long; the result is the same.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from scipy.signal import lfilter
@@ -15,9 +15,11 @@ from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
 from neurotact.files import check_size
 
-Baseline = Literal["none", "mean", "median", "first"]
+Baseline = Literal["none", "mean", "median", "first", "start", "running", "high-pass"]
 Pieces = Callable[[], Iterator[np.ndarray]]
 """Begins at the start of a trial each time; every piece but the last has as many samples."""
+START_MS, HIGH_PASS_HZ = 100.0, 0.5
+"""Of the baselines `start` and `high-pass`, unless told otherwise."""
 PIECE_VALUES = 1_000_000
 """Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
 FINEST_CLOCK = 1000
@@ -30,6 +32,8 @@ def condition(
     ema_cutoff_Hz: float | None = None,
     resample_Hz: float | None = None,
     baseline: Baseline = "none",
+    start_ms: float = START_MS,
+    high_pass_Hz: float = HIGH_PASS_HZ,
     offset: Sequence[float] | None = None,
     scale: Sequence[float] | None = None,
     rectify: bool = False,
@@ -38,7 +42,10 @@ def condition(
 
     ema_cutoff_Hz: cut-off of the exponential moving average; none when absent.
     resample_Hz: the encoder's clock; the recordings' own rate when absent.
-    baseline: what is subtracted from each taxel of each trial: `none`, `mean`, `median` or `first`.
+    baseline: what is subtracted from each taxel of each trial: `none`; `mean` or `median` of the whole trial, which
+        know what comes after a window (`ACAUSAL`); or what knows the past alone: the `first` sample, the mean so far
+        (`running`), that mean up to `start_ms` and kept from then on (`start`), or what an EMA at `high_pass_Hz`
+        follows (`high-pass`).
     offset, scale: standardisation, a value a taxel (see `fit_standardisation`).
     rectify: take the absolute value at the end.
 
@@ -57,7 +64,10 @@ def condition(
     if resample_Hz is not None and resample_Hz != rate_Hz:
         clock_Hz = resample_Hz
         recordings = replace(_each(recordings, lambda x: resample(x, rate_Hz, clock_Hz)), sampling_rate_Hz=clock_Hz)
-    if baseline != "none":
+    if baseline in CAUSAL:
+        past = Past(baseline, recordings.sampling_rate_Hz, start_ms, high_pass_Hz)
+        recordings = _each(recordings, lambda x: past.taken_off(x, None)[0])
+    elif baseline != "none":
         level = BASELINES[baseline]
         recordings = _each(recordings, lambda x: x - level(x))
     for values in (offset, scale):
@@ -90,6 +100,8 @@ def condition_pieces(
     ema_cutoff_Hz: float | None = None,
     resample_Hz: float | None = None,
     baseline: Baseline = "none",
+    start_ms: float = START_MS,
+    high_pass_Hz: float = HIGH_PASS_HZ,
     offset: Sequence[float] | None = None,
     scale: Sequence[float] | None = None,
     rectify: bool = False,
@@ -112,10 +124,14 @@ def condition_pieces(
     def sampled() -> Iterator[np.ndarray]:
         return _sampled(recordings, trial, factor, ema_cutoff_Hz, resample_Hz)
 
-    level = None if baseline == "none" else LEVELS[baseline](sampled)
+    level = LEVELS[baseline](sampled) if baseline in LEVELS else None
+    past = Past(baseline, resample_Hz or recordings.sampling_rate_Hz, start_ms, high_pass_Hz)
+    carried: Carried | None = None
     for piece in sampled():
         if level is not None:
             piece = piece - level
+        elif baseline in CAUSAL:
+            piece, carried = past.taken_off(piece, carried)
         yield standardised(piece, offset, scale, rectify)
 
 
@@ -226,6 +242,70 @@ BASELINES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 """What is subtracted from a signal `(..., time, taxel)`, as `(..., 1, taxel)`."""
 
 
+ACAUSAL = ("mean", "median")
+"""Baselines that know the whole trial, so that each of its windows knows what comes after it."""
+ACAUSAL_NOTE = (
+    "acausal: the baseline is the {baseline} of each whole trial, so that a window knows what comes after it; "
+    "conditioning.baseline = none, first, start, running or high-pass knows the past alone"
+)
+CAUSAL = ("start", "running", "high-pass")
+"""Baselines that move with the trial and know its past alone; the first sample, too, is past."""
+Carried = tuple[np.ndarray, int]
+"""From one piece of a trial to the next: the sum of its samples so far, or what the EMA has come to; and how many."""
+
+
+def acausal_note(encoder: Mapping[str, Any] | None) -> str | None:
+    """What to say beside the results of an encoder whose windows know what comes after them; None for any other.
+
+    encoder: its spec, as spike trains carry it.
+
+    >>> acausal_note({"conditioning": {"baseline": "mean"}})[:47]
+    'acausal: the baseline is the mean of each whole'
+    """
+    baseline = ((encoder or {}).get("conditioning") or {}).get("baseline")
+    return ACAUSAL_NOTE.format(baseline=baseline) if baseline in ACAUSAL else None
+
+
+@dataclass(frozen=True)
+class Past:
+    """A baseline of `CAUSAL`, of signals at some rate."""
+
+    baseline: Baseline
+    sampling_rate_Hz: float
+    start_ms: float = START_MS
+    high_pass_Hz: float = HIGH_PASS_HZ
+
+    def taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
+        """The signal `(..., time, taxel)` without its baseline, and what the piece after it needs.
+
+        carried: what the piece before it gave; None at the start of a trial.
+
+        >>> Past("running", 1000.0).taken_off(np.array([[2.0], [4.0], [9.0]]), None)[0].ravel().tolist()
+        [0.0, 1.0, 4.0]
+        """
+        if self.baseline == "high-pass":
+            before, n_before = (None, 0) if carried is None else carried
+            followed = ema(signal, ema_coefficient(self.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz"), before)
+            return signal - followed, (followed[..., -1, :].copy(), n_before + signal.shape[-2])
+        return self._mean_taken_off(signal, carried)
+
+    def _mean_taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
+        """In float64, from one sample to the next, so that pieces add up as the whole does."""
+        total, n_before = (np.zeros_like(signal[..., 0, :], np.float64), 0) if carried is None else carried
+        n_steps = signal.shape[-2]
+        last = n_before + n_steps
+        if self.baseline == "start":
+            last = max(1, round(self.start_ms * 1e-3 * self.sampling_rate_Hz))
+        n_new = min(max(last - n_before, 0), n_steps)
+        sums = np.cumsum(np.concatenate([total[..., None, :], signal[..., :n_new, :]], axis=-2), axis=-2)
+        heard = np.arange(n_before + 1, n_before + n_new + 1)
+        level = sums[..., 1:, :] / heard[:, None]
+        after = n_before + n_new
+        kept = np.repeat(sums[..., -1:, :] / max(1, after), n_steps - n_new, axis=-2)
+        levels = np.concatenate([level, kept], axis=-2)
+        return signal - levels.astype(signal.dtype), (sums[..., -1, :], after)
+
+
 def _mean_of_pieces(signal: Pieces) -> np.ndarray:
     total, n_steps, piece = np.zeros(1), 0, np.empty(0)
     for piece in signal():
@@ -282,15 +362,15 @@ LEVELS: dict[str, Callable[[Pieces], np.ndarray]] = {
 """`BASELINES` of a trial in pieces, `(1, taxel)`."""
 
 
-def ema_coefficient(cutoff_Hz: float, rate_Hz: float) -> float:
-    """Weight of the newest sample, `1 - exp(-2 pi cutoff / rate)`; InputError above the Nyquist frequency.
+def ema_coefficient(cutoff_Hz: float, rate_Hz: float, key: str = "ema_cutoff_Hz") -> float:
+    """Weight of the newest sample, `1 - exp(-2 pi cutoff / rate)`; InputError, which names `key`, above Nyquist's.
 
     >>> round(ema_coefficient(30.0, 2000.0), 4)
     0.0899
     """
     if cutoff_Hz >= rate_Hz / 2:
         raise InputError(
-            f"ema_cutoff_Hz: {cutoff_Hz:g} Hz is not below the Nyquist frequency of {rate_Hz / 2:g} Hz; "
+            f"{key}: {cutoff_Hz:g} Hz is not below the Nyquist frequency of {rate_Hz / 2:g} Hz; "
             "lower it or leave it out"
         )
     return float(1.0 - np.exp(-2.0 * np.pi * cutoff_Hz / rate_Hz))

@@ -3,16 +3,16 @@
 Texture paper, Eqs. 1 to 3 and Tables II and III. SA-I feels `gain x`, RA-I feels `gain |dx/dt|`.
 """
 
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from neurotact.backend import Backend, use_native
 from neurotact.encoders import native
 from neurotact.errors import InputError
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
-from neurotact.spec import Spec
+from neurotact.spec import Spec, without_defaults
 
 
 class AfferentType(Spec):
@@ -31,14 +31,23 @@ class ConditioningSpec(Spec):
     """Cut-off of the exponential moving average; none when absent."""
     resample_Hz: float | None = Field(default=None, gt=0)
     """The encoder's clock; the recording's own rate when absent."""
-    baseline: Literal["none", "mean", "median", "first"] = "none"
-    """What is subtracted from each taxel of each trial."""
+    baseline: Literal["none", "mean", "median", "first", "start", "running", "high-pass"] = "none"
+    """What is subtracted from each taxel of each trial. `mean` and `median` know the whole trial, so that a window
+    knows what comes after it; `first`, `start`, `running` and `high-pass` know the past alone."""
+    start_ms: float = Field(default=100.0, gt=0)
+    """The baseline `start` is the mean up to this time, and kept from then on."""
+    high_pass_Hz: float = Field(default=0.5, gt=0)
+    """Cut-off of the baseline `high-pass`."""
     offset: tuple[float, ...] | None = None
     """Standardisation, a taxel each: subtracted first (fitted on training trials by `neurotact calibrate`)."""
     scale: tuple[Annotated[float, Field(gt=0)], ...] | None = None
     """Standardisation, a taxel each: divided by afterwards."""
     rectify: bool = False
     """Take the absolute value at the end."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), ("start_ms", "high_pass_Hz"))
 
 
 class AfferentSpec(Spec):

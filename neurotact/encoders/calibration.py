@@ -8,7 +8,7 @@ classes best. No classifier is trained, and no trial but those given is seen.
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +47,9 @@ QUIET = 0.1
 """A taxel that deviates less than this share of the liveliest one is noise, or out of touch."""
 ROUNDING = 1e-5
 """Movements below this share of a taxel's level are float32's own."""
+
+PAST: tuple[Baseline, ...] = ("none", "start")
+"""Baselines that `calibrate_causally` chooses from, the first of equal ones."""
 
 log = logging.getLogger("neurotact")
 Progress = Callable[[int, str], None]
@@ -175,6 +178,40 @@ def calibrate(
     for note in notes:
         log.warning("%s: %s", _source(recordings), note)
     return Calibration(fitted.model_copy(update=chosen), table, isi, tuple(notes))
+
+
+def calibrate_causally(
+    recordings: Trials,
+    spec: AfferentSpec,
+    progress: Progress | None = None,
+    rule: CalibrationRule = CalibrationRule(),
+) -> Calibration:
+    """`calibrate`, with the baseline of `PAST` that lets SA-I separate the classes best in place of the spec's.
+
+    Without a baseline the static level is felt, which tells many surfaces apart; the mean of each trial's start takes
+    off what drifts from touch to touch. RA-I feels changes, which neither touches. progress: called with 1 and a note
+    at each of `rule.candidates` steps a baseline. Raises InputError where none of them can be calibrated.
+    """
+    found: dict[Baseline, Calibration] = {}
+    for baseline in PAST:
+        conditioning = spec.conditioning.model_copy(update={"baseline": baseline})
+        changed = spec.model_copy(update={"conditioning": conditioning})
+        try:
+            found[baseline] = calibrate(recordings, changed, progress, rule)
+        except InputError:
+            if baseline == PAST[-1] and not found:
+                raise
+    best = max(found, key=lambda baseline: _chosen_separation(found[baseline]))
+    told = ", ".join(f"{baseline} {_chosen_separation(each):.3f} bit" for baseline, each in found.items())
+    note = f"the baseline is '{best}', which knows the past alone and separates the classes best (SA-I: {told})"
+    log.warning("%s: %s", _source(recordings), note)
+    return replace(found[best], notes=(*found[best].notes, note))
+
+
+def _chosen_separation(found: Calibration) -> float:
+    """Of SA-I, at the gain that was chosen."""
+    table = found.table
+    return float(table.separation[table.chosen & (table.afferent == POPULATIONS["sa1"])].iloc[0])
 
 
 def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:

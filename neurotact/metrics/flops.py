@@ -492,6 +492,26 @@ class PoissonAfferents(Layer):
 
 
 @dataclass(frozen=True)
+class Integrator(Layer):
+    """A readout that adds up its weights of every spike that it hears, from its biases on.
+
+    sops: operations into this layer in one decision, a mean or a number: an AC each. Nothing is done without a spike.
+    """
+
+    inputs: int
+    neurons: int
+    sops: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.sops >= 0:
+            raise InputError(f"Integrator: sops must be >= 0; got {self.sops}")
+
+    def cost(self) -> Cost:
+        return _with_weights(self.neurons * (self.inputs + 1), self.neurons, acs=self.sops, sops=self.sops)
+
+
+@dataclass(frozen=True)
 class SpikingLayer(Layer):
     """A layer of CUBA-LIF neurons over `steps` steps, from the synaptic operations that were measured.
 

@@ -81,7 +81,8 @@ class BaselineRemoval(Layer):
 
     The level is that of the first sample (`first`, for nothing), the mean (an addition a sample and a product) or the
     median (a sort: a comparison a sample and a doubling; it alone keeps the samples). It is found over as many samples
-    as it is taken off.
+    as it is taken off. The mean so far (`running`, and `start` until it is kept) costs an addition and a product a
+    sample, what an EMA follows (`high-pass`) a MAC and a product.
 
     >>> BaselineRemoval(samples=300, channels=8, level="mean").cost().flops
     4808
@@ -89,19 +90,21 @@ class BaselineRemoval(Layer):
 
     samples: int
     channels: int = 1
-    level: Literal["first", "mean", "median"] = "mean"
+    level: Literal["first", "mean", "median", "start", "running", "high-pass"] = "mean"
 
     def cost(self) -> Cost:
         if self.level not in BASELINES:
             raise InputError(f"BaselineRemoval.level: '{self.level}' is unknown; {nearest(self.level, BASELINES)}")
         n = self.samples * self.channels
         kept = self.channels * (1 + (self.samples if self.level == "median" else 0))
-        sums, products = (n, self.channels) if self.level == "mean" else (0, 0)
+        sums = n if self.level in ("mean", "start", "running") else 0
+        products = {"mean": self.channels, "start": n, "running": n, "high-pass": n}.get(self.level, 0)
         comparisons = n * math.ceil(math.log2(self.samples)) if self.level == "median" else 0
-        return Cost(acs=n + sums, other_flops=products + comparisons, bytes=BYTES * kept)
+        macs = n if self.level == "high-pass" else 0
+        return Cost(macs=macs, acs=n + sums, other_flops=products + comparisons, bytes=BYTES * kept)
 
 
-BASELINES = ("first", "mean", "median")
+BASELINES = ("first", "mean", "median", "start", "running", "high-pass")
 
 
 @dataclass(frozen=True)

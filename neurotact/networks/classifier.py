@@ -18,7 +18,7 @@ from neurotact.metrics import synops
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import exit_rule, synops_of
+from neurotact.networks.trained import begin, exit_rule, synops_of
 from neurotact.networks.training import Examples, Training, train
 from neurotact.spec import load
 
@@ -35,7 +35,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     recurrent : whether hidden neurons are connected to one another.
     tau_mem_ms, tau_syn_ms : time constants.
     learning_rate, batch, epochs, patience : of the training.
-    network : name or path of a network spec (`networks/*.toml`), which holds every value that is None here.
+    network : name or path of a network spec (`networks/*.toml`), which holds every value that is None here. The default
+        chooses them from the training windows (docs/default-recipe.md); "rsnn" is the texture paper's.
     settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
     exit_tolerance : accuracy on validation windows that early exit may lose.
@@ -54,12 +55,11 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     >>> rng = np.random.default_rng(0)
     >>> rates = np.repeat([0.02, 0.2], 30)[:, None, None]
     >>> X, y = (rng.random((60, 100, 4)) < rates).astype(np.uint8), np.repeat(["soft", "hard"], 30)
-    >>> clf = SpikingClassifier(
-    ...     hidden=20, epochs=40, batch=8, learning_rate=0.01, settings={"forward_weight_scale": 1.0},
-    ...     sampling_rate_Hz=1000.0, random_state=0,
-    ... )
+    >>> clf = SpikingClassifier(hidden=20, epochs=20, sampling_rate_Hz=1000.0, random_state=0)
     >>> bool(clf.fit(X, y).score(X, y) > 0.9)
     True
+    >>> clf.network_.spec.readout, clf.network_.spec.tau_mem_ms
+    ('integrator', 10.0)
     >>> clf.decide(X, early_exit=True).columns.tolist()[:3]
     ['predicted', 'steps', 'ms']
     """
@@ -75,7 +75,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         batch: int | None = None,
         epochs: int | None = None,
         patience: int | None = None,
-        network: str = "rsnn",
+        network: str = "default",
         settings: Mapping[str, Any] | None = None,
         validation_fraction: float = 0.15,
         exit_tolerance: float = 0.01,
@@ -134,7 +134,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
             held_labels = trial_labels(held_labels, len(held_spikes))
             validation_side = _examples(held_spikes, np.searchsorted(classes, held_labels))
         generator = torch.Generator().manual_seed(weights_seed)
-        network = RSNN(spikes.shape[2], len(classes), self.spec(), rate_Hz, generator=generator).to(self.device)
+        network = begin(train_side.spikes, len(classes), self.spec(), rate_Hz, generator).to(self.device)
         order = torch.Generator().manual_seed(order_seed)
         self.training_: Training = train(network, train_side, validation_side, generator=order)
         self.network_: RSNN = network
@@ -145,7 +145,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         return self
 
     def spec(self) -> RSNNSpec:
-        """The network spec that the parameters describe."""
+        """The network spec that the parameters describe; what a recipe chooses is in `network_.spec`."""
         given = {name: getattr(self, name) for name in ("hidden", "tau_mem_ms", "tau_syn_ms")}
         given |= {f"training.{name}": getattr(self, name) for name in TRAINING}
         if self.recurrent is not None:
@@ -159,7 +159,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         return self.classes_[labels]
 
     def decision_function(self, X: ArrayLike) -> np.ndarray:
-        """Spike counts of the readout `(window, class)`; for two classes their difference `(window,)`."""
+        """Readout of each window `(window, class)`: spike counts, or the sums of an integrator; for two classes their
+        difference `(window,)`."""
         counts = self._infer(X, FULL_WINDOW).readout.cpu().numpy()
         return counts[:, 1] - counts[:, 0] if len(self.classes_) == 2 else counts
 

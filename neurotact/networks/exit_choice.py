@@ -45,19 +45,20 @@ class OracleExit(NamedTuple):
     patience: Tensor
 
 
-def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True) -> Exits:
+def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, level: Tensor | None = None) -> Exits:
     """Exit step and label of every trial for every patience.
 
     rasters: readout spikes of whole windows, `(trial, time, class)`, zeros and ones (not cumulated), as
-        `RSNN.simulate` gives them.
+        `RSNN.simulate` gives them; of an integrator what it adds at each step.
     from_first_spike: as in ExitRule.
+    level: where an integrator begins, `RSNN.level`; absent, spikes are counted.
 
     >>> exits(torch.tensor([[[0, 1], [0, 0], [0, 0]]])).steps.tolist()
     [[2, 3, 3]]
     """
-    spikes = _checked(rasters)
+    spikes = _checked(rasters, level)
     n_trials, n_steps, n_classes = spikes.shape
-    leader = Leader.start(n_trials, n_classes, spikes.device)
+    leader = Leader.start(n_trials, n_classes, spikes.device, level)
     first = torch.full((n_trials, n_steps + 1), n_steps, dtype=torch.int64, device=spikes.device)
     leading = torch.empty(n_trials, n_steps, dtype=torch.int64, device=spikes.device)
     for t in range(n_steps):
@@ -71,38 +72,50 @@ def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True) -> Exits:
     return Exits(steps, leading.gather(1, steps - 1))
 
 
-def exit_curve(rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, from_first_spike: bool = True) -> ExitCurve:
+def exit_curve(
+    rasters: Tensor | np.ndarray,
+    labels: Tensor | np.ndarray,
+    from_first_spike: bool = True,
+    level: Tensor | None = None,
+) -> ExitCurve:
     """Accuracy and mean steps over patience; arguments as for `exits`, with the true classes `(trial,)`.
 
     >>> curve = exit_curve(torch.tensor([[[1, 0], [0, 1], [0, 1]]]), torch.tensor([1]))
     >>> curve.accuracy.tolist(), curve.mean_steps.tolist()
     ([0.0, 1.0, 1.0], [2.0, 3.0, 3.0])
     """
-    found = exits(rasters, from_first_spike)
+    found = exits(rasters, from_first_spike, level)
     right = found.labels == _labels(labels, found)[:, None]
     patience = torch.arange(1, found.steps.shape[1] + 1, device=found.steps.device)
     return ExitCurve(patience, right.double().mean(dim=0), found.steps.double().mean(dim=0))
 
 
-def validated_rule(rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, tolerance: float = 0.0) -> ExitRule:
+def validated_rule(
+    rasters: Tensor | np.ndarray,
+    labels: Tensor | np.ndarray,
+    tolerance: float = 0.0,
+    level: Tensor | None = None,
+) -> ExitRule:
     """The rule of least patience whose accuracy is within `tolerance` of the full window's.
 
-    rasters, labels: of *validation* trials, as for `exit_curve`.
+    rasters, labels, level: of *validation* trials, as for `exit_curve`.
     tolerance: accuracy that may be lost, such as 0.01 for one point; a rule may also be more accurate.
-    The rule counts from the first readout spike; a trial that does not exit runs the full window.
+    The rule counts from the first step at which the readout moves; a trial that does not exit runs the full window.
 
     >>> validated_rule(torch.tensor([[[1, 0], [0, 1], [0, 1]]]), torch.tensor([1])).patience
     2
     """
     if not 0 <= tolerance <= 1:
         raise InputError(f"tolerance: is an accuracy from 0 to 1; got {tolerance}")
-    curve = exit_curve(rasters, labels, from_first_spike=True)
+    curve = exit_curve(rasters, labels, from_first_spike=True, level=level)
     # Accuracies are multiples of 1 / trials: a rounding error of the tolerance must not decide.
     kept = curve.accuracy >= curve.accuracy[-1] - tolerance - 1e-9
     return ExitRule(int(curve.patience[kept][0]), from_first_spike=True)
 
 
-def oracle_exit(rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patience: int) -> OracleExit:
+def oracle_exit(
+    rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patience: int, level: Tensor | None = None
+) -> OracleExit:
     """The texture paper's Algorithm 1, line 17 read as count = 0: knows the true label, so reproduces, not predicts.
 
     Each trial starts with `patience`. While its exit label is wrong, patience is raised by one (the paper says
@@ -114,7 +127,7 @@ def oracle_exit(rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patie
     {'steps': tensor([3]), 'labels': tensor([1]), 'patience': tensor([2])}
     """
     ExitRule(patience)  # refuses a patience below 1
-    found = exits(rasters, from_first_spike=False)
+    found = exits(rasters, from_first_spike=False, level=level)
     n_steps = found.steps.shape[1]
     start = min(patience, n_steps) - 1
     right = found.labels[:, start:] == _labels(labels, found)[:, None]
@@ -123,10 +136,12 @@ def oracle_exit(rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patie
     return OracleExit(found.steps.gather(1, at)[:, 0], found.labels.gather(1, at)[:, 0], at[:, 0] + 1)
 
 
-def _checked(rasters: Tensor | np.ndarray) -> Tensor:
+def _checked(rasters: Tensor | np.ndarray, level: Tensor | None) -> Tensor:
     spikes = torch.as_tensor(rasters)
     if spikes.ndim != 3 or 0 in spikes.shape:
         raise InputError(f"rasters: have shape {tuple(spikes.shape)} where some (trial, time, class) is expected")
+    if level is not None:
+        return spikes.detach()
     if not ((spikes == 0) | (spikes == 1)).all():
         raise InputError("rasters: hold zeros and ones, a readout spike each; got other values (cumulated counts?)")
     return spikes.detach().to(torch.int64)

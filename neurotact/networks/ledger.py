@@ -13,6 +13,7 @@ from neurotact.metrics.flops import (
     Afferents,
     Cost,
     Dense,
+    Integrator,
     IzhikevichAfferents,
     Layer,
     Moments,
@@ -30,6 +31,7 @@ from neurotact.metrics.signal_flops import (
     ScaledSteps,
     StandardisedSteps,
 )
+from neurotact.networks import recipe
 from neurotact.networks.specs import RSNNSpec
 from neurotact.tables import NETWORK, means_over
 
@@ -93,7 +95,7 @@ def network_cost(
 ) -> Cost:
     """The spiking network of one decision.
 
-    spec: of the network, which says how many hidden neurons it has and whether it is recurrent.
+    spec: of the network, which says how many hidden neurons it has, whether it is recurrent and what its readout is.
     measured: mean SOPs of the projections, under the names of `SOPS`.
     steps: simulated steps of a decision, a mean under early exit.
 
@@ -102,10 +104,15 @@ def network_cost(
     >>> found.macs, found.acs, found.parameters
     (22800, 1280, 1620)
     """
-    into_hidden = measured["sops_input"] + measured["sops_recurrent"]
+    into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
+    readout = (
+        Integrator(spec.hidden, n_classes, sops=into_readout)
+        if spec.readout == "integrator"
+        else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
+    )
     return cost(
         SpikingLayer(n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent),
-        SpikingLayer(spec.hidden, n_classes, steps=steps, sops=measured["sops_readout"], recurrent=False),
+        readout,
         signal_ms=signal_ms,
     )
 
@@ -150,7 +157,8 @@ def study_ledger(
 ) -> pd.DataFrame:
     """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
 
-    spec: of the study's network; `hidden` and, where it was swept or searched, `network.model` of `results` count.
+    spec: of the study's network, by its recipe where it has one; `hidden` and, where it was swept or searched,
+        `network.model` of `results` count.
     results: a run's `results.csv` with the columns `pair` and `setting`.
     baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
     encoder: as for `encoding_cost`.
@@ -165,10 +173,13 @@ def study_ledger(
         rows.append(
             (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
         )
-    results = results if MODEL in results else results.assign(**{MODEL: spec.model})
+    is_chosen = MODEL not in results
+    results = results.assign(**{MODEL: spec.model}) if is_chosen else results
     for _, row in means_over(results, [*NETWORK, MODEL], [*SOPS, "window_steps"], "seeds").iterrows():
         steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
-        own = spec.model_copy(update={"hidden": int(row["hidden"]), "model": row[MODEL]})
+        chosen = recipe.resolve(spec, recipe.Seen(1, round(steps), rate_Hz, 1.0))
+        model = chosen.model if is_chosen else row[MODEL]
+        own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": model})
         network = network_cost(own, n_afferents, n_classes, row, steps=steps, signal_ms=signal_ms)
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
         rows.append((name, encoding_cost(n_taxels, steps, signal_ms, encoder) + network))

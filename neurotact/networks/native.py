@@ -164,6 +164,26 @@ def layer_spikes(
     x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
 ) -> Tensor:
     """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`."""
+    x, weights, dynamics, shape, training = _prepared(x, w, v, alpha, beta, threshold, neuron, scale)
+    if training:
+        return _Layer.apply(x, *weights, *dynamics, shape, False)  # pyright: ignore[reportReturnType]
+    return _layer(x, *weights, dynamics, shape, tape=None, counted=False)
+
+
+def layer_counts(
+    x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
+) -> Tensor:
+    """Spike counts of one layer over the window, `(trial, postsynaptic)`; otherwise as `layer_spikes`."""
+    x, weights, dynamics, shape, training = _prepared(x, w, v, alpha, beta, threshold, neuron, scale)
+    if training:
+        return _Layer.apply(x, *weights, *dynamics, shape, True)  # pyright: ignore[reportReturnType]
+    return _layer(x, *weights, dynamics, shape, tape=None, counted=True)
+
+
+def _prepared(
+    x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
+) -> tuple[Tensor, tuple[Tensor, Tensor | None], tuple[Tensor, ...], Any, bool]:
+    """Spikes, weights and dynamics as the kernels read them, the layer's shape, and whether a gradient is wanted."""
     weights = _same_kind(w) if v is None else _same_kind(w, v)
     dynamics = tuple(
         # Autograd adds the gradients of the neurons that share a value.
@@ -177,54 +197,54 @@ def layer_spikes(
         w.shape[0], w.shape[1], 0, neuron, scale, recurrent=v is not None, per_neuron=True,
         keep_currents=training and any(learns[1:]), with_inputs=training and learns[0],
     )  # fmt: skip
-    w, v = weights[0], weights[1] if len(weights) == 2 else None
-    if training:
-        return _Layer.apply(x, w, v, *dynamics, shape)  # pyright: ignore[reportReturnType]
-    return _layer(x, w, v, dynamics, shape, tape=None)
+    return x, (weights[0], weights[1] if len(weights) == 2 else None), dynamics, shape, training
 
 
 def _layer(
-    x: Tensor, w: Tensor, v: Tensor | None, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None
+    x: Tensor, w: Tensor, v: Tensor | None, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None, counted: bool
 ) -> Tensor:
+    """The raster of a layer or, where they are `counted`, its spikes a window."""
     alpha, beta, threshold = dynamics
     n_trials, n_steps, _ = x.shape
-    raster = w.new_empty(n_trials, n_steps, w.shape[1])
+    sent = w.new_empty(n_trials, w.shape[1]) if counted else w.new_empty(n_trials, n_steps, w.shape[1])
+    hidden, raster = (sent.data_ptr(), 0) if counted else (0, sent.data_ptr())
     binary = native.forward(
         shape, w.dtype is torch.float64, n_trials, n_steps,
         x.data_ptr(), _KINDS[x.dtype], x.stride(0), x.stride(1), w.data_ptr(), _at(v), 0,
         alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-        _at(tape), 0, 0, raster.data_ptr(), torch.get_num_threads(),
+        _at(tape), 0, hidden, raster, torch.get_num_threads(),
     )  # fmt: skip
     if not binary:
         raise InputError(_GRADED)
-    return raster
+    return sent
 
 
 class _Layer(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, x, w, v, alpha, beta, threshold, shape):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def forward(ctx, x, w, v, alpha, beta, threshold, shape, counted):  # pyright: ignore
         n_trials, n_steps, _ = x.shape
         tape = native.new_tape(shape, w.dtype is torch.float64, n_trials, n_steps)
-        raster = _layer(x, w, v, (alpha, beta, threshold), shape, tape)
+        sent = _layer(x, w, v, (alpha, beta, threshold), shape, tape, counted)
         ctx.save_for_backward(tape, w, v, alpha, beta, threshold)
-        ctx.shape, ctx.window = shape, (n_trials, n_steps)
-        return raster
+        ctx.shape, ctx.window, ctx.counted = shape, (n_trials, n_steps), counted
+        return sent
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, g_raster):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx, g_sent):  # pyright: ignore[reportIncompatibleMethodOverride]
         tape, w, v, alpha, beta, threshold = ctx.saved_tensors
         n_trials, n_steps = ctx.window
         g_w, g_v = torch.empty_like(w), None if v is None else torch.empty_like(v)
         g_x = w.new_empty(n_trials, n_steps, w.shape[0]) if ctx.needs_input_grad[0] else None
         g_dynamics = w.new_empty(3, w.shape[1]) if any(ctx.needs_input_grad[3:6]) else None
-        g_raster = g_raster.contiguous()
+        g_sent = g_sent.contiguous()
+        g_hidden, g_raster = (g_sent.data_ptr(), 0) if ctx.counted else (0, g_sent.data_ptr())
         native.backward(
             ctx.shape, w.dtype is torch.float64, n_trials, n_steps, tape.data_ptr(),
             w.data_ptr(), _at(v), 0, alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-            0, 0, g_raster.data_ptr(), g_w.data_ptr(), _at(g_v), 0, _at(g_x), _at(g_dynamics), torch.get_num_threads(),
+            0, g_hidden, g_raster, g_w.data_ptr(), _at(g_v), 0, _at(g_x), _at(g_dynamics), torch.get_num_threads(),
         )  # fmt: skip
-        return g_x, g_w, g_v, *((None,) * 3 if g_dynamics is None else g_dynamics), None
+        return g_x, g_w, g_v, *((None,) * 3 if g_dynamics is None else g_dynamics), None, None
 
 
 def set_isa(name: str) -> None:

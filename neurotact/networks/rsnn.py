@@ -1,6 +1,9 @@
-"""The spiking network: one CUBA-LIF layer, recurrent or not, and a spiking readout.
+"""The spiking network: one CUBA-LIF layer, recurrent or not, and a readout that spikes or adds up.
 
 Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading study.
+
+An integrator adds up a bias and the weights of every hidden spike. It does so in float64, where sums of float32 weights
+are all but always exact, so that neither the order of the spikes nor the size of a batch moves a decision.
 """
 
 import math
@@ -18,16 +21,25 @@ from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
 from neurotact.spec import build, override
 
+RASTER_VALUES = 2**25
+"""Of an integrator's early exit, spikes and sums that are kept at once."""
+
 
 class Counts(NamedTuple):
-    """Spikes a window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`."""
+    """Spikes a window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`.
+
+    `readout` of an integrator is its sum at the end of the window.
+    """
 
     readout: Tensor
     hidden: Tensor
 
 
 class Rasters(NamedTuple):
-    """Spikes each step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`."""
+    """Spikes each step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`.
+
+    `readout` of an integrator is what it adds at each step, to `RSNN.level` at first, in float64.
+    """
 
     hidden: Tensor
     readout: Tensor
@@ -36,10 +48,10 @@ class Rasters(NamedTuple):
 class Inference(NamedTuple):
     """What a network decided and what it did for it, a row a trial.
 
-    labels: index of the largest readout count, ties to the lowest, `(trial,)` int64.
+    labels: index of the largest readout count or sum, ties to the lowest, `(trial,)` int64.
     steps: steps that were simulated, `(trial,)` int64.
     input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64.
-    readout: spikes of each readout neuron in those steps, `(trial, class)` int64.
+    readout: spikes of each readout neuron in those steps, `(trial, class)` int64; sums of an integrator, float64.
     """
 
     labels: Tensor
@@ -53,7 +65,8 @@ class RSNN(nn.Module):
     """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
     Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
-    `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout. Spikes come in as
+    `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, of which an integrator
+    has no use; it has a `bias` `(class,)`, None where the readout spikes. Spikes come in as
     `(trial, time, afferent)` of any type whose values are 0 and 1; `backend` chooses the implementation (see
     `kernels.use_native`).
 
@@ -97,6 +110,7 @@ class RSNN(nn.Module):
         self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
         self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
+        self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.readout == "integrator" else None
         self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, sampling_rate_Hz), dtype)
         self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, sampling_rate_Hz), dtype)
         self.threshold = self._dynamics("threshold", 1.0, dtype)
@@ -121,31 +135,88 @@ class RSNN(nn.Module):
     def n_classes(self) -> int:
         return self.w_out.shape[1]
 
+    @property
+    def level(self) -> Tensor | None:
+        """Where an integrator begins, its bias in float64 `(class,)`; None where readout spikes are counted."""
+        return None if self.bias is None else self._level()
+
     def forward(self, spikes: Tensor) -> Counts:
         """Spike counts over the whole window, for training."""
         self._check(spikes)
+        if self.bias is not None:
+            hidden = self._hidden_counts(spikes)
+            return Counts(self.sums(hidden), hidden)
         if self._native():
             return Counts(*native.rsnn_counts(spikes, self))
         rasters = self.simulate(spikes)
         return Counts(rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1))
+
+    def _hidden_counts(self, spikes: Tensor) -> Tensor:
+        if self._native():
+            dynamics = (self.alpha[0], self.beta[0], self.threshold[0])
+            return native.layer_counts(spikes, self.w_in, self.w_rec, *dynamics, self.neuron, self.spec.surrogate_scale)
+        return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
+
+    def sums(self, hidden: Tensor) -> Tensor:
+        """What an integrator has added up at the end of a window, from the hidden neurons' counts."""
+        return (self._added(hidden) + self._level()).to(self.w_out.dtype)
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
         """Every spike of every neuron; differentiable. `ordered` runs the reference, adding as the kernels do."""
         self._check(spikes)
         if not ordered and self._native():
             hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
-            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1))
+            spiking = self.bias is None
+            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1) if spiking else self._added(hidden))
         hidden, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, ordered)
+        if self.bias is not None:
+            return Rasters(hidden, self._added(hidden))
         readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
         return Rasters(hidden, readout)
 
+    def _level(self) -> Tensor:
+        assert self.bias is not None
+        return self.bias.to(torch.float64)
+
+    def _added(self, hidden: Tensor) -> Tensor:
+        """What an integrator adds for hidden spikes or counts of them, `(..., class)`."""
+        return hidden.double() @ self.w_out.double()
+
     @torch.no_grad()
     def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
-        """Decide each trial, stopping its simulation where `rule` says so."""
+        """Decide each trial, stopping its simulation where `rule` says so.
+
+        With an integrator whole windows are simulated, and what lies behind the exit is left out of the result.
+        """
         self._check(spikes)
+        if self.bias is not None:
+            n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
+            parts = spikes.split(max(1, RASTER_VALUES // max(1, n_values)))
+            return Inference(*map(torch.cat, zip(*(self._infer_sums(part, rule) for part in parts), strict=True)))
         if self._native():
             return Inference(*native.rsnn_infer(spikes, self, rule))
         return self._infer_by_steps(spikes, rule)
+
+    def _infer_sums(self, spikes: Tensor, rule: ExitRule) -> Inference:
+        """The decisions of an integrator."""
+        n_trials, n_steps, _ = spikes.shape
+        steps = torch.full((n_trials,), n_steps, device=spikes.device)
+        if rule.patience is None:
+            hidden = self._hidden_counts(spikes)
+            sums = self._added(hidden) + self._level()
+            sent, heard = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
+            return Inference(sums.argmax(dim=1), steps, sent, heard, sums)
+        hidden, gained = self.simulate(spikes)
+        leader = Leader.start(n_trials, self.n_classes, spikes.device, self.level)
+        labels, sums, running = leader.index.clone(), leader.counts.clone(), steps > 0
+        for t in range(n_steps):
+            leader = leader.after(gained[:, t])
+            stops = running & (leader.exits(rule) | (t + 1 == n_steps))
+            labels[stops], sums[stops], steps[stops] = leader.index[stops], leader.counts[stops], t + 1
+            running = running & ~stops
+        ran = torch.arange(n_steps, device=spikes.device) < steps[:, None]
+        sent, heard = ((part.sum(dim=2) * ran).sum(dim=1).to(torch.int64) for part in (spikes, hidden))
+        return Inference(labels, steps, sent, heard, sums)
 
     def _infer_by_steps(self, spikes: Tensor, rule: ExitRule) -> Inference:
         n_trials, n_steps, _ = spikes.shape

@@ -318,7 +318,7 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
     spec = job.problem.network_of(proposal.parameters)
-    network, order = trained.new_network(trains, spec, job.problem.seeds_of(proposal))
+    network, order = trained.new_network(trains, spec, job.problem.seeds_of(proposal), sides.train.spikes)
 
     def watch(epoch: Epoch) -> None:
         epochs.append(epoch.validation_accuracy)

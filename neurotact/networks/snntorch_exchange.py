@@ -34,7 +34,8 @@ DYNAMICS = ("alpha", "beta", "threshold")
 class SnnTorchNetwork(nn.Module):
     """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
 
-    fc_in, hidden, fc_out, readout: Linear, RSynaptic, Linear, Synaptic.
+    fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic; None in
+        place of the last where the readout is an integrator, whose bias `fc_out` holds.
     late: steps by which the neurons lag behind what they hear: 0 for `immediate`, 1 for `eq4` and `delayed`.
     recurrent_delay: further steps by which a hidden spike comes back to the hidden layer.
     """
@@ -42,9 +43,9 @@ class SnnTorchNetwork(nn.Module):
     def __init__(
         self,
         fc_in: nn.Linear,
-        hidden: snntorch.RSynaptic,
+        hidden: snntorch.RSynaptic | snntorch.Synaptic,
         fc_out: nn.Linear,
-        readout: snntorch.Synaptic,
+        readout: snntorch.Synaptic | None,
         late: int = 0,
         recurrent_delay: int = 0,
     ) -> None:
@@ -53,26 +54,43 @@ class SnnTorchNetwork(nn.Module):
         self.late, self.recurrent_delay = late, recurrent_delay
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
-        """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero."""
-        rows, n_steps, _ = spikes.shape
-        silent, syn, mem = (spikes.new_zeros(rows, self.fc_in.out_features, dtype=torch.float32) for _ in range(3))
-        nothing, syn_out, mem_out = (spikes.new_zeros(rows, self.fc_out.out_features).float() for _ in range(3))
-        hidden, readout = [silent] * self.late, [nothing] * self.late
-        arriving = [torch.zeros_like(spikes[:, 0]).float()] * self.late + [*spikes.float().unbind(dim=1)]
-        for k in range(n_steps - self.late):
-            back = k - 1 - self.recurrent_delay  # the step whose hidden spikes come back; step k + late is computed
-            sent, syn, mem = self.hidden(self.fc_in(arriving[k]), hidden[back] if back >= 0 else silent, syn, mem)
-            hidden.append(sent)
-            heard = hidden[k - 1] if self.late and k else silent if self.late else sent
-            decided, syn_out, mem_out = self.readout(self.fc_out(heard), syn_out, mem_out)
+        """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero.
+
+        `readout` of an integrator is its running sum after each step.
+        """
+        hidden = self._hidden(spikes.float())
+        if self.readout is None:
+            return hidden, hidden.cumsum(dim=1) @ self.fc_out.weight.t() + self.fc_out.bias
+        n_steps = hidden.shape[1]
+        nothing = hidden.new_zeros(len(hidden), self.fc_out.out_features)
+        syn, mem, readout = nothing, nothing, [nothing] * self.late
+        for heard in [hidden.new_zeros(len(hidden), hidden.shape[2])] * self.late + [*hidden.unbind(dim=1)]:
+            if len(readout) == n_steps:
+                break
+            decided, syn, mem = self.readout(self.fc_out(heard), syn, mem)
             readout.append(decided)
-        return torch.stack(hidden[:n_steps], dim=1), torch.stack(readout[:n_steps], dim=1)
+        return hidden, torch.stack(readout, dim=1)
+
+    def _hidden(self, spikes: Tensor) -> Tensor:
+        rows, n_steps, n_inputs = spikes.shape
+        silent = spikes.new_zeros(rows, self.fc_in.out_features)
+        syn, mem, sent = silent, silent, [silent] * self.late
+        arriving = [spikes.new_zeros(rows, n_inputs)] * self.late + [*spikes.unbind(dim=1)]
+        for k in range(n_steps - self.late):
+            current = self.fc_in(arriving[k])
+            if isinstance(self.hidden, snntorch.RSynaptic):
+                back = k - 1 - self.recurrent_delay  # the step whose spikes come back; step k + late is computed
+                spike, syn, mem = self.hidden(current, sent[back] if back >= 0 else silent, syn, mem)
+            else:
+                spike, syn, mem = self.hidden(current, syn, mem)
+            sent.append(spike)
+        return torch.stack(sent, dim=1)
 
 
 def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
-    Raises InputError unless the network is float32, recurrent, reset `zero` or `subtract`, alpha and beta in [0, 1].
+    Raises InputError unless the network is float32, reset `zero` or `subtract`, alpha and beta in [0, 1].
     In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
@@ -82,9 +100,6 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """
     if network.spec.reset not in RESETS:
         raise InputError(f"reset: snnTorch has 'zero' and 'subtract' alone; got '{network.spec.reset}'")
-    w_rec = network.w_rec
-    if w_rec is None:
-        raise InputError("model: networks without recurrence ('snn') are not exchanged with snnTorch; train an 'rsnn'")
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)
@@ -96,22 +111,27 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
         learned = {f"learn_{name}": name in network.spec.learn for name in values}
         return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
 
-    # RSynaptic draws recurrent weights that are replaced at once: leave the global generator alone.
-    with torch.random.fork_rng(devices=[]):
-        hidden = snntorch.RSynaptic(linear_features=network.spec.hidden, **dynamics(0))
-    readout = snntorch.Synaptic(**dynamics(1))
-    _forget(hidden, readout)
-    recurrent = cast(nn.Linear, hidden.recurrent)
-    recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
     factors = network.beta.detach() if network.spec.membrane == "eq4" else torch.ones_like(network.beta)
-    recurrent.weight = nn.Parameter((factors[0] * w_rec.detach()).t().contiguous())
+    hidden: snntorch.RSynaptic | snntorch.Synaptic
+    if network.w_rec is None:
+        hidden = snntorch.Synaptic(**dynamics(0))
+    else:
+        # RSynaptic draws recurrent weights that are replaced at once: leave the global generator alone.
+        with torch.random.fork_rng(devices=[]):
+            hidden = snntorch.RSynaptic(linear_features=network.spec.hidden, **dynamics(0))
+        recurrent = cast(nn.Linear, hidden.recurrent)
+        recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
+        recurrent.weight = nn.Parameter((factors[0] * network.w_rec.detach()).t().contiguous())
+    if network.bias is None:
+        readout, fc_out = snntorch.Synaptic(**dynamics(1)), _linear(factors[1] * network.w_out)
+        _forget(readout)
+    else:
+        readout, fc_out = None, _linear(network.w_out)
+        fc_out.bias = nn.Parameter(network.bias.detach().clone())
+    _forget(hidden)
+    late = int(network.spec.membrane != "immediate")
     made = SnnTorchNetwork(
-        _linear(factors[0] * network.w_in),
-        hidden,
-        _linear(factors[1] * network.w_out),
-        readout,
-        late=int(network.spec.membrane != "immediate"),
-        recurrent_delay=network.spec.recurrent_delay_steps,
+        _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps
     )
     return made.to(network.w_in.device)
 

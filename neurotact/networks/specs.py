@@ -5,7 +5,14 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from neurotact.neurons import Membrane, Reset
-from neurotact.spec import Spec
+from neurotact.spec import Spec, without_defaults
+
+LATER_TRAINING_KEYS = (
+    "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
+    "readout_dropout",
+)  # fmt: skip
+LATER_KEYS = ("recurrent_delay_steps", "readout", "input_deviation", "recipe")
+"""Keys that came after networks had been trained: without them a spec is written as it was then."""
 
 
 class TrainingSpec(Spec):
@@ -15,15 +22,41 @@ class TrainingSpec(Spec):
     batch: int = Field(default=128, ge=1)
     epochs: int = Field(default=100, ge=1)
     patience: int = Field(default=7, ge=1)
-    """Epochs without a better validation loss after which training stops."""
+    """Epochs without a better one after which training stops."""
     rate_penalty: float = Field(default=0.0015, ge=0)
     """lambda1, on the mean over trials and hidden neurons of the spikes in a window."""
     population_penalty: float = Field(default=0.0, ge=0)
     """lambda2, on the mean over hidden neurons of the squared spike count of a batch."""
+    temperature: float = Field(default=1.0, gt=0)
+    """What the readout is multiplied by before the cross-entropy: counts of tens make of softmax a hard maximum."""
+    relative_learning_rate: float | None = Field(default=None, gt=0)
+    """Adam's rate of each weight matrix in units of the standard deviation of its initial weights, in place of
+    `learning_rate`, which then counts for biases and learned dynamics alone."""
+    schedule: Literal["constant", "cosine"] = "constant"
+    """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
+
+    keep: Literal["loss", "accuracy"] = "loss"
+    """Of which epoch the weights are kept, and from which patience counts: that of the lowest validation loss, or of
+    the highest validation accuracy and of these the lowest loss."""
+    input_dropout: float = Field(default=0.0, ge=0, lt=1)
+    """The share of input spikes that each training step leaves out, drawn anew."""
+    input_jitter_ms: float = Field(default=0.0, ge=0)
+    """By up to how much each training step moves each input spike in time, earlier or later, drawn anew."""
+    readout_dropout: float = Field(default=0.0, ge=0, lt=1)
+    """The share of hidden neurons that an integrator does not hear in a training step, drawn anew for each window; a
+    readout that counts hears all."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), LATER_TRAINING_KEYS)
 
 
 class RSNNSpec(Spec):
-    """A spiking network with a spiking readout: recurrent (texture paper, Fig. 1c and Eqs. 4 to 7) or feed-forward."""
+    """A spiking network: recurrent (texture paper, Fig. 1c and Eqs. 4 to 7) or feed-forward.
+
+    With a `recipe`, the keys that are not given are chosen from the training windows (`networks.recipe`); such a spec
+    is written with the keys that were given alone.
+    """
 
     folder: ClassVar[str] = "networks"
 
@@ -45,6 +78,15 @@ class RSNNSpec(Spec):
     """r: v ~ N(0, (g r / sqrt(hidden))^2)."""
     learn: tuple[Literal["alpha", "beta", "threshold"], ...] = ()
     """Which dynamics are learned with the weights: one value for the hidden layer, one for the readout."""
+    readout: Literal["count", "integrator"] = "count"
+    """count: readout neurons spike and are counted. integrator: a bias and the weights of all hidden spikes are added
+    up; such a readout does not spike."""
+    input_deviation: float | None = Field(default=None, gt=0)
+    """Thresholds by which the free membrane (without reset or recurrence) of each hidden neuron deviates over the
+    training windows: its initial input weights are scaled so, and those of an integrator so that each class deviates
+    by 1. As drawn where absent."""
+    recipe: Literal["default"] | None = None
+    """By which rules the keys that are not given are chosen."""
     training: TrainingSpec = TrainingSpec()
 
     @property
@@ -53,9 +95,10 @@ class RSNNSpec(Spec):
         return self.model == "rsnn"
 
     @model_serializer(mode="wrap")
-    def _without_no_delay(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A spec without a delay is written as before there were delays: seeds are drawn from what is written."""
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         table = dump(self)
-        if self.recurrent_delay_steps == 0:
-            table.pop("recurrent_delay_steps", None)
-        return table
+        if self.recipe is None:
+            return without_defaults(self, table, LATER_KEYS)
+        given = {key: value for key, value in table.items() if key in self.model_fields_set and key != "training"}
+        training = {key: getattr(self.training, key) for key in sorted(self.training.model_fields_set)}
+        return {**given, "training": training} if training else given

@@ -10,7 +10,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +19,11 @@ from pydantic import Field
 
 from neurotact import files
 from neurotact.data import hdf5
+from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, trained, training_checkpoint
+from neurotact.networks import checkpoint, recipe, trained, training_checkpoint
+from neurotact.networks.comparison import Comparison, compare
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
 from neurotact.networks.training import Checkpoint, Epoch
@@ -41,7 +43,7 @@ NUMBERS = ("neurotact", "torch", "backend", "machine")
 
 
 class Asked(Spec):
-    """What a training was asked, with everything resolved (`train.toml`)."""
+    """What a training was asked, with everything resolved, its recipe too (`train.toml`)."""
 
     spikes: str
     """Where the spikes were, from the folder."""
@@ -67,10 +69,15 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Done(NamedTuple):
-    """The row of a training's result, and of how many test windows."""
+    """The row of a training's result, of how many test windows, how it compares, and whether it is acausal.
+
+    acausal: what to say of the encoder's baseline; None where windows know the past alone.
+    """
 
     row: dict[str, Any]
     n_test: int
+    compared: Comparison
+    acausal: str | None
 
 
 def run(
@@ -83,11 +90,13 @@ def run(
     device: str = "cpu",
     force: bool = False,
     resume: bool = False,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> Done | None:
     """Train a network on spikes and leave it in `folder`; None where that was done before.
 
     force: replace what an earlier training left there, and nothing else.
     resume: go on with what is there, or begin where nothing is.
+    tell: called with each line on what the network's recipe chooses.
     Raises Interrupted, and InputError for a folder that is not free, or that holds another training.
     """
     if force and resume:
@@ -95,13 +104,14 @@ def run(
     with files.locked(folder):
         _check_place(folder, force=force, resume=resume)
         trains = hdf5.load_spikes(spikes)
+        seen = trained.seen(trains, task)
         asked = Asked(
             spikes=os.path.relpath(spikes, folder),
             spikes_sha256=_sha256(spikes),
             seed=seed,
             device=device,
             task=task,
-            network=network,
+            network=recipe.resolve(network, seen),
             versions=versions(),
         )
         start = None
@@ -110,6 +120,8 @@ def run(
             if not _holds(folder, CHECKPOINT):
                 return None
             start = _load(folder, asked, trains)
+        for line in recipe.described(network, seen):
+            tell(line)
         return _train(trains, asked, spikes, folder, start)
 
 
@@ -132,12 +144,15 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
             keeper.write()
             trained.save(fitted, folder, trains, spikes, asked.task)
             result = trained.measure(fitted, sides.test, trains.is_sa)
+            n_trials = len(trained.trials_of(trains, asked.task).test)
+            compared = compare(result["row"]["accuracy_test"], sides, n_trials, len(trains.classes))
+            result["compared"] = compared._asdict()
             files.write_json(folder / RESULT, result)
             (folder / CHECKPOINT).unlink(missing_ok=True)
         except KeyboardInterrupt:
             keeper.write()
             raise Interrupted(keeper.epochs) from None
-    return Done(result["row"], len(sides.test.labels))
+    return Done(result["row"], len(sides.test.labels), compared, acausal_note(trains.encoder))
 
 
 class _Keeper:

@@ -11,6 +11,7 @@ import pandas as pd
 import torch
 from pydantic import Field
 from sklearn.metrics import confusion_matrix
+from torch import Tensor
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import select_conditions
@@ -19,7 +20,7 @@ from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks import checkpoint
+from neurotact.networks import checkpoint, recipe
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit_choice import oracle_exit, validated_rule
 from neurotact.networks.kernels import Backend
@@ -91,6 +92,16 @@ def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> 
     return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
 
 
+def seen(trains: SpikeTrains, task: Task, split: Split | None = None) -> recipe.Seen:
+    """What a recipe looks at of the training windows."""
+    trials = trials_of(trains, task, split).train
+    windows = cut(trains.trial_steps[trials], trains.sampling_rate_Hz, task.window, trials)
+    ends = zip(windows.trial, windows.start, windows.start + windows.n_steps, strict=True)
+    n_spikes = sum(int(np.diff(np.searchsorted(trains.steps[trial], (start, end)))[0]) for trial, start, end in ends)
+    spikes = n_spikes / max(1, len(windows) * len(trains.afferents))
+    return recipe.Seen(len(windows), windows.n_steps, trains.sampling_rate_Hz, spikes)
+
+
 def fit(
     trains: SpikeTrains,
     spec: RSNNSpec,
@@ -117,19 +128,39 @@ def fit(
             "learned; raise the encoder's gains (neurotact calibrate) or move the window",
             stacklevel=2,
         )
-    network, order = new_network(trains, spec, seeds, backend=backend)
+    network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
     network = network.to(device)
     training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
     return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance)), sides
 
 
 def new_network(
-    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], *, backend: Backend = "auto"
+    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, *, backend: Backend = "auto"
 ) -> tuple[RSNN, torch.Generator]:
-    """An untrained network for the afferents and classes of some spike trains, and what draws the order of trials."""
+    """An untrained network for the afferents and classes of some spike trains, and what draws the order of trials.
+
+    training: spikes of the training windows, from which a recipe chooses and on which weights are scaled.
+    """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
-    shape = (len(trains.afferents), len(trains.classes))
-    return RSNN(*shape, spec, trains.sampling_rate_Hz, backend=backend, generator=weights), order
+    return begin(training, len(trains.classes), spec, trains.sampling_rate_Hz, weights, backend=backend), order
+
+
+def begin(
+    training: Tensor,
+    n_classes: int,
+    spec: RSNNSpec,
+    sampling_rate_Hz: float,
+    generator: torch.Generator,
+    *,
+    backend: Backend = "auto",
+) -> RSNN:
+    """An untrained network for training windows `(window, time, afferent)`, with what its recipe chooses for them."""
+    n_windows, n_steps, n_afferents = training.shape
+    spikes = float(training.sum()) / max(1, n_windows * n_afferents)
+    chosen = recipe.resolve(spec, recipe.Seen(n_windows, n_steps, sampling_rate_Hz, spikes))
+    network = RSNN(n_afferents, n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
+    recipe.start(network, training, generator)
+    return network
 
 
 @torch.no_grad()
@@ -137,7 +168,7 @@ def exit_rule(network: RSNN, validation: Examples, tolerance: float) -> ExitRule
     """Early exit with the least patience whose accuracy on validation windows stays within `tolerance`."""
     device = network.w_in.device
     rasters = torch.cat([network.simulate(part.to(device)).readout for part in validation.spikes.split(1024)])
-    return validated_rule(rasters, validation.labels.to(device), tolerance)
+    return validated_rule(rasters, validation.labels.to(device), tolerance, network.level)
 
 
 def save(
@@ -364,7 +395,8 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     steps, right, sops = [], [], []
     for spikes, labels in zip(test.spikes.split(256), test.labels.split(256), strict=True):
         rasters = network.simulate(spikes.to(network.w_in.device))
-        found = oracle_exit(rasters.readout.cpu(), labels, min(ORACLE_PATIENCE, spikes.shape[1]))
+        level = None if network.level is None else network.level.cpu()
+        found = oracle_exit(rasters.readout.cpu(), labels, min(ORACLE_PATIENCE, spikes.shape[1]), level)
         ran = torch.arange(spikes.shape[1]) < found.steps[:, None]
         sent, heard = ((part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden))
         steps.append(found.steps)

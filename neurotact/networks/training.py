@@ -1,8 +1,10 @@
 """Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam, early stopping."""
 
+import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import torch
 from torch import Tensor
@@ -43,7 +45,7 @@ class Checkpoint:
     """A training between two epochs: all that decides how it goes on, as copies on the CPU.
 
     epochs: the log so far.
-    weights: the network's state after the last of them; best_weights: after the one with the lowest validation loss.
+    weights: the network's state after the last of them; best_weights: after the best one.
     optimiser: Adam's values of each trained parameter, named as in "w_in.exp_avg".
     generator: the state of the generator that orders the trials.
     """
@@ -60,12 +62,13 @@ ADAM = ("step", "exp_avg", "exp_avg_sq")
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
-    """Cross-entropy of the readout counts and the two rate penalties of the Braille-reading study.
+    """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
 
     `rate_penalty` weighs the spikes of a hidden neuron in a window, averaged over trials and neurons;
     `population_penalty` the squared spike count of a batch, averaged over neurons.
     """
-    total = functional.cross_entropy(counts.readout, labels)
+    logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
+    total = functional.cross_entropy(logits, labels)
     if spec.rate_penalty:
         total = total + spec.rate_penalty * counts.hidden.mean()
     if spec.population_penalty:
@@ -83,11 +86,12 @@ def train(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> Training:
-    """Train `network` in place by its spec and leave it with the weights of the lowest validation loss.
+    """Train `network` in place by its spec and leave it with the weights of the best epoch on validation trials.
 
-    generator: orders the trials; with the network's own it fixes every number.
+    generator: orders the trials, and drops and moves input spikes; with the network's own it fixes every number.
     progress: called after each epoch.
-    start: where an earlier call with the same arguments had come to; the result is the one it would have had.
+    start: where an earlier call with the same arguments had come to; the result is the one it would have had. With a
+        relative learning rate `network` has the weights that it began with, from which the rates follow.
     keep: called after each epoch with what `start` takes.
     Raises InputError when a weight is no longer finite: its neurons would fall silent, not fail.
 
@@ -98,9 +102,8 @@ def train(
     >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
     2
     """
-    optimiser = torch.optim.Adam(
-        (p for p in network.parameters() if p.requires_grad), lr=network.spec.training.learning_rate, fused=True
-    )
+    optimiser = torch.optim.Adam(_groups(network), lr=network.spec.training.learning_rate, fused=True)
+    rates = [group["lr"] for group in optimiser.param_groups]
     log: list[Epoch] = []
     best_weights: Mapping[str, Tensor] = {}
     if start is not None:
@@ -108,45 +111,142 @@ def train(
         _go_back(start, network, optimiser, generator)
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
-        fitted = _pass(network, training, order, optimiser)
+        epoch_rates = _Rates(network.spec.training, rates, len(log))
+        fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
         log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise InputError(f"training: weights are not finite after epoch {len(log)}; lower training.learning_rate")
         if progress:
             progress(log[-1])
-        if best_of(log) is log[-1]:
+        if best_of(log, network.spec.training.keep) is log[-1]:
             best_weights = _copied(network.state_dict())
         if keep:
             state = _copied(network.state_dict()), best_weights, _adam(network, optimiser)
             keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
-    return Training(tuple(log), best_of(log))
+    return Training(tuple(log), best_of(log, network.spec.training.keep))
 
 
-def best_of(log: Sequence[Epoch]) -> Epoch:
-    """The first epoch with the lowest validation loss."""
-    return min(log, key=lambda epoch: epoch.validation_loss)
+def best_of(log: Sequence[Epoch], keep: Literal["loss", "accuracy"] = "loss") -> Epoch:
+    """The first epoch with the lowest validation loss or, of those with the highest validation accuracy, the lowest."""
+    if keep == "loss":
+        return min(log, key=lambda epoch: epoch.validation_loss)
+    return min(log, key=lambda epoch: (-epoch.validation_accuracy, epoch.validation_loss))
 
 
 def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
-    """Whether a training with this log has run its epochs, or has waited its patience for a better loss."""
-    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log).epoch >= spec.patience)
+    """Whether a training with this log has run its epochs, or has waited its patience for a better one."""
+    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
 
 
-def _pass(network: RSNN, training: Examples, order: Tensor, optimiser: torch.optim.Optimizer) -> tuple[float, float]:
+def _groups(network: RSNN) -> list[dict[str, Any]]:
+    """What Adam trains: one group or, with relative rates, each parameter with its own, in the network's order."""
+    trained = [p for p in network.parameters() if p.requires_grad]
+    spec = network.spec.training
+    if spec.relative_learning_rate is None:
+        return [{"params": trained}]
+    relative = spec.relative_learning_rate
+    own = [relative * float(p.detach().square().mean().sqrt()) if p.ndim == 2 else 0.0 for p in trained]
+    return [{"params": [p], "lr": rate or spec.learning_rate} for p, rate in zip(trained, own, strict=True)]
+
+
+def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
+    """Spikes `(trial, time, afferent)` of which some are left out and the others moved by up to `jitter_steps`.
+
+    What would leave the window stays at its end; spikes that meet are one.
+
+    >>> one = torch.zeros(1, 9, 1, dtype=torch.uint8)
+    >>> one[0, 4, 0] = 1
+    >>> moved = disturbed(one, 0.0, 2, torch.Generator().manual_seed(0))
+    >>> int(moved.sum()), 2 <= int(moved[0, :, 0].argmax()) <= 6
+    (1, True)
+    """
+    trial, step, afferent = spikes.nonzero(as_tuple=True)
+    kept = torch.rand(len(step), generator=generator) >= dropout
+    moves = torch.randint(-jitter_steps, jitter_steps + 1, (len(step),), generator=generator)
+    found = torch.zeros_like(spikes)
+    found[trial[kept], (step + moves)[kept].clamp(0, spikes.shape[1] - 1), afferent[kept]] = 1
+    return found
+
+
+def partly_heard(hidden: Tensor, dropout: float, generator: torch.Generator) -> Tensor:
+    """Counts `(trial, hidden)`, some of which are 0 and the others the larger for it, so that their mean stays."""
+    kept = torch.rand(hidden.shape, generator=generator) >= dropout
+    return hidden * kept.to(hidden) / (1 - dropout)
+
+
+class _Rates(NamedTuple):
+    """The learning rates of an epoch: `first` of each group, before any step, and how many epochs came before."""
+
+    spec: TrainingSpec
+    first: Sequence[float]
+    epochs_before: int
+
+    def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
+        """Give the groups their rates after this share of the epoch."""
+        if self.spec.schedule == "cosine":
+            done = (self.epochs_before + share) / self.spec.epochs
+            for group, rate in zip(optimiser.param_groups, self.first, strict=True):
+                group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * done))
+
+
+EXPLODED = 1e6
+"""A median gradient norm that no training comes back from: those that learn stay some thousandfold below it."""
+
+
+@torch.no_grad()
+def _relative_norm(network: RSNN) -> Tensor:
+    """Of the gradient in units of the weights: what a change by their own size would do to the loss.
+
+    So it does not grow with the window, over which small weights meet many spikes.
+    """
+    parts = [p.grad.norm() * p.square().mean().sqrt() for p in network.parameters() if p.grad is not None]
+    return torch.stack(parts).norm()
+
+
+def _watch(norms: Sequence[Tensor], epoch: int) -> None:
+    """Warn of gradients that explode: Adam then follows noise."""
+    median = float(torch.stack(list(norms)).median())
+    if EXPLODED < median < math.inf:  # weights that are no longer finite are refused
+        warnings.warn(
+            f"training: gradients explode (median norm {median:.0e} in epoch {epoch}); use model = 'snn', which has "
+            "no recurrence, a larger surrogate_scale or shorter time constants",
+            stacklevel=3,
+        )
+
+
+def _pass(
+    network: RSNN,
+    training: Examples,
+    order: Tensor,
+    optimiser: torch.optim.Optimizer,
+    rates: _Rates,
+    generator: torch.Generator,
+) -> tuple[float, float]:
     """Train on every trial once, in this order; `(loss, accuracy)`, each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
+    jitter_steps = round(spec.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
     total, correct = 0.0, 0
-    for batch in order.split(spec.batch):
-        spikes, labels = training.spikes[batch].to(device), training.labels[batch].to(device)
+    batches, norms = order.split(spec.batch), []
+    for number, batch in enumerate(batches):
+        rates.set(optimiser, number / len(batches))
+        spikes, labels = training.spikes[batch], training.labels[batch].to(device)
+        if spec.input_dropout or jitter_steps:
+            spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
+        spikes = spikes.to(device)
         optimiser.zero_grad()
         counts = network(spikes)
+        if spec.readout_dropout and network.bias is not None:
+            heard = partly_heard(counts.hidden, spec.readout_dropout, generator)
+            counts = counts._replace(readout=network.sums(heard))
         batch_loss = loss(counts, labels, spec)
         batch_loss.backward()
+        norms.append(_relative_norm(network))
         optimiser.step()
         _bound(network)
         total += batch_loss.item() * len(batch)
         correct += int((counts.readout.argmax(dim=1) == labels).sum())
+    _watch(norms, rates.epochs_before + 1)
     return total / len(order), correct / len(order)
 
 

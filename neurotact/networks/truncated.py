@@ -22,7 +22,8 @@ AT_ONCE = 256
 class Heard(NamedTuple):
     """Windows as a network hears them.
 
-    readout: spikes `(window, time, class)`; input, hidden: spikes of all neurons up to and with each step
+    readout: spikes, or what an integrator adds, `(window, time, class)`; level: where an integrator begins, `(class,)`,
+    None where spikes are counted; input, hidden: spikes of all neurons up to and with each step
     `(window, time)` int64; labels: the true classes `(window,)`.
     """
 
@@ -30,6 +31,7 @@ class Heard(NamedTuple):
     input: Tensor
     hidden: Tensor
     labels: Tensor
+    level: Tensor | None = None
 
 
 @torch.no_grad()
@@ -38,10 +40,11 @@ def hear(network: RSNN, examples: Examples) -> Heard:
     readout, sent, heard = [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
         rasters = network.simulate(spikes.to(network.w_in.device))
-        readout.append(rasters.readout.cpu().to(torch.uint8))
+        readout.append(rasters.readout.cpu() if network.bias is not None else rasters.readout.cpu().to(torch.uint8))
         sent.append(_until(spikes))
         heard.append(_until(rasters.hidden.cpu()))
-    return Heard(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels)
+    level = None if network.level is None else network.level.cpu()
+    return Heard(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels, level)
 
 
 def cut_short(network: RSNN, heard: Heard, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
@@ -53,7 +56,8 @@ def cut_short(network: RSNN, heard: Heard, cuts_ms: Sequence[float]) -> list[dic
     for cut_ms in cuts_ms:
         n_steps = round(cut_ms * 1e-3 * network.sampling_rate_Hz)
         if 1 <= n_steps <= heard.readout.shape[1]:
-            chosen = heard.readout[:, :n_steps].sum(dim=1).argmax(dim=1)
+            begin = 0 if heard.level is None else heard.level
+            chosen = (begin + heard.readout[:, :n_steps].sum(dim=1)).argmax(dim=1)
             steps = torch.full_like(chosen, n_steps)
             rows.append({"cut_ms": cut_ms, **_judged(network, heard, steps, chosen)})
     return rows
@@ -95,13 +99,13 @@ def exit_curve(network: RSNN, test: Heard, validation: Heard, patiences: Sequenc
 
 def _validated(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
-    found = exits(heard.readout)
+    found = exits(heard.readout, level=heard.level)
     return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
 
 
 def _oracle(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by the texture paper's Algorithm 1, which begins at each patience and knows the true labels."""
-    return [oracle_exit(heard.readout, heard.labels, patience)[:2] for patience in patiences]
+    return [oracle_exit(heard.readout, heard.labels, patience, heard.level)[:2] for patience in patiences]
 
 
 def _judged(network: RSNN, heard: Heard, steps: Tensor, chosen: Tensor) -> dict[str, float]:

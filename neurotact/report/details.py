@@ -167,6 +167,8 @@ def _raster(
     window = trains.raster(Windows(np.array([trial]), np.array([start]), n_steps))
     network = restored.network
     hidden, readout = (spikes[0].numpy() for spikes in network.simulate(torch.from_numpy(window)))
+    whole = network.infer(torch.from_numpy(window))
+    readout = readout if network.bias is None else np.zeros_like(readout)  # an integrator does not spike
     early = network.infer(torch.from_numpy(window), restored.rule)
     order = [restored.classes.index(label) for label in classes.order]
     layers = (window[0], hidden, readout[:, order])
@@ -183,7 +185,7 @@ def _raster(
         "hidden": _events(layers[1][:until]),
         "readout": _events(layers[2][:until]),
         "true": classes.order.index(str(trains.conditions["label"].iloc[trial])),
-        "taken": order.index(int(readout.sum(axis=0).argmax())),
+        "taken": order.index(int(whole.labels[0])),
         "exitStep": int(early.steps[0]),
         "exitTaken": order.index(int(early.labels[0])),
     }

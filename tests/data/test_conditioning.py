@@ -1,5 +1,6 @@
 """Conditioning: each step against its closed form."""
 
+import inspect
 from unittest.mock import patch
 
 import numpy as np
@@ -20,6 +21,7 @@ from neurotact.data.conditioning import (
     resample,
 )
 from neurotact.data.recordings import Recordings
+from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.errors import InputError
 
 RATES = st.sampled_from([35.6, 100.0, 1000.0, 2000.0])
@@ -141,6 +143,59 @@ def test_the_result_has_the_encoders_clock():
 # --- baseline, standardisation, rectification -------------------------------------------------------
 
 
+PAST = st.sampled_from(["first", "start", "running", "high-pass"])
+
+
+def taken_off(signal, baseline, **options):
+    return condition(skin([signal]), baseline=baseline, **options).signals[0]
+
+
+@given(SIGNALS, PAST, st.integers(1, 50), st.data())
+def test_a_baseline_of_the_past_knows_nothing_that_comes_after(signal, baseline, start_ms, data):
+    at = data.draw(st.integers(1, len(signal) - 1))
+    other = np.concatenate([signal[:at], data.draw(hnp.arrays(float, signal[at:].shape, elements=VALUES))])
+    ours, theirs = (taken_off(x, baseline, start_ms=start_ms, high_pass_Hz=20.0) for x in (signal, other))
+    np.testing.assert_array_equal(ours[:at], theirs[:at])
+
+
+def test_the_acausal_baselines_know_what_comes_after():
+    signal = np.arange(6.0)[:, None]
+    for baseline in conditioning.ACAUSAL:
+        assert taken_off(signal, baseline)[0] != taken_off(np.r_[signal, [[50.0], [60.0]]], baseline)[0]
+
+
+@given(SIGNALS, st.integers(1, 50))
+def test_the_mean_of_the_start_is_the_mean_so_far_until_it_is_kept(signal, start_ms):
+    level = np.stack([signal[: min(t + 1, start_ms)].mean(axis=0) for t in range(len(signal))])
+    np.testing.assert_allclose(taken_off(signal, "start", start_ms=start_ms), signal - level, atol=1e-3)
+
+
+@given(SIGNALS)
+def test_the_start_lies_between_the_first_sample_and_the_mean_so_far(signal):
+    np.testing.assert_array_equal(taken_off(signal, "start", start_ms=1.0), taken_off(signal, "first"))
+    np.testing.assert_array_equal(taken_off(signal, "start", start_ms=1e6), taken_off(signal, "running"))
+
+
+@given(SIGNALS, st.floats(0.1, 400.0))
+def test_a_high_pass_is_what_the_ema_leaves(signal, cutoff_Hz):
+    signal = signal.astype(np.float32)
+    smooth = ema(signal, ema_coefficient(cutoff_Hz, 1000.0))
+    np.testing.assert_array_equal(taken_off(signal, "high-pass", high_pass_Hz=cutoff_Hz), signal - smooth)
+
+
+def test_a_high_pass_above_nyquist_is_refused_by_its_name():
+    with pytest.raises(InputError, match="high_pass_Hz: 600 Hz is not below the Nyquist frequency of 500 Hz"):
+        taken_off(np.ones((9, 1)), "high-pass", high_pass_Hz=600.0)
+
+
+def test_a_spec_conditions_as_the_function_does_unless_told_otherwise():
+    for key in ("start_ms", "high_pass_Hz"):
+        of_spec = ConditioningSpec.model_fields[key].default
+        assert inspect.signature(condition).parameters[key].default == of_spec
+        assert key not in ConditioningSpec(baseline="start").model_dump()
+        assert ConditioningSpec(**{key: 7.0}).model_dump()[key] == 7.0
+
+
 @pytest.mark.parametrize(
     ("baseline", "level"), [("mean", np.mean), ("median", np.median), ("first", lambda x, axis: x[0])]
 )
@@ -221,7 +276,7 @@ FLOAT32 = st.tuples(st.integers(1, 60), st.integers(1, 3)).flatmap(
 
 @given(
     signal=FLOAT32, values=st.integers(1, 40), cutoff_Hz=st.none() | st.just(10.0), baseline=st.sampled_from(
-        ["none", "mean", "median", "first"]
+        ["none", "mean", "median", "first", "start", "running", "high-pass"]
     ), clock_Hz=st.none() | st.sampled_from([100.0, 1000.0, 35.6, 3.0, 99.0, 101.0]), is_scaled=st.booleans(),
     rectify=st.booleans(), unit=st.sampled_from(["mV", "V"]),
 )  # fmt: skip

@@ -21,7 +21,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import calibration
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import Calibration, CalibrationRule, calibrate
+from neurotact.encoders.calibration import Calibration, CalibrationRule, calibrate, calibrate_causally
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
@@ -309,3 +309,41 @@ def test_no_more_of_the_signals_is_held_than_a_few_pieces(lengths):
         calibrate(made([400] * 8), SPEC, rule=rule)  # so that no import counts
         held = most_held(lambda: calibrate(made(lengths), SPEC, rule=rule))
     assert held < 1_000_000  # of 3.2 MB of signals
+
+
+# --- which baseline ---------------------------------------------------------------------------------
+
+
+def pressed(levels: tuple[float, float], drift: float) -> Recordings:
+    """Slides of one frequency on a static level, a class each, with a zero that differs from trial to trial."""
+    recordings, rng = slides((5.0, 5.0)), np.random.default_rng(3)
+    shift = [levels[label] + drift * rng.normal() for label in recordings.labels]
+    signals = [signal + zero for signal, zero in zip(recordings.signals, shift, strict=True)]
+    return replace(recordings, signals=signals)
+
+
+def test_a_static_level_that_tells_classes_apart_is_kept():
+    found = calibrate_causally(pressed((0.0, 30.0), drift=0.0), SPEC, rule=RULE)
+    assert found.encoder.conditioning.baseline == "none"
+    assert any("the baseline is 'none'" in note for note in found.notes)
+
+
+def test_a_zero_that_drifts_is_taken_off_by_the_start():
+    recordings, rng = slides((2.0, 15.0)), np.random.default_rng(3)
+    before = [np.concatenate([rng.normal(0, 0.2, (150, 3)), np.abs(signal)]) for signal in recordings.signals]
+    drifting = replace(recordings, signals=[signal + 300 * rng.normal() for signal in before])
+    assert calibrate_causally(drifting, SPEC, rule=RULE).encoder.conditioning.baseline == "start"
+
+
+def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
+    recordings = pressed((0.0, 30.0), drift=0.0)
+    given_none = SPEC.model_copy(update={"conditioning": SPEC.conditioning.model_copy(update={"baseline": "none"})})
+    assert (
+        calibrate_causally(recordings, SPEC, rule=RULE).encoder == calibrate(recordings, given_none, rule=RULE).encoder
+    )
+
+
+def test_where_no_baseline_can_be_calibrated_the_reason_is_said():
+    still = replace(slides(), signals=[np.ones_like(signal) for signal in slides().signals])
+    with pytest.raises(InputError, match="never move"):
+        calibrate_causally(still, SPEC, rule=RULE)

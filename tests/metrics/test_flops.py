@@ -18,6 +18,7 @@ from neurotact.metrics.flops import (
     ConvLSTM,
     Cost,
     Dense,
+    Integrator,
     IzhikevichAfferents,
     Layer,
     Moments,
@@ -54,6 +55,7 @@ EVERY_LAYER = [
     IzhikevichAfferents(8, 300, 5),
     PoissonAfferents(8, 300),
     SpikingLayer(16, 30, 300, 1000.0, recurrent=True),
+    Integrator(30, 8, 1000.0),
 ]
 
 
@@ -145,6 +147,19 @@ def test_encoder_by_hand():
     # 2 taxels, 3 steps, an SA-I and an RA-I each: 12 updates of 2 MACs; 6 differences and absolute values; 12 tests.
     counted = cost(Afferents(2, 3))
     assert (counted.macs, counted.acs, counted.other_flops) == (24, 6, 18)
+
+
+def test_an_integrator_by_hand():
+    # 3 hidden neurons send 2 spikes to 4 classes; 12 weights and 4 biases; 4 sums are kept.
+    counted = cost(Integrator(3, 4, sops=8))
+    assert (counted.acs, counted.sops, counted.macs, counted.other_flops) == (8, 8, 0, 0)
+    assert (counted.parameters, counted.bytes) == (16, 4 * (16 + 4))
+
+
+@pytest.mark.parametrize("sops", [-1.0, float("nan")])
+def test_an_integrator_of_impossible_operations_is_refused(sops):
+    with pytest.raises(InputError, match="Integrator: sops must be >= 0"):
+        Integrator(3, 4, sops=sops)
 
 
 def test_spiking_network_by_hand():

@@ -14,7 +14,7 @@ from neurotact.data.windowed import SpikeArray
 from neurotact.encoders.transformer import SpikeEncoder
 from neurotact.errors import InputError
 from neurotact.networks.classifier import SpikingClassifier, spike_windows
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.trained import begin
 from neurotact.networks.training import Examples, train
 
 RATE_HZ = 1000.0
@@ -41,11 +41,11 @@ def test_it_trains_the_network_that_train_trains():
     X, y = touches()
     X_held, y_held = touches(seed=1)
     clf = small().fit(X, y, validation=(X_held, y_held))
-    network = RSNN(4, 2, clf.spec(), RATE_HZ, generator=torch.Generator().manual_seed(0))
     sides = [
         Examples(torch.from_numpy(np.asarray(a)), torch.from_numpy((b == "soft").astype(np.int64)))
         for a, b in ((X, y), (X_held, y_held))
     ]
+    network = begin(sides[0].spikes, 2, clf.spec(), RATE_HZ, torch.Generator().manual_seed(0))
     log = train(network, *sides, generator=torch.Generator().manual_seed(1))
     assert log.epochs == clf.training_.epochs
     for name, value in network.state_dict().items():

@@ -81,6 +81,16 @@ def test_a_study_that_sweeps_recurrence_counts_each_network_as_it_is():
     assert of_networks["parameters"].diff().iloc[1] == -20 * 20
 
 
+@pytest.mark.parametrize(("steps", "recurrent"), [(300, 20 * 20), (1000, 0)])
+def test_a_study_by_a_recipe_counts_what_the_recipe_chose(steps, recurrent):
+    row = {"pair": "1&1", "hidden": 20, "seed": 0, "window_steps": steps, "setting": "all"}
+    rows = [{**row, "sops_input": 1.0, "sops_recurrent": 0.0, "sops_readout": 1.0}]
+    sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    table = ledger.study_ledger(RSNNSpec(recipe="default"), pd.DataFrame(rows), None, **sizes)
+    alone, chain = (table[table["name"].str.startswith(name)].iloc[0] for name in ("conditioning", "spiking"))
+    assert chain["parameters"] - alone["parameters"] == 16 * 20 + recurrent + (20 + 1) * 8
+
+
 def test_encoders_by_hand():
     # A taxel, ten steps of 0.5 ms, as recorded.
     izhikevich = ledger.encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
@@ -100,6 +110,9 @@ ADDED = [
     ({"baseline": "first"}, (0, 20, 0, 0, 4 * 2)),
     ({"baseline": "mean"}, (0, 20 + 20, 2, 0, 4 * 2)),
     ({"baseline": "median"}, (0, 20, 20 * 4, 0, 4 * (2 + 20))),  # log2 of 10, rounded up, comparisons a sample
+    ({"baseline": "start", "start_ms": 5.0}, (0, 20 + 20, 20, 0, 4 * 2)),  # the mean so far, each sample
+    ({"baseline": "running"}, (0, 20 + 20, 20, 0, 4 * 2)),
+    ({"baseline": "high-pass", "high_pass_Hz": 1.0}, (20, 20, 20, 0, 4 * 2)),  # an EMA and a difference
     ({"scale": [2.0, 3.0]}, (0, 0, 20, 2, 4 * 2)),
     ({"offset": [1.0, 1.0], "scale": [2.0, 3.0]}, (20, 0, 0, 4, 4 * 4)),
     ({"rectify": True}, (0, 0, 20, 0, 0)),
@@ -113,6 +126,16 @@ def test_each_step_of_conditioning_is_counted(conditioning, added):
     counted = ledger.encoding_cost(2, 10, 5.0, {"conditioning": conditioning})
     names = ("macs", "acs", "other_flops", "parameters", "bytes")
     assert tuple(getattr(counted, name) - getattr(plain, name) for name in names) == added
+
+
+def test_an_integrating_readout_costs_its_operations_alone():
+    measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
+    of = {"measured": measured, "steps": 300, "signal_ms": 150}
+    counting = ledger.network_cost(RSNNSpec(hidden=30), 16, 8, **of)
+    adding = ledger.network_cost(RSNNSpec(hidden=30, readout="integrator"), 16, 8, **of)
+    assert counting.macs - adding.macs == 2 * 8 * 300
+    assert counting.acs == adding.acs
+    assert adding.parameters == counting.parameters + 8
 
 
 def test_every_key_of_conditioning_has_its_cost():

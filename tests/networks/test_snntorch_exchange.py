@@ -283,7 +283,24 @@ def test_other_odd_parts_are_refused():
         from_snntorch([part.double() for part in parts()], 2000.0)
 
 
-def test_a_network_without_recurrence_is_refused():
-    net = RSNN(5, 3, RSNNSpec(model="snn", membrane="immediate"), 2000.0)
-    with pytest.raises(InputError, match="without recurrence"):
-        to_snntorch(net)
+@pytest.mark.parametrize("membrane", ["immediate", "eq4", "delayed"])
+def test_a_feed_forward_network_and_an_integrator_decide_alike(membrane):
+    net = RSNN(5, 3, model="snn", readout="integrator", hidden=8, membrane=membrane, sampling_rate_Hz=2000.0)
+    generator = torch.Generator().manual_seed(1)
+    with torch.no_grad():
+        net.w_in.copy_(torch.randint(-8, 12, net.w_in.shape, generator=generator) / 8)
+        net.w_out.copy_(torch.randint(-8, 12, net.w_out.shape, generator=generator) / 8)
+        net.bias.copy_(torch.tensor([0.5, -0.25, 0.0]))
+        net.alpha.fill_(0.5)
+        net.beta.fill_(0.5)
+    x = spikes(2, 200, 8)
+    hidden, sums = to_snntorch(net)(x)
+    assert hidden.any()
+    assert torch.equal(hidden, net.simulate(x).hidden)
+    assert torch.equal(sums[:, -1], net(x).readout)
+    assert torch.equal(sums.diff(dim=1).double(), net.simulate(x).readout[:, 1:])
+
+
+def test_a_network_without_recurrence_does_not_come_back():
+    with pytest.raises(InputError, match="must be Linear, RSynaptic, Linear, Synaptic"):
+        from_snntorch(to_snntorch(RSNN(5, 3, model="snn", membrane="immediate", sampling_rate_Hz=2000.0)), 2000.0)

@@ -1,5 +1,6 @@
 """`neurotact train` goes on where it was interrupted and leaves the bytes of a training that was not."""
 
+import json
 import os
 import random
 import re
@@ -92,6 +93,31 @@ def interrupt(monkeypatch, after: int, spikes: Path, folder: Path, **options) ->
         with pytest.raises(Interrupted) as end:
             run(spikes, folder, NETWORK, TASK, **options)
     return end.value.epochs
+
+
+def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spikes, folder):
+    asked = RSNNSpec(recipe="default", hidden=6, training=TrainingSpec(epochs=N_EPOCHS))
+    told, told_again = [], []
+    assert run(spikes, folder, asked, TASK, tell=told.append) is not None
+    assert "tau_mem_ms = 4.0 (a tenth of the window)" in told
+    assert "epochs" not in " ".join(told).replace("all epochs", "")  # it is given
+    left = contents(folder)
+    saved = json.loads(left["network.json"])["spec"]
+    assert saved["readout"] == "integrator"
+    assert saved["tau_mem_ms"] == 4.0
+    assert "recipe" not in saved
+    assert read(folder / ASKED)["network"] == saved
+
+    again = new_folder(spikes)
+    with monkeypatch.context() as patch:
+        patch.setattr(train_run, "_line", Stop(3))
+        with pytest.raises(Interrupted):
+            run(spikes, again, asked, TASK)
+    assert run(spikes, again, asked, TASK, resume=True, tell=told_again.append) is not None
+    assert told_again == told
+    assert contents(again) == left
+    assert run(spikes, again, asked, TASK, resume=True, tell=told_again.append) is None
+    assert told_again == told  # nothing is trained, so nothing is chosen
 
 
 @settings(max_examples=6)
@@ -328,7 +354,7 @@ def full(*_) -> None:
 
 # --- as a user meets it -----------------------------------------------------------------------------
 
-OPTIONS = ("--set", f"training.epochs={N_EPOCHS}", "--set", "hidden=6", "--window-ms", "40")
+OPTIONS = ("--network", "rsnn", "--set", f"training.epochs={N_EPOCHS}", "--set", "hidden=6", "--window-ms", "40")
 
 
 def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
@@ -351,7 +377,8 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
     code, out, err = typed("--resume")
     assert code == 0
     assert f"{folder}: test of " in out
-    assert re.fullmatch(rf"train {N_EPOCHS}/{N_EPOCHS}  loss .*, validation accuracy .*\n", err)
+    done = rf"train {N_EPOCHS}/{N_EPOCHS}  loss .*, validation accuracy .*\n"
+    assert re.fullmatch(rf"{done}(neurotact: training: .*\n)*", err)
     assert typed("--resume") == (
         0,
         f"{folder}: this training is done already; its result is in {folder / RESULT}\n",

@@ -172,11 +172,27 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
     assert sides.test.labels.tolist() == [0, 0]
 
 
+def test_a_recipe_looks_at_the_training_windows_alone():
+    trains = spikes_of_many()
+    task = Task(window={"length_ms": 20.0, "start_ms": 5.0, "hop_ms": 7.0})
+    examples = trained.sides_of(trains, task).train.spikes
+    found = trained.seen(trains, task)
+    assert found[:3] == (*examples.shape[:2], trains.sampling_rate_Hz)
+    assert found.spikes == pytest.approx(float(examples.double().sum(dim=1).mean()))
+
+
+def spikes_of_many():
+    rasters = np.random.default_rng(0).random((24, 60, 3)) < np.linspace(0.05, 0.5, 24)[:, None, None]
+    names = ("SA-I a", "SA-I b", "RA-I a")
+    return from_rasters(rasters, 1000.0, names, pd.DataFrame({"label": ["a", "b"] * 12}))
+
+
 def test_the_first_seed_draws_the_weights_and_the_second_the_order():
     trains = trains_of((STEADY, 0), (SILENT, 1))
-    network, order = trained.new_network(trains, SPEC, (3, 4))
-    other_order, order_of_5 = trained.new_network(trains, SPEC, (3, 5))
-    other_weights, _ = trained.new_network(trains, SPEC, (4, 4))
+    training = torch.zeros(2, 10, 2, dtype=torch.uint8)
+    network, order = trained.new_network(trains, SPEC, (3, 4), training)
+    other_order, order_of_5 = trained.new_network(trains, SPEC, (3, 5), training)
+    other_weights, _ = trained.new_network(trains, SPEC, (4, 4), training)
     alone = RSNN(2, 2, SPEC, 1000.0, generator=torch.Generator().manual_seed(3))
     assert torch.equal(network.w_in, alone.w_in)
     assert torch.equal(network.w_out, other_order.w_out)

@@ -1,5 +1,7 @@
 """Training learns, stops, keeps the best weights, and repeats bit for bit from its seeds."""
 
+import math
+
 import pytest
 import torch
 from hypothesis import given, settings
@@ -8,7 +10,17 @@ from hypothesis import strategies as st
 from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN, Counts
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Epoch, Examples, best_of, evaluate, is_over, loss, train
+from neurotact.networks.training import (
+    Epoch,
+    Examples,
+    best_of,
+    disturbed,
+    evaluate,
+    is_over,
+    loss,
+    partly_heard,
+    train,
+)
 
 
 def touches(n_trials, seed, n_steps=60):
@@ -79,6 +91,111 @@ def test_the_loss_is_cross_entropy_and_two_rate_penalties():
     assert loss(counts, torch.tensor([0, 1]), spec).item() == pytest.approx(expected.item())
 
 
+def test_a_temperature_multiplies_the_readout_alone():
+    counts = Counts(torch.tensor([[3.0, 1.0], [0.0, 4.0]]), torch.tensor([[4.0, 0.0], [0.0, 2.0]]))
+    labels, penalties = torch.tensor([0, 1]), {"rate_penalty": 0.1, "population_penalty": 0.01}
+    scaled = Counts(0.25 * counts.readout, counts.hidden)
+    found = loss(counts, labels, TrainingSpec(temperature=0.25, **penalties))
+    assert found.item() == loss(scaled, labels, TrainingSpec(**penalties)).item()
+
+
+def rates_seen(monkeypatch, net):
+    """The learning rates of every step of a training, a list a step."""
+    seen = []
+    step = torch.optim.Adam.step
+    monkeypatch.setattr(
+        torch.optim.Adam, "step", lambda self: (seen.append([g["lr"] for g in self.param_groups]), step(self))
+    )
+    fit(net)
+    return seen
+
+
+def test_a_cosine_falls_to_nothing_over_all_epochs(monkeypatch):
+    seen = rates_seen(monkeypatch, network(epochs=3, patience=3, schedule="cosine"))
+    assert len(seen) == 3 * 4
+    expected = [0.01 * 0.5 * (1 + math.cos(math.pi * k / 12)) for k in range(12)]
+    assert [rate for (rate,) in seen] == pytest.approx(expected)
+
+
+def test_relative_rates_follow_each_matrix(monkeypatch):
+    net = network(epochs=1, relative_learning_rate=0.05)
+    with torch.no_grad():
+        net.w_in *= 100.0
+    expected = [0.05 * w.detach().square().mean().sqrt().item() for w in (net.w_in, net.w_rec, net.w_out)]
+    assert rates_seen(monkeypatch, net)[0] == pytest.approx(expected)
+
+
+def test_a_matrix_of_zeros_learns_at_the_absolute_rate(monkeypatch):
+    net = network(epochs=1, relative_learning_rate=0.05)
+    with torch.no_grad():
+        net.w_rec.zero_()
+    assert rates_seen(monkeypatch, net)[0][1] == 0.01
+
+
+@given(seed=st.integers(0, 999), jitter=st.integers(0, 5), dropout=st.floats(0.0, 0.99))
+def test_disturbed_spikes_are_some_of_them_moved_no_further_than_asked(seed, jitter, dropout):
+    generator = torch.Generator().manual_seed(seed)
+    given_spikes = (torch.rand(3, 40, 4, generator=generator) < 0.1).to(torch.uint8)
+    found = disturbed(given_spikes, dropout, jitter, generator)
+    near = torch.nn.functional.max_pool1d(given_spikes.float().transpose(1, 2), 2 * jitter + 1, 1, jitter)
+    assert (found <= near.transpose(1, 2)).all()
+    assert (found.sum(dim=1) <= given_spikes.sum(dim=1)).all()
+    assert found.dtype == given_spikes.dtype
+
+
+def test_nothing_is_disturbed_by_nothing_and_the_asked_share_is_left_out():
+    many = (torch.rand(20, 100, 10, generator=torch.Generator().manual_seed(0)) < 0.5).to(torch.uint8)
+    assert torch.equal(disturbed(many, 0.0, 0, torch.Generator()), many)
+    left = disturbed(many, 0.3, 0, torch.Generator().manual_seed(1))
+    assert (left <= many).all()
+    assert float(left.sum() / many.sum()) == pytest.approx(0.7, abs=0.02)
+
+
+def test_training_windows_alone_are_disturbed(monkeypatch):
+    seen = []
+    monkeypatch.setattr(
+        "neurotact.networks.training.disturbed", lambda spikes, *rest: (seen.append(rest[:2]), spikes)[1]
+    )
+    fit(network(epochs=2, patience=2, input_dropout=0.2, input_jitter_ms=1.0))
+    assert seen == 2 * 4 * [(0.2, 2)]
+
+
+@given(st.integers(0, 999), st.floats(0.0, 0.9))
+def test_hidden_neurons_that_are_heard_stand_in_for_those_that_are_not(seed, dropout):
+    generator = torch.Generator().manual_seed(seed)
+    counts = torch.randint(1, 9, (400, 50), generator=generator).float()
+    heard = partly_heard(counts, dropout, generator)
+    kept = heard != 0
+    torch.testing.assert_close(heard[kept], counts[kept] / (1 - dropout))
+    assert float(kept.float().mean()) == pytest.approx(1 - dropout, abs=0.03)
+
+
+def test_an_integrator_hears_some_hidden_neurons_in_training_and_all_in_validation(monkeypatch):
+    spec = TrainingSpec(epochs=1, batch=16, rate_penalty=0.0, readout_dropout=0.4)
+    heard = []
+    monkeypatch.setattr(
+        "neurotact.networks.training.partly_heard", lambda hidden, share, _: (heard.append(share), 0 * hidden)[1]
+    )
+    told = {}
+    for readout in ("integrator", "count"):
+        heard.clear()
+        made = RSNNSpec(hidden=10, readout=readout, training=spec)
+        net = RSNN(4, 2, made, 2000.0, backend="reference", generator=torch.Generator().manual_seed(1))
+        told[readout] = fit(net).epochs[0]
+        assert heard == (4 * [0.4] if readout == "integrator" else [])
+    assert told["integrator"].train_loss == pytest.approx(math.log(2), abs=1e-2)  # nothing was heard
+    assert told["integrator"].validation_loss != pytest.approx(math.log(2), abs=1e-4)
+
+
+def test_gradients_that_explode_are_said(monkeypatch):
+    net = network(epochs=1)
+    with torch.no_grad():
+        net.w_in *= 1e3
+    monkeypatch.setattr("neurotact.networks.training.EXPLODED", 0.0)
+    with pytest.warns(UserWarning, match="gradients explode .* in epoch 1"):
+        fit(net)
+
+
 @pytest.mark.parametrize("name", ["alpha", "beta", "threshold"])
 def test_learned_dynamics_move_and_stay_within_bounds(name):
     spec = RSNNSpec(hidden=10, learn=(name,), training=TrainingSpec(epochs=3, batch=16, learning_rate=0.05))
@@ -110,10 +227,18 @@ def trained_state(net, training):
     model=st.sampled_from(["rsnn", "snn"]),
     patience=st.integers(1, 7),
     dtype=st.sampled_from([torch.float32, torch.float64]),
+    readout=st.sampled_from(["count", "integrator"]),
+    schedule=st.sampled_from(["constant", "cosine"]),
+    dropout=st.sampled_from([0.0, 0.3]),
 )
-def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(stop, learn, model, patience, dtype):
-    training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience)
-    spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), training=training)
+def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
+    stop, learn, model, patience, dtype, readout, schedule, dropout
+):
+    training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience, schedule=schedule)
+    training = training.model_copy(
+        update={"input_dropout": dropout, "input_jitter_ms": 2 * dropout, "readout_dropout": dropout}
+    )
+    spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), readout=readout, training=training)
 
     def run(weights_seed, order_seed, **state):
         generator = torch.Generator().manual_seed(weights_seed)
@@ -131,6 +256,15 @@ def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(stop, lear
     assert run(8, 9, start=start, progress=told.append) == whole
     assert run(8, 9, start=start) == whole
     assert tuple(told) == whole[0].epochs[len(start.epochs) :]
+
+
+def test_the_best_epoch_by_accuracy_is_of_the_most_accurate_the_one_of_lowest_loss():
+    rows = [(0.5, 0.6), (0.9, 0.8), (0.7, 0.8), (0.7, 0.8), (0.4, 0.7)]
+    log = [Epoch(number, 0.0, 0.0, *row) for number, row in enumerate(rows, 1)]
+    assert best_of(log).epoch == 5
+    assert best_of(log, "accuracy").epoch == 3
+    assert not is_over(log, TrainingSpec(keep="accuracy", patience=3))
+    assert is_over(log, TrainingSpec(keep="accuracy", patience=2))
 
 
 def test_the_first_of_equal_epochs_is_the_best_and_patience_counts_from_it():

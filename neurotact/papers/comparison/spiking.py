@@ -85,7 +85,7 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
 ) -> tuple[RSNN, float]:
-    network, order = trained.new_network(trains, spec, (2 * seed, 2 * seed + 1))
+    network, order = trained.new_network(trains, spec, (2 * seed, 2 * seed + 1), training.spikes)
     train(network, training, validation, generator=order)
     return network, _accuracy(network, validation, FULL_WINDOW)
 

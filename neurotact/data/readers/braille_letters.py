@@ -1,0 +1,133 @@
+"""Braille letters under an event-based fingertip: 27 classes, 12 taxels, ON and OFF events (Müller-Cleve et al. 2022).
+
+Published on Zenodo (record 6556273) and at github.com/miskarous/tactile_braille_reading: a file of a list of
+`{"letter", "events": [12 taxels][ON, OFF] lists of times in s}`. The sensor sends an event where a signal has moved by
+a threshold, so that recordings are spikes already: they are only put on a clock.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.readers.archives import read_arrays
+from neurotact.data.readers.plain_objects import read_plain
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.windows import LONGEST_STEPS
+from neurotact.errors import InputError
+
+SOURCE = "Braille letters (Zenodo 6556273)"
+N_TAXELS = 12
+POLARITIES = ("ON", "OFF")
+AFFERENTS = tuple(f"{polarity} taxel{i + 1}" for polarity in POLARITIES for i in range(N_TAXELS))
+ARRAYS = ("letter", "event_recording", "event_taxel", "event_polarity", "event_time_s")
+STEP_MS = 5.0
+"""The clock of the published study."""
+
+
+class Letter(NamedTuple):
+    """A recording: its letter, and time in s and afferent of each event, in no order."""
+
+    letter: str
+    times_s: np.ndarray
+    units: np.ndarray
+
+
+def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
+    """The spikes of every recording on a clock of `step_ms`.
+
+    path: the published file, or its repack as .npz (arrays `letter`, `event_recording`, `event_taxel`,
+        `event_polarity`, 0 being ON, and `event_time_s`).
+
+    Afferents are the ON events of each taxel, then the OFF events. Events of an afferent within one step are one spike.
+    All trials are as long as the longest recording. Raises InputError, which names the file and the place.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "events.npz"
+    >>> np.savez(path, letter=["A"], event_recording=[0, 0, 0], event_taxel=[2, 2, 11], event_polarity=[0, 0, 1],
+    ...          event_time_s=[0.001, 0.004, 0.012])
+    >>> trains = read(path)
+    >>> trains.steps[0].tolist(), [trains.afferents[unit] for unit in trains.units[0]]
+    ([0, 2], ['ON taxel3', 'OFF taxel12'])
+    """
+    if not (math.isfinite(step_ms) and step_ms > 0):
+        raise InputError(f"--step-ms: must be a positive number; got {step_ms}")
+    path = Path(path)
+    letters = list(_from_archive(path) if path.suffix == ".npz" else _from_published(path))
+    if not letters:
+        raise InputError(f"{path}: holds no recording; copy the published file again")
+    last_s = max((float(letter.times_s.max(initial=0.0)) for letter in letters), default=0.0)
+    if last_s * 1e3 / step_ms >= LONGEST_STEPS:
+        raise InputError(f"{path}: an event at {last_s:g} s is beyond any clock of {step_ms:g} ms; check the file")
+    n_steps = int(last_s * 1e3 / step_ms + 1e-9) + 1
+    trials = (_binned(letter, n_steps, step_ms) for letter in letters)
+    conditions = pd.DataFrame({"label": [letter.letter for letter in letters]})
+    return from_trials(trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
+
+
+def _binned(letter: Letter, n_steps: int, step_ms: float) -> TrialSpikes:
+    steps = (letter.times_s * 1e3 / step_ms + 1e-9).astype(np.int64)
+    spikes = np.unique(steps * len(AFFERENTS) + letter.units)
+    return TrialSpikes(spikes // len(AFFERENTS), (spikes % len(AFFERENTS)).astype(np.uint16), n_steps)
+
+
+def _from_archive(path: Path) -> Iterator[Letter]:
+    arrays = read_arrays(path)
+    for name in ARRAYS:
+        if name not in arrays:
+            raise InputError(f"{path}: the array '{name}' is missing; it holds no Braille letters as they are repacked")
+    letter, recording, taxel, polarity, time_s = (arrays[name] for name in ARRAYS)
+    shapes = {array.shape for array in (recording, taxel, polarity, time_s)}
+    if len(shapes) != 1 or letter.ndim != 1 or recording.ndim != 1:
+        raise InputError(f"{path}: the arrays of events differ in length; repack the recordings")
+    _check(path, "recording", recording, len(letter))
+    _check(path, "taxel", taxel, N_TAXELS)
+    _check(path, "polarity", polarity, len(POLARITIES))
+    _check_times(path, time_s)
+    units = polarity.astype(np.int64) * N_TAXELS + taxel.astype(np.int64)
+    order = np.argsort(recording, kind="stable")
+    ends = np.searchsorted(recording[order], np.arange(len(letter) + 1))
+    for number, name in enumerate(letter.tolist()):
+        mine = order[ends[number] : ends[number + 1]]
+        yield Letter(str(name), time_s[mine].astype(float), units[mine])
+
+
+def _from_published(path: Path) -> Iterator[Letter]:
+    table = read_plain(path)
+    if not isinstance(table, list):
+        raise InputError(f"{path}: holds a {type(table).__name__} where a list of recordings is expected")
+    for number, entry in enumerate(table):
+        where = f"{path}: recording {number}"
+        if not isinstance(entry, dict) or not isinstance(entry.get("letter"), str) or "events" not in entry:
+            raise InputError(f"{where} is no table of 'letter' and 'events'; copy the published file again")
+        yield Letter(entry["letter"], *_events(entry["events"], where))
+
+
+def _events(events: Any, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times and afferents of `[taxel][polarity]` lists of times."""
+    fits = isinstance(events, (list, tuple)) and len(events) == N_TAXELS
+    if not fits or any(not isinstance(pair, (list, tuple)) or len(pair) != len(POLARITIES) for pair in events):
+        raise InputError(f"{where}: its events are not {N_TAXELS} taxels of ON and OFF lists; copy the file again")
+    times, units = [], []
+    for taxel, pair in enumerate(events):
+        for polarity, values in enumerate(pair):
+            if not isinstance(values, (list, tuple)) or any(type(value) not in (int, float) for value in values):
+                raise InputError(f"{where}, taxel {taxel + 1}: its times are no list of numbers; copy the file again")
+            times += values
+            units += [polarity * N_TAXELS + taxel] * len(values)
+    times_s = np.array(times, float)
+    _check_times(where, times_s)
+    return times_s, np.array(units, np.int64)
+
+
+def _check(path: Path, name: str, values: np.ndarray, n: int) -> None:
+    if values.dtype.kind not in "iu" or (len(values) and not (values.min() >= 0 and values.max() < n)):
+        raise InputError(f"{path}: event_{name} must hold whole numbers from 0 to {n - 1}; repack the recordings")
+
+
+def _check_times(where: str | Path, times_s: np.ndarray) -> None:
+    if times_s.dtype.kind not in "iuf" or not (np.isfinite(times_s) & (times_s >= 0)).all():
+        raise InputError(f"{where}: times of events must be numbers of seconds >= 0; copy the file again")

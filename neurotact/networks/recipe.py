@@ -1,0 +1,240 @@
+"""How a network is trained unless told otherwise: rules that look at the training windows alone, never at the set.
+
+The time constants follow the window, the weights are scaled on the spikes, the rates follow the weights and fall to 0,
+and the readout adds up hidden spikes. `resolve` writes what the rules choose into the spec, where it can be read,
+changed and saved; keys that are given stay as they are. `start` scales the initial weights and mends a start that
+would not learn.
+"""
+
+import math
+import warnings
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact import spec as specs
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.surrogate import FastSigmoid
+from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
+
+BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 1000, 10_000
+RECURRENT_STEPS = 400
+SPARSE = 5.0
+LOOKED_AT = 256
+"""Training windows on which weights are scaled, evenly taken."""
+ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
+"""Draws of silent neurons; by how much recurrence may raise a gradient; halvings of its weights until it does not."""
+NEVER = 1e30
+"""A threshold that no membrane reaches."""
+
+
+class Seen(NamedTuple):
+    """What the rules look at.
+
+    windows, steps, sampling_rate_Hz: how many training windows there are, their length in steps, and steps a second.
+    spikes: of one afferent in one window, the mean over all.
+    """
+
+    windows: int
+    steps: int
+    sampling_rate_Hz: float
+    spikes: float
+
+
+class Choice(NamedTuple):
+    """A key of a network's spec, what it becomes, and the rule in a few words."""
+
+    key: str
+    value: Any
+    why: str
+
+
+def choices(seen: Seen) -> list[Choice]:
+    """What the default recipe chooses for training windows.
+
+    >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
+    100.0
+    """
+    step_ms = 1e3 / seen.sampling_rate_Hz
+    window_ms = seen.steps * step_ms
+    batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
+    batches = math.ceil(seen.windows / batch)
+    epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
+    recurrent, sparse = seen.steps <= RECURRENT_STEPS, seen.spikes < SPARSE
+    scarce = f"where an afferent sends fewer than {SPARSE:g} spikes a window, which are learned by heart"
+    return [
+        Choice(
+            "model",
+            "rsnn" if recurrent else "snn",
+            f"recurrent up to {RECURRENT_STEPS} steps, beyond which its gradients grow too steep",
+        ),
+        Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper where recurrence multiplies gradients"),
+        Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
+        Choice("tau_mem_ms", _short(max(window_ms / 10, step_ms)), "a tenth of the window"),
+        Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
+        Choice("input_deviation", 1.0, "free membranes deviate by one threshold on the training windows"),
+        Choice("training.batch", batch, f"windows a step, {BATCH} or as many as make {MOST_STEPS} steps"),
+        Choice("training.epochs", epochs, f"{EPOCHS}, or as many as make {LEAST_STEPS} steps"),
+        Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
+        Choice("training.relative_learning_rate", 0.05, "of each matrix's standard deviation"),
+        Choice("training.schedule", "cosine", "the rates fall to 0"),
+        Choice("training.keep", "accuracy", "of the best epoch on validation windows"),
+        Choice("training.rate_penalty", 0.0, "none"),
+        Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
+        Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"W / 130; {scarce}"),
+        Choice("training.readout_dropout", 0.2 if sparse else 0.0, f"share of hidden neurons left out; {scarce}"),
+    ]
+
+
+def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
+    """The spec with what its recipe chooses for training windows; given keys stay.
+
+    A spec without a recipe is returned as it is.
+
+    >>> asked = RSNNSpec(recipe="default", tau_syn_ms=5.0)
+    >>> chosen = resolve(asked, Seen(900, 1000, 1000.0, 50.0))
+    >>> chosen.tau_mem_ms, chosen.tau_syn_ms, chosen.readout, chosen.recipe
+    (100.0, 5.0, 'integrator', None)
+    """
+    if spec.recipe is None:
+        return spec
+    chosen = {choice.key: choice.value for choice in choices(seen)}
+    given = spec.model_dump(mode="json", exclude={"recipe"})
+    training = given.pop("training", {})
+    table = specs.override(given, {key: value for key, value in chosen.items() if key not in given})
+    table["training"] = {**table.get("training", {}), **training}
+    return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
+
+
+def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
+    """What the recipe of a spec chooses, a line a key; what is given is not in it, and nothing without a recipe."""
+    if asked.recipe is None:
+        return
+    given = asked.model_dump(mode="json")
+    known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
+    for choice in choices(seen):
+        if choice.key not in known:
+            yield f"{choice.key} = {choice.value} ({choice.why})"
+
+
+def _short(value: float) -> float:
+    """A number of four digits, as people write one."""
+    return float(f"{value:.4g}")
+
+
+def free_moments(spikes: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> tuple[Tensor, Tensor]:
+    """Mean `(afferent,)` and covariance `(afferent, afferent)` of the free membranes that each afferent alone drives.
+
+    spikes: `(trial, time, afferent)`; the moments are over trials and time, of weights 1, in float64.
+    A free membrane neither fires nor resets, so that it is linear: with weights w it has mean m w and variance w C w.
+
+    >>> one = torch.tensor([[[0.0], [1.0]]])
+    >>> mean, covariance = free_moments(one, CubaLIF("immediate"), 0.5, 0.5)
+    >>> mean.item(), covariance.item()
+    (0.5, 0.25)
+    """
+    n_trials, n_steps, n_afferents = spikes.shape
+    like = torch.zeros(1, dtype=torch.float64)
+    state = cuba_lif_start(n_trials, n_afferents, like)
+    total, squares = torch.zeros(n_afferents, dtype=like.dtype), torch.zeros(n_afferents, n_afferents, dtype=like.dtype)
+    for arriving in spikes.unbind(dim=1):
+        current = alpha * state.current + arriving.to(like.dtype)
+        _, state = cuba_lif_step(neuron, current, state, beta, NEVER, FastSigmoid())
+        total += state.membrane.sum(dim=0)
+        squares += state.membrane.T @ state.membrane
+    n_values = max(1, n_trials * n_steps)
+    mean = total / n_values
+    return mean, squares / n_values - torch.outer(mean, mean)
+
+
+def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Scale the initial weights of a network with an `input_deviation`, and mend a start that would not learn.
+
+    spikes: of training windows. generator: draws the weights of hidden neurons that would stay silent anew.
+    Warns of what was mended.
+    """
+    if network.spec.input_deviation is None:
+        return
+    some = spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device)
+    scale_weights(network, some)
+    if some.any():
+        _wake(network, some, generator)
+        _calm(network, some)
+        scale_readout(network, some)
+
+
+@torch.no_grad()
+def scale_weights(network: RSNN, spikes: Tensor) -> None:
+    """Scale each hidden neuron's input weights so that its free membrane deviates by `input_deviation` thresholds.
+
+    A neuron that hears nothing keeps its weights.
+    """
+    assert network.spec.input_deviation is not None
+    alpha, beta = float(network.alpha[0]), float(network.beta[0])
+    _, covariance = free_moments(spikes.cpu(), network.neuron, alpha, beta)
+    w = network.w_in.double().cpu()
+    deviation = ((w.T @ covariance) * w.T).sum(dim=1).clamp(min=0).sqrt()
+    wanted = network.spec.input_deviation * float(network.threshold[0])
+    factor = torch.where(deviation > 0, wanted / deviation, 1.0)
+    network.w_in.mul_(factor.to(network.w_in))
+
+
+@torch.no_grad()
+def scale_readout(network: RSNN, spikes: Tensor) -> None:
+    """Scale an integrator's weights so that its classes deviate by 1 over the windows, on average."""
+    if network.bias is not None:
+        deviation = network(spikes).readout.std(dim=0, correction=0).mean()
+        if deviation > 0:
+            network.w_out /= deviation
+
+
+@torch.no_grad()
+def _wake(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Draw the input weights of hidden neurons that never spike anew, a few times at most."""
+    silent = ~network(spikes).hidden.any(dim=0)
+    redrawn = int(silent.sum())
+    for _ in range(ATTEMPTS):
+        if not silent.any():
+            break
+        drawn = torch.randn(network.w_in.shape, generator=generator).to(network.w_in)
+        network.w_in[:, silent] = drawn[:, silent]
+        scale_weights(network, spikes)
+        silent = ~network(spikes).hidden.any(dim=0)
+    if redrawn > len(silent) / 2:
+        warnings.warn(
+            f"training: {redrawn} of {len(silent)} hidden neurons would have stayed silent; their weights were drawn "
+            f"anew, and {int(silent.sum())} stay silent",
+            stacklevel=2,
+        )
+
+
+def _calm(network: RSNN, spikes: Tensor) -> None:
+    """Halve recurrent weights under which gradients explode at the start."""
+    if network.w_rec is None:
+        return
+    recurrent = network.w_rec.detach().clone()
+    with torch.no_grad():
+        network.w_rec.zero_()
+    most = EXPLODES * _gradient_norm(network, spikes)
+    with torch.no_grad():
+        network.w_rec.copy_(recurrent)
+    weights, halvings = network.w_rec, 0
+    while not _gradient_norm(network, spikes) <= most and halvings < HALVINGS:
+        halvings += 1
+        with torch.no_grad():
+            weights.mul_(0.5)
+    if halvings:
+        warnings.warn(
+            f"training: gradients would have exploded; the recurrent weights begin {2**halvings} times smaller",
+            stacklevel=2,
+        )
+
+
+def _gradient_norm(network: RSNN, spikes: Tensor) -> float:
+    """Of the spread of the readout over windows, by the input weights."""
+    readout = network(spikes[:BATCH]).readout
+    (gradient,) = torch.autograd.grad(readout.var(dim=0, correction=0).sum(), network.w_in)
+    return float(gradient.double().norm())

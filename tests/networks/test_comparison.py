@@ -1,0 +1,66 @@
+"""What a test accuracy is compared with."""
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from neurotact.networks.comparison import Comparison, compare, complaints, linear_accuracy, lines, wilson_interval
+from neurotact.networks.trained import Sides
+from neurotact.networks.training import Examples
+
+
+@given(st.integers(1, 5000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_the_interval_is_wilsons(k_of_n):
+    k, n = k_of_n
+    expected = binomtest(k, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(k / n, n) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def examples(labels: list[int], tells: bool, seed: int = 0) -> Examples:
+    """Windows of three afferents; the label's own fires more where it `tells`."""
+    rates = np.full((len(labels), 1, 3), 0.2)
+    if tells:
+        rates[np.arange(len(labels)), 0, labels] = 0.8
+    rasters = np.random.default_rng(seed).random((len(labels), 50, 3)) < rates
+    return Examples(torch.from_numpy(rasters.astype(np.uint8)), torch.tensor(labels))
+
+
+@pytest.mark.parametrize("tells", [True, False])
+def test_the_linear_classifier_learns_what_counts_tell(tells):
+    found = linear_accuracy(examples([0, 1, 2] * 20, tells), examples([0, 1, 2] * 20, tells, seed=1))
+    assert found == 1.0 if tells else found < 0.6
+
+
+def test_more_than_255_spikes_are_counted():
+    many = Examples(torch.ones(4, 600, 1, dtype=torch.uint8), torch.tensor([0, 1, 0, 1]))
+    many.spikes[::2, :256] = 0  # which leaves as many, were counts to wrap around
+    assert linear_accuracy(many, many) == 1.0
+
+
+def test_chance_and_the_commonest_class_are_told():
+    train, test = examples([0, 0, 0, 1, 1, 2], True), examples([0, 1, 2, 0], True)
+    found = compare(0.75, Sides(train, test, test), 4, 3)
+    assert found.chance == pytest.approx(1 / 3)
+    assert found.commonest == 0.5
+    assert found.trials == 4
+    told = " ".join(lines(found, 1234.0))
+    for words in ("accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials)", "1234 synaptic", "chance 33.3 %"):
+        assert words in told
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "linear", "expected"),
+    [
+        (0.6, 0.8, 0.7, []),
+        (0.6, 0.8, 0.81, ["logistic regression"]),
+        (0.4, 0.8, 0.7, ["not clearly above chance (40.0 %)"]),  # of the commonest class
+        (0.1, 0.3, 0.9, ["not clearly above chance", "logistic regression"]),
+    ],
+)
+def test_a_network_that_stays_behind_is_said(low, high, linear, expected):
+    found = list(complaints(Comparison((low + high) / 2, low, high, 100, 0.25, 0.4, linear)))
+    assert len(found) == len(expected)
+    assert all(words in line for words, line in zip(expected, found, strict=True))

@@ -1,0 +1,226 @@
+"""The rules by which a network is trained unless told otherwise."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neurotact import spec as specs
+from neurotact.networks import recipe
+from neurotact.networks.recipe import Seen, choices, free_moments, resolve, scale_readout, scale_weights, start
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.neurons import CubaLIF
+
+DEFAULT = RSNNSpec(recipe="default")
+seen = st.builds(Seen, st.integers(1, 100_000), st.integers(1, 100_000), st.floats(1.0, 1e5), st.floats(0.0, 1e4))
+
+
+def spikes(seed: int = 0, n_trials: int = 12, n_steps: int = 30, n_in: int = 5) -> torch.Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    rates = torch.rand(n_trials, 1, n_in, generator=generator)
+    return (torch.rand(n_trials, n_steps, n_in, generator=generator) < rates).to(torch.uint8)
+
+
+def free_membranes(given_spikes, weights, neuron, alpha, beta):
+    """By the equations, a step at a time: `(trial, time, neuron)`."""
+    current = membrane = torch.zeros(len(given_spikes), weights.shape[1], dtype=torch.float64)
+    found = []
+    for arriving in given_spikes.double().unbind(dim=1):
+        before, current = current, alpha * current + arriving @ weights
+        if neuron.membrane == "eq4":
+            membrane = beta * (membrane + before)
+        elif neuron.membrane == "delayed":
+            membrane = beta * membrane + before
+        else:
+            membrane = beta * membrane + current
+        found.append(membrane)
+    return torch.stack(found, dim=1)
+
+
+@given(
+    seed=st.integers(0, 999),
+    membrane=st.sampled_from(["eq4", "delayed", "immediate"]),
+    reset=st.sampled_from(["zero", "subtract", "hard"]),
+    decays=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
+)
+@settings(max_examples=25, deadline=None)
+def test_moments_are_those_of_membranes_that_never_fire(seed, membrane, reset, decays):
+    neuron, weights = CubaLIF(membrane, reset), torch.randn(5, 3, dtype=torch.float64)
+    mean, covariance = free_moments(spikes(seed), neuron, *decays)
+    flat = free_membranes(spikes(seed), weights, neuron, *decays).flatten(0, 1)
+    torch.testing.assert_close(mean @ weights, flat.mean(dim=0))
+    torch.testing.assert_close((weights.T @ covariance * weights.T).sum(dim=1), flat.var(dim=0, correction=0))
+
+
+@given(seed=st.integers(0, 999), g=st.floats(1e-3, 1e3), deviation=st.floats(0.1, 10.0))
+@settings(max_examples=25, deadline=None)
+def test_every_hidden_neuron_deviates_as_asked_whatever_was_drawn(seed, g, deviation):
+    table = {"hidden": 6, "readout": "integrator", "input_deviation": deviation, "forward_weight_scale": g}
+    net = RSNN(5, 3, RSNNSpec(**table), 400.0, backend="reference", generator=torch.Generator().manual_seed(seed))
+    scale_weights(net, spikes(seed))
+    scale_readout(net, spikes(seed))
+    alpha, beta = float(net.alpha[0]), float(net.beta[0])
+    flat = free_membranes(spikes(seed), net.w_in.detach().double(), net.neuron, alpha, beta).flatten(0, 1)
+    torch.testing.assert_close(flat.std(dim=0, correction=0), torch.full((6,), deviation).double(), rtol=1e-4, atol=0)
+    with torch.no_grad():
+        sums = net(spikes(seed))
+    if sums.hidden.std(dim=0).any():
+        assert float(sums.readout.std(dim=0, correction=0).mean()) == pytest.approx(1.0, rel=1e-3)
+
+
+def begun(given_spikes: torch.Tensor, seed: int = 0, **table) -> tuple[RSNN, dict[str, torch.Tensor]]:
+    """A network after `start`, and its weights before."""
+    generator = torch.Generator().manual_seed(seed)
+    spec = RSNNSpec(**{"readout": "integrator", "input_deviation": 1.0, "hidden": 12} | table)
+    net = RSNN(5, 3, spec, 400.0, backend="reference", generator=generator)
+    before = {name: tensor.clone() for name, tensor in net.state_dict().items()}
+    start(net, given_spikes, generator)
+    return net, before
+
+
+def test_where_nothing_is_heard_the_weights_stay():
+    net, before = begun(torch.zeros(4, 30, 5, dtype=torch.uint8))
+    assert all(torch.equal(tensor, before[name]) for name, tensor in net.state_dict().items())
+
+
+def test_weights_stay_as_drawn_unless_a_deviation_is_asked_for():
+    net, before = begun(spikes(), input_deviation=None)
+    assert all(torch.equal(tensor, before[name]) for name, tensor in net.state_dict().items())
+
+
+def test_the_windows_that_are_looked_at_are_spread_over_all(monkeypatch):
+    monkeypatch.setattr(recipe, "LOOKED_AT", 3)
+    looked = []
+    monkeypatch.setattr(recipe, "free_moments", lambda some, *_: looked.append(some) or free_moments(some, *_))
+    begun(spikes(n_trials=9))
+    assert torch.equal(looked[0], spikes(n_trials=9)[::3])
+
+
+def test_silent_hidden_neurons_are_drawn_anew_and_said(monkeypatch):
+    scaled = recipe.scale_weights
+
+    def silencing(net, some):
+        """The first time, most neurons get weights that never fire."""
+        scaled(net, some)
+        if not calls:
+            net.w_in[:, :10] = -net.w_in[:, :10].abs()
+        calls.append(1)
+
+    calls = []
+    monkeypatch.setattr(recipe, "scale_weights", torch.no_grad()(silencing))
+    with pytest.warns(UserWarning, match="1[0-2] of 12 hidden neurons would have stayed silent"):
+        net, _ = begun(spikes(n_steps=200))
+    with torch.no_grad():
+        assert int(net(spikes(n_steps=200)).hidden.any(dim=0).sum()) >= 10
+
+
+@pytest.mark.filterwarnings("default")
+def test_recurrence_that_explodes_begins_smaller_and_is_said():
+    long = spikes(n_steps=200)
+    wild = {"model": "rsnn", "recurrent_weight_scale": 30.0, "tau_mem_ms": 200.0, "surrogate_scale": 1.0}
+    with pytest.warns(UserWarning, match="recurrent weights begin [0-9]+ times smaller"):
+        net, before = begun(long, **wild)
+    ratio = (before["w_rec"] / net.w_rec.detach()).flatten()
+    assert ratio[0] >= 2
+    torch.testing.assert_close(ratio, ratio[0].expand_as(ratio))
+    with torch.no_grad():
+        alone = RSNN(5, 3, net.spec.model_copy(update={"model": "snn"}), 400.0, backend="reference")
+        alone.load_state_dict({k: v for k, v in net.state_dict().items() if k != "w_rec"})
+    assert recipe._gradient_norm(net, long) <= recipe.EXPLODES * recipe._gradient_norm(alone, long)
+
+
+def test_a_recurrence_that_does_not_explode_stays_as_drawn():
+    net, before = begun(spikes(), model="rsnn")
+    assert torch.equal(net.w_rec, before["w_rec"])
+
+
+@given(seen)
+def test_every_choice_is_a_spec_without_a_recipe(given_seen):
+    chosen = resolve(DEFAULT, given_seen)
+    assert chosen.recipe is None
+    assert resolve(chosen, given_seen) is chosen
+    assert specs.build(RSNNSpec, chosen.model_dump(mode="json"), "saved") == chosen
+
+
+@given(seen, st.integers(1, 20))
+def test_constants_are_shares_of_the_window_on_any_clock(given_seen, finer):
+    coarse = resolve(DEFAULT, given_seen)
+    steps, rate_Hz = finer * given_seen.steps, finer * given_seen.sampling_rate_Hz
+    on_finer = given_seen._replace(steps=steps, sampling_rate_Hz=rate_Hz)
+    fine = resolve(DEFAULT, on_finer)
+    if given_seen.steps >= 50:  # else a step bounds them
+        assert fine.tau_mem_ms == pytest.approx(coarse.tau_mem_ms, rel=1e-3)
+        assert fine.tau_syn_ms == pytest.approx(coarse.tau_syn_ms, rel=1e-3)
+    step_ms = 1e3 / given_seen.sampling_rate_Hz
+    assert min(coarse.tau_mem_ms, coarse.tau_syn_ms) >= step_ms * (1 - 1e-3)
+
+
+@given(seen)
+def test_spikes_are_disturbed_where_they_are_few(given_seen):
+    training = resolve(DEFAULT, given_seen).training
+    disturbed = (training.input_dropout, training.input_jitter_ms, training.readout_dropout)
+    assert all(disturbed) if given_seen.spikes < recipe.SPARSE else not any(disturbed)
+
+
+@given(seen)
+def test_a_small_set_is_trained_for_as_many_steps_as_a_large_one(given_seen):
+    training = resolve(DEFAULT, given_seen).training
+    steps = training.epochs * math.ceil(given_seen.windows / training.batch)
+    assert steps >= recipe.LEAST_STEPS
+    assert training.epochs >= recipe.EPOCHS
+    assert training.patience >= training.epochs
+    assert training.epochs == recipe.EPOCHS or steps < recipe.LEAST_STEPS + math.ceil(given_seen.windows / 32)
+    assert steps <= recipe.MOST_STEPS
+
+
+@pytest.mark.parametrize(
+    "given_keys",
+    [
+        {"tau_mem_ms": 20.0},  # also where it is what the model has without a recipe
+        {"model": "rsnn", "readout": "count"},
+        {"training": {"epochs": 3, "schedule": "constant"}},
+    ],
+)
+def test_what_is_given_is_not_chosen(given_keys):
+    asked = specs.build(RSNNSpec, {"recipe": "default", **given_keys}, "test")
+    again = specs.build(RSNNSpec, asked.model_dump(mode="json"), "written and read")
+    at = Seen(900, 1000, 1000.0, 50.0)
+    for spec in (asked, again):
+        chosen = resolve(spec, at).model_dump()
+        flat = given_keys | {"training": {}} | {f"training.{k}": v for k, v in given_keys.get("training", {}).items()}
+        for key, value in flat.items():
+            if key.startswith("training."):
+                assert getattr(resolve(spec, at).training, key.removeprefix("training.")) == value
+            elif key != "training":
+                assert getattr(resolve(spec, at), key) == value
+        told = " ".join(recipe.described(spec, at))
+        assert not any(f"{key} = " in told for key in flat if key != "training")
+        assert chosen["training"]["relative_learning_rate"] == 0.05
+
+
+def test_what_is_chosen_is_told_line_by_line():
+    at = Seen(900, 1000, 1000.0, 50.0)
+    told = list(recipe.described(DEFAULT, at))
+    assert len(told) == len(choices(at))
+    assert "tau_mem_ms = 100.0 (a tenth of the window)" in told
+    assert list(recipe.described(RSNNSpec(), at)) == []
+
+
+def test_a_spec_without_new_keys_is_written_as_before_there_were_any():
+    keys = (
+        "model hidden membrane reset tau_mem_ms tau_syn_ms surrogate_scale forward_weight_scale "
+        "recurrent_weight_scale learn training"
+    )
+    of_training = "learning_rate batch epochs patience rate_penalty population_penalty"
+    given_defaults = RSNNSpec(readout="count", input_deviation=None, training=TrainingSpec(temperature=1.0))
+    for spec in (RSNNSpec(), given_defaults, specs.load(RSNNSpec, "rsnn"), specs.load(RSNNSpec, "snn")):
+        table = spec.model_dump(mode="json")
+        assert list(table) == keys.split()
+        assert list(table["training"]) == of_training.split()
+
+
+def test_the_default_network_has_the_recipe_and_little_else():
+    assert specs.load(RSNNSpec, "default").model_dump(mode="json") == {"recipe": "default", "hidden": 50}
