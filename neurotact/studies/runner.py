@@ -19,7 +19,7 @@ from neurotact.studies.preparation import check_files, spikes_path
 from neurotact.studies.protocol_study import ProtocolCell, ProtocolStudy, swept_values
 from neurotact.studies.report import afferents, networks, protocol
 from neurotact.studies.report.tables import read_encoding
-from neurotact.studies.study import Cell, StudySpec, swept_columns, to_toml, value_at
+from neurotact.studies.study import SOURCE, Cell, StudySpec, swept_columns, to_toml, value_at
 from neurotact.studies.versions import versions
 
 STUDY = "study.toml"
@@ -155,8 +155,8 @@ def extra_tables(study: StudySpec, folder: Path, done: list[Cell]) -> dict[str, 
 
 
 def encoding_table(study: StudySpec, folder: Path, done: list[Cell]) -> pd.DataFrame:
-    """Firing under each condition, once for each encoder; swept keys of the encoder come last."""
-    keys = [key for key in swept_columns(study) if key.startswith("encoder.")]
+    """Firing under each condition, once for each encoder; swept keys of the encoder and the simulation come last."""
+    keys = [key for key in swept_columns(study) if key.startswith(("encoder.", SOURCE))]
     tables = {}
     for cell in done:
         if cell.spikes_name not in tables:
