@@ -147,7 +147,7 @@ class StudySpec(Spec):
     def _sweeps_known_subsets(self) -> "StudySpec":
         sweeps.check(self.sweep)
         known = list(self.dataset.subsets)
-        for name in self.sweep.get("dataset", []):
+        for name in sweeps.values(self.sweep, "dataset"):
             if name not in known:
                 raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:

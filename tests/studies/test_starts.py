@@ -69,6 +69,7 @@ def test_a_lost_encoding_of_a_later_start_is_made_again_the_same(run):
             {"sweep.dataset.parameters.start_mm": [1.0], "dataset.simulate": None, "dataset.file": "x.h5"},
             "needs dataset.simulate",
         ),
+        ({"sweep.dataset & training_windows": [["all", 1], ["any", 2]]}, "'any' is no subset"),
         ({"training_windows": 0}, "training_windows: must be >= 1"),
     ],
 )
