@@ -99,11 +99,11 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         return
     first, *others = _by_source(distinct.values())
     recordings = load_dataset(dataset_of(study, first[0]))
-    _encode(folder, study, first, recordings, _check_unchanged(folder, recordings, before, source))
+    content = _check_unchanged(folder, recordings, before, source)
+    _encode(folder, study, first, recordings, content)
     for group in others:  # one set of recordings at a time is in memory
         if any(name in spikes_flaws for cell in group for name in _encoded(cell)):
-            simulated = load_dataset(dataset_of(study, group[0]))
-            _encode(folder, study, group, simulated, _content(simulated))
+            _encode(folder, study, group, load_dataset(dataset_of(study, group[0])), content)
     if "signals.csv" in table_flaws:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
         write_table(table, folder / "signals.csv")
@@ -131,7 +131,11 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 
 def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recordings, content: str) -> None:
-    """Write what is missing of the spike trains of some cells and their tables; `content` hashes the recordings."""
+    """Write what is missing of the spike trains of some cells and their tables.
+
+    content: hashes the study's first set of recordings. A folder of spikes has one origin: others are simulated by the
+    same code, so that they changed if and only if the first did.
+    """
     place, made_from = folder / "spikes", {"recordings": content}
     missing = [cell for cell in cells if manifest.flaws(place, _encoded(cell), made_from)]
     calibrated: dict[str, AfferentSpec] = {}

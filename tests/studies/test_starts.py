@@ -8,7 +8,8 @@ import pytest
 
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
-from neurotact.studies import runner, study, trained
+from neurotact.files import read_json
+from neurotact.studies import manifest, runner, study, trained
 from neurotact.studies.preparation import dataset_of, load_dataset, spikes_path
 from neurotact.studies.trained import Task
 
@@ -48,6 +49,17 @@ def test_tables_name_the_start_of_each_row(run):
     for name in ("results", "encoding"):
         table = pd.read_csv(run[1] / f"{name}.csv")
         assert sorted(set(table[START])) == [1.0, 3.0]
+
+
+def test_every_encoding_stays_listed_and_is_not_made_again(run):
+    what, folder = run
+    paths = [spikes_path(folder, cell) for cell in study.cells(what)]
+    listed = read_json(folder / "spikes" / manifest.FILES)["files"]
+    assert {path.name for path in paths} <= set(listed)
+    made = [path.stat().st_mtime_ns for path in paths]
+    (folder / "results.csv").unlink()
+    runner.run(what, folder, workers=1)
+    assert [path.stat().st_mtime_ns for path in paths] == made
 
 
 def test_a_lost_encoding_of_a_later_start_is_made_again_the_same(run):
