@@ -7,6 +7,8 @@ import pandas as pd
 import pytest
 
 from neurotact.data.hdf5 import load_spikes
+from neurotact.data.splits import SplitSpec
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.studies import manifest, runner, study, trained
@@ -94,8 +96,8 @@ def test_a_sweep_that_cannot_be_is_refused_before_anything_runs(overrides, messa
 def test_more_windows_are_trained_on_and_validated_than_tested(run):
     what, folder = run
     trains = load_spikes(spikes_path(folder, next(study.cells(what))))
-    window = {"length_ms": 50.0, "start_ms": 100.0, "hop_ms": 20.0, "per_trial": 1}
-    split = {"validation": 0.2, "test": 0.2}
+    window = WindowSpec(length_ms=50.0, start_ms=100.0, hop_ms=20.0, per_trial=1)
+    split = SplitSpec(validation=0.2, test=0.2)
     plain = trained.sides_of(trains, Task(window=window, split=split))
     more = trained.sides_of(trains, Task(window=window, split=split, training_windows=4))
     assert len(more.train.labels) == 4 * len(plain.train.labels)
