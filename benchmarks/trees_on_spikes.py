@@ -18,12 +18,11 @@ from sklearn.ensemble import ExtraTreesClassifier
 
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec
+from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
-from neurotact.studies.preparation import split_conditions
 
 SIDES = ("force_N", "speed_mm_per_s")
 WINDOWS_ms = (150.0, 1000.0)

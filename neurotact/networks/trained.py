@@ -42,6 +42,8 @@ class Task(Spec):
     split: SplitSpec = SplitSpec()
     stratify: tuple[str, ...] = ()
     subset: dict[str, Any] = {}
+    training_windows: int | None = Field(default=None, ge=1)
+    """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
     exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
 
 
@@ -66,7 +68,10 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
 
     split: sides of trials in place of those that the task draws.
     """
-    return Sides(*(examples_of(trains, side, task.window)[0] for side in trials_of(trains, task, split)))
+    sides = trials_of(trains, task, split)
+    more = {} if task.training_windows is None else {"per_trial": task.training_windows}
+    learned = task.window.model_copy(update=more)
+    return Sides(*(examples_of(trains, *each)[0] for each in zip(sides, (learned, learned, task.window), strict=True)))
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:

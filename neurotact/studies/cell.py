@@ -34,6 +34,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
         split=cell.split,
         stratify=tuple(cell.source["stratify"]),
         subset=cell.subset,
+        training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
     )
     with scratch() as empty:

@@ -10,7 +10,7 @@ from neurotact.studies import cell, encoded, preparation, selection, study
 from neurotact.studies.engine import Engine
 from neurotact.studies.preparation import read_encoding
 from neurotact.studies.store import cell_folder, result_of
-from neurotact.studies.study import Cell, StudySpec, swept_columns, value_at
+from neurotact.studies.study import SOURCE, Cell, StudySpec, swept_columns, value_at
 from neurotact.workers import in_a_process
 
 
@@ -72,8 +72,8 @@ def extra_tables(study: StudySpec, folder: Path, done: Sequence[Cell]) -> dict[s
 
 
 def encoding_table(study: StudySpec, folder: Path, done: Sequence[Cell]) -> pd.DataFrame:
-    """Firing under each condition, once for each encoder; swept keys of the encoder come last."""
-    keys = [key for key in swept_columns(study) if key.startswith("encoder.")]
+    """Firing under each condition, once for each encoder; swept keys of the encoder and the simulation come last."""
+    keys = [key for key in swept_columns(study) if key.startswith(("encoder.", SOURCE))]
     tables = {}
     for one in done:
         if one.spikes_name not in tables:

@@ -46,6 +46,11 @@ def load_dataset(spec: DatasetSpec) -> Recordings:
     return reader(spec.read or "").read(expand(spec.path or ""))
 
 
+def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
+    """The data set that a cell works on: the study's, with the parameters of the simulation that the cell sweeps."""
+    return study.dataset.model_copy(update={"parameters": cell.source["parameters"]})
+
+
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     """Write what is missing or damaged of `folder/spikes`, the encoding tables beside it, and the study's tables.
 
@@ -62,15 +67,13 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     is_same = before is not None and (source is None or source == before.get("source"))
     if is_same and not (table_flaws or spikes_flaws):
         return
-    recordings = load_dataset(dataset)
-    made_from = {"recordings": _check_unchanged(folder, recordings, before, source)}
-    missing = {name: cell for name, cell in distinct.items() if manifest.flaws(place, _encoded(cell), made_from)}
-    calibrated: dict[str, AfferentSpec] = {}
-    for cell in missing.values():
-        trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
-        write_table(encoding_table(trains, cell, dataset.stratify), place / f"{cell.spikes_name}.csv")
-        hdf5.save_spikes(trains, folder / cell.given)
-        manifest.seal(place, _encoded(cell), made_from)
+    first, *others = _by_source(distinct.values())
+    recordings = load_dataset(dataset_of(study, first[0]))
+    content = _check_unchanged(folder, recordings, before, source)
+    _encode(folder, study, first, recordings, content)
+    for group in others:  # one set of recordings at a time is in memory
+        if any(name in spikes_flaws for cell in group for name in _encoded(cell)):
+            _encode(folder, study, group, load_dataset(dataset_of(study, group[0])), content)
     if "signals.csv" in table_flaws:
         table = signal_table(recordings, study.encoder, dataset.stratify, study.window.start_ms)
         write_table(table, folder / "signals.csv")
@@ -87,6 +90,30 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
         write_table(table, folder / "baseline.csv")
     manifest.seal(folder, tables_of(study))
+
+
+def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
+    """Cells that share their recordings, together: one group unless the study sweeps its simulation."""
+    groups: dict[str, list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(digest(cell.source), []).append(cell)
+    return list(groups.values())
+
+
+def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recordings, content: str) -> None:
+    """Write what is missing of the spike trains of some cells and their tables.
+
+    content: hashes the study's first set of recordings. A folder of spikes has one origin: others are simulated by the
+    same code, so that they changed if and only if the first did.
+    """
+    place, made_from = folder / "spikes", {"recordings": content}
+    missing = [cell for cell in cells if manifest.flaws(place, _encoded(cell), made_from)]
+    calibrated: dict[str, AfferentSpec] = {}
+    for cell in missing:
+        trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
+        write_table(encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
+        hdf5.save_spikes(trains, folder / cell.given)
+        manifest.seal(place, _encoded(cell), made_from)
 
 
 def tables_of(study: StudySpec) -> list[str]:
@@ -272,16 +299,21 @@ def _source(dataset: DatasetSpec) -> str | None:
     return None if dataset.simulate is not None or named is None else manifest.fingerprint(expand(named))
 
 
+def _content(recordings: Recordings) -> str:
+    """The SHA-256 of the signals and the conditions."""
+    content = hashlib.sha256()
+    for signal in recordings.signals:
+        content.update(np.ascontiguousarray(signal).tobytes())
+    content.update(json.dumps(recordings.conditions.astype(str).values.tolist()).encode())
+    return content.hexdigest()
+
+
 def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, Any] | None, source: str | None) -> str:
     """The hash of the recordings, which must be those that the study began with, and are kept in data.json.
 
     before: what data.json held; None where it is not there or damaged. source: of `_source`.
     """
-    content = hashlib.sha256()
-    for signal in recordings.signals:
-        content.update(np.ascontiguousarray(signal).tobytes())
-    content.update(json.dumps(recordings.conditions.astype(str).values.tolist()).encode())
-    found = {"sha256": content.hexdigest(), "trials": len(recordings), "classes": list(recordings.classes)}
+    found = {"sha256": _content(recordings), "trials": len(recordings), "classes": list(recordings.classes)}
     if before is not None and {key: before[key] for key in found} != found:
         raise InputError(f"{folder}: the recordings changed since this study began; run it into another folder")
     write_json(folder / DATA, found | ({"source": source} if source is not None else {}))

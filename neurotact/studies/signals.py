@@ -24,7 +24,7 @@ def signal_table(recordings: Recordings, encoder: EncoderSpec, by: Iterable[str]
     Signals are conditioned as the encoder feels them; each trial must last longer than `start_ms`.
     Columns: label, what recordings of gratings tell of them (grating, pitch_mm), `by`, peak_<unit> (highest magnitude
     on the taxel where that is highest), principal_Hz (highest line of that taxel's mean amplitude spectrum), and for
-    gratings expected_Hz, speed / (pitch + 1 mm).
+    gratings expected_Hz, the speed as it was set / (pitch + 1 mm).
     """
     felt = condition(recordings.to_unit(encoder.unit), **encoder.conditioning.model_dump())
     start = round(start_ms * 1e-3 * felt.sampling_rate_Hz)

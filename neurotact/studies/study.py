@@ -30,6 +30,8 @@ from neurotact.studies.same_drive import SameDriveSpec
 
 Milliseconds = Annotated[float, Field(gt=0)]
 Steps = Annotated[int, Field(ge=1)]
+SOURCE = "dataset.parameters."
+"""Of the simulation; a cell holds them in its `source`."""
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study whose cells measure more; each leaves a table of its own."""
 
@@ -147,6 +149,8 @@ class StudySpec(Spec):
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
     selection: SelectionSpec | None = None
     """Select a network step by step; of the sweep's cells only those that a step asks for are run."""
+    training_windows: int | None = Field(default=None, ge=1)
+    """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
     sweep: dict[str, list[Any]]
     """Values of each axis; an axis is `dataset`, `seed`, a dotted key, or several keys joined by ` & `."""
     claims: tuple[Claim, ...] = ()
@@ -155,13 +159,23 @@ class StudySpec(Spec):
     def _sweeps_known_subsets(self) -> "StudySpec":
         sweeps.check(self.sweep)
         known = list(self.dataset.subsets)
-        for name in self.sweep.get("dataset", []):
+        for name in sweeps.values(self.sweep, "dataset"):
             if name not in known:
                 raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
         if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
             raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
+        return self
+
+    @model_validator(mode="after")
+    def _describes_one_set_of_recordings(self) -> "StudySpec":
+        swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
+        if swept and self.dataset.simulate is None:
+            raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
+        described = [name for name in ("linear_baseline", "signals", "same_drive") if getattr(self, name)]
+        if swept and described:
+            raise ValueError(f"{described[0]} tells of one set of recordings; drop it, or the sweep of '{swept[0]}'")
         return self
 
     @model_validator(mode="after")
@@ -199,10 +213,11 @@ class Cell(Spec):
     cut_short_ms: tuple[Milliseconds, ...] = ()
     exit_patiences: tuple[Steps, ...] = ()
     test_every_condition: bool = False
+    training_windows: int | None = Field(default=None, ge=1)
 
     def digest(self) -> str:
         """As of every spec; what a cell does without (a search, a network) is no part of its name."""
-        absent = {name for name in ("search", "network", *MEASURES) if not getattr(self, name)}
+        absent = {name for name in ("search", "network", "training_windows", *MEASURES) if not getattr(self, name)}
         return specs.digest(self.model_dump(mode="json", exclude=absent))
 
     @property
@@ -268,12 +283,26 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder")},
         **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
-        **{name: getattr(study, name) for name in MEASURES},
+        **{name: getattr(study, name) for name in ("training_windows", *MEASURES)},
     }
     for point in sweeps.points(study.sweep):
         chosen = {"dataset": next(iter(study.dataset.subsets)), **point}
         chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
-        yield specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
+        chosen = {_in_cell(key): value for key, value in chosen.items()}
+        cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
+        _check_source(cell, study)
+        yield cell
+
+
+def _in_cell(key: str) -> str:
+    """A swept key of a study as a key of its cells."""
+    return f"source.parameters.{key.removeprefix(SOURCE)}" if key.startswith(SOURCE) else key
+
+
+def _check_source(cell: Cell, study: StudySpec) -> None:
+    if any(key.startswith(SOURCE) for key in sweeps.keys(study.sweep)):
+        model = simulator(cell.source["simulate"]).model
+        specs.build(model, cell.source["parameters"], source=f"sweep of {study.title}")
 
 
 def _searched(study: StudySpec) -> dict[str, Any] | None:
@@ -296,8 +325,8 @@ def swept_columns(study: StudySpec) -> list[str]:
 def value_at(cell: Cell, dotted: str) -> Any:
     """The value of a dotted key in a cell."""
     value: Any = cell
-    for name in dotted.split("."):
-        value = getattr(value, name)
+    for name in _in_cell(dotted).split("."):
+        value = value[name] if isinstance(value, dict) else getattr(value, name)
     return value
 
 

@@ -40,6 +40,16 @@ def points(sweep: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
         yield chosen
 
 
+def values(sweep: Mapping[str, list[Any]], key: str) -> list[Any]:
+    """The values that a sweep gives a key, alone or joined with others; none where it does not sweep it.
+
+    >>> values({"dataset & seed": [["slow", 0], ["fast", 1]]}, "dataset")
+    ['slow', 'fast']
+    """
+    joined = [(axis.split(JOIN), points) for axis, points in sweep.items() if key in axis.split(JOIN)]
+    return [point[names.index(key)] if len(names) > 1 else point for names, points in joined for point in points]
+
+
 def keys(sweep: Mapping[str, list[Any]]) -> list[str]:
     """Every key that a sweep decides."""
     return [key for axis in sweep for key in axis.split(JOIN)]

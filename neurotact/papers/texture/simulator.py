@@ -1,12 +1,13 @@
 """A PVDF finger that slides over ridged plates: the gratings of the texture paper, simulated.
 
 The plates are those of its Sec. II-B (ridges of 1 mm, gaps of 4 to 0.5 mm), the forces, speeds and trials those of
-Sec. II-C. Only the slide is simulated, from a random phase. The signals are *as recorded*: the moving average at
-30 Hz belongs to the encoder's conditioning. Equations, sources and what does not match: docs/gratings-simulator.md.
+Sec. II-C. Only the slide is simulated. It starts where the last one did, as a motorised axis repeats its motion, or
+anywhere on the plate, as a hand does. The signals are *as recorded*: the moving average at 30 Hz belongs to the
+encoder's conditioning. Equations, sources and what does not match: docs/gratings-simulator.md.
 """
 
 from collections.abc import Callable
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,6 +26,14 @@ REFERENCE_PITCH_MM = 4.0
 """The amplitudes of a spec are those of grating 1 at 12 N."""
 
 TABLE_POINTS = 4096
+
+PLATE_mm = 140.0
+"""The ridged part of a plate: 200 mm without the flat margin of 30 mm at each end."""
+GRAIN_mm = 0.01
+"""Between the points of a plate's roughness: finer than what the mount passes, some 0.2 mm."""
+START = "start"
+"""The condition that tells a repeated start from a random one."""
+REPEATED, RANDOM = "repeated", "random"
 
 
 class GratingsSpec(Spec):
@@ -53,21 +62,33 @@ class GratingsSpec(Spec):
     forces_N: tuple[Positive, ...] = Field(default=(3.0, 6.0, 12.0), min_length=1)
     """Indentation forces (Sec. II-C)."""
     speeds_mm_per_s: tuple[Positive, ...] = Field(default=(8.6, 13.7), min_length=1)
-    """Sliding speeds (Sec. II-C)."""
+    """Sliding speeds as they are set (Sec. II-C)."""
+    speed_factor: float = Field(default=1.0733, gt=0)
+    """Real speed over the set one: grating 1 has its principal frequency at 1.846 Hz in the public recordings."""
 
-    press_mV: float = Field(default=14.5, ge=0)
+    start: Literal["repeated", "random", "both"] = REPEATED
+    """Repeated: every slide starts at `start_mm`, as on a motorised axis. Random: anywhere on the plate, as by hand."""
+    start_mm: float = Field(default=4.41, ge=0, le=PLATE_mm)
+    """Place of the first taxel at the trial's first sample, from the middle of a plate's first ridge; one for all
+    plates. Grating 1 alone fixes it, and only modulo its period of 5 mm."""
+    start_jitter_ms: float = Field(default=16.0, ge=0)
+    """Standard deviation of the instant at which a repeated slide begins."""
+
+    press_mV: float = Field(default=13.7, ge=0)
     """Press of a ridge that covers the taxel: the step before the high-pass, grating 1 at 12 N."""
-    skin_mm: float = Field(default=0.07, gt=0)
+    skin_mm: float = Field(default=0.06, gt=0)
     """Blur (standard deviation) of a ridge's footprint by the skin's thickness, at 12 N."""
     drape: float = Field(default=0.14, ge=0)
     """Compliance: the skin that falls into a gap drapes over the ridge and adds this part of the gap to the blur."""
-    catch_mV: float = Field(default=14.5, ge=0)
+    catch_mV: float = Field(default=13.0, ge=0)
     """Swing of the finger when the skin catches or leaves a ridge's edge, grating 1 at 12 N."""
     edge_mm: float = Field(default=0.02, gt=0)
     """Roundness (standard deviation) of a ridge's edge, as the skin's surface meets it at 12 N."""
-    slip_mV_rms: float = Field(default=8.0, ge=0)
+    slip_mV_rms: float = Field(default=7.6, ge=0)
     """Stick-slip noise under a ridge that covers the taxel, grating 1 at 12 N; white, then coloured by the mount."""
-    sag_mm: float = Field(default=0.25, ge=0)
+    friction_repeats: float = Field(default=0.82, ge=0, le=1)
+    """Share of that noise's power that belongs to the plate: the same at the same place in every slide."""
+    sag_mm: float = Field(default=0.14, ge=0)
     """Compliance: catch and slip grow with the gap g as g / (g + sag), since the skin falls less into a narrow one."""
     mount_Hz: float = Field(default=29.0, gt=0)
     """Resonance of the finger on its mount."""
@@ -85,12 +106,12 @@ class GratingsSpec(Spec):
 
     taxel_along_mm: tuple[float, ...] = Field(default=(0.0, 1.3, 2.7, 4.1, 0.6, 2.0, 3.4, 5.0), min_length=1)
     """Place of each taxel along the slide: its phase."""
-    taxel_gains: tuple[float, ...] = Field(default=(1.0, 0.97, 0.94, 0.12, 0.11, 0.1, 0.08, 0.06), min_length=1)
-    """Share of the signal that each taxel sees; 1 is the taxel under the middle of the contact."""
+    taxel_gains: tuple[float, ...] = Field(default=(1.0, 1.05, 0.85, -0.8, 0.33, 0.1, 0.1, 0.1), min_length=1)
+    """Share of the signal that each taxel sees, negative where its polarity is reversed (public recordings)."""
 
-    noise_mV_rms: float = Field(default=0.2, ge=0)
-    """White noise of the electronics: that of the quiet channels of the real PVDF patch."""
-    jitter_speed: float = Field(default=0.02, ge=0, lt=0.3)
+    noise_mV_rms: float = Field(default=0.25, ge=0)
+    """White noise of the electronics: the quietest channels of the public recordings change by 0.28 mV a sample."""
+    jitter_speed: float = Field(default=0.003, ge=0, lt=0.3)
     """Standard deviation of a trial's speed over the set speed."""
     jitter_force: float = Field(default=0.07, ge=0, lt=0.3)
     """Standard deviation of a trial's force over the set force."""
@@ -120,25 +141,33 @@ class GratingsSpec(Spec):
 
     @property
     def n_trials(self) -> int:
-        """Trials in all: gratings x forces x speeds x trials of each."""
-        return self.trials * len(self.pitches_mm) * len(self.forces_N) * len(self.speeds_mm_per_s)
+        """Trials in all: gratings x forces x speeds x kinds of start x trials of each."""
+        conditions = len(self.pitches_mm) * len(self.forces_N) * len(self.speeds_mm_per_s) * len(self.starts)
+        return self.trials * conditions
+
+    @property
+    def starts(self) -> tuple[str, ...]:
+        """The kinds of start that are simulated."""
+        return (REPEATED, RANDOM) if self.start == "both" else (self.start,)
 
 
 class Slide(NamedTuple):
-    """One trial as it really went: `gains` is `(taxel,)`, `phase` the start within a spatial period, 0 to 1."""
+    """One trial as it really went: `gains` is `(taxel,)`, `start_mm` the place of the first taxel at its first sample,
+    from the middle of the plate's first ridge."""
 
     pitch_mm: float
     force_N: float
     speed_mm_per_s: float
-    phase: float
+    start_mm: float
     gains: np.ndarray
 
 
 def simulate(spec: GratingsSpec, progress: Callable[[int, int], None] | None = None) -> Recordings:
     """Slides over every grating at every force and speed, in mV, float32 `(trial, time, taxel)`.
 
-    conditions: label ("P4.0", the pitch), grating (1 is the first pitch), pitch_mm, force_N, speed_mm_per_s, trial.
-        Rows go trial by trial through all conditions, so fewer trials give a prefix of more.
+    conditions: label ("P4.0", the pitch), grating (1 is the first pitch), pitch_mm, force_N, speed_mm_per_s (as set),
+        start ("repeated" or "random"), trial. Rows go trial by trial through all conditions, so fewer trials give a
+        prefix of more.
     progress: called as (trials done, trials in all).
 
     >>> touch = simulate(GratingsSpec(trials=1, pitches_mm=(4.0, 0.5), forces_N=(12.0,)))
@@ -149,10 +178,10 @@ def simulate(spec: GratingsSpec, progress: Callable[[int, int], None] | None = N
     check_room(1, _settling_samples(spec), len(spec.taxel_gains))
     conditions = _conditions(spec)
     signals = np.empty((len(conditions), spec.n_samples, len(spec.taxel_gains)), np.float32)
-    rows = zip(conditions.pitch_mm, conditions.force_N, conditions.speed_mm_per_s, conditions.trial, strict=True)
-    for i, (pitch_mm, force_N, speed_mm_per_s, trial) in enumerate(rows):
-        rng = trial_generator(spec.seed, pitch_mm, force_N, speed_mm_per_s, trial)
-        slide = draw_slide(spec, pitch_mm, force_N, speed_mm_per_s, rng)
+    rows = conditions[["pitch_mm", "force_N", "speed_mm_per_s", START, "trial"]].itertuples(index=False, name=None)
+    for i, (pitch_mm, force_N, speed_mm_per_s, start, trial) in enumerate(rows):
+        rng = trial_generator(spec, pitch_mm, force_N, speed_mm_per_s, start, trial)
+        slide = draw_slide(spec, pitch_mm, force_N, speed_mm_per_s, start, rng)
         signals[i] = record(spec, slide, rng)
         if progress is not None and (i % 48 == 47 or i + 1 == len(conditions)):
             progress(i + 1, len(conditions))
@@ -161,34 +190,43 @@ def simulate(spec: GratingsSpec, progress: Callable[[int, int], None] | None = N
 
 def _conditions(spec: GratingsSpec) -> pd.DataFrame:
     rows = [
-        (f"P{pitch:g}" if f"{pitch:g}" != f"{pitch:.0f}" else f"P{pitch:.1f}", grating, pitch, force, speed, trial)
+        (_label(pitch), grating, pitch, force, speed, start, trial)
         for trial in range(spec.trials)
         for grating, pitch in enumerate(spec.pitches_mm, start=1)
         for force in spec.forces_N
         for speed in spec.speeds_mm_per_s
+        for start in spec.starts
     ]
-    return pd.DataFrame(rows, columns=["label", "grating", "pitch_mm", "force_N", "speed_mm_per_s", "trial"])
+    return pd.DataFrame(rows, columns=["label", "grating", "pitch_mm", "force_N", "speed_mm_per_s", START, "trial"])
+
+
+def _label(pitch_mm: float) -> str:
+    return f"P{pitch_mm:g}" if f"{pitch_mm:g}" != f"{pitch_mm:.0f}" else f"P{pitch_mm:.1f}"
 
 
 def trial_generator(
-    seed: int, pitch_mm: float, force_N: float, speed_mm_per_s: float, trial: int
+    spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, start: str, trial: int
 ) -> np.random.Generator:
     """The random numbers of one trial, which no other trial can shift: keyed by its conditions, to 0.001 of a unit."""
-    key = (round(pitch_mm * 1e3), round(force_N * 1e3), round(speed_mm_per_s * 1e3), trial)
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+    place = 1 + round(spec.start_mm * 1e3) if start == REPEATED else 0
+    key = (round(pitch_mm * 1e3), round(force_N * 1e3), round(speed_mm_per_s * 1e3), trial, place)
+    return np.random.default_rng(np.random.SeedSequence(spec.seed, spawn_key=key))
 
 
 def draw_slide(
-    spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, rng: np.random.Generator
+    spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, start: str, rng: np.random.Generator
 ) -> Slide:
-    """What varies from trial to trial: phase (uniform), speed, force and gains (normal, within 3 deviations)."""
-    phase = rng.random()
-    speed, force, *gains = np.clip(rng.standard_normal(2 + len(spec.taxel_gains)), -3.0, 3.0)
+    """What varies from trial to trial: start, speed, force and gains (normal, within 3 deviations; a random start is
+    uniform over the plate)."""
+    anywhere_mm = PLATE_mm * rng.random()
+    late, speed, force, *gains = np.clip(rng.standard_normal(3 + len(spec.taxel_gains)), -3.0, 3.0)
+    real_mm_per_s = spec.speed_factor * speed_mm_per_s * (1.0 + spec.jitter_speed * speed)
+    repeated_mm = spec.start_mm - real_mm_per_s * 1e-3 * spec.start_jitter_ms * late
     return Slide(
         pitch_mm,
         force_N * (1.0 + spec.jitter_force * force),
-        speed_mm_per_s * (1.0 + spec.jitter_speed * speed),
-        phase,
+        real_mm_per_s,
+        repeated_mm if start == REPEATED else anywhere_mm,
         np.array(spec.taxel_gains) * (1.0 + spec.jitter_gain * np.array(gains)),
     )
 
@@ -199,11 +237,14 @@ def record(spec: GratingsSpec, slide: Slide, rng: np.random.Generator) -> np.nda
     n_settle = _settling_samples(spec)
     period_mm = slide.pitch_mm + spec.ridge_width_mm
     time_s = np.arange(-n_settle, spec.n_samples) / rate_Hz
-    along = slide.phase + (slide.speed_mm_per_s * time_s[:, None] + np.array(spec.taxel_along_mm)) / period_mm
+    place_mm = (slide.start_mm + slide.speed_mm_per_s * time_s)[:, None]
+    along = (place_mm + np.array(spec.taxel_along_mm)) / period_mm
     signal = _look_up(ridge_signal(spec, slide), along[n_settle:])
     if spec.slip_mV_rms > 0:
         rubbing = _look_up(contact(spec, slide), along)
-        drive = rubbing * rng.standard_normal((len(time_s), 1))
+        fresh, of_plate = rng.standard_normal((len(time_s), 1)), _plate_friction(spec, slide, place_mm)
+        repeats = spec.friction_repeats
+        drive = rubbing * (np.sqrt(repeats) * of_plate + np.sqrt(1.0 - repeats) * fresh)
         scale = spec.slip_mV_rms * loading(spec, slide) * sagging(spec, slide.pitch_mm)
         signal += scale * _mount_noise(spec, drive)[n_settle:]
     noise = rng.standard_normal((spec.n_samples, n_taxels), np.float32)
@@ -292,6 +333,18 @@ def _mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
     a = np.array([1.0, -2.0 * np.cos(angle) / (1.0 + width), (1.0 - width) / (1.0 + width)])
     # The power that a white input leaves in this filter is b0 = width / (1 + width), in closed form.
     return lfilter(b / np.sqrt(b[0]), a, drive, axis=0)
+
+
+def _plate_friction(spec: GratingsSpec, slide: Slide, place_mm: np.ndarray) -> np.ndarray:
+    """The plate's own stick-slip noise at places of the finger, as strong below 100 Hz as white noise of deviation 1.
+
+    It is a function of the place alone, so that slides which start together meet the same.
+    """
+    plate = np.random.SeedSequence(spec.seed, spawn_key=(round(slide.pitch_mm * 1e3),))
+    roughness = np.random.default_rng(plate).standard_normal(round(PLATE_mm / GRAIN_mm))
+    # Points pass at v / GRAIN_mm a second: their power spreads over as many Hz, that of white noise over the rate.
+    strength = np.sqrt(slide.speed_mm_per_s / (GRAIN_mm * spec.sampling_rate_Hz))
+    return strength * _look_up(roughness, place_mm / PLATE_mm)
 
 
 def _settling_samples(spec: GratingsSpec) -> int:

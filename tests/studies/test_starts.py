@@ -1,0 +1,114 @@
+"""A study may sweep its simulation, and train on more windows of a trial than it tests."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.data.hdf5 import load_spikes
+from neurotact.data.splits import SplitSpec
+from neurotact.data.windows import WindowSpec
+from neurotact.errors import InputError
+from neurotact.files import read_json
+from neurotact.networks import trained
+from neurotact.networks.trained import Task
+from neurotact.studies import manifest, runner, study
+from neurotact.studies.preparation import dataset_of, load_dataset
+
+TINY = Path(__file__).parent / "tiny.toml"
+START = "dataset.parameters.start_mm"
+STARTS = {
+    "sweep.dataset.parameters.start_mm": [1.0, 3.0],
+    "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
+    "network.hidden": 4,
+    "sweep.seed": [0],
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    what = study.resolve(TINY, STARTS)
+    folder = tmp_path_factory.mktemp("starts")
+    runner.run(what, folder, workers=1)
+    return what, folder
+
+
+def test_each_cell_works_on_the_recordings_of_its_own_start(run):
+    what, folder = run
+    cells = list(study.cells(what))
+    assert [cell.source["parameters"]["start_mm"] for cell in cells] == [1.0, 3.0]
+    for cell in cells:
+        recorded = load_dataset(dataset_of(what, cell)).conditions
+        trains = load_spikes(folder / cell.given)
+        assert trains.conditions.equals(recorded)
+        alone = study.resolve(TINY, {**STARTS, START: cell.source["parameters"]["start_mm"]})
+        assert [one.digest() for one in study.cells(alone)] == [cell.digest()]
+    first, second = (load_spikes(folder / cell.given) for cell in cells)
+    assert any(not np.array_equal(*pair) for pair in zip(first.steps, second.steps, strict=True))
+
+
+def test_tables_name_the_start_of_each_row(run):
+    for name in ("results", "encoding"):
+        table = pd.read_csv(run[1] / f"{name}.csv")
+        assert sorted(set(table[START])) == [1.0, 3.0]
+
+
+def test_every_encoding_stays_listed_and_is_not_made_again(run):
+    what, folder = run
+    paths = [folder / cell.given for cell in study.cells(what)]
+    listed = read_json(folder / "spikes" / manifest.FILES)["files"]
+    assert {path.name for path in paths} <= set(listed)
+    made = [path.stat().st_mtime_ns for path in paths]
+    (folder / "results.csv").unlink()
+    runner.run(what, folder, workers=1)
+    assert [path.stat().st_mtime_ns for path in paths] == made
+
+
+def test_a_lost_encoding_of_a_later_start_is_made_again_the_same(run):
+    what, folder = run
+    path = folder / list(study.cells(what))[1].given
+    before = path.read_bytes()
+    path.unlink()
+    runner.run(what, folder, workers=1)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ({"sweep.dataset.parameters.start_mm": [1.0, -2.0]}, "start_mm: must be >= 0; got -2"),
+        ({"sweep.dataset.parameters.strat_mm": [1.0]}, "did you mean 'start_mm'"),
+        ({"sweep.dataset.parameters.start_mm": [1.0], "linear_baseline": True}, "linear_baseline tells of one set"),
+        (
+            {"sweep.dataset.parameters.start_mm": [1.0], "dataset.simulate": None, "dataset.file": "x.h5"},
+            "needs dataset.simulate",
+        ),
+        ({"sweep.dataset & training_windows": [["all", 1], ["any", 2]]}, "'any' is no subset"),
+        ({"training_windows": 0}, "training_windows: must be >= 1"),
+    ],
+)
+def test_a_sweep_that_cannot_be_is_refused_before_anything_runs(overrides, message):
+    with pytest.raises(InputError) as refusal:
+        study.resolve(TINY, overrides)
+    assert message in str(refusal.value)
+
+
+def test_more_windows_are_trained_on_and_validated_than_tested(run):
+    what, folder = run
+    trains = load_spikes(folder / next(study.cells(what)).given)
+    window = WindowSpec(length_ms=50.0, start_ms=100.0, hop_ms=20.0, per_trial=1)
+    split = SplitSpec(validation=0.2, test=0.2)
+    plain = trained.sides_of(trains, Task(window=window, split=split))
+    more = trained.sides_of(trains, Task(window=window, split=split, training_windows=4))
+    assert len(more.train.labels) == 4 * len(plain.train.labels)
+    assert len(more.validation.labels) == 4 * len(plain.validation.labels)
+    assert more.test.spikes.equal(plain.test.spikes)
+    assert more.train.spikes[::4].equal(plain.train.spikes)
+
+
+def test_training_windows_name_another_cell_and_their_absence_none():
+    none, some = (next(study.cells(study.resolve(TINY, {**STARTS, **more}))) for more in ({}, {"training_windows": 3}))
+    assert none.digest() != some.digest()
+    assert none.seeds != some.seeds
+    assert "training_windows" not in none.model_dump_json(exclude={"training_windows"})
