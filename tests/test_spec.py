@@ -242,7 +242,8 @@ def test_a_value_where_a_table_belongs_is_refused(value):
         ("tau_mem_ms: must be a finite number; got inf", "tau_mem_ms", math.inf),
         ("v_threshold_mV must be above v_rest_mV", "v_threshold_mV", -70.0),
         (
-            "conditioning.baseline: must be 'none', 'mean', 'median', 'first', 'start', 'running' or 'high-pass'; got 'max'",
+            "conditioning.baseline: must be 'none', 'mean', 'median', 'first', 'start', 'running' or 'high-pass'; "
+            "got 'max'",
             "conditioning.baseline",
             "max",
         ),

@@ -1,8 +1,8 @@
 """What an encoder spec may be (`encoders/*.toml`): `model` says which neurons its afferents are."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Discriminator, Tag
@@ -14,10 +14,23 @@ from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec, PoissonState
 from neurotact.errors import InputError, nearest
 
-MODELS: dict[str, type[AfferentSpec] | type[IzhikevichSpec] | type[PoissonSpec]] = {
-    "lif": AfferentSpec,
-    "izhikevich": IzhikevichSpec,
-    "poisson": PoissonSpec,
+
+class Model(NamedTuple):
+    """What an encoder model brings: its spec, its state, and `encode(signal, sampling_rate_Hz, spec, state)`.
+
+    is_random: whether its `encode` also takes `trials`, by whose numbers it draws.
+    """
+
+    spec: Any
+    state: type
+    encode: Callable[..., tuple[np.ndarray, Any]]
+    is_random: bool = False
+
+
+MODELS = {
+    "lif": Model(AfferentSpec, EncoderState, afferents.encode),
+    "izhikevich": Model(IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode),
+    "poisson": Model(PoissonSpec, PoissonState, poisson.encode, is_random=True),
 }
 
 
@@ -46,7 +59,7 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     model = _model_of(table)
     if model not in MODELS:
         raise InputError(f"model: '{model}' is unknown; {nearest(model, [*MODELS])} ({path})")
-    return specs.build(MODELS[model], table, source=str(path))
+    return specs.build(MODELS[model].spec, table, source=str(path))
 
 
 def encode(
@@ -66,14 +79,8 @@ def encode(
     >>> spikes.sum(axis=1).tolist()
     [[20, 0]]
     """
-    if isinstance(spec, AfferentSpec):
-        return afferents.encode(signal, sampling_rate_Hz, spec, _own(state, EncoderState))
-    if isinstance(spec, IzhikevichSpec):
-        return izhikevich.encode(signal, sampling_rate_Hz, spec, _own(state, IzhikevichEncoderState))
-    return poisson.encode(signal, sampling_rate_Hz, spec, _own(state, PoissonState), trials=trials)
-
-
-def _own(state: AnyState | None, kind: type) -> Any:
-    if state is not None and not isinstance(state, kind):
+    model = MODELS[spec.model]
+    if state is not None and not isinstance(state, model.state):
         raise InputError(f"state: is a {type(state).__name__}, of another encoder; pass the one that encode returned")
-    return state
+    further = {"trials": trials} if model.is_random else {}
+    return model.encode(signal, sampling_rate_Hz, spec, state, **further)

@@ -118,7 +118,7 @@ def _whole(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
     """An encoder's table with its defaults; as it is where it is none that this version knows."""
     model = MODELS.get(str(encoder.get("model", "lif")))
     try:
-        return encoder if model is None else model.model_validate(encoder).model_dump(mode="json")
+        return encoder if model is None else model.spec.model_validate(encoder).model_dump(mode="json")
     except ValidationError:
         return encoder
 

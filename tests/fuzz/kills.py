@@ -26,7 +26,8 @@ ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "studies" / "tiny.toml"
 NEUROTACT = [sys.executable, "-c", "from neurotact.cli import main; main()"]
 SIMULATE = ["simulate", "gratings", "--set", "trials=12", "--set", "duration_s=0.4", "--set", "pitches_mm=[4.0, 0.5]"]
-WINDOW = ["--network", "rsnn", "--window-ms", "50", "--start-ms", "100", "--set", "hidden=6", "--set", "training.batch=4"]
+SMALL = ["--network", "rsnn", "--set", "hidden=6", "--set", "training.batch=4"]
+WINDOW = ["--window-ms", "50", "--start-ms", "100", *SMALL]
 TIMINGS = {"timing.json", "timings.csv"}
 TOLD_TIMES = re.compile(rb'\d+ cells? took [^<]*|<a href="[^"]*" download="timings.csv">')
 """What of a report tells times: one sentence, and the embedded table."""
