@@ -55,7 +55,7 @@ def read(name: str, path: str | Path) -> Recordings:
 
 
 def read_folder(path: str | Path, sampling_rate_Hz: float, unit: str) -> Recordings:
-    """Read a folder of CSV or NPZ files, a sub-folder per class, a row per sample and a column per taxel.
+    """Read a folder of CSV or NPZ files, one sub-folder per class, one row per sample and one column per taxel.
 
     sampling_rate_Hz: samples per second. unit: of the signals, such as "mV" or "count".
     """

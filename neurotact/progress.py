@@ -24,7 +24,7 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
     """Yield `advance(n, note)`, to be called when `n` more of `total` are done; writes to stderr.
 
     done: how many were done before, by a run that this one goes on with; they say nothing of the time left.
-    at_most: the work may be over before the total is reached; the time left is told beside a note, as a bound.
+    at_most: the work may be over before the total is reached; the time left is shown beside a note, as a bound.
 
     >>> with track("encode", 2) as advance:
     ...     advance(1, "trial 1")

@@ -273,7 +273,7 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
 
 
 def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Where text or a truth value was taken for a number, or the other way round: its key, and both."""
+    """Where text or a truth value stands in place of a number, or the other way round: its key, and both."""
     if isinstance(given, Mapping) and isinstance(taken, Mapping):
         for name in (name for name in given if name in taken):
             yield from _misread(given[name], taken[name], f"{key}.{name}" if key else str(name))
@@ -307,7 +307,7 @@ def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list
 
 
 def _tagged(annotation: Any) -> dict[str, Any]:
-    """The models of a union that is told apart by a tag, by their tags."""
+    """The models of a tagged union, by their tags."""
     marks = [(part, mark) for part in get_args(annotation) for mark in getattr(part, "__metadata__", ())]
     return {mark.tag: part.__origin__ for part, mark in marks if isinstance(mark, Tag)}
 

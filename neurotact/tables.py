@@ -1,4 +1,4 @@
-"""Tables on disk: .csv and .json to be computed with, .md to be read.
+"""Tables on disk: .csv and .json to be computed with, .md for people.
 
 A class may be named as its user likes. In a .csv, a text that a spreadsheet would run as a formula is led by `'`,
 which `read_table` takes off again; in a .md, what would be markup is escaped.

@@ -67,7 +67,7 @@ class CNNFeatures(TransformerMixin, BaseEstimator):
         self.weights = weights
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> "CNNFeatures":
-        """Load the network and note the range of the images X `(trial, time, height, width)`; y is not looked at."""
+        """Load the network and note the range of the images X `(trial, time, height, width)`; y is ignored."""
         images = sequences(X, IMAGE_AXES, np.float32)
         self.network_ = _trunk(self.network, self.weights).eval()
         self.n_parameters_ = sum(p.numel() for p in self.network_.parameters())

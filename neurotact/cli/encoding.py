@@ -31,13 +31,13 @@ def calibrate(
     encoder: EncoderOption = "sa1-ra1-lif",
     set_: SetOption = None,
     split_seed: Annotated[
-        int, typer.Option(min=0, max=MOST_SPLITS, help="Of the split; only its training trials are looked at.")
+        int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split; only its training trials are used.")
     ] = 0,
     stratify: Stratify = None,
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
     force: Force = False,
 ) -> None:
-    """Find an encoder's gains for a sensor, from its training trials; no classifier is looked at.
+    """Find an encoder's gains for a sensor, from its training trials; no classifier is used.
 
     A baseline that knows the whole trial gives way to one that knows the past alone, unless it is given with --set.
     """

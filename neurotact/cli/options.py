@@ -38,10 +38,10 @@ Seed = Annotated[
 WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")]
 StartMs = Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")]
 HopMs = Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")]
-PerTrial = Annotated[int | None, typer.Option("--per-trial", help="At most so many windows a trial.")]
+PerTrial = Annotated[int | None, typer.Option("--per-trial", help="At most so many windows per trial.")]
 Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")]
 SplitSeed = Annotated[
-    int, typer.Option(min=0, max=MOST_SPLITS, help="Of the split into training, validation and test.")
+    int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split into training, validation and test.")
 ]
 Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
 OtherEncoder = Annotated[

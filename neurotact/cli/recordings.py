@@ -23,11 +23,11 @@ app = new_app("Read recordings as they were published into one HDF5 file.")
 def import_folder(
     source: Source,
     out: OutFile,
-    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples a second.")],
+    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples per second.")],
     unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
     force: Force = False,
 ) -> None:
-    """Any recordings: a sub-folder a class, holding CSV or NPZ files, a row a sample and a column a taxel."""
+    """Any recordings: one sub-folder per class with CSV or NPZ files, one row per sample and one column per taxel."""
     _check_import(source, out, force)
     _save_recordings(folder.read(source, sampling_rate_hz, unit), out)
 

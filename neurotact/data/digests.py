@@ -34,7 +34,7 @@ def recorded_digest(recordings: Trials, trial: int) -> str:
 
 
 def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
-    """A digest a trial of its spikes: events, length, clock and afferents; not its label.
+    """One digest per trial of its spikes: events, length, clock and afferents; not its label.
 
     It tells trials apart less well than what was recorded does: two silent trials of one length have the same.
     """

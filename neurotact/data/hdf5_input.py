@@ -1,7 +1,7 @@
 """HDF5 files from anywhere: what a file declares is bounded before it is read.
 
 A file of a few kilobytes can declare any size: of data that was never written, that inflates a thousand times, or of
-rows that all point to one stretch of the file. So a dataset is looked at before it is read, and rows of their own
+rows that all point to one stretch of the file. So a dataset is checked before it is read, and rows of their own
 length are read a few at a time.
 """
 
@@ -48,7 +48,7 @@ def kind_of(path: str | Path) -> str:
 def opened(path: str | Path, kind: str, command: str) -> Iterator[h5py.File]:
     """The file at `path`, to read from; InputError for one that is truncated, not HDF5 or of another kind.
 
-    Whatever reading it raises within the block is told as that of a damaged file.
+    Whatever reading it raises within the block is reported as a damaged file.
     """
     try:
         with h5py.File(existing(path), "r") as file:
@@ -119,7 +119,7 @@ class Declared:
         self._read_bytes = 0
 
     def numbers(self, name: str, kinds: str = "iuf") -> np.ndarray:
-        """A dataset of numbers of one row a trial, `(trial,)`; `kinds` of numpy."""
+        """A dataset of numbers of one row per trial, `(trial,)`; `kinds` of numpy."""
         dataset = self._dataset(name, kinds, 1)
         self._reserve(dataset.size * dataset.dtype.itemsize)
         return dataset[()]

@@ -65,9 +65,9 @@ class Recordings(Trials):
 
     signals: one `(time, channel)` array a trial, float32, in `unit`; lengths may differ, the number
         of channels may not. A `(trial, time, channel)` array serves where all lengths are equal.
-    sampling_rate_Hz: samples a second, the same for every trial.
+    sampling_rate_Hz: samples per second, the same for every trial.
     unit: of the signals, such as "mV", "V" or "count".
-    conditions: one row a trial, index 0..n-1; the column `label` (str) names the class, the others
+    conditions: one row per trial, index 0..n-1; the column `label` (str) names the class, the others
         say how the trial was recorded (`force_N`, `speed_mm_per_s`, ...).
     channels: the taxels' names; `taxel1..` when not given.
     source: where the recordings come from, in one line.
@@ -105,7 +105,7 @@ class Recordings(Trials):
         if len(self.conditions) != len(self.signals):
             raise InputError(
                 f"{where}: {len(self.signals)} trials but {len(self.conditions)} rows of conditions; "
-                "give one row a trial"
+                "give one row per trial"
             )
         check_conditions(self.conditions, where)
         check_channels(self.channels, where)

@@ -33,12 +33,12 @@ class SpikeTrains:
 
     steps, units: a trial each, the step at which each spike falls and the afferent that sent it, in order of time.
     trial_steps: length of each trial in steps, `(trial,)`.
-    sampling_rate_Hz: steps a second.
+    sampling_rate_Hz: steps per second.
     afferents: the afferents' names, such as "SA-I taxel1".
-    conditions: one row a trial, with the column `label`.
+    conditions: one row per trial, with the column `label`.
     encoder: the spec that made them.
     source: the recordings that they were made from, usually a path.
-    trial_digests: a digest a trial of what was recorded (`data.digests`); empty where that is not known.
+    trial_digests: one digest per trial of what was recorded (`data.digests`); empty where that is not known.
 
     Raises InputError where they do not belong together, and for spikes out of order or outside their trial.
 
@@ -65,7 +65,7 @@ class SpikeTrains:
         if not len(self.steps) == len(self.units) == len(self.trial_steps) == len(self.conditions):
             raise InputError("spikes, trial_steps and conditions differ in number of trials; give one of each a trial")
         if self.trial_digests and len(self.trial_digests) != len(self.steps):
-            raise InputError("spikes and trial_digests differ in number of trials; give a digest a trial, or none")
+            raise InputError("spikes and trial_digests differ in number of trials; give one digest per trial, or none")
         check_conditions(self.conditions, "spikes")
         for trial, (steps, units) in enumerate(zip(self.steps, self.units, strict=True)):
             if not _fits(np.asarray(steps), np.asarray(units), self.trial_steps[trial], len(self.afferents)):

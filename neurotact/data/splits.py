@@ -50,7 +50,7 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     rarest = counts.argmin()
     too_few = InputError(
         f"split: class '{values[rarest]}' has {counts[rarest]} trial(s), too few to train, validate and test on; give "
-        f"at least 3 trials a class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for the asked shares)"
+        f"at least 3 trials per class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for the asked shares)"
     )
     if counts[rarest] < 3:
         raise too_few

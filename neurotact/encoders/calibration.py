@@ -73,7 +73,7 @@ class CalibrationRule(Spec):
     step: float = Field(default=1.25, gt=1)
     """From one candidate to the next."""
     trials_per_class: int = Field(default=64, ge=2)
-    """At most so many trials of each class are looked at, drawn at random."""
+    """At most so many trials of each class are used, drawn at random."""
     excerpt_s: float = Field(default=2.0, gt=0)
     """Of each of them, at most so long a stretch, at a random place."""
     shuffles: int = Field(default=8, ge=1)
@@ -87,10 +87,10 @@ class Calibration:
     """An encoder for a sensor, and why it has these gains.
 
     encoder: the fitted spec, for recordings of the unit, taxels and rate that it was fitted on.
-    table: a row a population and candidate gain: `afferent` ("SA-I", "RA-I"), `gain` (mV per standard deviation, or
+    table: one row per population and candidate gain: `afferent` ("SA-I", "RA-I"), `gain` (mV per standard deviation, or
         mV per standard deviation per ms), `silent_share`, `floor_share`, `separation` (bit), `spikes_per_s` (of one
         afferent), `admissible`, `chosen`.
-    isi: a row a population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
+    isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
     notes: what was changed of the spec, and what else one should know.
     """

@@ -22,7 +22,7 @@ IN_MEMORY_BLOCK = 8
 
 
 class Encoded(NamedTuple):
-    """What a spikes file holds: trials, spikes of each afferent `(afferent,)`, steps of all trials, steps a second."""
+    """What a spikes file holds: trials, spikes of each afferent `(afferent,)`, steps of all trials and per second."""
 
     trials: int
     fired: np.ndarray

@@ -26,7 +26,7 @@ COMPROMISE = (
 
 @printed
 def draw_isi_distributions(isi: pd.DataFrame, t_ref_ms: float, classes: Classes) -> Figure:
-    """A row a population, a column a gain: the share of each class's intervals in each bin, at one t_ref."""
+    """One row per population, a column a gain: the share of each class's intervals in each bin, at one t_ref."""
     isi = isi[isi["t_ref_ms"] == t_ref_ms]
     gains = {name: sorted(set(isi["gain"][isi["population"] == name])) for _, name, _, _ in POPULATIONS}
     n_columns = max(map(len, gains.values()))

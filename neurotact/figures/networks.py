@@ -105,7 +105,7 @@ def draw_trade_off(results: pd.DataFrame) -> Figure:
 
 @printed
 def draw_confusion(matrix: np.ndarray, names: Sequence[str], title: str) -> Figure:
-    """Which class was taken for which: shares of each true class's samples, their number in the cell."""
+    """Confusion matrix: shares of each true class's samples, their number in the cell."""
     matrix = np.asarray(matrix, float)
     shares = matrix / np.maximum(matrix.sum(axis=1, keepdims=True), 1.0)
     side = 0.36 * len(names) + 1.5

@@ -29,7 +29,7 @@ def draw_search(
 ) -> Figure:
     """Value of each trial and the best so far; the importance of each key; with two objectives, the Pareto front.
 
-    trials: id, outcome (finished, stopped, failed), value, accuracy_validation, sops_total and a column a key.
+    trials: id, outcome (finished, stopped, failed), value, accuracy_validation, sops_total and one column per key.
     front: the rows of `trials` that no other beats, by SOPs.
     unit: what the value is, in words.
     """

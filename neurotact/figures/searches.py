@@ -1,6 +1,6 @@
 """Figures of many hyperparameter searches at once, a search a cell: what they gain over trials, and what wins.
 
-Tables hold a row a trial: cell, setting, pair, trial, outcome, value, and a column a hyperparameter.
+Tables hold one row per trial: cell, setting, pair, trial, outcome, value, and a column a hyperparameter.
 """
 
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str
 
 
 def winners(trials: pd.DataFrame) -> pd.DataFrame:
-    """The best finished trial of each cell, the first of equal ones, a row a cell.
+    """The best finished trial of each cell, the first of equal ones, one row per cell.
 
     >>> rows = {"cell": [0, 0, 1], "trial": [0, 1, 0], "outcome": ["finished"] * 3, "value": [0.5, 0.7, 0.6]}
     >>> winners(pd.DataFrame(rows))["trial"].tolist()

@@ -36,7 +36,7 @@ MEASURES = (
 def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) -> Figure:
     """Accuracy and SOPs of each size over window lengths, their mean, and the least length within the tolerance.
 
-    networks: a row a size and window length (means over seeds). means: a row a window length, over sizes too.
+    networks: a row a size and window length (means over seeds). means: one row per window length, over sizes too.
     """
     figure = new_figure(2.7)
     panels = figure.subplots(1, 2)
@@ -94,7 +94,7 @@ def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
 def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float) -> Figure:
     """Accuracy and SOPs of the selected networks and of the most accurate one over window lengths.
 
-    table: a row a network and window length, with the column `name`; names: in the order in which they are drawn.
+    table: one row per network and window length, with the column `name`; names: in the order in which they are drawn.
     """
     figure = new_figure(2.6)
     panels = figure.subplots(1, 2)

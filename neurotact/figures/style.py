@@ -46,7 +46,7 @@ SERIES = (
     ("#D55E00", "v"),
     ("#1f1f1f", "P"),
 )
-"""Colour and marker of each series, for those that are told apart by both."""
+"""Colour and marker of each series, for those that differ in both."""
 
 RC: Any = {
     "font.family": "DejaVu Sans",

@@ -357,7 +357,7 @@ class SupportVectorMachines(Layer):
 class NearestPoints(Layer):
     """Squared distances to `points` stored points and the `neighbours` nearest of them.
 
-    A class-centroid classifier has a point a class and one neighbour; kNN a point for every training example.
+    A class-centroid classifier has one point per class and one neighbour; kNN a point for every training example.
     """
 
     points: int

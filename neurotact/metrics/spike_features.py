@@ -1,4 +1,4 @@
-"""Features of spike trains that a plain classifier can take: a row a trial, never NaN.
+"""Features of spike trains that a plain classifier can take: one row per trial, never NaN.
 
 They are what the work before the texture paper fed to its classifiers (texture paper, Table I, its references 13 to
 16 and 18). Each looks at the whole window. Distances between trains are in `neurotact.metrics.spike_distances`.

@@ -113,7 +113,7 @@ def to_table(
     recurrent: bool,
     trials: np.ndarray | None = None,
 ) -> pd.DataFrame:
-    """The SOP report: one row a window, with the columns of `COLUMNS`.
+    """The SOP report: one row per window, with the columns of `COLUMNS`.
 
     labels, predicted: classes of each window, names or indices alike, `(window,)`.
     steps: simulated steps of each window; input_spikes, hidden_spikes, recurrent: as for `synops`.

@@ -64,7 +64,7 @@ def compare(accuracy: float, sides: Sides, n_trials: int, n_classes: int) -> Com
 
 
 def linear_accuracy(training: Examples, test: Examples) -> float:
-    """Test accuracy of logistic regression on each afferent's spikes a window, standardised on training windows."""
+    """Test accuracy of logistic regression on each afferent's spikes per window, standardised on training windows."""
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # of counts that tell nothing apart
@@ -75,7 +75,7 @@ def linear_accuracy(training: Examples, test: Examples) -> float:
 def lines(found: Comparison, sops: float) -> tuple[str, str]:
     """What `neurotact train` says at its end.
 
-    sops: synaptic operations a window.
+    sops: synaptic operations per window.
     """
     accuracy, low, high, chance, commonest, linear = (
         f"{100 * share:.1f} %"
@@ -83,7 +83,7 @@ def lines(found: Comparison, sops: float) -> tuple[str, str]:
     )
     return (
         f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials), "
-        f"{sops:.0f} synaptic operations a window",
+        f"{sops:.0f} synaptic operations per window",
         f"chance {chance}, always the commonest class {commonest}, logistic regression on spike counts {linear}",
     )
 

@@ -50,7 +50,7 @@ def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mappin
     encoder: its spec, as spike trains carry it; LIF without conditioning where it says neither.
 
     Every step of the encoder's clock counts, the moving average too where a slower recording is resampled after it.
-    Parameters are what a sensor's calibration fits: a gain a population, an offset and a scale a taxel. Constants that
+    Parameters are what a sensor's calibration fits: one gain per population, an offset and a scale per taxel. Constants
     all afferents share (decay, threshold, t_ref, the average's weight) are none, as in every layer of the ledger.
 
     >>> lif = {"conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "mean"}}
@@ -155,7 +155,7 @@ def study_ledger(
     rate_Hz: float,
     encoder: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """The ledger of a study: the linear baseline, encoding alone, then a row a network with it (means over seeds).
+    """The ledger of a study: the linear baseline, encoding alone, then one row per network with it (means over seeds).
 
     spec: of the study's network, by its recipe where it has one; `hidden` and, where it was swept or searched,
         `network.model` of `results` count.

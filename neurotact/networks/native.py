@@ -203,7 +203,7 @@ def _prepared(
 def _layer(
     x: Tensor, w: Tensor, v: Tensor | None, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None, counted: bool
 ) -> Tensor:
-    """The raster of a layer or, where they are `counted`, its spikes a window."""
+    """The raster of a layer or, where they are `counted`, its spikes per window."""
     alpha, beta, threshold = dynamics
     n_trials, n_steps, _ = x.shape
     sent = w.new_empty(n_trials, w.shape[1]) if counted else w.new_empty(n_trials, n_steps, w.shape[1])

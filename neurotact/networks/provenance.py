@@ -1,6 +1,6 @@
 """What a network was trained on: how its spikes were encoded, and the content of the trials on each side of the split.
 
-Trials are told apart by the digest of what was recorded, so that a recording which was encoded again, saved elsewhere
+Trials are identified by the digest of what was recorded, so that a recording which was encoded again, saved elsewhere
 or stands at another place of another file is still known.
 """
 

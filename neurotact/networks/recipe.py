@@ -34,7 +34,7 @@ NEVER = 1e30
 class Seen(NamedTuple):
     """What the rules look at.
 
-    windows, steps, sampling_rate_Hz: how many training windows there are, their length in steps, and steps a second.
+    windows, steps, sampling_rate_Hz: how many training windows there are, their length in steps, and steps per second.
     spikes: of one afferent in one window, the mean over all.
     """
 
@@ -64,7 +64,7 @@ def choices(seen: Seen) -> list[Choice]:
     batches = math.ceil(seen.windows / batch)
     epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
     recurrent, sparse = seen.steps <= RECURRENT_STEPS, seen.spikes < SPARSE
-    scarce = f"where an afferent sends fewer than {SPARSE:g} spikes a window, which are learned by heart"
+    scarce = f"where an afferent sends fewer than {SPARSE:g} spikes per window, which are learned by heart"
     return [
         Choice(
             "model",
@@ -76,7 +76,7 @@ def choices(seen: Seen) -> list[Choice]:
         Choice("tau_mem_ms", _short(max(window_ms / 10, step_ms)), "a tenth of the window"),
         Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
         Choice("input_deviation", 1.0, "free membranes deviate by one threshold on the training windows"),
-        Choice("training.batch", batch, f"windows a step, {BATCH} or as many as make {MOST_STEPS} steps"),
+        Choice("training.batch", batch, f"windows per step, {BATCH} or as many as make {MOST_STEPS} steps"),
         Choice("training.epochs", epochs, f"{EPOCHS}, or as many as make {LEAST_STEPS} steps"),
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
         Choice("training.relative_learning_rate", 0.05, "of each matrix's standard deviation"),
@@ -110,7 +110,7 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
 
 
 def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
-    """What the recipe of a spec chooses, a line a key; what is given is not in it, and nothing without a recipe."""
+    """What the recipe of a spec chooses, one line per key; what is given is not in it, and nothing without a recipe."""
     if asked.recipe is None:
         return
     given = asked.model_dump(mode="json")

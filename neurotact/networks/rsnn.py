@@ -46,7 +46,7 @@ class Rasters(NamedTuple):
 
 
 class Inference(NamedTuple):
-    """What a network decided and what it did for it, a row a trial.
+    """What a network decided and what it did for it, one row per trial.
 
     labels: index of the largest readout count or sum, ties to the lowest, `(trial,)` int64.
     steps: steps that were simulated, `(trial,)` int64.

@@ -206,7 +206,7 @@ def read_journal(path: Path) -> list[Trial]:
 
 
 def trials_table(trials: Sequence[Trial]) -> pd.DataFrame:
-    """A row a trial: id, outcome, epochs, value, accuracy_validation, sops_total, its parameters, error.
+    """One row per trial: id, outcome, epochs, value, accuracy_validation, sops_total, its parameters, error.
 
     >>> trials_table([Trial(0, {"hidden": 20}, [0.5, 0.75], "finished", 0.75, 900.0, 0.75)]).iloc[0].to_dict()
     {'id': 0, 'outcome': 'finished', 'epochs': 2, 'value': 0.75, 'accuracy_validation': 0.75, 'sops_total': 900.0, \

@@ -61,7 +61,7 @@ class RSNNSpec(Spec):
     folder: ClassVar[str] = "networks"
 
     model: Literal["rsnn", "snn"] = "rsnn"
-    """rsnn: the hidden layer is recurrent; snn: it is not, and the two `recurrent_...` keys are not looked at."""
+    """rsnn: the hidden layer is recurrent; snn: it is not, and the two `recurrent_...` keys are ignored."""
     hidden: int = Field(default=30, ge=1, le=1024)
     """Neurons in the hidden layer."""
     membrane: Membrane = "eq4"

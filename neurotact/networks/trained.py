@@ -274,7 +274,7 @@ def infer(
     test_only: bool = False,
     allow_other_encoder: bool = False,
 ) -> pd.DataFrame:
-    """Decide every window of some spike trains: the SOP report, one row a window.
+    """Decide every window of some spike trains: the SOP report, one row per window.
 
     Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, on which the network
     met the window's trial: training, validation or test, else unseen; unknown where it cannot be told.

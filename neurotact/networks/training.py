@@ -88,7 +88,7 @@ def train(
 ) -> Training:
     """Train `network` in place by its spec and leave it with the weights of the best epoch on validation trials.
 
-    generator: orders the trials, and drops and moves input spikes; with the network's own it fixes every number.
+    generator: orders the trials, and drops and moves input spikes; its random seed and the network's repeat a training.
     progress: called after each epoch.
     start: where an earlier call with the same arguments had come to; the result is the one it would have had. With a
         relative learning rate `network` has the weights that it began with, from which the rates follow.

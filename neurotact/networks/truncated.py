@@ -19,7 +19,7 @@ AT_ONCE = 256
 """Windows simulated together: rasters of a second of all test windows would be gigabytes."""
 
 
-class Heard(NamedTuple):
+class SimulatedWindows(NamedTuple):
     """Windows as a network hears them.
 
     readout: spikes, or what an integrator adds, `(window, time, class)`; level: where an integrator begins, `(class,)`,
@@ -35,7 +35,7 @@ class Heard(NamedTuple):
 
 
 @torch.no_grad()
-def hear(network: RSNN, examples: Examples) -> Heard:
+def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
     """Simulate whole windows and keep what leaves each layer."""
     readout, sent, heard = [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
@@ -44,10 +44,10 @@ def hear(network: RSNN, examples: Examples) -> Heard:
         sent.append(_until(spikes))
         heard.append(_until(rasters.hidden.cpu()))
     level = None if network.level is None else network.level.cpu()
-    return Heard(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels, level)
+    return SimulatedWindows(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels, level)
 
 
-def cut_short(network: RSNN, heard: Heard, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
     """Accuracy and mean SOPs at each cut that lies within the window, the counts at its last step deciding.
 
     Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
@@ -63,7 +63,9 @@ def cut_short(network: RSNN, heard: Heard, cuts_ms: Sequence[float]) -> list[dic
     return rows
 
 
-def exit_curve(network: RSNN, test: Heard, validation: Heard, patiences: Sequence[int]) -> list[dict[str, Any]]:
+def exit_curve(
+    network: RSNN, test: SimulatedWindows, validation: SimulatedWindows, patiences: Sequence[int]
+) -> list[dict[str, Any]]:
     """Accuracy, steps and mean SOPs on test windows over patience, in both modes of early exit.
 
     Columns: mode (`validated`, `oracle`), patience in steps, accuracy_validation with the same patience,
@@ -97,18 +99,18 @@ def exit_curve(network: RSNN, test: Heard, validation: Heard, patiences: Sequenc
     return rows
 
 
-def _validated(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _validated(heard: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
     found = exits(heard.readout, level=heard.level)
     return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
 
 
-def _oracle(heard: Heard, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _oracle(heard: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by the texture paper's Algorithm 1, which begins at each patience and knows the true labels."""
     return [oracle_exit(heard.readout, heard.labels, patience, heard.level)[:2] for patience in patiences]
 
 
-def _judged(network: RSNN, heard: Heard, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+def _judged(network: RSNN, heard: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
     sent, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (heard.input, heard.hidden))
     cost = synops.of_network(network, sent, hidden)

@@ -24,7 +24,7 @@ from neurotact.tables import read_table, write_table
 DOWNLOADS = {
     "results.csv": "one row an encoding, both populations",
     "results.json": "the same",
-    "isi.csv": "distributions of inter-spike intervals: a row a population, gain, t_ref, class and bin",
+    "isi.csv": "distributions of inter-spike intervals: one row per population, gain, t_ref, class and bin",
     "encoding.csv": "firing of both populations for each class and condition, from window.start_ms to the trial's end",
     "timings.csv": "time that each cell took",
     "study.toml": "the study as it was run, every part whole",
@@ -81,7 +81,7 @@ def write(study: StudySpec, folder: Path) -> Path:
 
 
 def by_population(results: pd.DataFrame) -> pd.DataFrame:
-    """A row a population of each encoding, its measures without the population in their names.
+    """One row per population of each encoding, its measures without the population in their names.
 
     >>> wide = pd.DataFrame({"dataset": ["all"], **{f"gain_{k}": [3.0] for k in ("sa", "ra")},
     ...     **{f"t_ref_{k}_ms": [1.0] for k in ("sa", "ra")}, "isi_sa_ms": [31.0], "isi_ra_ms": [57.0]})

@@ -136,7 +136,7 @@ def page_data(results: pd.DataFrame, details: list[dict[str, Any]], classes: Cla
 
 
 def sops_table(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
-    """The SOP report of a study: a row a cell, what it is, then the columns of `SOPS_COLUMNS`."""
+    """The SOP report of a study: one row per cell, what it is, then the columns of `SOPS_COLUMNS`."""
     return results[["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *swept, *SOPS_COLUMNS]]
 
 

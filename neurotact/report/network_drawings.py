@@ -142,7 +142,7 @@ def _best_network(folder: Path, done: list[Cell], classes: Classes) -> Iterator[
             f"diagonal. {_worst_confusion(matrix, classes)}"
         )
         figure = network_figures.draw_confusion(matrix, classes.ticks, what)
-        yield Drawn("confusion", "What is taken for what", figure, caption, caption)
+        yield Drawn("confusion", "Confusion matrix", figure, caption, caption)
     log = cell_folder(folder, done[best]) / "training.csv"
     if log.is_file():
         figure = network_figures.draw_training(pd.read_csv(log))

@@ -31,7 +31,7 @@ DOWNLOADS = {
     "results.json": "the same",
     "sops.csv": "the SOP report: what each network's decisions cost, and with early exit",
     "sops.json": "the same",
-    "sops.md": "the same, to be read",
+    "sops.md": "the same as a Markdown table",
     "encoding.csv": "firing of both populations for each class and condition, in the classified windows and over the "
     "whole touch",
     "searches.csv": "every trial of every cell's search",

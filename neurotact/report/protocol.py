@@ -20,7 +20,7 @@ DOWNLOADS = {
     "results.csv": "one row a run, with its accuracy and its costs",
     "results.json": "the same",
     "means.csv": "means and standard deviations of each configuration",
-    "means.md": "the same, to be read",
+    "means.md": "the same as a Markdown table",
     "timings.csv": "time that each cell took",
     "study.toml": "the study as it was run, every parameter",
     "versions.json": "versions of what computed it",
@@ -113,7 +113,7 @@ def _entry(head: str, mean: Any, sd: Any) -> Entry:
 
 
 def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
-    """A point a configuration; series are told apart by what is named first."""
+    """One point per configuration; series differ in what is named first."""
     scale = _scale(view.measures[view.score])
     whole = 100.0 if scale > 1 else None
     costs = means[view.cost].to_numpy(float)

@@ -63,7 +63,7 @@ def hyperparameters(trials: pd.DataFrame) -> list[str]:
 
 
 def table(trials: pd.DataFrame, results: pd.DataFrame) -> Table | None:
-    """What each search chose, a row a cell; nothing where there was none."""
+    """What each search chose, one row per cell; nothing where there was none."""
     if trials.empty:
         return None
     keys = hyperparameters(trials)
@@ -89,7 +89,7 @@ def drawings(trials: pd.DataFrame, search: SearchSpec) -> Iterator[Drawn]:
     gained = searches_figures.gains(trials)
     stopped = (trials["outcome"] == STOPPED).mean()
     tuner = search.tuner.upper() if search.tuner == "tpe" else search.tuner
-    settings = f"{tuner}, {search.trials} trials a cell in batches of {search.batch}, {search.assessor}"
+    settings = f"{tuner}, {search.trials} trials per cell in batches of {search.batch}, {search.assessor}"
     caption = (
         f"The best value of each cell's search so far (grey) and the median of the cells of a pair, over trials. "
         f"{settings}. From the first finished trial to the last the best gains {100 * gained.median():.1f} points in "

@@ -70,11 +70,11 @@ def _tables(
 ) -> dict[str, Any]:
     """`tables`: the rows of each table that the study asks for besides results.csv; nothing where it asks for none."""
     network, found = fitted.network, {}
-    heard = truncated.hear(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
+    heard = truncated.simulate_windows(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
     if heard and cell.cut_short_ms:
         found["cut_short"] = truncated.cut_short(network, heard, cell.cut_short_ms)
     if heard and cell.exit_patiences:
-        on_validation = truncated.hear(network, sides.validation)
+        on_validation = truncated.simulate_windows(network, sides.validation)
         found["exit_curve"] = truncated.exit_curve(network, heard, on_validation, cell.exit_patiences)
     if cell.test_every_condition:
         found["conditions"] = by_condition(network, trains, task)

@@ -17,7 +17,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.files import scratch, write_json
 from neurotact.metrics import isi_distributions, spike_trains
 from neurotact.metrics.spike_trains import Events
-from neurotact.studies.preparation import felt_spikes
+from neurotact.studies.preparation import touch_spikes
 from neurotact.studies.study import Cell
 from neurotact.tables import read_table, write_table
 
@@ -30,7 +30,7 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
     """What a cell without a network leaves: `result.json` with its row, `isi.csv`, `timing.json`."""
     began = perf_counter()
     chosen = trains.select(select_conditions(trains.conditions, cell.subset))
-    felt = felt_spikes(chosen, cell.window.start_ms)
+    felt = touch_spikes(chosen, cell.window.start_ms)
     row: dict[str, Any] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
@@ -94,7 +94,7 @@ def _histograms(felt: Events, is_kind: np.ndarray, trains: SpikeTrains) -> tuple
 
 
 def _as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) -> pd.DataFrame:
-    """A row a class and bin that holds any interval: their number, and their share of the class's."""
+    """One row per class and bin that holds any interval: their number, and their share of the class's."""
     label, at = np.nonzero(counts)
     n = counts[label, at]
     columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[at], "isi_to_ms": edges_ms[at + 1], "n": n}

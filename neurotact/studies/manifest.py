@@ -91,7 +91,7 @@ def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[st
     return "" if files.sha256(path) == known.files[name] else "was changed"
 
 
-def tell(place: str, found: Flaws, remedy: str) -> None:
+def say_flaws(place: str, found: Flaws, remedy: str) -> None:
     """Print a line on stderr for each file that was whole once.
 
     place: the folder as it is called, with the slash that follows it.

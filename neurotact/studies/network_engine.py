@@ -51,7 +51,7 @@ class NetworkEngine(Engine[StudySpec, Cell]):
 
 
 def results_table(study: StudySpec, folder: Path, done: Sequence[Cell]) -> pd.DataFrame:
-    """One row a cell, in the order of the sweep; swept keys without a column of their own come last."""
+    """One row per cell, in the order of the sweep; swept keys without a column of their own come last."""
     rows = []
     for one in done:
         extra = {key: value_at(one, key) for key in swept_columns(study)}

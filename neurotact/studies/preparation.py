@@ -60,8 +60,8 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     table_flaws = manifest.flaws(folder, [DATA, *tables_of(study)])
     distinct = {cell.spikes_name: cell for cell in cells}
     spikes_flaws = manifest.flaws(place, [name for cell in distinct.values() for name in _encoded(cell)])
-    manifest.tell("", table_flaws, "written again")
-    manifest.tell(f"{place.name}/", spikes_flaws, "encoded again")
+    manifest.say_flaws("", table_flaws, "written again")
+    manifest.say_flaws(f"{place.name}/", spikes_flaws, "encoded again")
     source = _source(dataset)
     before = manifest.sound_json(folder, DATA)
     is_same = before is not None and (source is None or source == before.get("source"))
@@ -150,7 +150,7 @@ def _encoded(cell: Cell) -> list[str]:
 def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:
     """Firing of both populations for each class and condition, in the windows that the cell's network classifies.
 
-    Columns: the t_ref pair, label, the conditions in `by`, stretch (what was looked at, in words), spikes_sa_per_s and
+    Columns: the t_ref pair, label, the conditions in `by`, stretch (what was counted, in words), spikes_sa_per_s and
     spikes_ra_per_s (the whole population), spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means
     of the intervals within a window); and the same with `touch_` before their names, from the window's start to the
     trial's end: what the texture paper counts in its Figs. 6 and 10, where intervals may be longer than a window.
@@ -159,7 +159,7 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     a study that sweeps its windows the table is of the cell's own, as `stretch` says.
     """
     columns = [LABEL, *by]
-    touch = felt_spikes(trains, cell.window.start_ms)
+    touch = touch_spikes(trains, cell.window.start_ms)
     whole = np.arange(len(trains))
     if cell.network is None:
         stretch = f"from {cell.window.start_ms:g} ms to the trial's end"
@@ -219,7 +219,7 @@ def windowed_spikes(trains: SpikeTrains, windows: Windows) -> spike_trains.Event
     return spike_trains.events(steps, units, np.full(len(windows), windows.n_steps), len(trains.afferents))
 
 
-def felt_spikes(trains: SpikeTrains, start_ms: float) -> spike_trains.Events:
+def touch_spikes(trains: SpikeTrains, start_ms: float) -> spike_trains.Events:
     """The spikes from so long after each trial's beginning to its end; InputError where a trial is over by then."""
     rate_Hz = trains.sampling_rate_Hz
     start = round(start_ms * 1e-3 * rate_Hz)

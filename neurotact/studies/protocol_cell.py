@@ -33,8 +33,8 @@ def prepare(folder: Path, cells: Iterable[ProtocolCell]) -> None:
     data_flaws = manifest.flaws(folder, [DATA])
     flaws = manifest.flaws(place, [f"{name}.npz" for name in distinct])
     known = manifest.sound_json(folder, DATA) or {}
-    manifest.tell("", data_flaws, "written again")
-    manifest.tell(f"{place.name}/", flaws, "written again")
+    manifest.say_flaws("", data_flaws, "written again")
+    manifest.say_flaws(f"{place.name}/", flaws, "written again")
     for name, cell in distinct.items():
         before, sources = known.get(name), _sources(cell)
         if before is not None and f"{name}.npz" not in flaws and _are_same(before.get("sources", {}), sources):

@@ -148,7 +148,7 @@ def _keep_versions(folder: Path) -> None:
     """Write the versions that a study begins with; a line on stderr tells which others it goes on with."""
     here, began = versions(), manifest.sound_json(folder, VERSIONS)
     if began is None:
-        manifest.tell("", manifest.flaws(folder, [VERSIONS]), "written again with the versions that are here now")
+        manifest.say_flaws("", manifest.flaws(folder, [VERSIONS]), "written again with the versions that are here now")
         files.write_json(folder / VERSIONS, here)
         manifest.seal(folder, [VERSIONS])
         return

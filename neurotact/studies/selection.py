@@ -25,7 +25,7 @@ TOLD = (
     "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total",
     "oracle_accuracy", "oracle_steps", "oracle_sops_total", "window_steps",
 )  # fmt: skip
-"""What is told of each network and decides nothing."""
+"""What is shown of each network and decides nothing."""
 Row = dict[str, Any]
 
 
@@ -173,7 +173,7 @@ def over_lengths(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
 
 
 def as_table(found: Selection) -> pd.DataFrame:
-    """All that the steps saw, as `selection.csv`: a row a window length, network, or network and window length.
+    """All that the steps saw, as `selection.csv`: one row per window length, network, or network and window length.
 
     Columns: step (`window length`, `trade-off`, `persistence`, of attempts that did not stand with `, not kept`; and
     `choice`, the selected networks), window.length_ms, pair, hidden (empty where all sizes are averaged), networks

@@ -226,7 +226,7 @@ def test_training_windows_without_a_spike_are_said():
 
 N_TRIALS = 20
 TASK = Task(window={"length_ms": 15.0})
-"""Two windows a trial."""
+"""Two windows per trial."""
 
 
 @pytest.fixture

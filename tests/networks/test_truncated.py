@@ -33,7 +33,7 @@ def network():
 
 @pytest.fixture(scope="module")
 def heard(network):
-    return truncated.hear(network, windows(0))
+    return truncated.simulate_windows(network, windows(0))
 
 
 def test_the_layers_spike_and_labels_differ(network, heard):
@@ -69,7 +69,9 @@ def test_sops_grow_with_the_cut_and_cuts_past_the_end_are_left_out(network, hear
 
 @pytest.fixture(scope="module")
 def curve(network, heard):
-    return truncated.exit_curve(network, heard, truncated.hear(network, windows(1)), [*PATIENCES, STEPS + 1])
+    return truncated.exit_curve(
+        network, heard, truncated.simulate_windows(network, windows(1)), [*PATIENCES, STEPS + 1]
+    )
 
 
 def rows_of(curve, mode):

@@ -1,4 +1,4 @@
-"""A plain folder of recordings: one sub-folder a class, CSV or NPZ files in it."""
+"""A plain folder of recordings: one sub-folder per class, CSV or NPZ files in it."""
 
 import logging
 import re
@@ -26,7 +26,7 @@ def read(folder: str | Path, sampling_rate_Hz: float, unit: str) -> Recordings:
     """The recordings in `folder/<label>/*.csv` and `*.npz`, at any depth, in the order of their paths.
 
     The label is the first sub-folder; deeper ones are read as well. CSV: commas between columns, decimal points, one
-    row a sample, one column a taxel and no time column; a first row without a single number names the taxels. NPZ:
+    row per sample, one column per taxel and no time column; a first row without a single number names the taxels. NPZ:
     each array is one trial, (time, channel). All trials have the same number of channels, all header rows the same
     names. Conditions: label, file (its path in the folder; of an array `file.npz:key`).
 

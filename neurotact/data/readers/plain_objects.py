@@ -1,6 +1,6 @@
 """Lists, tables, text and numbers out of a file in Python's serialisation format, without ever executing it.
 
-Such a file is a program. Here its opcodes are only looked at: those that build built-in values are followed, and any
+Such a file is a program. Here its opcodes are only inspected: those that build built-in values are followed, and any
 other, such as one that would import or call something, is refused.
 """
 

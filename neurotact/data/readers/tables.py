@@ -90,7 +90,7 @@ def check_width(where: str | Path, n_channels: int) -> None:
     if n_channels > MAX_CHANNELS:
         raise InputError(
             f"{where}: has {n_channels} columns, more than {MAX_CHANNELS} taxels; "
-            "a row must be a sample and a column a taxel"
+            "give one row per sample and one column per taxel"
         )
 
 

@@ -177,7 +177,7 @@ ON_SEQUENCES: dict[str, Family] = {"LSTM": lstm, "GRU": gru}
 
 
 def best_of(family: Family, sides: Sides, seed: int) -> Candidate:
-    """The candidate of the highest validation accuracy, the first of equals; test examples are not looked at."""
+    """The candidate of the highest validation accuracy, the first of equals; test examples are ignored."""
     return max(family(sides, seed), key=lambda candidate: accuracy(candidate, sides.validation, sides.y_validation))
 
 

@@ -34,7 +34,7 @@ VALIDATION_SHARE = 0.15
 SHOWN = ("OBJ-2", "OBJ-17", "OBJ-38")
 """Objects whose curves the paper draws (Figs. 1 and 6)."""
 TASK_STEP = 5
-"""Samples that one step of a task's sequence averages: 97 steps a second."""
+"""Samples that one step of a task's sequence averages: 97 steps per second."""
 
 SensorChoice = Literal["finger", "palm", "finger and palm"]
 

@@ -165,7 +165,7 @@ class ContactMaterialsSpec(Spec):
 
     @property
     def n_samples(self) -> int:
-        """Samples a trial."""
+        """Samples per trial."""
         return round(self.duration_s * self.sampling_rate_Hz)
 
     @property
@@ -223,7 +223,7 @@ def _conditions(spec: ContactMaterialsSpec) -> pd.DataFrame:
 
 
 def patterns(recordings: Recordings, force_V_per_N: float = 1.0) -> pd.DataFrame:
-    """A row a trial: label and the paper's four measures, by lock-in at the shaker's frequency (Sec. II-B).
+    """One row per trial: label and the paper's four measures, by lock-in at the shaker's frequency (Sec. II-B).
 
     frequency_Hz: as set; force_N: amplitude that the force sensor measured; phase_deg: by which the output leads the
     force; amplitude_mV: of the output.

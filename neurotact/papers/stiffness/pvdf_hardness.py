@@ -40,7 +40,7 @@ Rule = Literal["by trial", "by sequence"]
 
 
 class HardnessData(Spec):
-    """The presses, and which stretch of each is looked at."""
+    """The presses, and which stretch of each is used."""
 
     path: str = "$NEUROTACT_DATA/pvdf-hardness"
     """The folder to read; `$NEUROTACT_DATA` stands for its value, by default ../shared/data."""

@@ -132,7 +132,7 @@ class StiffnessSpec(Spec):
 
     @property
     def n_samples(self) -> int:
-        """Samples a trial."""
+        """Samples per trial."""
         return round((self.grasp_s + self.release_s) * self.sampling_rate_Hz)
 
     @property

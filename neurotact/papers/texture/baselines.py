@@ -180,7 +180,7 @@ def seen_of(parameters: Parameters, arrays: Arrays) -> Seen:
 
 
 def conditions_of(arrays: Arrays) -> pd.DataFrame:
-    """A row a trial: label, force and speed."""
+    """One row per trial: label, force and speed."""
     return pd.DataFrame({name: arrays[name] for name in (LABEL, *SIDES)})
 
 

@@ -136,7 +136,7 @@ class GratingsSpec(Spec):
 
     @property
     def n_samples(self) -> int:
-        """Samples a trial."""
+        """Samples per trial."""
         return round(self.duration_s * self.sampling_rate_Hz)
 
     @property

@@ -122,7 +122,7 @@ class TouchModalitySpec(Spec):
 
     @property
     def n_samples(self) -> int:
-        """Samples a touch."""
+        """Samples per touch."""
         return round(self.recording_s * self.sampling_rate_Hz)
 
     @property

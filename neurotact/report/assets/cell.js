@@ -12,7 +12,7 @@ function showCell(cell, study) {
     `Test accuracy ${percent(row.accuracy_test)} for ${count(row.sops_total)} SOPs a window.${early}`;
   fill("cell-raster", "One test window", cell.raster, (width) => raster(cell.raster, study, width),
     "The network is not in the folder of this run.");
-  fill("cell-sops", "Synaptic operations a window", row, () => ledger(cell));
+  fill("cell-sops", "Synaptic operations per window", row, () => ledger(cell));
   fill("cell-confusion", "What is taken for what", cell.confusion, () => confusion(cell.confusion, study));
   fill("cell-training", "Training", cell.training, (width) => training(cell.training, width));
   if (document.getElementById("cell-search")) fill("cell-search", "Its search", cell.search, (width) => search(cell.search, width));

@@ -1,4 +1,4 @@
-// The page of a protocol study: a point a configuration, tied to its row of the table.
+// The page of a protocol study: one point per configuration, tied to its row of the table.
 
 const study = JSON.parse(document.getElementById("study-data").textContent);
 const host = document.getElementById("plot"), table = document.getElementById("networks");

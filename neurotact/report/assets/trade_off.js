@@ -1,4 +1,4 @@
-// Accuracy against synaptic operations, drawn by plotly: a point a cell, and the fronts of means over seeds.
+// Accuracy against synaptic operations, drawn by plotly: one point per cell, and the fronts of means over seeds.
 
 const KINDS = {
   full: { cost: "sops_total", gain: "accuracy_test", words: "full window", dash: "solid", open: "" },
