@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import h5py
 import numpy as np
@@ -20,6 +20,12 @@ from neurotact.data.recordings import check_text
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB, check_size, existing, max_bytes
 
+HEAP = b"GCOL\x01\0\0\0"
+"""Signature and version of a global heap, and its reserved bytes."""
+BLOCK_BYTES = 4_000_000
+MOST_OBJECTS = 2**16 + 1
+"""Of a heap, whose indices have 16 bits."""
+FARTHEST = 2**62
 STREAMED_RATIO = 50
 """What is read in pieces may be larger than the limit on one input, but not so many times larger than its file."""
 CACHE_BYTES = 32_000_000
@@ -34,10 +40,61 @@ FILTERS = {
 """What may be done to chunks: filters whose output can be bounded before."""
 
 
+def check_heaps(path: Path) -> None:
+    """Refuse a file whose global heaps (texts and rows of their own length) libhdf5 would read for ever.
+
+    A heap is a list of objects: index (2 bytes), references (2), reserved (4) and size (8 bytes), then the content. The
+    free space has index 0 and its own header within its size; where a damaged file gives it the size 0, libhdf5 1.14
+    never gets past it (HDF5 File Format Specification, III.E).
+    """
+    with path.open("rb") as file:
+        for start in _heaps(file):
+            _check_heap(file, start, path)
+
+
+def _heaps(file: BinaryIO) -> Iterator[int]:
+    """Where global heaps begin; the file is read in blocks, which overlap by a signature."""
+    offset, before = 0, b""
+    while block := file.read(BLOCK_BYTES):
+        content = before + block
+        found = content.find(HEAP)
+        while found >= 0:
+            yield offset - len(before) + found
+            found = content.find(HEAP, found + len(HEAP))
+        offset += len(block)
+        before = content[-len(HEAP) + 1 :]
+        file.seek(offset)
+
+
+def _check_heap(file: BinaryIO, start: int, path: Path) -> None:
+    at, end = start + 16, start + _number(file, start + 8, 8)
+    for _ in range(MOST_OBJECTS):
+        if at + 16 > end:
+            return
+        index, size = _number(file, at, 2), _number(file, at + 8, 8)
+        if index == 0 and size < 16:
+            break
+        at += size if index == 0 else 16 + -(-size // 8) * 8
+    raise OSError(f"the heap at byte {start} of {path.name} is damaged")
+
+
+def _number(file: BinaryIO, at: int, n_bytes: int) -> int:
+    file.seek(min(at, FARTHEST))
+    return int.from_bytes(file.read(n_bytes), "little")
+
+
+@contextmanager
+def _open(path: str | Path) -> Iterator[h5py.File]:
+    found = existing(path)
+    check_heaps(found)
+    with h5py.File(found, "r") as file:
+        yield file
+
+
 def kind_of(path: str | Path) -> str:
     """What an HDF5 file says that it holds, such as "spikes"; empty where it says nothing or cannot be read."""
     try:
-        with h5py.File(existing(path), "r") as file:
+        with _open(path) as file:
             return str(attribute(file, "kind", path)) if "kind" in file.attrs else ""
     except (OSError, LookupError, ValueError, TypeError, RuntimeError):
         existing(path)
@@ -51,7 +108,7 @@ def opened(path: str | Path, kind: str, command: str) -> Iterator[h5py.File]:
     Whatever reading it raises within the block is reported as a damaged file.
     """
     try:
-        with h5py.File(existing(path), "r") as file:
+        with _open(path) as file:
             found = attribute(file, "kind", path) if "kind" in file.attrs else ""
             if found != kind:
                 raise InputError(

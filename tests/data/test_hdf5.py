@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from neurotact.data import hdf5
 from neurotact.data.hdf5 import load_recordings, load_spikes, open_recordings, save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
@@ -483,3 +484,16 @@ def test_a_file_larger_than_the_limit_is_read_in_pieces_but_not_whole(tmp_path, 
         assert stored.piece(1, 299_998, 300_000).tolist() == [[1], [1]]
     with pytest.raises(InputError, match=r"touch\.h5: holds 2 MB, more than the limit of 1 MB; set NEUROTACT_MAX_MB"):
         load_recordings(tmp_path / "touch.h5")
+
+
+@pytest.mark.parametrize("load", [load_spikes, hdf5.load])
+def test_a_heap_that_would_be_read_for_ever_is_refused(tmp_path, load):
+    conditions = pd.DataFrame({"label": ["felt", "silk"]})
+    trains = from_rasters(np.eye(4, dtype=np.uint8)[None].repeat(2, 0), 1000.0, ("SA-I a",) * 4, conditions)
+    save_spikes(trains, tmp_path / "spikes.h5")
+    content = bytearray((tmp_path / "spikes.h5").read_bytes())
+    heap = content.index(b"GCOL\x01")
+    content[heap + 16 : heap + 32] = bytes(16)  # the first object becomes free space of the size 0
+    (tmp_path / "spikes.h5").write_bytes(content)
+    with pytest.raises(InputError, match=r"the heap at byte \d+ of spikes.h5 is damaged"):
+        load(tmp_path / "spikes.h5")
