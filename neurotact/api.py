@@ -106,11 +106,17 @@ def calibrate(
     split_seed: int = 0,
     stratify: Sequence[str] = (),
 ) -> AfferentSpec:
-    """An encoder with gains for a sensor, from the training trials of the split with that random seed."""
+    """An encoder with gains for a sensor, from the training trials of the split with that random seed.
+
+    settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
+    past alone, unless `settings` name `conditioning.baseline`.
+    """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     split = split_conditions(recordings.conditions, stratify, SplitSpec(seed=split_seed))
     start = encoder if isinstance(encoder, AfferentSpec) else spec.load(AfferentSpec, encoder)
-    return calibration.calibrate(recordings.select(split.train), _changed(start, settings)).encoder
+    changed = _changed(start, settings)
+    fit, _ = calibration.way_of(changed, settings or ())
+    return fit(recordings.select(split.train), changed).encoder
 
 
 def plot_raster(

@@ -164,3 +164,8 @@ def test_what_is_shown_is_short_and_says_sizes_rates_and_units(touches, spikes):
     assert "clock 2000 Hz" in repr(spikes)
     for what in (touches, spikes):
         assert "<code>" in what._repr_html_()
+
+
+def test_calibrate_leaves_a_baseline_that_knows_the_future(touches):
+    assert nt.calibrate(touches).conditioning.baseline in ("none", "start")
+    assert nt.calibrate(touches, settings={"conditioning.baseline": "mean"}).conditioning.baseline == "mean"

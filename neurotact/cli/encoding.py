@@ -11,7 +11,7 @@ from neurotact.cli.options import MOST_SPLITS, EncoderOption, Force, OutFile, Se
 from neurotact.cli.options import Recordings as RecordingsFile
 from neurotact.cli.output import print_line
 from neurotact.data import hdf5
-from neurotact.data.conditioning import ACAUSAL, acausal_note
+from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import calibration, firing
@@ -44,8 +44,7 @@ def calibrate(
     _check_outputs([out, figure], force, [recordings, encoder])
     rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
     start = spec.load(AfferentSpec, encoder, changes)
-    chooses = start.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in changes
-    fit, times = (calibration.calibrate_causally, len(calibration.PAST)) if chooses else (calibration.calibrate, 1)
+    fit, times = calibration.way_of(start, changes)
     with hdf5.open_recordings(recordings) as data, track("calibrate", times * rule.candidates) as advance:
         split = split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
         found = fit(data.select(split.train), start, advance, rule)

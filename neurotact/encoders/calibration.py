@@ -7,7 +7,7 @@ classes best. No classifier is trained, and no trial but those given is seen.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from pydantic import Field
 from scipy.special import entr
 
 from neurotact.data.conditioning import (
+    ACAUSAL,
     Baseline,
     condition_pieces,
     conditioned_length,
@@ -206,6 +207,20 @@ def calibrate_causally(
     note = f"the baseline is '{best}', which knows the past alone and separates the classes best (SA-I: {told})"
     log.warning("%s: %s", _source(recordings), note)
     return replace(found[best], notes=(*found[best].notes, note))
+
+
+def way_of(spec: AfferentSpec, given: Container[str]) -> tuple[Callable[..., Calibration], int]:
+    """How an encoder is calibrated, and how often that goes through all candidates of its rule.
+
+    A baseline that knows the whole trial gives way to one that knows the past alone, unless its key is among `given`.
+
+    >>> from neurotact.spec import load
+    >>> paper = load(AfferentSpec, "sa1-ra1-lif")
+    >>> [way_of(paper, given)[1] for given in ((), ("conditioning.baseline",))]
+    [2, 1]
+    """
+    chooses = spec.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in given
+    return (calibrate_causally, len(PAST)) if chooses else (calibrate, 1)
 
 
 def _chosen_separation(found: Calibration) -> float:
