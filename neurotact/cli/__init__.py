@@ -44,7 +44,8 @@ COMMANDS = {
 
 def _load(name: str) -> Any:
     place = COMMANDS[name]
-    with ending_at_once():  # torch alone takes seconds
+    with ending_at_once(), warnings.catch_warnings():  # torch alone takes seconds
+        warnings.simplefilter("ignore")  # what other packages say of themselves while they load helps nobody
         found = getattr(import_module(f"neurotact.cli.{place.module}"), place.name)
     if not isinstance(found, typer.Typer):
         return command_of(found)
