@@ -4,7 +4,6 @@ While it runs the folder holds `train.toml`, what was asked, and `checkpoint.saf
 at its end `train.toml`, the network and what it came to. Until the first epoch is over the folder is as it was before.
 """
 
-import hashlib
 import os
 import signal
 import threading
@@ -107,7 +106,7 @@ def run(
         seen = trained.seen(trains, task)
         asked = Asked(
             spikes=os.path.relpath(spikes, folder),
-            spikes_sha256=_sha256(spikes),
+            spikes_sha256=files.sha256(spikes),
             seed=seed,
             device=device,
             task=task,
@@ -255,11 +254,6 @@ def _load(folder: Path, asked: Asked, trains: SpikeTrains) -> Checkpoint:
 
 def _holds(folder: Path, *names: str) -> bool:
     return any((folder / name).is_file() for name in names)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
