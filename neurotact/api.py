@@ -22,6 +22,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures.raster import draw_raster
+from neurotact.figures.search import save_found
 from neurotact.networks import checkpoint, search, train_run, trained, tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -214,8 +215,8 @@ def tune(
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
     space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
-    objective: "accuracy", or "accuracy-sops". The journal, `best.toml` and the best network are saved in `folder`;
-    given the same folder again, the search goes on there.
+    objective: "accuracy", or "accuracy-sops". The journal, tables, figure, `best.toml` and the best network are
+    saved in `folder`; given the same folder again, the search goes on there.
     """
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
     table = {
@@ -232,7 +233,7 @@ def tune(
     with files.locked(place):
         with search.processes(Path(spikes), workers) as run:
             found, _ = search.search(problem, place, run)
-        search.write_tables(problem, place, found)
+        save_found(problem, found, place)
         search.save_best(problem, Path(spikes), place, found)
     return search.trials_table(found)
 

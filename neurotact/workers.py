@@ -118,6 +118,17 @@ def _run(
             yield place, future.result()
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Within it torch uses one thread, as worker processes do, so that what they computed comes out to the last bit."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def settle() -> None:
     """In a new process: one thread; Ctrl-C is left to the process that started it, and without that one it ends."""
     torch.set_num_threads(1)

@@ -13,7 +13,9 @@ import pytest
 import torch
 
 import neurotact as nt
+from neurotact import cli
 from neurotact.errors import InputError
+from neurotact.spec import to_toml
 
 HEAVY = ("torch", "numpy", "pandas", "sklearn", "h5py", "matplotlib", "nni", "snntorch", "scipy", "typer")
 SMALL = {"trials": 1, "duration_s": 0.5}
@@ -106,12 +108,21 @@ def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
         nt.save_network(net, tmp_path / "copy")
 
 
-def test_a_search_goes_on_where_it_was(saved, tmp_path):
+def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved, tmp_path, monkeypatch):
     space = {"hidden": {"_type": "choice", "_value": [4, 5]}}
     given = {"trials": 2, "length_ms": 100.0, "workers": 1, "settings": {"training.epochs": 1}}
-    found = nt.tune(saved, tmp_path / "search", space, **given)
+    found = nt.tune(saved, tmp_path / "mine", space, **given)
     assert len(found) == 2
-    pd.testing.assert_frame_equal(nt.tune(saved, tmp_path / "search", space, **given), found)
+    pd.testing.assert_frame_equal(nt.tune(saved, tmp_path / "mine", space, **given), found)
+    (tmp_path / "space.toml").write_text(to_toml(space))
+    words = ["--trials", "2", "--window-ms", "100", "--workers", "1", "--set", "training.epochs=1"]
+    command = ["tune", str(saved), "--space", str(tmp_path / "space.toml"), *words, "-o", str(tmp_path / "theirs")]
+    monkeypatch.setattr(sys, "argv", ["neurotact", *command])
+    cli.main()
+    left = {path.relative_to(tmp_path / "theirs") for path in (tmp_path / "theirs").rglob("*") if path.is_file()}
+    assert {path.relative_to(tmp_path / "mine") for path in (tmp_path / "mine").rglob("*") if path.is_file()} == left
+    for path in left:
+        assert (tmp_path / "mine" / path).read_bytes() == (tmp_path / "theirs" / path).read_bytes(), path
 
 
 @pytest.mark.slow

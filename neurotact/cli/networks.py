@@ -34,8 +34,7 @@ from neurotact.cli.output import print_line, print_row, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.errors import INTERRUPTED, InputError
-from neurotact.figures.search import draw_found
-from neurotact.figures.style import save as save_figure
+from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks import comparison, ledger, search, train_run, trained, tuning
 from neurotact.networks.specs import RSNNSpec
@@ -163,9 +162,7 @@ def tune(
         except KeyboardInterrupt:
             say(f"interrupted; the same command goes on in {out}")
             sys.exit(INTERRUPTED)
-        search.write_tables(problem, out, found)
-        save_figure(draw_found(problem, found), out / "search.png")
-        torch.set_num_threads(1)  # as in the search, so that its best network comes out again to the last bit
+        save_found(problem, found, out)
         result = search.save_best(problem, spikes, out, found)
     best = search.best_of(found)
     print_row(f"{out}: trial {best.id} of {len(found)} is the best; its test", result["row"])

@@ -1,6 +1,7 @@
 """The figure of a hyperparameter search: its values over trials, what decides them, and the front of two objectives."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,19 +9,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed
+from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed, save
 from neurotact.networks import search
 from neurotact.networks.search import Importance, Problem, Trial
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
 
-def draw_found(problem: Problem, trials: Sequence[Trial]) -> Figure:
-    """`draw_search` of what a search found."""
+def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
+    """Write what a search found: `search.write_tables`, and the figure `search.png`."""
+    search.write_tables(problem, folder, trials)
     table = search.trials_table(trials)
     front = None if problem.search.objective == "accuracy" else search.front_table(table)
     found = search.importance(table, list(problem.search.space))
-    return draw_search(table, found, front, search.value_words(problem.search))
+    save(draw_search(table, found, front, search.value_words(problem.search)), folder / "search.png")
 
 
 @printed

@@ -284,9 +284,13 @@ def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[trai
 
 
 def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Train the best network again, write it into `folder/best` as `neurotact train` does; its result."""
+    """Train the best network again, write it into `folder/best` as `neurotact train` does; its result.
+
+    It is trained with one thread, as in the search, so that it is the same network to the last bit.
+    """
     trains = hdf5.load_spikes(spikes)
-    fitted, sides = train_best(problem, trains, best_of(trials))
+    with workers.one_thread():
+        fitted, sides = train_best(problem, trains, best_of(trials))
     trained.save(fitted, folder / "best", trains, spikes, problem.task)
     result = trained.measure(fitted, sides.test, trains.is_sa)
     files.write_json(folder / "best" / "result.json", result)

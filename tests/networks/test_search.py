@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 from neurotact import cli, spec
 from neurotact.data import hdf5
@@ -243,6 +244,22 @@ def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, mo
     monkeypatch.setattr(search, "train", lambda *_, **__: Training(log, log[0]))
     trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, trained.sides_of(trains, what.task))
     assert (trial.accuracy, trial.value) == (0.75, 0.75)
+
+
+def test_the_best_network_is_trained_with_the_one_thread_of_the_search(trains, spikes, whole, tmp_path, monkeypatch):
+    train_best, seen, before = search.train_best, [], torch.get_num_threads()
+
+    def watched(*given):
+        seen.append(torch.get_num_threads())
+        return train_best(*given)
+
+    monkeypatch.setattr(search, "train_best", watched)
+    torch.set_num_threads(2)
+    try:
+        search.save_best(problem(trains), spikes, tmp_path, search.read_journal(whole / search.JOURNAL))
+        assert (seen, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(before)
 
 
 # --- the command ------------------------------------------------------------------------------------
