@@ -26,7 +26,6 @@ from neurotact.figures.search import save_found
 from neurotact.networks import checkpoint, search, train_run, trained, tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
 from neurotact.report import report
 from neurotact.studies import loading, runner
 from neurotact.tables import read_table
@@ -164,8 +163,7 @@ def train(
     force: replace a training that is in the folder. resume: go on with one that was interrupted.
     Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys.
     """
-    window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
-    task = _task(window, split_seed, stratify, exit_tolerance, "train")
+    task = trained.task_of("train", (length_ms, start_ms, hop_ms, per_trial), split_seed, stratify, exit_tolerance)
     what, place = _network(network, settings), Path(folder)
     train_run.run(Path(spikes), place, what, task, seed=seed, device=device, force=force, resume=resume)
     return files.read_json(place / train_run.RESULT)["row"]
@@ -218,7 +216,7 @@ def tune(
     objective: "accuracy", or "accuracy-sops". The journal, tables, figure, `best.toml` and the best network are
     saved in `folder`; given the same folder again, the search goes on there.
     """
-    window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    task = trained.task_of("tune", (length_ms, start_ms, hop_ms, per_trial), split_seed, stratify)
     table = {
         "space": tuning.load_space(space) if isinstance(space, str) else space,
         "trials": trials,
@@ -226,7 +224,6 @@ def tune(
         "objective": objective,
         "tuner": tuner,
     }
-    task = _task(window, split_seed, stratify, 0.01, "tune")
     asked = spec.build(tuning.SearchSpec, table, source="tune")
     problem = search.problem_of(hdf5.load_spikes(spikes), asked, _network(network, settings), task)
     place = Path(folder)
@@ -279,11 +276,6 @@ def load_network(folder: str | Path) -> RSNN:
 
 def _network(network: str | Path | RSNNSpec, settings: Settings | None) -> RSNNSpec:
     return spec.load(RSNNSpec, network, settings) if isinstance(network, (str, Path)) else _changed(network, settings)
-
-
-def _task(window: dict[str, Any], seed: int, stratify: Sequence[str], exit_tolerance: float, source: str) -> Task:
-    table = {"window": window, "split": {"seed": seed}, "stratify": list(stratify), "exit_tolerance": exit_tolerance}
-    return spec.build(Task, table, source=source)
 
 
 def _encoder(encoder: str | Path | EncoderSpec, settings: Settings | None) -> Any:

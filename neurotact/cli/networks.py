@@ -3,7 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import pandas as pd
 import torch
@@ -38,7 +38,6 @@ from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks import comparison, ledger, search, train_run, trained, tuning
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
 
@@ -78,8 +77,7 @@ def train_command(
     What is interrupted goes on with the same command and --resume, and leaves the same files.
     """
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
-    window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
-    task = _task("train", window, split_seed, stratify, tolerance)
+    task = trained.task_of("train", (window_ms, start_ms, hop_ms, per_trial), split_seed, stratify, tolerance)
     try:
         done = train_run.run(
             spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume,
@@ -148,12 +146,12 @@ def tune(
         "assessor": assessor,
         "start_epoch": start_epoch,
     }
-    window = {"length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    task = trained.task_of("tune", (window_ms, start_ms, hop_ms, per_trial), split_seed, stratify, tolerance)
     problem = search.problem_of(
         hdf5.load_spikes(spikes),
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
         spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
-        _task("tune", window, split_seed, stratify, tolerance),
+        task,
     )
     with files.locked(out):
         try:
@@ -228,13 +226,6 @@ def sops(
     sizes = len(trains.afferents), network.n_classes
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)
     print_table(costs[["name", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"]])
-
-
-def _task(command: str, window: dict[str, Any], split_seed: int, stratify: list[str] | None, tolerance: float) -> Task:
-    """The task that the options of a command describe."""
-    split = {"seed": split_seed}
-    table = {"window": window, "split": split, "stratify": stratify or [], "exit_tolerance": tolerance}
-    return spec.build(Task, table, source=command)
 
 
 def _network_files(run: Path) -> list[Path]:

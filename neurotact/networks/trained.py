@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,6 +45,22 @@ class Task(Spec):
     training_windows: int | None = Field(default=None, ge=1)
     """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
     exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
+
+
+def task_of(
+    source: str,
+    window: tuple[float, float, float | None, int | None],
+    split_seed: int,
+    stratify: Sequence[str] | None,
+    exit_tolerance: float = 0.01,
+) -> Task:
+    """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
+
+    window: the values of `WindowSpec`: length_ms, start_ms, hop_ms, per_trial.
+    """
+    cuts, split = dict(zip(WindowSpec.model_fields, window, strict=True)), {"seed": split_seed}
+    table = {"window": cuts, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
+    return build(Task, table, source=source)
 
 
 class Sides(NamedTuple):
