@@ -252,14 +252,13 @@ def run_study(
     """
     study = loading.resolve(name, settings, quick=quick)
     runner.run(study, Path(folder), workers, scheduler)
-    return report_study(folder)
+    return _reported(Path(folder))
 
 
 def report_study(folder: str | Path) -> pd.DataFrame:
     """Write the tables, figures and `report.html` of a study from what is done; its results."""
     runner.write_tables(Path(folder))
-    report.write(Path(folder))
-    return read_table(Path(folder) / "results.csv")
+    return _reported(Path(folder))
 
 
 def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> None:
@@ -272,6 +271,12 @@ def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> N
 def load_network(folder: str | Path) -> RSNN:
     """The network in a folder that `save_network`, `train` or the command line wrote."""
     return checkpoint.load(folder)[0]
+
+
+def _reported(folder: Path) -> pd.DataFrame:
+    """Write the figures and the page from the tables of a study; its results."""
+    report.write(folder)
+    return read_table(folder / "results.csv")
 
 
 def _network(network: str | Path | RSNNSpec, settings: Settings | None) -> RSNNSpec:
