@@ -7,6 +7,8 @@ import typer
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from neurotact import plugins
+
 Help = str | Callable[[], str]
 """A command's line in its group's help, or a function that finds it."""
 
@@ -53,6 +55,25 @@ class LazyCommands(MutableMapping[str, Any]):
 
     def __len__(self) -> int:
         return len(list(iter(self)))
+
+
+def add_plugins(app: typer.Typer, kind: plugins.Group, command: Callable[[str, Any], Callable[..., None]]) -> None:
+    """Give `app` a command for each plug-in of a kind, such as "readers"; a plug-in's `about` is the command's help.
+
+    command: gives the function of a command for the name of a plug-in and the plug-in.
+    """
+
+    def load(name: str) -> Any:
+        plugin = plugins.load(kind, name)
+        run = command(name, plugin)
+        run.__doc__ = plugin.about
+        return command_of(run)
+
+    def helps() -> dict[str, Help]:
+        return {name: lambda name=name: plugins.load(kind, name).about for name in plugins.names(kind)}
+
+    app.info.cls = lazy_group(helps, load)
+    app.callback()(lambda: None)  # so that it is a group although it has no other command
 
 
 def lazy_group(helps: Callable[[], Mapping[str, Help]], load: Callable[[str], Any]) -> type[TyperGroup]:

@@ -1,5 +1,6 @@
 """What commands print: tables for people or, as JSON, for programs."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,8 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
 from neurotact.tables import to_json
 
 console = Console(soft_wrap=True, highlight=False)
@@ -21,6 +24,12 @@ def print_row(title: str, row: dict[str, Any], *, as_json: bool = False) -> None
     for key, value in row.items():
         table.add_row(key, _shown(value))
     console.print(table)
+
+
+def save_recordings(recordings: Recordings, out: Path) -> None:
+    """Save recordings and print what they hold."""
+    hdf5.save_recordings(recordings, out)
+    print(f"{out}: {recordings.summary()}")
 
 
 def print_line(line: str | None) -> None:

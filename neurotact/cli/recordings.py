@@ -1,17 +1,18 @@
 """The commands that read recordings in the forms that they are published in."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from neurotact import files, plugins
-from neurotact.cli.lazy import command_of, lazy_group, new_app
+from neurotact import files
+from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Source
+from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
 from neurotact.data.readers import braille_letters, folder
-from neurotact.data.recordings import Recordings
-from neurotact.data.sources import reader
+from neurotact.data.sources import Reader
 
 IMPORTED = (".csv", ".npz", ".lvm")
 """Files of recordings as they were published."""
@@ -29,7 +30,7 @@ def import_folder(
 ) -> None:
     """Any recordings: one sub-folder per class with CSV or NPZ files, one row per sample and one column per taxel."""
     _check_import(source, out, force)
-    _save_recordings(folder.read(source, sampling_rate_hz, unit), out)
+    save_recordings(folder.read(source, sampling_rate_hz, unit), out)
 
 
 @app.command("braille-letters")
@@ -49,33 +50,16 @@ def import_braille_letters(
     )
 
 
-def _command(name: str) -> Any:
-    form = reader(name)
-
-    def command(source: Source, out: OutFile, force: Force = False) -> None:
+def _command(name: str, form: Reader) -> Callable[..., None]:
+    def run(source: Source, out: OutFile, force: Force = False) -> None:
         _check_import(source, out, force)
-        _save_recordings(form.read(source), out)
+        save_recordings(form.read(source), out)
 
-    command.__doc__ = form.about
-    return command_of(command)
-
-
-def _helps() -> dict[str, Any]:
-    return {name: lambda name=name: reader(name).about for name in plugins.names("readers")}
+    return run
 
 
-app.info.cls = lazy_group(_helps, _command)
-
-
-@app.callback()
-def _import() -> None:
-    """Read recordings as they were published into one HDF5 file."""
+add_plugins(app, "readers", _command)
 
 
 def _check_import(source: Path, out: Path, force: bool) -> None:
     files.check_new(out, force=force, inputs=[p for p in files.below(source) if p.suffix.lower() in IMPORTED])
-
-
-def _save_recordings(recordings: Recordings, out: Path) -> None:
-    hdf5.save_recordings(recordings, out)
-    print(f"{out}: {recordings.summary()}")
