@@ -43,6 +43,16 @@ class Seen(NamedTuple):
     sampling_rate_Hz: float
     spikes: float
 
+    @classmethod
+    def of(cls, training: Tensor, sampling_rate_Hz: float) -> "Seen":
+        """Of the spikes of training windows, `(window, time, afferent)`.
+
+        >>> Seen.of(torch.ones(4, 10, 3), 1000.0)
+        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0)
+        """
+        n_windows, n_steps, n_afferents = training.shape
+        return cls(n_windows, n_steps, sampling_rate_Hz, float(training.sum()) / max(1, n_windows * n_afferents))
+
 
 class Choice(NamedTuple):
     """A key of a network's spec, what it becomes, and the rule in a few words."""

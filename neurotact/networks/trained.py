@@ -46,6 +46,12 @@ class Task(Spec):
     """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
     exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
 
+    @property
+    def training_window(self) -> WindowSpec:
+        """The windows of trials for training and validation."""
+        more = {} if self.training_windows is None else {"per_trial": self.training_windows}
+        return self.window.model_copy(update=more)
+
 
 def task_of(
     source: str,
@@ -85,9 +91,8 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
     split: sides of trials in place of those that the task draws.
     """
     sides = trials_of(trains, task, split)
-    more = {} if task.training_windows is None else {"per_trial": task.training_windows}
-    learned = task.window.model_copy(update=more)
-    return Sides(*(examples_of(trains, *each)[0] for each in zip(sides, (learned, learned, task.window), strict=True)))
+    windows = task.training_window, task.training_window, task.window
+    return Sides(*(examples_of(trains, *each)[0] for each in zip(sides, windows, strict=True)))
 
 
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
@@ -113,14 +118,10 @@ def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> 
     return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
 
 
-def seen(trains: SpikeTrains, task: Task, split: Split | None = None) -> recipe.Seen:
+def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
     """What a recipe looks at of the training windows."""
-    trials = trials_of(trains, task, split).train
-    windows = cut(trains.trial_steps[trials], trains.sampling_rate_Hz, task.window, trials)
-    ends = zip(windows.trial, windows.start, windows.start + windows.n_steps, strict=True)
-    n_spikes = sum(int(np.diff(np.searchsorted(trains.steps[trial], (start, end)))[0]) for trial, start, end in ends)
-    spikes = n_spikes / max(1, len(windows) * len(trains.afferents))
-    return recipe.Seen(len(windows), windows.n_steps, trains.sampling_rate_Hz, spikes)
+    training, _ = examples_of(trains, trials_of(trains, task).train, task.training_window)
+    return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
 
 
 def fit(
@@ -176,10 +177,8 @@ def begin(
     backend: Backend = "auto",
 ) -> RSNN:
     """An untrained network for training windows `(window, time, afferent)`, with what its recipe chooses for them."""
-    n_windows, n_steps, n_afferents = training.shape
-    spikes = float(training.sum()) / max(1, n_windows * n_afferents)
-    chosen = recipe.resolve(spec, recipe.Seen(n_windows, n_steps, sampling_rate_Hz, spikes))
-    network = RSNN(n_afferents, n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
+    chosen = recipe.resolve(spec, recipe.Seen.of(training, sampling_rate_Hz))
+    network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
     recipe.start(network, training, generator)
     return network
 

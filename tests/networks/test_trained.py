@@ -174,7 +174,7 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
 
 def test_a_recipe_looks_at_the_training_windows_alone():
     trains = spikes_of_many()
-    task = Task(window={"length_ms": 20.0, "start_ms": 5.0, "hop_ms": 7.0})
+    task = Task(window={"length_ms": 20.0, "start_ms": 5.0, "hop_ms": 7.0}, training_windows=3)
     examples = trained.sides_of(trains, task).train.spikes
     found = trained.seen(trains, task)
     assert found[:3] == (*examples.shape[:2], trains.sampling_rate_Hz)
