@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.hdf5_input import Declared, attribute, kind_of, names, opened, table
+from neurotact.data.hdf5_input import Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
 from neurotact.data.recordings import (
     Recordings,
@@ -138,15 +138,20 @@ def open_recordings(path: str | Path) -> Iterator[StoredRecordings]:
 
     Raises InputError for a file that is truncated, not HDF5 or of another kind, or declares far more than it holds.
     """
-    with opened(path, "recordings", "simulate or import") as file:
+    with opened(path, "recordings") as (file, _):
         yield _stored(Declared(file, path), str(path))
 
 
 def load_recordings(path: str | Path) -> Recordings:
     """Read recordings into memory; InputError as `open_recordings`, and for more than the limit on one input."""
-    with open_recordings(path) as stored:
-        check_size(path, 4 * sum(stored.lengths.tolist()) * stored.n_channels)
-        return stored.loaded()
+    with opened(path, "recordings") as (file, _):
+        return _recordings(Declared(file, path))
+
+
+def _recordings(declared: Declared) -> Recordings:
+    stored = _stored(declared, str(declared.path))
+    check_size(declared.path, 4 * sum(stored.lengths.tolist()) * stored.n_channels)
+    return stored.loaded()
 
 
 def _stored(declared: Declared, path: str) -> StoredRecordings:
@@ -265,33 +270,38 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
 
 def load(path: str | Path) -> Recordings | SpikeTrains:
     """Read recordings or spike trains, whichever the file says that it holds; InputError as of either."""
-    return load_spikes(path) if kind_of(path) == "spikes" else load_recordings(path)
+    with opened(path, "recordings", "spikes") as (file, kind):
+        return (_spikes if kind == "spikes" else _recordings)(Declared(file, path))
 
 
 def load_spikes(path: str | Path) -> SpikeTrains:
     """Read spike trains; InputError for a file that is truncated, not HDF5, of another kind or too large."""
-    with opened(path, "spikes", "encode") as file:
-        declared = Declared(file, path)
-        rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
-        check_sampling_rate(rate_Hz, str(path))
-        trial_steps = declared.numbers("trial_steps")
-        conditions = _read_table(declared, len(trial_steps))
-        times = declared.rows("spikes/times", "f")
-        units = declared.rows("spikes/units", "iu")
-        try:
-            return SpikeTrains(
-                steps=[_steps(row, rate_Hz) for row in times],
-                units=units,
-                trial_steps=trial_steps,
-                sampling_rate_Hz=rate_Hz,
-                afferents=names(attribute(file, "afferents", path)),
-                conditions=conditions,
-                encoder=table(attribute(file, "encoder", path), dict),
-                source=str(attribute(file, "source", path)),
-                trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
-            )
-        except InputError as error:
-            raise InputError(f"{path}: {error}; write it again with neurotact encode") from error
+    with opened(path, "spikes") as (file, _):
+        return _spikes(Declared(file, path))
+
+
+def _spikes(declared: Declared) -> SpikeTrains:
+    file, path = declared.file, declared.path
+    rate_Hz = float(attribute(file, "sampling_rate_Hz", path))
+    check_sampling_rate(rate_Hz, str(path))
+    trial_steps = declared.numbers("trial_steps")
+    conditions = _read_table(declared, len(trial_steps))
+    times = declared.rows("spikes/times", "f")
+    units = declared.rows("spikes/units", "iu")
+    try:
+        return SpikeTrains(
+            steps=[_steps(row, rate_Hz) for row in times],
+            units=units,
+            trial_steps=trial_steps,
+            sampling_rate_Hz=rate_Hz,
+            afferents=names(attribute(file, "afferents", path)),
+            conditions=conditions,
+            encoder=table(attribute(file, "encoder", path), dict),
+            source=str(attribute(file, "source", path)),
+            trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}; write it again with neurotact encode") from error
 
 
 def _steps(times_s: np.ndarray, rate_Hz: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """HDF5 files: what is written is read, and what cannot be read is named."""
 
+import io
 import json
 import zlib
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from neurotact.data import hdf5
+from neurotact.data import hdf5, hdf5_input
 from neurotact.data.hdf5 import load_recordings, load_spikes, open_recordings, save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains, from_rasters
@@ -484,6 +485,23 @@ def test_a_file_larger_than_the_limit_is_read_in_pieces_but_not_whole(tmp_path, 
         assert stored.piece(1, 299_998, 300_000).tolist() == [[1], [1]]
     with pytest.raises(InputError, match=r"touch\.h5: holds 2 MB, more than the limit of 1 MB; set NEUROTACT_MAX_MB"):
         load_recordings(tmp_path / "touch.h5")
+
+
+@pytest.mark.parametrize("place", [0, 1, 6, 1020, 1021, 1022, 1023, 1024, 1025, 1026, 1027, 3000, 3071])
+def test_heaps_are_found_wherever_they_begin(monkeypatch, place):
+    monkeypatch.setattr(hdf5_input, "BLOCK_BYTES", 1024)
+    content = bytes(place) + hdf5_input.HEAP + bytes(500) + hdf5_input.HEAP
+    assert set(hdf5_input._heaps(io.BytesIO(content))) == {place, place + 508}
+    assert not [*hdf5_input._heaps(io.BytesIO(content.replace(b"GCOL", b"GCOM")))]
+
+
+def test_a_file_is_opened_once(tmp_path, monkeypatch):
+    checked = []
+    monkeypatch.setattr(hdf5_input, "check_heaps", checked.append)
+    signals, conditions = np.zeros((1, 3, 1)), pd.DataFrame({"label": ["felt"]})
+    save_recordings(Recordings(signals, 1000.0, "mV", conditions, ("taxel1",), "made"), tmp_path / "touch.h5")
+    assert isinstance(hdf5.load(tmp_path / "touch.h5"), Recordings)
+    assert checked == [tmp_path / "touch.h5"]
 
 
 @pytest.mark.parametrize("load", [load_spikes, hdf5.load])
