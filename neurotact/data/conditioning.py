@@ -6,76 +6,82 @@ A trial is conditioned whole, or piece by piece where it is long; the result is 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
 from neurotact.files import check_size
+from neurotact.spec import Spec, without_defaults
 
 Baseline = Literal["none", "mean", "median", "first", "start", "running", "high-pass"]
 Pieces = Callable[[], Iterator[np.ndarray]]
 """Begins at the start of a trial each time; every piece but the last has as many samples."""
-START_MS, HIGH_PASS_HZ = 100.0, 0.5
-"""Of the baselines `start` and `high-pass`, unless told otherwise."""
 PIECE_VALUES = 1_000_000
 """Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
 FINEST_CLOCK = 1000
 """Steps of an encoder's clock for each sample of a recording, at most: finer ones take time and tell nothing new."""
 
 
-def condition(
-    recordings: Recordings,
-    *,
-    ema_cutoff_Hz: float | None = None,
-    resample_Hz: float | None = None,
-    baseline: Baseline = "none",
-    start_ms: float = START_MS,
-    high_pass_Hz: float = HIGH_PASS_HZ,
-    offset: Sequence[float] | None = None,
-    scale: Sequence[float] | None = None,
-    rectify: bool = False,
-) -> Recordings:
-    """Condition every trial; the result has the encoder's sampling rate.
+class ConditioningSpec(Spec):
+    """What is done to a recording before it drives afferents, in this order."""
 
-    ema_cutoff_Hz: cut-off of the exponential moving average; none when absent.
-    resample_Hz: the encoder's clock; the recordings' own rate when absent.
-    baseline: what is subtracted from each taxel of each trial: `none`; `mean` or `median` of the whole trial, which
-        know what comes after a window (`ACAUSAL`); or what knows the past alone: the `first` sample, the mean so far
-        (`running`), that mean up to `start_ms` and kept from then on (`start`), or what an EMA at `high_pass_Hz`
-        follows (`high-pass`).
-    offset, scale: standardisation, a value a taxel (see `fit_standardisation`).
-    rectify: take the absolute value at the end.
+    ema_cutoff_Hz: float | None = Field(default=None, gt=0)
+    """Cut-off of the exponential moving average; none when absent."""
+    resample_Hz: float | None = Field(default=None, gt=0)
+    """The encoder's clock; the recording's own rate when absent."""
+    baseline: Baseline = "none"
+    """What is subtracted from each taxel of each trial. `mean` and `median` know the whole trial, so that a window
+    knows what comes after it (`ACAUSAL`). The others know the past alone: the `first` sample, the mean so far
+    (`running`), that mean up to `start_ms` (`start`), or what an EMA at `high_pass_Hz` follows (`high-pass`)."""
+    start_ms: float = Field(default=100.0, gt=0)
+    """The baseline `start` is the mean up to this time, and kept from then on."""
+    high_pass_Hz: float = Field(default=0.5, gt=0)
+    """Cut-off of the baseline `high-pass`."""
+    offset: tuple[float, ...] | None = None
+    """Standardisation, a taxel each: subtracted first (fitted on training trials by `neurotact calibrate`)."""
+    scale: tuple[Annotated[float, Field(gt=0)], ...] | None = None
+    """Standardisation, a taxel each: divided by afterwards."""
+    rectify: bool = False
+    """Take the absolute value at the end."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), ("start_ms", "high_pass_Hz"))
+
+
+def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
+    """Condition every trial; the result has the encoder's sampling rate.
 
     Raises InputError for a cut-off above the Nyquist frequency and for offsets or scales that do not match the
     taxels.
 
     >>> import pandas as pd
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
-    >>> condition(skin, resample_Hz=1000.0, baseline="first").signals[0].shape
+    >>> condition(skin, ConditioningSpec(resample_Hz=1000.0, baseline="first")).signals[0].shape
     (57, 2)
     """
-    rate_Hz = recordings.sampling_rate_Hz
-    if ema_cutoff_Hz is not None:
-        smoothing = ema_coefficient(ema_cutoff_Hz, rate_Hz)
+    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, how.resample_Hz
+    if how.ema_cutoff_Hz is not None:
+        smoothing = ema_coefficient(how.ema_cutoff_Hz, rate_Hz)
         recordings = _each(recordings, lambda x: ema(x, smoothing))
-    if resample_Hz is not None and resample_Hz != rate_Hz:
-        clock_Hz = resample_Hz
+    if clock_Hz is not None and clock_Hz != rate_Hz:
         recordings = replace(_each(recordings, lambda x: resample(x, rate_Hz, clock_Hz)), sampling_rate_Hz=clock_Hz)
-    if baseline in CAUSAL:
-        past = Past(baseline, recordings.sampling_rate_Hz, start_ms, high_pass_Hz)
+    if how.baseline in CAUSAL:
+        past = Past(how, recordings.sampling_rate_Hz)
         recordings = _each(recordings, lambda x: past.taken_off(x, None)[0])
-    elif baseline != "none":
-        level = BASELINES[baseline]
+    elif how.baseline != "none":
+        level = BASELINES[how.baseline]
         recordings = _each(recordings, lambda x: x - level(x))
-    for values in (offset, scale):
-        _check_count(values, recordings.n_channels, recordings.source or "recordings")
-    if offset is None and scale is None and not rectify:
+    _check_counts(how, recordings)
+    is_plain = how.offset is None and how.scale is None
+    if is_plain and not how.rectify:
         return recordings
-    felt = _each(recordings, lambda x: standardised(x, offset, scale, rectify))
-    return felt if offset is None and scale is None else replace(felt, unit="sd")
+    felt = _each(recordings, lambda x: standardised(x, how.offset, how.scale, how.rectify))
+    return felt if is_plain else replace(felt, unit="sd")
 
 
 def standardised(
@@ -93,46 +99,34 @@ def standardised(
 
 
 def condition_pieces(
-    recordings: Trials,
-    trial: int,
-    *,
-    unit: str | None = None,
-    ema_cutoff_Hz: float | None = None,
-    resample_Hz: float | None = None,
-    baseline: Baseline = "none",
-    start_ms: float = START_MS,
-    high_pass_Hz: float = HIGH_PASS_HZ,
-    offset: Sequence[float] | None = None,
-    scale: Sequence[float] | None = None,
-    rectify: bool = False,
+    recordings: Trials, trial: int, how: ConditioningSpec, unit: str | None = None
 ) -> Iterator[np.ndarray]:
     """The conditioned signal of one trial, piece by piece: end to end, what `condition` makes of it.
 
-    unit: that the signal is converted to; its own when absent. The others are those of `condition`.
+    unit: that the signal is converted to; its own when absent.
     A baseline that knows the whole trial (`mean`, `median`) is found in a first pass.
 
     >>> import pandas as pd
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
-    >>> [piece.shape for piece in condition_pieces(skin, 0, resample_Hz=1000.0, baseline="first")]
+    >>> how = ConditioningSpec(resample_Hz=1000.0, baseline="first")
+    >>> [piece.shape for piece in condition_pieces(skin, 0, how)]
     [(57, 2)]
     """
-    where, n_channels = recordings.source or "recordings", recordings.n_channels
-    factor = unit_factor(recordings.unit, unit or recordings.unit, where)
-    for values in (offset, scale):
-        _check_count(values, n_channels, where)
+    factor = unit_factor(recordings.unit, unit or recordings.unit, recordings.source or "recordings")
+    _check_counts(how, recordings)
 
     def sampled() -> Iterator[np.ndarray]:
-        return _sampled(recordings, trial, factor, ema_cutoff_Hz, resample_Hz)
+        return _sampled(recordings, trial, factor, how.ema_cutoff_Hz, how.resample_Hz)
 
-    level = LEVELS[baseline](sampled) if baseline in LEVELS else None
-    past = Past(baseline, resample_Hz or recordings.sampling_rate_Hz, start_ms, high_pass_Hz)
+    level = LEVELS[how.baseline](sampled) if how.baseline in LEVELS else None
+    past = Past(how, how.resample_Hz or recordings.sampling_rate_Hz)
     carried: Carried | None = None
     for piece in sampled():
         if level is not None:
             piece = piece - level
-        elif baseline in CAUSAL:
+        elif how.baseline in CAUSAL:
             piece, carried = past.taken_off(piece, carried)
-        yield standardised(piece, offset, scale, rectify)
+        yield standardised(piece, how.offset, how.scale, how.rectify)
 
 
 def pieces(recordings: Trials, trial: int) -> Iterator[np.ndarray]:
@@ -270,22 +264,23 @@ def acausal_note(encoder: Mapping[str, Any] | None) -> str | None:
 class Past:
     """A baseline of `CAUSAL`, of signals at some rate."""
 
-    baseline: Baseline
+    how: ConditioningSpec
     sampling_rate_Hz: float
-    start_ms: float = START_MS
-    high_pass_Hz: float = HIGH_PASS_HZ
 
     def taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
         """The signal `(..., time, taxel)` without its baseline, and what the piece after it needs.
 
         carried: what the piece before it gave; None at the start of a trial.
 
-        >>> Past("running", 1000.0).taken_off(np.array([[2.0], [4.0], [9.0]]), None)[0].ravel().tolist()
+        >>> past = Past(ConditioningSpec(baseline="running"), 1000.0)
+        >>> past.taken_off(np.array([[2.0], [4.0], [9.0]]), None)[0].ravel().tolist()
         [0.0, 1.0, 4.0]
         """
-        if self.baseline == "high-pass":
+        if self.how.baseline == "high-pass":
             before, n_before = (None, 0) if carried is None else carried
-            followed = ema(signal, ema_coefficient(self.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz"), before)
+            followed = ema(
+                signal, ema_coefficient(self.how.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz"), before
+            )
             return signal - followed, (followed[..., -1, :].copy(), n_before + signal.shape[-2])
         return self._mean_taken_off(signal, carried)
 
@@ -294,8 +289,8 @@ class Past:
         total, n_before = (np.zeros_like(signal[..., 0, :], np.float64), 0) if carried is None else carried
         n_steps = signal.shape[-2]
         last = n_before + n_steps
-        if self.baseline == "start":
-            last = max(1, round(self.start_ms * 1e-3 * self.sampling_rate_Hz))
+        if self.how.baseline == "start":
+            last = max(1, round(self.how.start_ms * 1e-3 * self.sampling_rate_Hz))
         n_new = min(max(last - n_before, 0), n_steps)
         sums = np.cumsum(np.concatenate([total[..., None, :], signal[..., :n_new, :]], axis=-2), axis=-2)
         heard = np.arange(n_before + 1, n_before + n_new + 1)
@@ -442,9 +437,10 @@ def _each(recordings: Recordings, change: Callable[[np.ndarray], np.ndarray]) ->
     return replace(recordings, signals=changed)
 
 
-def _check_count(values: Sequence[float] | None, n_channels: int, where: str) -> None:
-    if values is not None and len(values) != n_channels:
-        raise InputError(
-            f"{where}: has {n_channels} channels but the encoder's conditioning "
-            f"has {len(values)} offsets or scales; calibrate an encoder for this sensor"
-        )
+def _check_counts(how: ConditioningSpec, recordings: Trials) -> None:
+    for values in (how.offset, how.scale):
+        if values is not None and len(values) != recordings.n_channels:
+            raise InputError(
+                f"{recordings.source or 'recordings'}: has {recordings.n_channels} channels but the encoder's "
+                f"conditioning has {len(values)} offsets or scales; calibrate an encoder for this sensor"
+            )

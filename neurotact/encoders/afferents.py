@@ -3,16 +3,17 @@
 Texture paper, Eqs. 1 to 3 and Tables II and III. SA-I feels `gain x`, RA-I feels `gain |dx/dt|`.
 """
 
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import Field, model_validator
 
 from neurotact.backend import Backend, use_native
+from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import native
 from neurotact.errors import InputError
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
-from neurotact.spec import Spec, without_defaults
+from neurotact.spec import Spec
 
 
 class AfferentType(Spec):
@@ -22,32 +23,6 @@ class AfferentType(Spec):
     """Drive in mV, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
     t_ref_ms: float = Field(default=1.0, ge=0)
     """Refractory period."""
-
-
-class ConditioningSpec(Spec):
-    """What is done to a recording before it drives afferents, in this order."""
-
-    ema_cutoff_Hz: float | None = Field(default=None, gt=0)
-    """Cut-off of the exponential moving average; none when absent."""
-    resample_Hz: float | None = Field(default=None, gt=0)
-    """The encoder's clock; the recording's own rate when absent."""
-    baseline: Literal["none", "mean", "median", "first", "start", "running", "high-pass"] = "none"
-    """What is subtracted from each taxel of each trial. `mean` and `median` know the whole trial, so that a window
-    knows what comes after it; `first`, `start`, `running` and `high-pass` know the past alone."""
-    start_ms: float = Field(default=100.0, gt=0)
-    """The baseline `start` is the mean up to this time, and kept from then on."""
-    high_pass_Hz: float = Field(default=0.5, gt=0)
-    """Cut-off of the baseline `high-pass`."""
-    offset: tuple[float, ...] | None = None
-    """Standardisation, a taxel each: subtracted first (fitted on training trials by `neurotact calibrate`)."""
-    scale: tuple[Annotated[float, Field(gt=0)], ...] | None = None
-    """Standardisation, a taxel each: divided by afterwards."""
-    rectify: bool = False
-    """Take the absolute value at the end."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), ("start_ms", "high_pass_Hz"))
 
 
 class AfferentSpec(Spec):

@@ -19,6 +19,7 @@ from scipy.special import entr
 from neurotact.data.conditioning import (
     ACAUSAL,
     Baseline,
+    ConditioningSpec,
     condition_pieces,
     conditioned_length,
     fit_standardisation,
@@ -28,7 +29,7 @@ from neurotact.data.conditioning import (
 )
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
-from neurotact.encoders.afferents import AfferentSpec, ConditioningSpec, encode
+from neurotact.encoders.afferents import AfferentSpec, encode
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms
@@ -252,14 +253,14 @@ def _draw(labels: np.ndarray, per_class: int, rng: np.random.Generator) -> np.nd
 def _excerpts(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator) -> Spool:
     """A stretch of each trial, at a random place; conditioned before it is cut, as an encoder sees it."""
     rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.resample_Hz or recordings.sampling_rate_Hz
-    steps = conditioning.model_dump(exclude={"offset", "scale", "rectify"})
+    how = conditioning.model_copy(update={"offset": None, "scale": None, "rectify": False})
 
     def cut() -> Iterator[np.ndarray]:
         for trial, n_samples in enumerate(recordings.lengths.tolist()):
             n_steps = conditioned_length(n_samples, rate_Hz, conditioning.resample_Hz)
             length = min(n_steps, max(1, round(longest_s * clock_Hz)))
             start = int(rng.integers(n_steps - length + 1))
-            yield _stretch(condition_pieces(recordings, trial, **steps), start, start + length)
+            yield _stretch(condition_pieces(recordings, trial, how), start, start + length)
 
     return Spool(cut())
 

@@ -78,7 +78,7 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
 
 def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -> Iterator[TrialSpikes]:
     recorded = recordings.select(block).loaded()
-    felt = condition(recorded.to_unit(spec.unit), **spec.conditioning.model_dump())
+    felt = condition(recorded.to_unit(spec.unit), spec.conditioning)
     rate_Hz = felt.sampling_rate_Hz
     if isinstance(felt.signals, np.ndarray):
         rasters = iter(encode(felt.signals, rate_Hz, spec, trials=block)[0])
@@ -93,7 +93,7 @@ def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpi
     """The spikes of one trial, piece by piece."""
     state, n_steps = None, 0
     found: list[TrialSpikes] = []
-    for piece in condition_pieces(recordings, trial, unit=spec.unit, **spec.conditioning.model_dump()):
+    for piece in condition_pieces(recordings, trial, spec.conditioning, spec.unit):
         raster, state = encode(piece[None], _clock(recordings, spec), spec, state, trials=np.array([trial]))
         part = spikes_of(raster[0])
         found.append(part._replace(steps=part.steps + n_steps))

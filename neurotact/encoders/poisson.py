@@ -6,7 +6,8 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from neurotact.encoders.afferents import ConditioningSpec, checked, drives
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.encoders.afferents import checked, drives
 from neurotact.errors import InputError
 from neurotact.neurons import refractory_steps
 from neurotact.spec import Spec

@@ -42,7 +42,7 @@ def same_drive_table(
     Columns: drive, label (empty for `constant`), t_ref_ms, peak_mV (of the scaled drive) and spikes, the last two means
     over trials. A drive that never fires so often is left out.
     """
-    felt = condition(recordings.to_unit(encoder.unit), **encoder.conditioning.model_dump())
+    felt = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
     n_steps = round(spec.duration_s * felt.sampling_rate_Hz)
     rows = []
     for drive, label, shapes in _drives(felt, spec.trials, round(start_ms * 1e-3 * felt.sampling_rate_Hz), n_steps):

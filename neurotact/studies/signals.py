@@ -26,7 +26,7 @@ def signal_table(recordings: Recordings, encoder: EncoderSpec, by: Iterable[str]
     on the taxel where that is highest), principal_Hz (highest line of that taxel's mean amplitude spectrum), and for
     gratings expected_Hz, the speed as it was set / (pitch + 1 mm).
     """
-    felt = condition(recordings.to_unit(encoder.unit), **encoder.conditioning.model_dump())
+    felt = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
     start = round(start_ms * 1e-3 * felt.sampling_rate_Hz)
     signals = [signal[start:] for signal in felt.signals]
     peaks = np.array([np.abs(signal).max(axis=0) for signal in signals])

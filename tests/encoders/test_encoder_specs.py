@@ -115,7 +115,7 @@ def test_chunks_of_trials_do_not_show(name, monkeypatch):
 
 def test_the_gains_give_each_population_the_spikes_of_lif_on_the_gratings():
     recordings = simulate(GratingsSpec(trials=2))
-    felt = condition(recordings, **specs.load("sa1-ra1-lif").conditioning.model_dump())
+    felt = condition(recordings, specs.load("sa1-ra1-lif").conditioning)
     sent = {name: specs.encode(felt.signals, 2000.0, specs.load(name))[0][:, 500:].astype(int) for name in NAMES}
     lif = sent.pop("sa1-ra1-lif")
     for spikes in sent.values():

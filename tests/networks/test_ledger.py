@@ -3,8 +3,8 @@
 import pandas as pd
 import pytest
 
+from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import specs as encoders
-from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.metrics import synops
 from neurotact.networks import ledger
 from neurotact.networks.specs import RSNNSpec

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import Split, split_conditions
 from neurotact.data.windows import Windows, WindowSpec, cut
-from neurotact.encoders.afferents import ConditioningSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.studies import preparation, study

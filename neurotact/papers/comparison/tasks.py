@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 from sklearn.model_selection import GroupShuffleSplit
 
-from neurotact.data.conditioning import condition
+from neurotact.data.conditioning import ConditioningSpec, condition
 from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import expand
@@ -50,7 +50,7 @@ class FabricsTask(Spec):
 
 def gratings_task(spec: GratingsTask) -> TaskData:
     """Level, spread and rate of each taxel; sequences after the encoder's moving average at 30 Hz."""
-    felt = condition(gratings.simulate(spec.simulation), ema_cutoff_Hz=30.0)
+    felt = condition(gratings.simulate(spec.simulation), ConditioningSpec(ema_cutoff_Hz=30.0))
     return windowed(felt, spec.start_ms, spec.length_ms)
 
 

@@ -18,7 +18,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.data.conditioning import condition
+from neurotact.data.conditioning import ConditioningSpec, condition
 from neurotact.data.readers import pvdf_hardness
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
 from neurotact.data.sources import expand
@@ -91,7 +91,8 @@ def signal_table(recordings: Recordings, encoder: AfferentSpec) -> pd.DataFrame:
     weak_mV: the 99th percentile on the strongest of the weak taxels. strong: taxels whose 99th is above 2 mV.
     principal_Hz: the highest line of the mean recorded spectrum; expected_Hz: real speed / spatial period.
     """
-    smooth = condition(recordings, ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
+    how = ConditioningSpec(ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
+    smooth = condition(recordings, how)
     start = round(SETTLED_s * recordings.sampling_rate_Hz)
     recorded, smooth = np.asarray(recordings.signals)[:, start:], np.asarray(smooth.signals)[:, start:]
     rows = []
@@ -425,7 +426,8 @@ def quiet_noise(patch: Recordings) -> tuple[np.ndarray, np.ndarray]:
 @printed
 def draw_signals(recordings: Recordings, encoder: AfferentSpec) -> Figure:
     """One second of gratings 1, 5 and 8 at 12 N, both speeds: as recorded (pale) and after the EMA; and the spectra."""
-    smooth = condition(recordings, ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
+    how = ConditioningSpec(ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
+    smooth = condition(recordings, how)
     speeds = sorted(recordings.conditions.speed_mm_per_s.unique())
     figure = new_figure(5.0)
     grid = figure.subplots(len(SHOWN), len(speeds) + 1, squeeze=False, width_ratios=[1.3] * len(speeds) + [1.0])
