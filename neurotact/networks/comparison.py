@@ -1,16 +1,12 @@
 """How good a test accuracy is: its interval, chance, and a linear classifier on the same spikes."""
 
 import math
-import warnings
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.linear_model import LogisticRegression
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 
+from neurotact.metrics.linear import fit_linear
 from neurotact.networks.trained import Sides
 from neurotact.networks.training import Examples
 
@@ -65,10 +61,7 @@ def compare(accuracy: float, sides: Sides, n_trials: int, n_classes: int) -> Com
 
 def linear_accuracy(training: Examples, test: Examples) -> float:
     """Test accuracy of logistic regression on each afferent's spikes per window, standardised on training windows."""
-    model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # of counts that tell nothing apart
-        model.fit(_counts(training), training.labels.numpy())
+    model = fit_linear(_counts(training), training.labels.numpy())
     return float(model.score(_counts(test), test.labels.numpy()))
 
 

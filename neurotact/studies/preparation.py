@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from sklearn.linear_model import LogisticRegression
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
@@ -25,6 +22,7 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import spike_trains
+from neurotact.metrics.linear import fit_linear
 from neurotact.spec import build, digest
 from neurotact.studies import manifest
 from neurotact.studies.same_drive import same_drive_table
@@ -255,8 +253,7 @@ def baseline_table(
     for name, where in subsets.items():
         inside = select_conditions(recordings.conditions, where)[windows.trial]
         train, validation, test = (inside & np.isin(windows.trial, part) for part in parts)
-        model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
-        model.fit(features[train], labels[train])
+        model = fit_linear(features[train], labels[train])
         majority = np.bincount(labels[train]).argmax()
         rows.append(
             {
