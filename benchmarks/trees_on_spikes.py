@@ -49,7 +49,7 @@ def features_of(trains: SpikeTrains, length_ms: float) -> dict[str, np.ndarray]:
 
 
 def rows_of(counts: dict[str, np.ndarray], labels: np.ndarray, split: Split) -> Iterator[dict]:
-    """A row a way of counting, the one that validates best marked; only its test accuracy has all seeds."""
+    """A row per way of counting, the one that validates best marked; only its test accuracy has all seeds."""
 
     def fitted(name: str, seed: int) -> ExtraTreesClassifier:
         return ExtraTreesClassifier(TREES, random_state=seed).fit(counts[name][split.train], labels[split.train])

@@ -262,7 +262,7 @@ def report_study(folder: str | Path) -> pd.DataFrame:
 
 
 def save_network(network: RSNN, folder: str | Path, *, force: bool = False) -> None:
-    """Save a network as safetensors and JSON in `folder`; one that is there is refused unless `force`."""
+    """Save a network as safetensors and JSON in `folder`; an existing network is refused unless `force`."""
     _instance("network", network, RSNN, "a SpikingClassifier has one in network_")
     files.check_new(Path(folder) / checkpoint.NETWORK, force=force)
     checkpoint.save(network, folder)

@@ -45,7 +45,7 @@ def whole(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written, it is a folder; name a file")
     if os.path.exists(path) and not os.path.isfile(path):  # a rename would put a file in its place
         raise InputError(f"{path}: cannot be written, it is a pipe, a socket or a device; name a file")
-    # Named before it is there, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
+    # Named before it exists, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
     # matplotlib and others choose the format by it.
     draft = path.parent / f"{DRAFT}{secrets.token_hex(8)}{path.suffix}"
     try:

@@ -204,7 +204,7 @@ def test_a_raster_without_its_recordings_says_so(neurotact, made, tmp_path):
         target.attrs.update({**source.attrs, "source": "gone.h5"})
     code, _, err = neurotact("raster", tmp_path / "moved.h5", "-o", tmp_path / "raster.svg")
     assert code == 0
-    assert err == "neurotact: the signal is left out: gone.h5 is not there; name it with --recordings\n"
+    assert err == "neurotact: the signal is left out: gone.h5 does not exist; name it with --recordings\n"
 
 
 def test_events_are_written_as_a_table(neurotact, made, tmp_path):
@@ -772,7 +772,7 @@ def test_classes_that_the_network_does_not_know_are_refused(neurotact, refused, 
     table = other.conditions.replace("fine", "smooth")
     save_recordings(Recordings(other.signals, RATE_Hz, "mV", table), tmp_path / "other.h5")
     assert neurotact("encode", tmp_path / "other.h5", "-o", tmp_path / "spikes.h5")[0] == 0
-    refused(("infer", made / "run", tmp_path / "spikes.h5"), "class 'smooth' is none that the network knows")
+    refused(("infer", made / "run", tmp_path / "spikes.h5"), "class 'smooth' is not a class of the network")
 
 
 def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):

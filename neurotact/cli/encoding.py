@@ -116,7 +116,7 @@ def _signal_of(
     """The recorded signal of one trial, its sampling rate and unit; None where the recordings are not at hand."""
     path = given or Path(trains.source or ".")
     if not (given or path.is_file()):
-        say(f"the signal is left out: {trains.source or 'its recordings'} is not there; name it with --recordings")
+        say(f"the signal is left out: {trains.source or 'its recordings'} does not exist; name it with --recordings")
         return None
     with hdf5.open_recordings(path) as data:
         if len(data) != len(trains):

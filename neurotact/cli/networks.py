@@ -48,7 +48,7 @@ SIDES = {
     synops.VALIDATION: "validation windows: they chose the epoch and the patience",
     synops.TEST: "test windows",
     synops.UNSEEN: "unseen windows: of trials on no side of the split",
-    synops.UNKNOWN: "windows of which it cannot be told whether they were seen in training",
+    synops.UNKNOWN: "windows that may have been seen in training: the network was saved without its trials",
 }
 
 
@@ -67,14 +67,14 @@ def train_command(
     seed: Seed = 0,
     device: DeviceOption = "cpu",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted training; begin where there is none.")
+        bool, typer.Option("--resume", help="Go on with an interrupted training; without one, begin.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Train a network on windows of spike trains; the best on validation is kept.
+    """Train a network on windows of spike trains; the best epoch on validation windows is saved.
 
-    What is interrupted goes on with the same command and --resume, and leaves the same files.
+    After an interruption, the same command with --resume goes on and leaves the same files.
     """
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     task = trained.task_of("train", (window_ms, start_ms, hop_ms, per_trial), split_seed, stratify, tolerance)
@@ -247,7 +247,7 @@ def _device(name: str) -> str:
 
 
 def _print_sides(summary: pd.DataFrame, *, as_json: bool) -> None:
-    """A SOP summary, a table a side; as JSON, one table."""
+    """A SOP summary, one table per side; as JSON, one table."""
     if as_json:
         print(to_json(summary))
         return

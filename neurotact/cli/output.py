@@ -16,7 +16,7 @@ console = Console(soft_wrap=True, highlight=False)
 
 
 def print_row(title: str, row: dict[str, Any], *, as_json: bool = False) -> None:
-    """One result, a line a column; as JSON, a list of one record."""
+    """One result, a line per column; as JSON, a list of one record."""
     if as_json:
         print(to_json(pd.DataFrame([row])))
         return

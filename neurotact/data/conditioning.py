@@ -23,7 +23,7 @@ Pieces = Callable[[], Iterator[np.ndarray]]
 PIECE_VALUES = 1_000_000
 """Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
 FINEST_CLOCK = 1000
-"""Steps of an encoder's clock for each sample of a recording, at most: finer ones take time and tell nothing new."""
+"""Steps of an encoder's clock for each sample of a recording, at most: finer ones take time and add no information."""
 
 
 class ConditioningSpec(Spec):
@@ -87,7 +87,7 @@ def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
 def standardised(
     signal: np.ndarray, offset: Sequence[float] | None, scale: Sequence[float] | None, rectify: bool = False
 ) -> np.ndarray:
-    """`(signal - offset) / scale`, a value a taxel, of `(..., time, taxel)`; its absolute value where asked.
+    """`(signal - offset) / scale`, a value per taxel, of `(..., time, taxel)`; its absolute value where asked.
 
     >>> standardised(np.array([[1.0, 5.0]], np.float32), (2.0, 5.0), (0.5, 1.0)).tolist()
     [[-2.0, 0.0]]

@@ -240,7 +240,7 @@ def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[Conditi
         notes.append(f"the EMA at {cutoff_Hz:g} Hz is left out: {rate_Hz:g} Hz recordings end at {rate_Hz / 2:g} Hz")
     if conditioning.resample_Hz is None and rate_Hz < CLOCK_HZ:
         change["resample_Hz"] = CLOCK_HZ
-        notes.append(f"the clock is {CLOCK_HZ:g} Hz: at {rate_Hz:g} Hz a refractory period of 1 ms cannot be told")
+        notes.append(f"the clock is {CLOCK_HZ:g} Hz: at {rate_Hz:g} Hz a refractory period of 1 ms cannot be resolved")
     return conditioning.model_copy(update=change), notes
 
 

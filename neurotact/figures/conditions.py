@@ -75,7 +75,7 @@ def draw_signals(table: pd.DataFrame, names: Sequence[str]) -> Figure:
 
 @printed
 def draw_same_drive(table: pd.DataFrame, published: Sequence[tuple[float, float]]) -> Figure:
-    """Spikes of one afferent over its refractory period, a line a drive (Fig. 4).
+    """Spikes of one afferent over its refractory period, a line per drive (Fig. 4).
 
     table: of `same_drive.csv`; published: pairs of t_ref_ms and spikes.
     """

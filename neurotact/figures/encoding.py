@@ -94,7 +94,7 @@ def draw_rasters(
 
 @printed
 def draw_spike_counts(table: pd.DataFrame, shown: Sequence[str], classes: Classes) -> Figure:
-    """Spikes a second of both populations and their sum over the t_ref pairs, a panel a class (Fig. 6)."""
+    """Spikes a second of both populations and their sum over the t_ref pairs, a panel per class (Fig. 6)."""
     pairs = list(dict.fromkeys(table["pair"]))
     figure = new_figure(2.4)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]

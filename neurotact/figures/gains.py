@@ -26,7 +26,7 @@ COMPROMISE = (
 
 @printed
 def draw_isi_distributions(isi: pd.DataFrame, t_ref_ms: float, classes: Classes) -> Figure:
-    """One row per population, a column a gain: the share of each class's intervals in each bin, at one t_ref."""
+    """One row per population, a column per gain: the share of each class's intervals in each bin, at one t_ref."""
     isi = isi[isi["t_ref_ms"] == t_ref_ms]
     gains = {name: sorted(set(isi["gain"][isi["population"] == name])) for _, name, _, _ in POPULATIONS}
     n_columns = max(map(len, gains.values()))
@@ -83,7 +83,7 @@ def draw_compromise(rows: pd.DataFrame) -> Figure:
 
 
 def over_gain_and_t_ref(rows: pd.DataFrame, kind: str, column: str) -> pd.DataFrame:
-    """A measure of one population, a row a gain and a column a t_ref, means over whatever else was swept.
+    """A measure of one population, a row per gain and a column per t_ref, means over whatever else was swept.
 
     >>> rows = pd.DataFrame({"gain_sa": [1.8, 3.2], "t_ref_sa_ms": [1.0, 1.0], "spikes_sa_per_s": [25.0, 78.0]})
     >>> over_gain_and_t_ref(rows, "sa", "spikes_sa_per_s")[1.0].tolist()

@@ -48,7 +48,7 @@ class Published(NamedTuple):
 def draw_accuracy_and_sops(
     results: pd.DataFrame, published: Sequence[Published] = (), chance: float | None = None
 ) -> Figure:
-    """Test accuracy (left) and synaptic operations (right) by t_ref pair and size, a row a data set (Fig. 11).
+    """Test accuracy (left) and synaptic operations (right) by t_ref pair and size, a row per data set (Fig. 11).
 
     Means over seeds with their standard deviation, each seed as a dot; diamonds are published.
     """
@@ -78,7 +78,7 @@ def draw_accuracy_and_sops(
 
 @printed
 def draw_trade_off(results: pd.DataFrame) -> Figure:
-    """Test accuracy against synaptic operations, a panel a data set, with the Pareto fronts.
+    """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
 
     A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit.
     """

@@ -1,6 +1,6 @@
 """Figures of many hyperparameter searches at once, a search a cell: what they gain over trials, and what wins.
 
-Tables hold one row per trial: cell, setting, pair, trial, outcome, value, and a column a hyperparameter.
+Tables hold one row per trial: cell, setting, pair, trial, outcome, value, and a column per hyperparameter.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ MOST_BARS = 12
 
 @printed
 def draw_best_so_far(trials: pd.DataFrame) -> Figure:
-    """A panel a setting: the best value of each cell's search so far, and the median over the cells of a pair."""
+    """A panel per setting: the best value of each cell's search so far, and the median over the cells of a pair."""
     settings = list(dict.fromkeys(trials["setting"]))
     pairs = list(dict.fromkeys(trials["pair"]))
     columns = min(len(settings), 3)
@@ -51,7 +51,7 @@ def draw_best_so_far(trials: pd.DataFrame) -> Figure:
 
 @printed
 def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """A panel a hyperparameter: how often each value stands in a cell's best trial, and in all trials (line).
+    """A panel per hyperparameter: how often each value stands in a cell's best trial, and in all trials (line).
 
     winners: of `winners`. space: the dimension of each column, in NNI's terms.
     """

@@ -36,7 +36,7 @@ MEASURES = (
 def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) -> Figure:
     """Accuracy and SOPs of each size over window lengths, their mean, and the least length within the tolerance.
 
-    networks: a row a size and window length (means over seeds). means: one row per window length, over sizes too.
+    networks: a row per size and window length (means over seeds). means: one row per window length, over sizes too.
     """
     figure = new_figure(2.7)
     panels = figure.subplots(1, 2)
@@ -62,7 +62,7 @@ def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) 
 def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
     """Accuracy against SOPs of every network on validation trials; the chosen ones are ringed and numbered.
 
-    networks: a row a pair and size (means over seeds), of the step that was kept.
+    networks: a row per pair and size (means over seeds), of the step that was kept.
     """
     figure = new_figure(3.4)
     axes = figure.subplots()

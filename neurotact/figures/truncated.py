@@ -40,7 +40,7 @@ def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> 
 
 @printed
 def draw_cut_short(table: pd.DataFrame) -> Figure:
-    """Accuracy (left) and SOPs (right) against the length that is heard, a row a t_ref pair.
+    """Accuracy (left) and SOPs (right) against the length that is heard, a row per t_ref pair.
 
     table: of `cut_short.csv`, with the columns `pair`, `panel` (its row's title) and `trained_ms`.
     The thick line joins networks at the whole window that they were trained on; a thin one is one of them, cut short.
@@ -79,7 +79,7 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
 
 @printed
 def draw_exit_curves(table: pd.DataFrame, chosen: pd.DataFrame, published: pd.DataFrame) -> Figure:
-    """Accuracy lost, steps saved and SOPs saved over patience, a row a t_ref pair, both modes of early exit.
+    """Accuracy lost, steps saved and SOPs saved over patience, a row per t_ref pair, both modes of early exit.
 
     table: of `exit_curve.csv` with `panel`. chosen: panel and exit_patience of each network, which validation chose.
     published: panel, patience and steps_saved of the texture paper's Table V.

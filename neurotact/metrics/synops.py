@@ -18,7 +18,7 @@ from neurotact.tables import escaped, to_markdown
 SIDE = "side"
 """The column of a report that says where a network met each window's trial before, where it has one."""
 TRAINING, VALIDATION, TEST, UNSEEN, UNKNOWN = SIDES = ("training", "validation", "test", "unseen", "unknown")
-"""From the most seen to the least: the sides of the split; trials on none of them; those of which it cannot be told."""
+"""From the most seen to the least: the sides of the split; trials on none of them; trials of an unknown side."""
 COLUMNS = (
     "trial",
     "label",

@@ -27,7 +27,7 @@ class Exits(NamedTuple):
 
 
 class ExitCurve(NamedTuple):
-    """What patience buys, a row a patience from 1 to the window's length: `(patience,)` each.
+    """What patience buys, a row per patience from 1 to the window's length: `(patience,)` each.
 
     The last row is the full window: a leader cannot stand longer than that.
     """

@@ -115,7 +115,7 @@ def first_difference(
 
 
 def _whole(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
-    """An encoder's table with its defaults; as it is where it is none that this version knows."""
+    """An encoder's table with its defaults; unchanged if this version does not know the model."""
     model = MODELS.get(str(encoder.get("model", "lif")))
     try:
         return encoder if model is None else model.spec.model_validate(encoder).model_dump(mode="json")

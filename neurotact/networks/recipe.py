@@ -1,4 +1,4 @@
-"""How a network is trained unless told otherwise: rules that look at the training windows alone, never at the set.
+"""How a network is trained by default: rules that look at the training windows alone, never at the set.
 
 The time constants follow the window, the weights are scaled on the spikes, the rates follow the weights and fall to 0,
 and the readout adds up hidden spikes. `resolve` writes what the rules choose into the spec, where it can be read,

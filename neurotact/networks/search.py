@@ -70,7 +70,7 @@ class Trial:
     epochs: validation accuracy after each epoch.
     outcome: finished, stopped (by the assessor) or failed.
     accuracy, sops: of the network that training kept, on validation windows; of the last epoch's when stopped.
-    value: what the tuner was told.
+    value: what the tuner got.
     """
 
     id: int

@@ -1,7 +1,7 @@
 """A training in a folder: it goes on where it was interrupted, to the bytes that it would have left.
 
 While it runs the folder holds `train.toml`, what was asked, and `checkpoint.safetensors`, the state between two epochs;
-at its end `train.toml`, the network and what it came to. Until the first epoch is over the folder is as it was before.
+at its end `train.toml`, the network and what it came to. Until the first epoch ends, the folder is not changed.
 """
 
 import os
@@ -94,7 +94,7 @@ def run(
     """Train a network on spikes and leave it in `folder`; None where that was done before.
 
     force: replace what an earlier training left there, and nothing else.
-    resume: go on with what is there, or begin where nothing is.
+    resume: go on with an interrupted training in the folder; without one, begin.
     tell: called with each line on what the network's recipe chooses.
     Raises Interrupted, and InputError for a folder that is not free, or that holds another training.
     """

@@ -32,7 +32,7 @@ from neurotact.spec import Spec, build
 from neurotact.tables import write_table
 
 LOG = "training.csv"
-"""The training log: a row an epoch."""
+"""The training log: a row per epoch."""
 
 
 class Task(Spec):
@@ -261,7 +261,7 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
 
 
 def recall(restored: Restored) -> Provenance | None:
-    """What a network was trained on; None, with a warning, where that cannot be told.
+    """What a network was trained on; None, with a warning, if that is unknown.
 
     A network of an earlier version did not save it. Its spikes and the split of its task say the same, with a warning,
     as long as they are where they were.
@@ -275,7 +275,7 @@ def recall(restored: Restored) -> Provenance | None:
             raise InputError(f"{restored.spikes_path}: holds the spikes of another encoder")
         found = provenance_of(trains, trials_of(trains, restored.task))
     except InputError as error:
-        warnings.warn(f"{about}, so that it cannot be told which it has seen ({error}); train it again", stacklevel=2)
+        warnings.warn(f"{about}, so its training trials are unknown ({error}); train it again", stacklevel=2)
         return None
     warnings.warn(f"{about}; its split is drawn again from {restored.spikes_path}", stacklevel=2)
     return found
@@ -292,7 +292,7 @@ def infer(
     """Decide every window of some spike trains: the SOP report, one row per window.
 
     Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, on which the network
-    met the window's trial: training, validation or test, else unseen; unknown where it cannot be told.
+    met the window's trial: training, validation or test, else unseen; "unknown" for a network saved without its trials.
 
     test_only: leave out all trials but the network's own test trials.
     allow_other_encoder: warn of spikes that are encoded otherwise than in training, rather than refuse them.
@@ -300,7 +300,7 @@ def infer(
     """
     unknown = sorted(set(trains.classes) - set(restored.classes))
     if unknown:
-        raise InputError(f"spikes: class '{unknown[0]}' is none that the network knows ({', '.join(restored.classes)})")
+        raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
     if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
         raise InputError(
             f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "

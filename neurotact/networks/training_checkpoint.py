@@ -1,6 +1,6 @@
 """Checkpoints of a training on disk: one safetensors file, whole or as it was before, never pickle.
 
-Tensors: `log` (a row an epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
+Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
 and after its best epoch), `adam.*`, and the SHA-256 of all of these together with the name of the training.
 """
 

@@ -24,7 +24,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
     It may run on any machine: it reads and keeps nothing but what is passed.
 
     kept: where the journal of the cell's search is kept, so that a search that was interrupted goes on; without it,
-    or without a search, nothing is read or kept.
+    or without a search, no journal is read or saved.
     """
     if cell.network is None:
         return encoded.run(cell, trains)

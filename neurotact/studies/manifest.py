@@ -75,7 +75,7 @@ def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | Non
 
 
 def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[str, str] | None) -> str | None:
-    """As `flaws`; an empty text where nothing is wrong."""
+    """As `flaws`; an empty text if no file is damaged."""
     path = folder / name
     if known is None and (folder / FILES).is_file():
         return f"cannot be checked, since {FILES} is damaged"
@@ -107,7 +107,7 @@ def sound_json(folder: Path, name: str) -> Any:
 
 
 def fingerprint(path: Path) -> str | None:
-    """The SHA-256 of a file, or of the names and contents of all files in a folder; None where nothing is there.
+    """The SHA-256 of a file, or of the names and contents of all files in a folder; None if neither exists.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())

@@ -132,7 +132,7 @@ def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
 
 
 def check_files(folder: Path, paths: Iterable[str]) -> None:
-    """Refuse a run folder where one of these files, of those that are there, was changed."""
+    """Refuse a run folder in which one of these files was changed; files that do not exist are ignored."""
     for path in paths:
         place, name = (folder / path).parent, Path(path).name
         flaw = manifest.flaws(place, [name]).get(name)
@@ -187,7 +187,7 @@ def read_encoding(path: Path) -> pd.DataFrame:
 def _firing(
     trains: SpikeTrains, felt: spike_trains.Events, trial_of: np.ndarray, columns: Sequence[str]
 ) -> pd.DataFrame:
-    """Rates and mean intervals of both populations, a row a combination of `columns` in the order of the trials.
+    """Rates and mean intervals of both populations, a row per combination of `columns` in the order of the trials.
 
     felt: spikes of stretches of trials; trial_of: the trial of each stretch, `(stretch,)`.
     """
@@ -291,7 +291,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
 
 
 def _source(dataset: DatasetSpec) -> str | None:
-    """The fingerprint of the file or folder that a study reads; None where it reads none, or none is there."""
+    """The fingerprint of the file or folder that a study reads; None if it simulates, or if the file does not exist."""
     named = dataset.file if dataset.file is not None else dataset.path
     return None if dataset.simulate is not None or named is None else manifest.fingerprint(expand(named))
 

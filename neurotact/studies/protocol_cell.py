@@ -63,7 +63,7 @@ def _sources(cell: ProtocolCell) -> dict[str, str]:
 
 
 def _are_same(before: Mapping[str, str], now: Mapping[str, str]) -> bool:
-    """Whether what is there of a cell's sources is what it was; what is gone since is not needed again."""
+    """Whether a cell's sources are unchanged; those that no longer exist are ignored, since the cell has read them."""
     return all(before.get(path) == sha256 for path, sha256 in now.items())
 
 

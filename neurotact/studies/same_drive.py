@@ -36,7 +36,7 @@ class SameDriveSpec(Spec):
 def same_drive_table(
     recordings: Recordings, encoder: AfferentSpec, spec: SameDriveSpec, start_ms: float
 ) -> pd.DataFrame:
-    """Spikes of an SA-I afferent, a row a drive and a refractory period.
+    """Spikes of an SA-I afferent, a row per drive and a refractory period.
 
     Drives: `constant`; and for each class `recorded`, the signal of its strongest taxel in its strongest trials.
     Columns: drive, label (empty for `constant`), t_ref_ms, peak_mV (of the scaled drive) and spikes, the last two means

@@ -44,7 +44,7 @@ def seal(folder: Path, cell: AnyCell, names: Iterable[str]) -> None:
 
 
 def is_done(folder: Path, cell: AnyCell) -> bool:
-    """Whether what the cell left is as it was written, and was made from the spikes that are there.
+    """Whether the files of a cell are unchanged, and were made from the present spikes.
 
     Its result must be there; a report does without the network and the other files, as of a run that was made smaller.
     """

@@ -171,7 +171,7 @@ def _number(rng: random.Random) -> str:
 
 
 def odd_path(rng: random.Random, place: Path) -> str:
-    """A path that is there and no fitting file, or that is not there."""
+    """A path to something that is not a fitting file, or to nothing."""
     how = rng.choice(["fifo", "zero", "sparse", "folder", "loop", "words", "words", "null", "long", "inside"])
     made = place / f"odd-{how}"
     if how == "fifo" and not made.exists():
@@ -379,7 +379,7 @@ def names(rng: random.Random, place: Path, base: Path) -> Case:
 
 
 def outputs(rng: random.Random, place: Path, base: Path) -> Case:
-    """An output that is there, that is an input, that cannot be written."""
+    """An output that exists, that is an input, or that cannot be written."""
     name = rng.choice([n for n, (words, _) in COMMANDS.items() if "-o" in words and n not in SLOW])
     words, needs = COMMANDS[name]
     fetch(base, place, *needs)

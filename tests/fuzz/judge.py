@@ -55,7 +55,7 @@ class Case(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """How a case went. fault: what is wrong in a few words, the same for the same cause; empty when nothing is."""
+    """How a case went. fault: what is wrong in a few words, the same for the same cause; empty without a fault."""
 
     kind: str
     code: int

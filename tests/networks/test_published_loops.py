@@ -1,7 +1,8 @@
 """The networks of the Braille-reading study and of SpyTorch, loop by loop, beside ours with equal weights.
 
-S. F. Mueller-Cleve et al., Braille letter reading (2022), has two hidden layers that differ in when a spike comes back.
-Each is written here from its equations: in `current` the order of a turn's lines decides it.
+S. F. Mueller-Cleve et al., Braille letter reading (2022), has two kinds of hidden layer, which differ in the step
+in which a spike is fed back. Each is written here from its equations; the place of the line for `current`
+decides it.
 """
 
 from typing import NamedTuple, get_args

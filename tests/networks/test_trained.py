@@ -356,7 +356,7 @@ def test_an_old_network_whose_spikes_are_gone_cannot_tell(old, tmp_path, replace
     (tmp_path / "spikes.h5").unlink()
     if replaced:
         hdf5.save_spikes(replace(trains, encoder={**ENCODER, "tau_mem_ms": 7.0}), tmp_path / "spikes.h5")
-    with pytest.warns(UserWarning, match="cannot be told which it has seen .*; train it again"):
+    with pytest.warns(UserWarning, match="its training trials are unknown .*; train it again"):
         table = infer(restored, trains)
     assert set(table.side) == {"unknown"}
 

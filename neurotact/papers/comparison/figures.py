@@ -30,7 +30,7 @@ COLUMNS = 3
 
 @printed
 def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
-    """Test accuracy against a cost on a logarithmic axis, a panel a task, a mark a family.
+    """Test accuracy against a cost on a logarithmic axis, a panel per task, a mark a family.
 
     results: rows with task, family, accuracy_test, chance and the column `cost`; means and deviations are taken here.
     """
@@ -65,7 +65,7 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
 
 @printed
 def draw_energy_shares(results: pd.DataFrame) -> Figure:
-    """The energy estimate of what stands before the classifier and of the whole decision, a panel a task.
+    """The energy estimate of what stands before the classifier and of the whole decision, a panel per task.
 
     results: rows with task, family, energy_estimate_nJ and energy_before_nJ.
     """

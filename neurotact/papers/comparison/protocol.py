@@ -152,7 +152,7 @@ def _costs(spent: Cost) -> dict[str, float]:
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Accuracy against the energy estimate and against the signal that must be waited for, a panel a task."""
+    """Accuracy against the energy estimate and against the signal that must be waited for, a panel per task."""
     shown = results[results["accuracy_test"].notna()]
     if shown.empty:
         return
@@ -162,21 +162,21 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         figures.draw_trade_offs(shown, "energy_estimate_nJ", "energy estimate of a decision (nJ)"),
         "Means over the splits with their deviations; the dotted line is the largest class, the open star decides "
         "early. To the right it costs more, further down it errs more.",
-        "A panel a task, with a mark for each family of classifiers.",
+        "A panel per task, with a mark for each family of classifiers.",
     )
     yield Drawn(
         "accuracy-and-parameters",
         "Accuracy against parameters",
         figures.draw_trade_offs(shown, "parameters", "parameters"),
         "The same rows against the numbers that training fixes.",
-        "A panel a task, with a mark for each family of classifiers.",
+        "A panel per task, with a mark for each family of classifiers.",
     )
     yield Drawn(
         "where-the-energy-goes",
         "Energy before the classifier and of the whole decision",
         figures.draw_energy_shares(shown),
         "What features, averaging or afferents take by themselves, and the whole decision, means over the splits.",
-        "A panel a task, two marks a family: the energy estimate before the classifier and of the whole.",
+        "A panel per task, two marks a family: the energy estimate before the classifier and of the whole.",
     )
 
 

@@ -115,7 +115,7 @@ class Shown(NamedTuple):
 
 @printed
 def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
-    """Force over displacement, there and back, and both tactile images at the turn; a column an object."""
+    """Force over displacement, there and back, and both tactile images at the turn; a column per object."""
     figure = new_figure(4.4)
     grid = figure.subplots(3, len(explorations), height_ratios=(1.3, 1.2, 1.2))
     largest = max(max(one.finger.max(), one.palm.max()) for one in explorations)

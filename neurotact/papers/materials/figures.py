@@ -57,7 +57,7 @@ def draw_waveforms(arrays: Mapping[str, np.ndarray]) -> Figure:
 
 @printed
 def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
-    """Phase and amplitude of each pattern over frequency, a column a set force; lines join the means.
+    """Phase and amplitude of each pattern over frequency, a column per set force; lines join the means.
 
     arrays: features `(pattern, 4)` of frequency, force, phase and amplitude; labels; set_force_N. The phase is shown
     less its mean over all patterns of that frequency, which the amplifier's corner makes: probes differ by far less.
@@ -90,7 +90,7 @@ def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
 
 @printed
 def draw_pairs(results: pd.DataFrame) -> Figure:
-    """Test errors of each pair of materials, a panel a set-up, with the published ones as open marks.
+    """Test errors of each pair of materials, a panel per set-up, with the published ones as open marks.
 
     results: rows of two-class problems with problem, setup, classifier and error_test.
     """

@@ -47,7 +47,7 @@ def trade_off(results: pd.DataFrame) -> Drawn:
     means = rows.groupby(["protocol", "classifier", "features"], sort=False)[["flops", "accuracy_test"]].mean()
     best = means["accuracy_test"].idxmax()
     caption = (
-        f"Mean test accuracy against the FLOPs of the whole unit, N_max = {n_max}, a line a classifier through the "
+        f"Mean test accuracy against the FLOPs of the whole unit, N_max = {n_max}, a line per classifier through the "
         "sets 4F, 8F and 16F: published (stiffness paper, Fig. 6 and Table III), and ours by protocol."
     )
     alt = f"Best of ours: {best[1]} with {best[2]}, {100 * means['accuracy_test'].max():.1f} % ({best[0]})."
@@ -104,7 +104,7 @@ def draw_trade_off(means: pd.DataFrame) -> Figure:
 
 @printed
 def draw_by_n_max(rows: pd.DataFrame) -> Figure:
-    """A panel a feature set; lines are ours, open marks published."""
+    """A panel per feature set; lines are ours, open marks published."""
     figure = new_figure(2.9)
     grid = figure.subplots(1, len(FEATURES), sharey=True)
     means = rows.groupby(["features", "classifier", "n_max"])["accuracy_test"].mean()
@@ -126,7 +126,7 @@ def draw_by_n_max(rows: pd.DataFrame) -> Figure:
 
 @printed
 def draw_signals(arrays: Mapping[str, np.ndarray]) -> Figure:
-    """Recordings on the left, normalised peaks on the right, a row an object."""
+    """Recordings on the left, normalised peaks on the right, a row per object."""
     labels, rate_Hz = arrays["shown_labels"], float(arrays["sampling_rate_Hz"])
     figure = new_figure(1.35 * len(labels) + 0.6)
     grid = figure.subplots(len(labels), 2, squeeze=False, sharex="col", sharey="col", width_ratios=(2, 1))

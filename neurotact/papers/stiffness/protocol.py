@@ -106,7 +106,7 @@ def splits_of(labels: np.ndarray, placement: np.ndarray, rule: Rule, n_splits: i
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
-    """A row a split and N_max: accuracies (means over draws), mean N, and what the unit costs."""
+    """A row per split and N_max: accuracies (means over draws), mean N, and what the unit costs."""
     order = MOMENTS_OF[parameters.features]
     channels = arrays["peaks"].shape[2]
     n_classes = len(np.unique(arrays["labels"]))

@@ -139,7 +139,7 @@ def splits_of(labels: np.ndarray, sequence: np.ndarray, rule: Rule, n_splits: in
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
-    """A row a split and set of features: accuracies and what a decision costs."""
+    """A row per split and set of features: accuracies and what a decision costs."""
     if parameters.chain == "RSNN":
         return _spiking_rows(parameters, arrays)
     return _slfn_rows(parameters.chain, parameters, arrays)

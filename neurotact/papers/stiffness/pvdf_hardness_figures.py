@@ -56,7 +56,7 @@ def intervals(results: pd.DataFrame) -> pd.DataFrame:
 
 @printed
 def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
-    """A row a chain and set of features; a panel a protocol (grey: single splits), and the energy of a decision."""
+    """A row per chain and set of features; a panel per protocol (grey: single splits), and the energy of a decision."""
     found = intervals(results)
     protocols, chains = (list(dict.fromkeys(found[column])) for column in ("protocol", "chain"))
     places = [(chain, name) for chain in chains for name in dict.fromkeys(found["features"][found["chain"] == chain])]
@@ -89,7 +89,7 @@ def _paint_accuracy(axes: Axes, rows: pd.DataFrame, heights: Mapping[tuple[str, 
 
 @printed
 def draw_presses(arrays: Mapping[str, np.ndarray]) -> Figure:
-    """A panel a cube."""
+    """A panel per cube."""
     names = sorted(set(arrays["labels"].tolist()), key=lambda name: (len(name), name))
     figure = new_figure(2.2)
     grid = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]

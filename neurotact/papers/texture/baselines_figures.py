@@ -32,14 +32,14 @@ def drawings(results: pd.DataFrame) -> Iterator[Drawn]:
         draw_grid(results, at_ms),
         f"Test accuracy (%) of every system on windows of {at_ms:g} ms, decided at the window's end. Bold, with its "
         "reference: a system of the texture paper's Table I.",
-        "A grid of accuracies: a row a pair of features and classifier, a column an encoder.",
+        "A grid of accuracies: a row per pair of features and classifier, a column per encoder.",
     )
     yield Drawn(
         "accuracy-over-cost",
         f"Accuracy and cost at {at_ms:g} ms",
         draw_over_cost(results, at_ms),
         f"Test accuracy over the operations of a decision on {at_ms:g} ms, encoder included; hollow: early exit.",
-        "Points of accuracy over FLOPs on a logarithmic axis, a panel an encoder.",
+        "Points of accuracy over FLOPs on a logarithmic axis, a panel per encoder.",
     )
     yield Drawn(
         "parts-of-the-cost",
@@ -75,7 +75,7 @@ def best_features(results: pd.DataFrame) -> pd.DataFrame:
 
 @printed
 def draw_over_signal(results: pd.DataFrame) -> Figure:
-    """A panel an encoder, a line a classifier, over the signal that was waited for."""
+    """A panel per encoder, a line per classifier, over the signal that was waited for."""
     encoders = list(dict.fromkeys(results["encoder"]))
     figure = new_figure(2.9)
     panels = figure.subplots(1, len(encoders), sharey=True, squeeze=False)[0]
@@ -108,7 +108,7 @@ def draw_over_signal(results: pd.DataFrame) -> Figure:
 
 @printed
 def draw_grid(results: pd.DataFrame, at_ms: float) -> Figure:
-    """A row a pair of features and classifier, a column an encoder; the accuracy is written into each cell."""
+    """A row per pair of features and classifier, a column per encoder; the accuracy is written into each cell."""
     rows = results[(results["window_ms"] == at_ms) & (results["decision"] == "window")]
     systems = list(dict.fromkeys(zip(rows["features"], rows["classifier"], strict=True)))
     encoders = list(dict.fromkeys(rows["encoder"]))
@@ -135,7 +135,7 @@ def draw_grid(results: pd.DataFrame, at_ms: float) -> Figure:
 
 @printed
 def draw_over_cost(results: pd.DataFrame, at_ms: float) -> Figure:
-    """A panel an encoder, a point a system, over the operations of a decision."""
+    """A panel per encoder, a point a system, over the operations of a decision."""
     rows = results[results["window_ms"] == at_ms]
     encoders = list(dict.fromkeys(rows["encoder"]))
     figure = new_figure(2.9)

@@ -63,7 +63,7 @@ def draw_touches(
 
 @printed
 def draw_accuracy(results: pd.DataFrame, published: Mapping[tuple[str, int], Sequence[float]]) -> Figure:
-    """Accuracy over the number of steps, a line a fold (Fig. 4): networks beside each other, protocols below.
+    """Accuracy over the number of steps, a line per fold (Fig. 4): networks beside each other, protocols below.
 
     What is published stands beside the protocol `paper` alone.
 
@@ -103,7 +103,7 @@ def _draw_folds(panel: Axes, results: pd.DataFrame, published: Mapping[int, floa
 
 @printed
 def draw_other_steps(results: pd.DataFrame, steps: Sequence[int]) -> Figure:
-    """Accuracy of weights trained on N steps and used on M, a panel a network, means over folds.
+    """Accuracy of weights trained on N steps and used on M, a panel per network, means over folds.
 
     results: columns network, steps, fold and `used_on_<M>` for each M of `steps`.
     """

@@ -233,7 +233,7 @@ class Trained(NamedTuple):
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
-    """A row a fold: the mean over runs at the chosen pair of batch and epochs, every pair's mean, and what it costs."""
+    """A row per fold: the mean over runs at the chosen pair of batch and epochs, every pair's mean, and its costs."""
     folds = folds_of(parameters, arrays)
     sequences, labels = arrays[f"steps_{parameters.steps}"], arrays["labels"]
     trained = train_folds(parameters, sequences, labels, folds)
@@ -377,7 +377,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "As Fig. 4: each line is a fold, the mean of its runs. Above, protocol paper, whose pair of batch and epochs "
         "is chosen on these very test folds; below, honest, on people that training and choice have not seen. "
         "Dashed: the mean of Table I's folds.",
-        "Test accuracy against the number of steps for three networks and two protocols, a line a fold.",
+        "Test accuracy against the number of steps for three networks and two protocols, a line per fold.",
     )
     shown = "honest" if (results["protocol"] == "honest").any() else "paper"
     yield Drawn(
