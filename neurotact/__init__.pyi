@@ -19,6 +19,7 @@ from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes
 from .data.windowed import windows as windows
 from .encoders.afferents import AfferentSpec as AfferentSpec
+from .encoders.firing import FiringWarning as FiringWarning
 from .encoders.transformer import SpikeEncoder as SpikeEncoder
 from .errors import InputError as InputError
 from .networks.classifier import SpikingClassifier as SpikingClassifier

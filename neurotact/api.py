@@ -3,10 +3,12 @@
 Each joins rooms that know nothing of one another; estimators, specs and arrays come from their own rooms.
 """
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -16,7 +18,7 @@ from neurotact.data.readers import folder
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
-from neurotact.encoders import calibration, specs
+from neurotact.encoders import calibration, firing, specs
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
@@ -89,13 +91,19 @@ def encode(
 
     encoder: a spec, or the name or path of one. settings: changes of it, dotted keys.
     progress: called with the number of trials done since its last call.
+    Warns (`FiringWarning`) of a population that is silent, or whose every firing afferent is saturated.
 
     >>> spikes = encode(simulate("gratings", trials=1, duration_s=0.3), "sa1-ra1-lif", {"sa1.t_ref_ms": 5})
     >>> spikes.afferents[0], spikes.encoder["sa1"]["t_ref_ms"]
     ('SA-I taxel1', 5.0)
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
-    return encode_recordings(recordings, _encoder(encoder, settings), progress)
+    what = _encoder(encoder, settings)
+    trains = encode_recordings(recordings, what, progress)
+    counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
+    for complaint in firing.complaints(counts, int(trains.trial_steps.sum()), trains.sampling_rate_Hz, what):
+        warnings.warn(complaint, firing.FiringWarning, stacklevel=2)
+    return trains
 
 
 def calibrate(

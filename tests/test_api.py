@@ -85,6 +85,11 @@ def test_recordings_and_spikes_are_saved_and_loaded_as_they_are(touches, spikes,
     assert all(np.array_equal(a, b) for a, b in zip(again.steps, spikes.steps, strict=True))
 
 
+def test_encoding_warns_of_afferents_that_never_fire(touches):
+    with pytest.warns(nt.FiringWarning, match=r"no SA-I afferent fires in any trial; raise sa1\.gain"):
+        nt.encode(touches, settings={"sa1.gain": 1e-9})
+
+
 def test_train_does_what_the_command_line_does(saved, tmp_path):
     given = {"length_ms": 100.0, "start_ms": 100.0, "per_trial": 2}
     row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, **given)

@@ -14,6 +14,10 @@ SATURATED = 0.9
 """Share of the highest rate that a refractory period allows, above which an afferent tells no more of its drive."""
 
 
+class FiringWarning(UserWarning):
+    """Of an encoder that does not suit what it encoded."""
+
+
 def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
     """InputError where a refractory period is as long as the shortest trial, which lasts `trial_s`.
 
