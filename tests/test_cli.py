@@ -927,3 +927,8 @@ def test_a_file_that_is_no_spec_is_neither_shown_nor_copied(refused, tmp_path, c
 
 def test_the_folder_of_a_network_that_cannot_be_named_is_refused(refused, tmp_path):
     refused(("sops", "x/" * 3000, "-o", tmp_path / "out.csv"), "there is no such folder")
+
+
+@pytest.mark.parametrize("name", cli.COMMANDS)
+def test_a_command_and_the_list_of_commands_say_the_same(name):
+    assert " ".join(cli._load(name).help.split("\n\n")[0].split()) == cli.COMMANDS[name].help

@@ -37,9 +37,10 @@ def calibrate(
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
     force: Force = False,
 ) -> None:
-    """Find an encoder's gains for a sensor, from its training trials; no classifier is used.
+    """Find an encoder's gains for a sensor, from its training trials.
 
-    A baseline that knows the whole trial gives way to one that knows the past alone, unless it is given with --set.
+    No classifier is used. A baseline that knows the whole trial gives way to one that knows the past alone, unless
+    it is given with --set.
     """
     _check_outputs([out, figure], force, [recordings, encoder])
     rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
@@ -86,7 +87,10 @@ def raster(
     recordings: Annotated[Path | None, typer.Option(help="The recordings, when they moved since encoding.")] = None,
     force: Force = False,
 ) -> None:
-    """Draw a trial's spikes with the signal above (.png, .svg, .pdf), or write all events (.csv)."""
+    """Draw a trial's spikes (.png, .svg, .pdf), or write all events (.csv).
+
+    The signal is drawn above the spikes.
+    """
     files.check_new(out, force=force, inputs=[spikes, recordings])
     trains = hdf5.load_spikes(spikes)
     files.check_new(out, force=force, inputs=[trains.source or None])

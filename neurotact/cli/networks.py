@@ -72,9 +72,10 @@ def train_command(
     force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Train a network on windows of spike trains; the best epoch on validation windows is saved.
+    """Train a network on windows of spike trains.
 
-    After an interruption, the same command with --resume goes on and leaves the same files.
+    The best epoch on validation windows is saved. After an interruption, the same command with --resume
+    goes on and leaves the same files.
     """
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     task = trained.task_of("train", (window_ms, start_ms, hop_ms, per_trial), split_seed, stratify, tolerance)
@@ -134,7 +135,10 @@ def tune(
         int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
     ] = 2,
 ) -> None:
-    """Search a network's hyperparameters on validation windows; given the same folder again, it goes on there."""
+    """Search a network's hyperparameters on validation windows.
+
+    Given the same folder again, the search goes on there.
+    """
     settings = {
         "space": tuning.load_space(space),
         "tuner": tuner,
@@ -181,7 +185,7 @@ def infer(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Classify every window of spike trains with a trained network, and count what it cost.
+    """Classify every window with a trained network, and count what it cost.
 
     Windows of training, validation, test and unseen trials are summarised apart; trials are known by their content.
     """
@@ -206,7 +210,7 @@ def sops(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write the synaptic operations of each test window of a trained network (.csv, .json, .md)."""
+    """Write the synaptic operations of each test window (.csv, .json, .md)."""
     files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run)
     restored = restored._replace(spikes_path=spikes or restored.spikes_path)
