@@ -17,8 +17,6 @@ CHANNELS = 4
 
 TOUCH_MODALITY_FLOPS = {("LSTM", 10): 2950, ("GRU", 10): 2228, ("GRU", 12): 2960}
 """FLOPs per block as printed, by cell and neurons, for 16 taxels and 3 classes (touch modality paper, Table I)."""
-TOUCH_MODALITY_PARAMETERS = {("LSTM", 10): 1113, ("GRU", 10): 843, ("GRU", 12): 1083}
-"""Trainable parameters as printed there, the output layer included."""
 
 
 def moving_average_flops(n: int) -> int:

@@ -140,53 +140,43 @@ def _candidates(
     seed: int,
     standardise_on: str,
 ) -> Iterator[Candidate]:
-    scaled = []
+    parts: list[Parts] = []
     for split in splits:
         scaler = StandardScaler().fit(features if standardise_on == "all" else features[split.train])
-        scaled.append(scaler.transform(features))
+        scaled = scaler.transform(features)
+        train, validation, test = ((scaled[side], labels[side]) for side in split)
+        parts.append((train, validation, test))
+    fit = _elm_accuracies if classifier in ELM_ACTIVATION else _fc_accuracies
     for neurons in spec.neurons:
-        fit = _elm_accuracies if classifier in ELM_ACTIVATION else _fc_accuracies
-        for (split, draw), (validation, test) in fit(classifier, scaled, labels, splits, spec, seed, neurons).items():
+        for (split, draw), (validation, test) in fit(classifier, parts, spec, seed, neurons).items():
             yield Candidate(split, draw, neurons, validation, test)
 
 
+Part = tuple[np.ndarray, np.ndarray]
+Parts = tuple[Part, Part, Part]
+"""Standardised features and labels of the training, validation and test side of a split."""
 Accuracies = dict[tuple[int, int], tuple[float, float]]
+"""Validation and test accuracy by split and draw."""
 
 
-def _elm_accuracies(
-    classifier: str,
-    scaled: list[np.ndarray],
-    labels: np.ndarray,
-    splits: Sequence[Split],
-    spec: SLFNSpec,
-    seed: int,
-    neurons: int,
-) -> Accuracies:
-    """Validation and test accuracy by split and draw, each with the penalty that is best on validation."""
+def _elm_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed: int, neurons: int) -> Accuracies:
+    """Of extreme learning machines, each with the penalty that is best on validation."""
     alphas = [10.0**i for i in sorted(spec.exponents, reverse=True)]  # the first of equals is the larger penalty
     found = {}
-    for at, (X, split) in enumerate(zip(scaled, splits, strict=True)):
+    for at, (train, validation, test) in enumerate(parts):
         for draw in range(spec.draws):
             network = elm.ELMClassifier(
                 neurons, activation=ELM_ACTIVATION[classifier], random_state=_draw_seed(seed, at, draw)
-            ).fit(X[split.train], labels[split.train])
-            on_validation = network.accuracy_path(alphas, X[split.validation], labels[split.validation])
+            ).fit(*train)
+            on_validation = network.accuracy_path(alphas, *validation)
             best = int(on_validation.argmax())
-            on_test = network.accuracy_path([alphas[best]], X[split.test], labels[split.test])
+            on_test = network.accuracy_path([alphas[best]], *test)
             found[at, draw] = float(on_validation[best]), float(on_test[0])
     return found
 
 
-def _fc_accuracies(
-    classifier: str,
-    scaled: list[np.ndarray],
-    labels: np.ndarray,
-    splits: Sequence[Split],
-    spec: SLFNSpec,
-    seed: int,
-    neurons: int,
-) -> Accuracies:
-    """The same for networks trained by back-propagation, all draws and splits in one computation."""
+def _fc_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed: int, neurons: int) -> Accuracies:
+    """Of networks trained by back-propagation, all draws and splits in one computation."""
     prototype = slfn.SLFNClassifier(
         neurons,
         activation=FC_ACTIVATION[classifier],
@@ -195,18 +185,11 @@ def _fc_accuracies(
         batch=spec.batch,
         learning_rate=spec.learning_rate,
     )
-    keys = [(at, draw) for at in range(len(splits)) for draw in range(spec.draws)]
-    parts = [
-        ((X[split.train], labels[split.train]), (X[split.validation], labels[split.validation]))
-        for X, split in zip(scaled, splits, strict=True)
-    ]
-    networks = slfn.fit_many(prototype, [parts[at] for at, _ in keys], [_draw_seed(seed, *key) for key in keys])
+    keys = [(at, draw) for at in range(len(parts)) for draw in range(spec.draws)]
+    networks = slfn.fit_many(prototype, [parts[at][:2] for at, _ in keys], [_draw_seed(seed, *key) for key in keys])
     return {
-        key: (
-            float(network.validation_accuracy_),
-            float(network.score(scaled[key[0]][splits[key[0]].test], labels[splits[key[0]].test])),
-        )
-        for key, network in zip(keys, networks, strict=True)
+        (at, draw): (float(network.validation_accuracy_), float(network.score(*parts[at][2])))
+        for (at, draw), network in zip(keys, networks, strict=True)
     }
 
 
