@@ -15,16 +15,13 @@ from pydantic import Field
 
 from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier, fit_snapshots
 from neurotact.data.conditioning import ema, ema_coefficient, fit_standardisation, resample
-from neurotact.data.hdf5 import load_recordings
-from neurotact.data.onset import ActivityBand, cut_from_onset, find_activity
-from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import GRU, LSTM, Cost, Dense, Moments, cost
 from neurotact.papers.published_flops import TOUCH_MODALITY_FLOPS
 from neurotact.papers.touch_modality import figures
-from neurotact.papers.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, WindowRule, dataset_c, window_bounds
-from neurotact.papers.touch_modality.folds import Fold, folds_by_person, folds_in_order
-from neurotact.papers.touch_modality.simulator import TouchModalitySpec, each_person
+from neurotact.papers.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES, dataset_c, window_bounds
+from neurotact.papers.touch_modality.folds import Fold
+from neurotact.papers.touch_modality.touches import TouchData, folds_of, seed_of, touches_of, typical
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, TaskData, View
 
@@ -70,16 +67,6 @@ TASK_RATE_HZ = 250.0
 TASK_CUTOFF_HZ = 100.0
 
 
-class TouchData(Spec):
-    """The touches, and how they become sequences."""
-
-    recordings: str = ""
-    """An HDF5 file that `neurotact import touch-modality` (or `simulate touch-modality`) wrote; none: simulated."""
-    simulation: TouchModalitySpec = TouchModalitySpec()
-    band: ActivityBand = ActivityBand()
-    windows: WindowRule = "overlap"
-
-
 class Parameters(Spec):
     """One cell: a network on sequences of one length, all folds, runs and pairs of batch and epochs."""
 
@@ -119,27 +106,16 @@ VIEW = View(
 )
 
 
-class Touches(NamedTuple):
-    """Dataset A with what is known of each pattern; persons is empty where the recordings do not say."""
-
-    patterns: np.ndarray
-    labels: np.ndarray
-    persons: np.ndarray
-    activity_s: np.ndarray
-    recorded: dict[str, int]
-    sampling_rate_Hz: float
-
-
 def load(data: TouchData) -> Arrays:
     """Dataset C for every number of steps (`steps_<N>`, `(pattern, N, 16)` in V), labels `(pattern,)` and persons
     `(pattern,)` where known; classes with what was recorded and what was silent of each; one touch a class to be shown.
     """
-    touches = _touches(data)
+    touches = touches_of(data)
     classes = np.array(sorted(touches.recorded))
     recorded = np.array([touches.recorded[label] for label in classes.tolist()])
     heard = np.array([(touches.labels == label).sum() for label in classes.tolist()])
     arrays = {f"steps_{n}": dataset_c(touches.patterns, n, data.windows) for n in STEP_COUNTS}
-    shown = [_typical(touches.patterns, np.flatnonzero(touches.labels == label)) for label in classes.tolist()]
+    shown = [typical(touches.patterns, np.flatnonzero(touches.labels == label)) for label in classes.tolist()]
     return {
         **arrays,
         "labels": touches.labels,
@@ -153,63 +129,6 @@ def load(data: TouchData) -> Arrays:
         "sampling_rate_Hz": np.array(touches.sampling_rate_Hz),
         "windows": np.array(data.windows),
     }
-
-
-def _touches(data: TouchData) -> Touches:
-    """Person by person, so that whole recordings never lie in memory together; sorted by class, as folders are."""
-    cuts, rows, recorded = [], [], {}
-    rate_Hz = data.simulation.sampling_rate_Hz
-    for signals, table, rate_Hz in _portions(data):
-        for signal, row in zip(signals, table.to_dict("records"), strict=True):
-            recorded[row["label"]] = recorded.get(row["label"], 0) + 1
-            cut, activity = cut_from_onset(signal, TOUCH_SAMPLES, data.band), find_activity(signal, data.band)
-            if cut is not None and activity is not None:
-                cuts.append(cut.astype(np.float32))
-                rows.append({**row, "activity_s": (activity.last - activity.first) / rate_Hz})
-    if not cuts:
-        raise InputError(
-            f"{data.recordings or 'touches'}: no signal leaves the band {data.band.low_V} to {data.band.high_V} V; "
-            "set data.band.low_V and data.band.high_V around this sensor's rest"
-        )
-    kept = pd.DataFrame(rows)
-    order = np.argsort(kept["label"].to_numpy(str), kind="stable")
-    patterns = np.empty((len(cuts), *cuts[0].shape), np.float32)
-    for place, index in enumerate(order):
-        patterns[place], cuts[index] = cuts[index], cuts[index][:0]
-    kept = kept.iloc[order]
-    persons = kept["person"].to_numpy(np.int64) if "person" in kept else np.array([], np.int64)
-    return Touches(
-        patterns, kept["label"].to_numpy(str), persons, kept["activity_s"].to_numpy(float), recorded, rate_Hz
-    )
-
-
-def _portions(data: TouchData) -> Iterator[tuple[np.ndarray, pd.DataFrame, float]]:
-    if not data.recordings:
-        for signals, table in each_person(data.simulation):
-            yield signals, table, data.simulation.sampling_rate_Hz
-        return
-    recordings = load_recordings(data.recordings).to_unit("V")
-    if recordings.n_channels != figures.TAXELS[0]:
-        raise InputError(f"{data.recordings}: has {recordings.n_channels} channels where the 4 x 4 array has 16")
-    yield np.asarray(recordings.signals), recordings.conditions, recordings.sampling_rate_Hz
-
-
-def _typical(patterns: np.ndarray, members: np.ndarray) -> int:
-    """The pattern of median strength."""
-    strength = np.array([np.ptp(patterns[i], axis=0).max() for i in members])
-    return int(members[np.argsort(strength)[len(members) // 2]])
-
-
-def folds_of(parameters: Parameters, arrays: Arrays) -> list[Fold]:
-    """The folds of a protocol; InputError where `honest` is asked of touches whose persons are not known."""
-    if parameters.protocol == "paper":
-        return folds_in_order(arrays["labels"])
-    if "persons" not in arrays:
-        raise InputError(
-            f"{parameters.data.recordings}: has no condition 'person', without which nobody can be kept on one side; "
-            "run with --set protocol=paper"
-        )
-    return folds_by_person(arrays["persons"], seed=parameters.seed)
 
 
 class Normalisation(NamedTuple):
@@ -234,7 +153,7 @@ class Trained(NamedTuple):
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     """A row per fold: the mean over runs at the chosen pair of batch and epochs, every pair's mean, and its costs."""
-    folds = folds_of(parameters, arrays)
+    folds = folds_of(parameters.protocol, parameters.data, arrays, parameters.seed)
     sequences, labels = arrays[f"steps_{parameters.steps}"], arrays["labels"]
     trained = train_folds(parameters, sequences, labels, folds)
     pairs = list(product(parameters.batches, parameters.epochs))
@@ -278,7 +197,7 @@ def train_folds(parameters: Parameters, sequences: np.ndarray, labels: np.ndarra
         (n.apply(sequences[fold.train]), labels[fold.train]) for n, fold in zip(normalisations, folds, strict=True)
     ]
     # An order of its own for each fold and run, which neither other folds nor the number of runs can shift.
-    seeds = [_seed(parameters.seed, fold, run) for fold in range(len(folds)) for run in range(parameters.runs)]
+    seeds = [seed_of(parameters.seed, fold, run) for fold in range(len(folds)) for run in range(parameters.runs)]
     examples = [pair for pair in given for _ in range(parameters.runs)]
     networks: dict[tuple[int, int], list] = {}
     for batch in parameters.batches:
@@ -289,10 +208,6 @@ def train_folds(parameters: Parameters, sequences: np.ndarray, labels: np.ndarra
         _judged(networks, normalisation, parameters.runs, number, sequences, labels, fold)
         for number, (fold, normalisation) in enumerate(zip(folds, normalisations, strict=True))
     ]
-
-
-def _seed(seed: int, *key: int) -> int:
-    return int(np.random.SeedSequence(seed, spawn_key=(1, *key)).generate_state(1)[0] % 2**31)
 
 
 def _judged(
@@ -407,7 +322,7 @@ def task(data: TouchData) -> TaskData:
     after a moving average at 100 Hz, at 250 Hz, from each taxel's first sample, in mV. groups: persons, or each touch
     by itself where they are not known.
     """
-    touches = _touches(data)
+    touches = touches_of(data)
     bounds = window_bounds(TOUCH_SAMPLES, TASK_STEPS, data.windows)
     parts = [touches.patterns[:, first:stop] for first, stop in bounds]
     features = np.concatenate([f(part, axis=1) for f in (np.mean, np.std) for part in parts], axis=1)

@@ -16,8 +16,9 @@ from neurotact.figures.style import save
 from neurotact.papers.touch_modality import protocol
 from neurotact.papers.touch_modality.datasets import STEP_COUNTS
 from neurotact.papers.touch_modality.folds import Fold
-from neurotact.papers.touch_modality.protocol import Parameters, TouchData, Trained
+from neurotact.papers.touch_modality.protocol import Parameters, Trained
 from neurotact.papers.touch_modality.simulator import TouchModalitySpec, simulate
+from neurotact.papers.touch_modality.touches import TouchData, folds_of
 from neurotact.spec import build
 
 CLASSES = ("brushing", "rolling", "sliding")
@@ -75,9 +76,9 @@ def test_a_recording_file_gives_what_the_simulation_gives(loaded, tmp_path):
     save_recordings(unknown, tmp_path / "unknown.h5")
     arrays = protocol.load(TouchData(recordings=str(tmp_path / "unknown.h5")))
     assert "persons" not in arrays
-    honest = Parameters(data=TouchData(recordings="unknown.h5"), protocol="honest")
+    unnamed = TouchData(recordings="unknown.h5")
     with pytest.raises(InputError, match=r"unknown\.h5: has no condition 'person'.*run with --set protocol=paper"):
-        protocol.folds_of(honest, arrays)
+        folds_of("honest", unnamed, arrays, 0)
 
 
 def test_a_task_holds_every_touch_as_features_and_as_a_sequence(loaded):
@@ -150,7 +151,7 @@ def test_labels_that_only_test_statistics_tell_are_told_at_chance():
 
 def test_whatever_stands_in_the_test_patterns_training_and_choice_are_the_same(arrays):
     parameters = Parameters(protocol="honest", network="GRU(10)", **SMALL)
-    folds = protocol.folds_of(parameters, arrays)[:1]
+    folds = folds_of(parameters.protocol, parameters.data, arrays, parameters.seed)[:1]
     sequences = arrays["steps_8"]
     other = sequences.copy()
     other[folds[0].test] = 1e3 * np.random.default_rng(2).normal(size=other[folds[0].test].shape)
