@@ -1,7 +1,8 @@
 """SA-I and RA-I afferents as Izhikevich neurons: the encoding of most work before the texture paper (its Table I)."""
 
 import math
-from typing import ClassVar, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -9,6 +10,7 @@ from pydantic import Field, model_validator
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders.afferents import checked, drives
 from neurotact.errors import InputError
+from neurotact.metrics.flops import IzhikevichAfferents
 from neurotact.neurons import (
     Izhikevich,
     IzhikevichState,
@@ -73,7 +75,7 @@ class IzhikevichSpec(Spec):
     def neuron(self, sampling_rate_Hz: float) -> Izhikevich:
         """The neuron of both populations on a clock."""
         step_ms = 1e3 / sampling_rate_Hz
-        euler_steps = max(1, math.ceil(step_ms / self.euler_step_ms - 1e-9))
+        euler_steps = _euler_steps(step_ms, self.euler_step_ms)
         return Izhikevich(
             euler_step_ms=step_ms / euler_steps,
             euler_steps=euler_steps,
@@ -130,3 +132,13 @@ def encode(
     for t in range(signal.shape[1]):
         spikes[:, t], neurons = izhikevich_step(neuron, current[:, t], neurons)
     return spikes, IzhikevichEncoderState(neurons, last)
+
+
+def layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> IzhikevichAfferents:
+    """The layer of the cost ledger for an encoder given as a table, over `steps` steps of `step_ms`."""
+    return IzhikevichAfferents(taxels, steps, _euler_steps(step_ms, spec["euler_step_ms"]))
+
+
+def _euler_steps(step_ms: float, longest_ms: float) -> int:
+    """Steps of the integration in a step of the clock."""
+    return max(1, math.ceil(step_ms / longest_ms - 1e-9))

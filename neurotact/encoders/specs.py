@@ -13,24 +13,32 @@ from neurotact.encoders.afferents import AfferentSpec, EncoderState
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec, PoissonState
 from neurotact.errors import InputError, nearest
+from neurotact.metrics.flops import Afferents, Layer, PoissonAfferents
 
 
 class Model(NamedTuple):
     """What an encoder model brings: its spec, its state, and `encode(signal, sampling_rate_Hz, spec, state)`.
 
+    layer: its layer in the cost ledger, `layer(spec as a table, taxels, steps, step_ms)`.
     is_random: whether its `encode` also takes `trials`, by whose numbers it draws.
     """
 
     spec: Any
     state: type
     encode: Callable[..., tuple[np.ndarray, Any]]
+    layer: Callable[[Mapping[str, Any], int, int, float], Layer]
     is_random: bool = False
 
 
+def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any], int, int, float], Layer]:
+    """The layer of a model whose cost depends on the numbers of taxels and steps alone."""
+    return lambda _spec, taxels, steps, _step_ms: layer(taxels, steps)
+
+
 MODELS = {
-    "lif": Model(AfferentSpec, EncoderState, afferents.encode),
-    "izhikevich": Model(IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode),
-    "poisson": Model(PoissonSpec, PoissonState, poisson.encode, is_random=True),
+    "lif": Model(AfferentSpec, EncoderState, afferents.encode, _of_size(Afferents)),
+    "izhikevich": Model(IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode, izhikevich.layer),
+    "poisson": Model(PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents), is_random=True),
 }
 
 

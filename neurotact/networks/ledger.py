@@ -3,22 +3,19 @@
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pandas as pd
 
+from neurotact.encoders.specs import MODELS
 from neurotact.metrics.flops import (
-    Afferents,
     Cost,
     Dense,
     Integrator,
-    IzhikevichAfferents,
     Layer,
     Moments,
     MovingAverage,
-    PoissonAfferents,
     SpikingLayer,
     Standardise,
     cost,
@@ -84,10 +81,7 @@ def _conditioning(spec: Mapping[str, Any], n_taxels: int, steps: int) -> Iterato
 
 
 def _afferents(encoder: Mapping[str, Any], n_taxels: int, steps: int, step_ms: float) -> Layer:
-    model = encoder.get("model", "lif")
-    if model == "izhikevich":
-        return IzhikevichAfferents(n_taxels, steps, max(1, math.ceil(step_ms / encoder["euler_step_ms"] - 1e-9)))
-    return {"lif": Afferents, "poisson": PoissonAfferents}[model](n_taxels, steps)
+    return MODELS[encoder.get("model", "lif")].layer(encoder, n_taxels, steps, step_ms)
 
 
 def network_cost(
