@@ -7,6 +7,7 @@ import numpy as np
 
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
+from neurotact.spec import Spec
 
 POPULATIONS = (("SA-I", "sa1"), ("RA-I", "ra1"))
 """Each population as it is called, and as the encoder's spec names it; their afferents come in this order."""
@@ -46,15 +47,21 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
     """
     for (name, part), fired in zip(POPULATIONS, np.split(counts, len(POPULATIONS)), strict=True):
         population = getattr(encoder, part)
-        gain = next(key for key in type(population).model_fields if key.startswith("gain"))
-        remedy = f"{part}.{gain}, or find gains for this sensor with neurotact calibrate"
         silent_steps = max(0, math.ceil(population.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
         highest_Hz = clock_Hz / (silent_steps + 1)
         rates_Hz = fired[fired > 0] * clock_Hz / n_steps
         if not len(rates_Hz):
-            yield f"no {name} afferent fires in any trial; raise {remedy}"
+            yield f"no {name} afferent fires in any trial; {_remedy('raise', part, population)}"
         elif rates_Hz.min() > SATURATED * highest_Hz:
             yield (
                 f"every {name} afferent that fires does so at over {SATURATED:.0%} of the {highest_Hz:g} Hz that its "
-                f"t_ref allows; lower {remedy}"
+                f"t_ref allows; {_remedy('lower', part, population)}"
             )
+
+
+def _remedy(verb: str, part: str, population: Spec) -> str:
+    """What to do about a population that fires too little or too much; not every model has a gain."""
+    gain = next((key for key in type(population).model_fields if key.startswith("gain")), None)
+    if gain is None:
+        return f"change the keys of {part}"
+    return f"{verb} {part}.{gain}, or find gains for this sensor with neurotact calibrate"
