@@ -20,7 +20,7 @@ FLOORS = (
     ("metrics",),
     ("encoders",),
     ("networks", "baselines"),
-    ("figures",),
+    ("figures", "deploy"),
     ("studies",),
     ("report",),
     ("papers",),

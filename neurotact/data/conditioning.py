@@ -185,14 +185,14 @@ def _resampled(
     held = next(signal)
     while done < n_resampled:
         wanted = np.arange(done, min(done + n_rows, n_resampled))
-        last_needed = min(int(_position(wanted[-1:], rate_Hz, to_Hz)[0]) + 1, n_samples - 1)
+        last_needed = min(int(position(wanted[-1:], rate_Hz, to_Hz)[0]) + 1, n_samples - 1)
         parts = [held]
         while first + sum(map(len, parts)) <= last_needed:
             parts.append(next(signal))
         held = np.concatenate(parts) if len(parts) > 1 else held
-        yield _interpolated(held, _position(wanted, rate_Hz, to_Hz), first, n_samples)
+        yield interpolated(held, position(wanted, rate_Hz, to_Hz), first, n_samples)
         done += len(wanted)
-        passed = min(int(_position(np.array([done]), rate_Hz, to_Hz)[0]) - first, len(held))
+        passed = min(int(position(np.array([done]), rate_Hz, to_Hz)[0]) - first, len(held))
         held, first = held[passed:], first + passed
 
 
@@ -267,6 +267,16 @@ class Past:
     how: ConditioningSpec
     sampling_rate_Hz: float
 
+    @property
+    def smoothing(self) -> float:
+        """Weight of the newest step in the EMA that `high-pass` follows."""
+        return ema_coefficient(self.how.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz")
+
+    @property
+    def n_start(self) -> int:
+        """Steps whose mean the baseline `start` is."""
+        return max(1, round(self.how.start_ms * 1e-3 * self.sampling_rate_Hz))
+
     def taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
         """The signal `(..., time, taxel)` without its baseline, and what the piece after it needs.
 
@@ -278,9 +288,7 @@ class Past:
         """
         if self.how.baseline == "high-pass":
             before, n_before = (None, 0) if carried is None else carried
-            followed = ema(
-                signal, ema_coefficient(self.how.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz"), before
-            )
+            followed = ema(signal, self.smoothing, before)
             return signal - followed, (followed[..., -1, :].copy(), n_before + signal.shape[-2])
         return self._mean_taken_off(signal, carried)
 
@@ -290,7 +298,7 @@ class Past:
         n_steps = signal.shape[-2]
         last = n_before + n_steps
         if self.how.baseline == "start":
-            last = max(1, round(self.how.start_ms * 1e-3 * self.sampling_rate_Hz))
+            last = self.n_start
         n_new = min(max(last - n_before, 0), n_steps)
         sums = np.cumsum(np.concatenate([total[..., None, :], signal[..., :n_new, :]], axis=-2), axis=-2)
         heard = np.arange(n_before + 1, n_before + n_new + 1)
@@ -398,15 +406,15 @@ def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     n_samples = signal.shape[-2]
     n_resampled = conditioned_length(n_samples, rate_Hz, to_Hz)
     check_size(f"a trial resampled to {to_Hz:g} Hz", n_resampled * signal[..., :1, :].size * BYTES_WHILE_RESAMPLED)
-    return _interpolated(signal, _position(np.arange(n_resampled), rate_Hz, to_Hz), 0, n_samples)
+    return interpolated(signal, position(np.arange(n_resampled), rate_Hz, to_Hz), 0, n_samples)
 
 
-def _position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
+def position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     """Where steps of one clock lie between the samples of another."""
     return steps * (rate_Hz / to_Hz)
 
 
-def _interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
+def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
     """A signal of `n_samples`, of which those from `first` on are given, between them."""
     before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)

@@ -51,19 +51,7 @@ def cut(
     ([0, 0, 0, 1, 1], [1, 4, 7, 1, 4])
     """
     trials = np.arange(len(trial_steps)) if trials is None else trials
-    length, first = _steps(spec.length_ms, sampling_rate_Hz), _steps(spec.start_ms, sampling_rate_Hz)
-    hop = length if spec.hop_ms is None else _steps(spec.hop_ms, sampling_rate_Hz)
-    for key, n_steps, duration_ms in (
-        ("length_ms", length, spec.length_ms),
-        ("start_ms", first + 1, spec.start_ms),
-        ("hop_ms", hop, spec.hop_ms),
-    ):
-        if n_steps < 1:
-            raise InputError(
-                f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
-            )
-        if n_steps > LONGEST_STEPS:
-            raise InputError(f"window.{key}: {duration_ms:g} ms is longer than any trial may be; shorten it")
+    length, first, hop = steps_of(spec, sampling_rate_Hz)
     fitting = (np.asarray(trial_steps) - first - length) // hop + 1
     if (fitting < 1).any():
         short = int(np.argmin(fitting))
@@ -78,6 +66,28 @@ def cut(
     trial = np.repeat(np.arange(len(fitting)), fitting)
     rank = np.arange(len(trial)) - np.repeat(np.cumsum(fitting) - fitting, fitting)
     return Windows(trials[trial], first + rank * hop, length)
+
+
+def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
+    """Length, start and hop in steps; InputError for what is less than a step or longer than any trial.
+
+    >>> steps_of(WindowSpec(length_ms=150, start_ms=250), 2000.0)
+    (300, 500, 300)
+    """
+    length, first = _steps(spec.length_ms, sampling_rate_Hz), _steps(spec.start_ms, sampling_rate_Hz)
+    hop = length if spec.hop_ms is None else _steps(spec.hop_ms, sampling_rate_Hz)
+    for key, n_steps, duration_ms in (
+        ("length_ms", length, spec.length_ms),
+        ("start_ms", first + 1, spec.start_ms),
+        ("hop_ms", hop, spec.hop_ms),
+    ):
+        if n_steps < 1:
+            raise InputError(
+                f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
+            )
+        if n_steps > LONGEST_STEPS:
+            raise InputError(f"window.{key}: {duration_ms:g} ms is longer than any trial may be; shorten it")
+    return length, first, hop
 
 
 def _steps(duration_ms: float, sampling_rate_Hz: float) -> int:

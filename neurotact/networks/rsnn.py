@@ -159,7 +159,7 @@ class RSNN(nn.Module):
 
     def sums(self, hidden: Tensor) -> Tensor:
         """What an integrator has added up at the end of a window, from the hidden neurons' counts."""
-        return (self._added(hidden) + self._level()).to(self.w_out.dtype)
+        return (self.added(hidden) + self._level()).to(self.w_out.dtype)
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
         """Every spike of every neuron; differentiable. `ordered` runs the reference, adding as the kernels do."""
@@ -167,10 +167,10 @@ class RSNN(nn.Module):
         if not ordered and self._native():
             hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
             spiking = self.bias is None
-            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1) if spiking else self._added(hidden))
+            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1) if spiking else self.added(hidden))
         hidden, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, ordered)
         if self.bias is not None:
-            return Rasters(hidden, self._added(hidden))
+            return Rasters(hidden, self.added(hidden))
         readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
         return Rasters(hidden, readout)
 
@@ -178,7 +178,7 @@ class RSNN(nn.Module):
         assert self.bias is not None
         return self.bias.to(torch.float64)
 
-    def _added(self, hidden: Tensor) -> Tensor:
+    def added(self, hidden: Tensor) -> Tensor:
         """What an integrator adds for hidden spikes or counts of them, `(..., class)`."""
         return hidden.double() @ self.w_out.double()
 
@@ -203,7 +203,7 @@ class RSNN(nn.Module):
         steps = torch.full((n_trials,), n_steps, device=spikes.device)
         if rule.patience is None:
             hidden = self._hidden_counts(spikes)
-            sums = self._added(hidden) + self._level()
+            sums = self.added(hidden) + self._level()
             sent, heard = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, sent, heard, sums)
         hidden, gained = self.simulate(spikes)

@@ -296,9 +296,9 @@ def test_a_trial_conditioned_in_pieces_is_that_conditioned_whole(
 def test_a_slower_clock_holds_no_more_of_the_signal_at_once(monkeypatch):
     touch = skin([np.ones((5000, 2))], rate_Hz=1000.0)
     held = []
-    interpolated = conditioning._interpolated
+    interpolated = conditioning.interpolated
     monkeypatch.setattr(conditioning, "PIECE_VALUES", 100)
-    monkeypatch.setattr(conditioning, "_interpolated", lambda x, *rest: held.append(len(x)) or interpolated(x, *rest))
+    monkeypatch.setattr(conditioning, "interpolated", lambda x, *rest: held.append(len(x)) or interpolated(x, *rest))
     pieces = list(condition_pieces(touch, 0, ConditioningSpec(resample_Hz=10.0)))
     assert sum(map(len, pieces)) == 50
     assert max(held) <= 2 * 50

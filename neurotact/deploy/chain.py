@@ -1,0 +1,131 @@
+"""What is deployed: an encoder with causal conditioning, a network and its exit rule."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+
+from neurotact.deploy.windows import WindowPlan
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import MODELS, EncoderSpec
+from neurotact.errors import InputError
+from neurotact.networks import trained
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.rsnn import RSNN
+from neurotact.spec import build
+
+
+class Chain(NamedTuple):
+    """Conditioning and encoder, network, exit rule and windows.
+
+    sampling_rate_Hz: of the samples that come in; the network's clock unless the encoder resamples.
+    """
+
+    encoder: AfferentSpec
+    network: RSNN
+    rule: ExitRule
+    classes: tuple[str, ...]
+    windows: WindowPlan
+    sampling_rate_Hz: float
+
+    @property
+    def clock_Hz(self) -> float:  # noqa: N802
+        """Steps of the encoder and the network per second."""
+        return self.network.sampling_rate_Hz
+
+    @property
+    def n_taxels(self) -> int:
+        return self.network.n_inputs // 2
+
+
+def chain_of(
+    source: str | Path | tuple[EncoderSpec, RSNN],
+    *,
+    sampling_rate_Hz: float | None = None,
+    early_exit: bool = True,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
+    hop_ms: float | None = None,
+    contact: bool = False,
+    quiet_ms: float = 50.0,
+) -> Chain:
+    """The chain of a run folder that `train` wrote, or of an encoder and a network.
+
+    sampling_rate_Hz: of the samples; needed where the encoder resamples, else its clock.
+    early_exit: decide as soon as the run's validated patience allows; otherwise at the end of a window.
+    length_ms, start_ms, hop_ms, contact, quiet_ms: as for `WindowPlan`; those that are absent are those of training.
+    Raises InputError, which names the fix, for what cannot be carried from sample to sample.
+    """
+    rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
+    if isinstance(source, tuple):
+        encoder, network = source
+    else:
+        restored = trained.restore(source)
+        if restored.encoder is None:
+            raise InputError(f"{source}: was saved without its encoder; train the network again")
+        encoder, network, classes = build_encoder(restored, source), restored.network, restored.classes
+        rule = restored.rule if early_exit else FULL_WINDOW
+        learned = restored.task.window
+        for key in settings:
+            settings[key] = getattr(learned, key) if settings[key] is None else settings[key]
+    encoder = _checked(encoder, network)
+    clock_Hz = network.sampling_rate_Hz
+    windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
+    rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
+    classes = classes or tuple(str(index) for index in range(network.n_classes))
+    network = network.cpu()
+    if network.w_in.dtype != torch.float32:
+        raise InputError("network: a chain is deployed in float32; train it in float32")
+    return Chain(encoder, network, rule, classes, windows, rate_Hz)
+
+
+def build_encoder(restored: trained.Restored, source: str | Path) -> EncoderSpec:
+    """The encoder that a network was trained with."""
+    table = dict(restored.encoder or {})
+    model = str(table.get("model", "lif"))
+    if model not in MODELS:
+        raise InputError(f"{source}: its encoder model '{model}' is unknown; train the network again")
+    return build(MODELS[model].spec, table, source=f"{source}, encoder")
+
+
+def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
+    if not isinstance(encoder, AfferentSpec):
+        raise InputError(
+            f"encoder: a chain is deployed with LIF afferents, and this one is '{encoder.model}'; encode and train "
+            "with sa1-ra1-lif"
+        )
+    if network.n_inputs % 2:
+        raise InputError(
+            f"network: hears {network.n_inputs} afferents, not an SA-I and an RA-I under each taxel; train it on "
+            "spikes of this encoder"
+        )
+    n_taxels = network.n_inputs // 2
+    for key in ("offset", "scale"):
+        values = getattr(encoder.conditioning, key)
+        if values is not None and len(values) != n_taxels:
+            raise InputError(
+                f"encoder: conditioning.{key} has {len(values)} values but the network hears {n_taxels} taxels; "
+                "take the encoder that the network was trained with"
+            )
+    return encoder
+
+
+def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) -> float:
+    resampled_Hz = encoder.conditioning.resample_Hz
+    if resampled_Hz is None:
+        if given_Hz is not None and given_Hz != clock_Hz:
+            raise InputError(
+                f"sampling_rate_Hz: samples come at {given_Hz:g} Hz but the chain was trained at {clock_Hz:g} Hz; "
+                "train with conditioning.resample_Hz to take other rates"
+            )
+        return clock_Hz
+    if resampled_Hz != clock_Hz:
+        raise InputError(
+            f"encoder: resamples to {resampled_Hz:g} Hz but the network was trained at {clock_Hz:g} Hz; take the "
+            "encoder that it was trained with"
+        )
+    if given_Hz is None:
+        raise InputError(
+            "sampling_rate_Hz: the encoder resamples, so the rate of the samples must be given (--sampling-rate-Hz)"
+        )
+    return given_Hz

@@ -1,0 +1,320 @@
+"""Streaming: samples go in as they come, decisions come out as soon as the rule allows.
+
+What the samples may be: a NaN or infinite value is replaced by the taxel's last good one and counted (`held`); a
+decision says how many of its steps rest on such values. More of them in a row than `hold_ms`, or as many missing
+samples, are a gap: windows under way are dropped and the chain begins anew, as with a new trial. So no decision rests
+on samples that nobody recorded without saying so.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from neurotact.data.causal import Conditioned, Conditioner
+from neurotact.data.recordings import unit_factor
+from neurotact.deploy import running
+from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.running import Running
+from neurotact.deploy.windows import Opening
+from neurotact.encoders import afferents
+from neurotact.encoders.afferents import EncoderState
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.networks.rsnn import RSNN
+
+MOST_STEPS_AT_ONCE = 10_000
+"""Of the encoder's clock: longer blocks are taken in parts, so that a fine clock needs no more memory."""
+
+
+class Decision(NamedTuple):
+    """What the network decided of one window, and what it did for it.
+
+    window: number of the window in the stream. time_s: when it was decided, from the first sample on.
+    start_step: the window's first step on the encoder's clock, since the stream or its last gap began.
+    label, index: the class. steps: steps that were simulated. ms: the same in time.
+    input_spikes, hidden_spikes: in those steps. sops: synaptic operations in them, in total.
+    held: steps that rest on repeated values, since their own were missing or not finite.
+    heard: whether the readout moved at all; where it did not, nothing speaks for the class but its place.
+    """
+
+    window: int
+    time_s: float
+    start_step: int
+    label: str
+    index: int
+    steps: int
+    ms: float
+    input_spikes: int
+    hidden_spikes: int
+    sops: int
+    held: int
+    heard: bool
+
+
+@dataclass
+class Tally:
+    """What a stream has met so far.
+
+    samples: taken, missing ones not counted; held: samples with a value that was repeated; missing: samples that never
+    came; gaps: times that the chain began anew; skipped: samples before the first good one, or inside a gap;
+    dropped: windows that a gap cut off; decisions; unfinished: windows that a trial's end cut off.
+    """
+
+    samples: int = 0
+    held: int = 0
+    missing: int = 0
+    gaps: int = 0
+    skipped: int = 0
+    dropped: int = 0
+    decisions: int = 0
+    unfinished: int = 0
+
+    def trouble(self) -> str:
+        """What is not zero of all but samples and decisions, in words; empty where nothing was amiss."""
+        counted = ((each.name, getattr(self, each.name)) for each in fields(self))
+        return ", ".join(f"{name} {n}" for name, n in counted if n and name not in ("samples", "decisions"))
+
+
+@dataclass
+class StreamState:
+    """Everything that a stream remembers: `Stream.state` gives it, `Stream.restore` takes it."""
+
+    opening: Opening
+    conditioned: Conditioned = field(default_factory=Conditioned)
+    encoder: EncoderState | None = None
+    windows: tuple[Running, ...] = ()
+    n_windows: int = 0
+    good: np.ndarray | None = None
+    bad_in_a_row: int = 0
+    origin: int = 0
+    tally: Tally = field(default_factory=Tally)
+
+
+class Stream:
+    """A trained chain that takes samples as they come.
+
+    source: a run folder as `train` writes it, a `Chain`, or an encoder and a network.
+    unit: of the samples; the encoder's own when absent.
+    hold_ms: for how long a missing value is replaced by the last good one; at least one sample.
+    options: of `chain_of`: sampling_rate_Hz, early_exit, and the windows.
+
+    Decisions equal, spike for spike, those of `encode` and `infer` on the whole trial, whatever the blocks.
+    InputError for an encoder whose baseline knows the whole trial, and for samples of another number of taxels.
+
+    >>> from neurotact.encoders import specs
+    >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
+    >>> stream = Stream((encoder, RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)), length_ms=5)
+    >>> [decision.steps for decision in stream.push(np.zeros((25, 8)))]
+    [10, 10]
+    """
+
+    def __init__(
+        self,
+        source: str | Path | Chain | tuple[EncoderSpec, RSNN],
+        *,
+        unit: str | None = None,
+        hold_ms: float = 5.0,
+        **options,
+    ) -> None:
+        if isinstance(source, Chain):
+            if options:
+                raise InputError(f"{next(iter(options))}: belongs to chain_of; give it there")
+            self.chain = source
+        else:
+            self.chain = chain_of(source, **options)
+        encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
+        factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")
+        self.conditioner = Conditioner(rate_Hz, encoder.conditioning, factor=factor)
+        if not 0 <= hold_ms < 1e9:
+            raise InputError(f"hold_ms: must be from 0 to 1e9 ms; got {hold_ms:g}")
+        self._at_once = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
+        self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
+        self._state = StreamState(self.chain.windows.begin())
+
+    @property
+    def tally(self) -> Tally:
+        """What the stream has met so far."""
+        return replace(self._state.tally)
+
+    def push(self, samples: np.ndarray) -> list[Decision]:
+        """Decisions of the windows that these samples complete or let exit.
+
+        samples: `(sample, taxel)`, or `(taxel,)` for one, in the unit given; NaN where a value is missing.
+        """
+        samples = self._checked(samples)
+        is_good = np.isfinite(samples)
+        if is_good.all() and self._state.bad_in_a_row == 0:
+            self._state.tally.samples += len(samples)
+            self._state.good = samples[-1].copy() if len(samples) else self._state.good
+            return self._condition(samples, held=False)
+        found: list[Decision] = []
+        for sample, good in zip(samples, is_good, strict=True):
+            found += self._push_one(sample, good)
+        return found
+
+    def missing(self, n_samples: int) -> list[Decision]:
+        """As many samples were lost at the source: up to `hold_ms` of them repeat the last one, more are a gap."""
+        if n_samples < 0:
+            raise InputError(f"missing: counts samples; got {n_samples}")
+        self._state.tally.missing += n_samples
+        self._state.bad_in_a_row += n_samples
+        good = self._state.good
+        if good is None or self._state.bad_in_a_row > self.hold_samples:
+            if good is not None:
+                self._gap()
+            self._state.origin += n_samples
+            return []
+        return [each for _ in range(n_samples) for each in self._condition(good[None], held=True)]
+
+    def gap(self) -> None:
+        """Nobody knows how many samples were lost: the chain begins anew with the next."""
+        if self._state.good is not None:
+            self._gap()
+
+    def finish(self) -> list[Decision]:
+        """The trial is over: the step that resampling held back, then a new beginning; the tally goes on.
+
+        A window that the trial's end cuts off is decided if the rule had let it exit, and else counted as unfinished.
+        """
+        signal, _ = self.conditioner.finish(self._state.conditioned)
+        found = self._encode(signal, held=False) if len(signal) else []
+        state = self._state
+        state.tally.unfinished += len(state.windows)
+        state.bad_in_a_row = 0
+        self._begin_anew()
+        return found
+
+    def reset(self) -> None:
+        """As before the first sample; the tally too."""
+        self._state = StreamState(self.chain.windows.begin())
+
+    def state(self) -> StreamState:
+        """A copy of all that the stream remembers."""
+        return _copied(self._state)
+
+    def restore(self, state: StreamState) -> None:
+        """Go on from a state of a stream of the same chain."""
+        n_taxels = None if state.good is None else len(state.good)
+        if n_taxels not in (None, self.chain.n_taxels) or state.opening.plan != self.chain.windows:
+            raise InputError("state: belongs to a stream of another chain; restore one of this chain")
+        self._state = _copied(state)
+
+    def decide(self, blocks: Iterable[np.ndarray]) -> Iterator[Decision]:
+        """Decisions of a source of blocks, one after the other, and of its end."""
+        for block in blocks:
+            yield from self.push(block)
+        yield from self.finish()
+
+    def _checked(self, samples: np.ndarray) -> np.ndarray:
+        try:
+            with np.errstate(over="ignore"):
+                samples = np.asarray(samples, np.float32)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"samples: are not a table of numbers ({error})") from error
+        samples = samples[None] if samples.ndim == 1 else samples
+        if samples.ndim != 2 or samples.shape[1] != self.chain.n_taxels:
+            raise InputError(
+                f"samples: have shape {samples.shape} where (sample, {self.chain.n_taxels}) is expected; give the "
+                "taxels that the network was trained on"
+            )
+        return samples
+
+    def _push_one(self, sample: np.ndarray, is_good: np.ndarray) -> list[Decision]:
+        state = self._state
+        state.tally.samples += 1
+        all_good = bool(is_good.all())
+        if not all_good:
+            state.bad_in_a_row += 1
+            if state.good is None or state.bad_in_a_row > self.hold_samples:
+                if state.good is not None:
+                    self._gap()
+                self._state.tally.skipped += 1
+                self._state.origin += 1
+                return []
+            sample = np.where(is_good, sample, state.good)
+            state.tally.held += 1
+        else:
+            state.bad_in_a_row = 0
+        state.good = sample.copy()
+        return self._condition(sample[None], held=not all_good)
+
+    def _gap(self) -> None:
+        self._state.tally.gaps += 1
+        self._state.tally.dropped += len(self._state.windows)
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        old = self._state
+        self._state = StreamState(
+            self.chain.windows.begin(),
+            n_windows=old.n_windows,
+            bad_in_a_row=old.bad_in_a_row,
+            origin=old.origin + old.conditioned.n_samples,
+            tally=old.tally,
+        )
+
+    def _condition(self, samples: np.ndarray, *, held: bool) -> list[Decision]:
+        found: list[Decision] = []
+        for at in range(0, len(samples), self._at_once):
+            block = samples[at : at + self._at_once]
+            signal, self._state.conditioned = self.conditioner.push(block, self._state.conditioned)
+            found += self._encode(signal, held=held) if len(signal) else []
+        return found
+
+    def _encode(self, signal: np.ndarray, *, held: bool) -> list[Decision]:
+        state, chain = self._state, self.chain
+        spikes, state.encoder = afferents.encode(signal[None], chain.clock_Hz, chain.encoder, state.encoder)
+        found: list[Decision] = []
+        with torch.inference_mode():
+            for row in spikes[0]:
+                found += self._step(np.flatnonzero(row), held=held)
+        return found
+
+    def _step(self, arriving: np.ndarray, *, held: bool) -> list[Decision]:
+        state, chain = self._state, self.chain
+        at = state.opening.step
+        opens, state.opening = state.opening.after(len(arriving) > 0)
+        windows = state.windows
+        if opens:
+            windows = (*windows, running.begin(chain.network, state.n_windows, at))
+            state.n_windows += 1
+        found, left = [], []
+        for window in windows:
+            after = running.step(chain.network, arriving, window)
+            after = after._replace(held=after.held + 1) if held else after
+            if running.has_decided(after, chain.rule, chain.windows.length):
+                found.append(self._decision(after))
+            else:
+                left.append(after)
+        state.windows = tuple(left)
+        state.tally.decisions += len(found)
+        return found
+
+    def _decision(self, window: Running) -> Decision:
+        chain = self.chain
+        sent, heard = np.array([window.input_spikes]), np.array([window.hidden_spikes])
+        index = int(window.leader.index[0])
+        return Decision(
+            window=window.window,
+            time_s=self._state.origin / chain.sampling_rate_Hz + (window.start + window.steps) / chain.clock_Hz,
+            start_step=window.start,
+            label=chain.classes[index],
+            index=index,
+            steps=window.steps,
+            ms=1e3 * window.steps / chain.clock_Hz,
+            input_spikes=window.input_spikes,
+            hidden_spikes=window.hidden_spikes,
+            sops=int(synops.of_network(chain.network, sent, heard).total[0]),
+            held=window.held,
+            heard=bool(window.leader.heard[0]),
+        )
+
+
+def _copied(state: StreamState) -> StreamState:
+    """A state apart: all in it is replaced, never written to, but for the tally."""
+    return replace(state, tally=replace(state.tally))

@@ -1,0 +1,100 @@
+"""Where windows start in a signal that has no end: back to back, hop by hop, or at each contact."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from neurotact.data.windows import WindowSpec, steps_of
+from neurotact.errors import InputError
+from neurotact.spec import build
+
+MOST_AT_ONCE = 64
+"""Windows that overlap; each is a network by itself."""
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """Windows on the encoder's clock, in steps.
+
+    length: of a window. start: skipped at the beginning, so that filters and membranes have settled.
+    hop: from one window's start to the next; 0: a window starts at a contact, which is the first step at which an
+        afferent spikes after `quiet` steps without any spike, no other window being under way.
+    """
+
+    length: int
+    start: int
+    hop: int
+    quiet: int = 0
+
+    @staticmethod
+    def of(
+        clock_Hz: float,
+        *,
+        length_ms: float | None = None,
+        start_ms: float | None = None,
+        hop_ms: float | None = None,
+        contact: bool = False,
+        quiet_ms: float = 50.0,
+    ) -> "WindowPlan":
+        """A plan from milliseconds; absent values are those of `WindowSpec`.
+
+        >>> WindowPlan.of(2000.0, length_ms=150, hop_ms=50)
+        WindowPlan(length=300, start=0, hop=100, quiet=0)
+        """
+        given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
+        spec = build(WindowSpec, {key: value for key, value in given.items() if value is not None}, source="windows")
+        length, start, hop = steps_of(spec, clock_Hz)
+        if not contact:
+            if -(-length // hop) > MOST_AT_ONCE:
+                raise InputError(
+                    f"hop_ms: {-(-length // hop)} windows would overlap, more than {MOST_AT_ONCE}; lengthen the hop"
+                )
+            return WindowPlan(length, start, hop)
+        quiet = round(quiet_ms * 1e-3 * clock_Hz)
+        if not 1 <= quiet < 2**31:
+            raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than a step at {clock_Hz:g} Hz, or too long")
+        return WindowPlan(length, start, 0, quiet)
+
+    @property
+    def at_once(self) -> int:
+        """Windows that overlap at most."""
+        return -(-self.length // self.hop) if self.hop else 1
+
+    def begin(self) -> "Opening":
+        """Before the first step; as if nothing had spiked for long."""
+        return Opening(self, 0, self.quiet, 0)
+
+    def starts(self, raster: np.ndarray) -> np.ndarray:
+        """First steps of the windows that fit into a whole trial, `(window,)`; raster `(time, afferent)`.
+
+        >>> WindowPlan(length=3, start=1, hop=2).starts(np.zeros((8, 2))).tolist()
+        [1, 3, 5]
+        >>> WindowPlan(length=3, start=0, hop=0, quiet=2).starts(np.eye(9, 1, k=-4)).tolist()
+        [4]
+        """
+        opening, found = self.begin(), []
+        for step, row in enumerate(np.asarray(raster)):
+            opens, opening = opening.after(bool(row.any()))
+            if opens and step + self.length <= len(raster):
+                found.append(step)
+        return np.array(found, np.int64)
+
+
+@dataclass(frozen=True)
+class Opening:
+    """Which step comes next, for how many steps no afferent has spiked, and before which step no window may start."""
+
+    plan: WindowPlan
+    step: int
+    silent: int
+    free_at: int
+
+    def after(self, has_spike: bool) -> tuple[bool, "Opening"]:
+        """Whether a window starts at this step, and what holds after it."""
+        plan, step = self.plan, self.step
+        if plan.hop:
+            opens = step >= plan.start and (step - plan.start) % plan.hop == 0
+        else:
+            opens = has_spike and self.silent >= plan.quiet and step >= max(plan.start, self.free_at)
+        silent = 0 if has_spike else min(self.silent + 1, plan.quiet)
+        return opens, Opening(plan, step + 1, silent, step + plan.length if opens else self.free_at)

@@ -1,0 +1,58 @@
+"""Small chains with spikes enough to decide, and what they make of whole trials: encode, cut, infer."""
+
+import numpy as np
+import pandas as pd
+import torch
+
+from neurotact.data.recordings import Recordings
+from neurotact.deploy.chain import Chain, chain_of
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.rsnn import RSNN
+
+
+def make_encoder(**conditioning) -> AfferentSpec:
+    table = {"sa1": {"gain": 8.0, "t_ref_ms": 2}, "ra1": {"gain": 30.0, "t_ref_ms": 1}, "conditioning": conditioning}
+    return AfferentSpec.model_validate(table)
+
+
+def make_chain(
+    conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None, windows: dict | None = None,
+    n_taxels: int = 2, seed: int = 0, **network,
+) -> Chain:  # fmt: skip
+    encoder = make_encoder(**conditioning)
+    settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **network}
+    clock_Hz = encoder.conditioning.resample_Hz or rate_Hz
+    generator = torch.Generator().manual_seed(seed)
+    net = RSNN(2 * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
+    chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
+    return chain._replace(rule=ExitRule(patience, from_first_spike=True))
+
+
+def make_signal(n_samples: int, n_taxels: int = 2, seed: int = 0) -> np.ndarray:
+    """Touches as slow bumps with noise, in mV."""
+    rng = np.random.default_rng(seed)
+    slow = np.cumsum(rng.standard_normal((n_samples, n_taxels)), axis=0) * 0.4
+    return (slow + 0.3 * rng.standard_normal((n_samples, n_taxels)) + 1.5).astype(np.float32)
+
+
+def offline(chain: Chain, signal: np.ndarray) -> tuple[np.ndarray, list[tuple]]:
+    """The raster of a whole trial, and of each window that fits: start, label, steps, input and hidden spikes."""
+    recordings = Recordings([signal], chain.sampling_rate_Hz, "mV", pd.DataFrame({"label": ["a"]}))
+    trains = encode_recordings(recordings, chain.encoder)
+    raster = np.zeros((int(trains.trial_steps[0]), chain.network.n_inputs), np.uint8)
+    raster[trains.steps[0], trains.units[0]] = 1
+    starts = chain.windows.starts(raster)
+    if not len(starts):
+        return raster, []
+    windows = np.stack([raster[start : start + chain.windows.length] for start in starts.tolist()])
+    found = chain.network.infer(torch.from_numpy(windows), chain.rule)
+    columns = (found.labels, found.steps, found.input_spikes, found.hidden_spikes)
+    return raster, list(zip(starts.tolist(), *(part.tolist() for part in columns), strict=True))
+
+
+def told(decisions) -> list[tuple]:
+    """Decisions as `offline` gives them, in the order of their windows."""
+    rows = sorted(decisions, key=lambda each: each.window)
+    return [(d.start_step, d.index, d.steps, d.input_spikes, d.hidden_spikes) for d in rows]

@@ -1,0 +1,228 @@
+"""A stream decides what the whole trial decides, whatever the blocks; what it cannot use, it counts."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_chains import make_chain, make_encoder, make_signal, offline, told
+
+from neurotact.deploy.chain import chain_of
+from neurotact.deploy.stream import Stream
+from neurotact.encoders import specs
+from neurotact.errors import InputError
+from neurotact.networks.rsnn import RSNN
+
+CONDITIONINGS = (
+    {},
+    {"ema_cutoff_Hz": 30.0, "baseline": "start", "start_ms": 15.0},
+    {"baseline": "running", "scale": (2.0, 0.5)},
+    {"ema_cutoff_Hz": 60.0, "baseline": "high-pass", "high_pass_Hz": 2.0, "rectify": True},
+    {"baseline": "first", "offset": (0.1, -0.2), "scale": (1.0, 2.0)},
+)
+WINDOWS = (
+    {"length_ms": 40},
+    {"length_ms": 30, "hop_ms": 7, "start_ms": 12},
+    {"length_ms": 25, "contact": True, "quiet_ms": 4},
+)
+MEMBRANES = [(m, r) for m in ("eq4", "delayed", "immediate") for r in ("zero", "subtract", "hard")]
+
+
+def blocks_of(signal: np.ndarray, sizes: list[int]) -> list[np.ndarray]:
+    """The signal cut at these sizes, over and over."""
+    blocks, at, i = [], 0, 0
+    while at < len(signal):
+        size = sizes[i % len(sizes)]
+        blocks.append(signal[at : at + size])
+        at, i = at + size, i + 1
+    return blocks
+
+
+def fitting(decisions, n_steps: int, length: int) -> list:
+    """Without those that left a window early which the trial then cut off."""
+    return [d for d in decisions if d.start_step + length <= n_steps]
+
+
+@given(
+    seed=st.integers(0, 50),
+    n_samples=st.integers(8, 260),
+    sizes=st.lists(st.integers(1, 90), min_size=1, max_size=4),
+    conditioning=st.sampled_from(CONDITIONINGS),
+    rate_Hz=st.sampled_from([None, 35.6, 700.0, 1000.0, 1700.0, 3333.3]),
+    windows=st.sampled_from(WINDOWS),
+    patience=st.sampled_from([None, 1, 5]),
+    kind=st.sampled_from(MEMBRANES),
+    delay=st.integers(0, 1),
+    readout=st.sampled_from(["count", "integrator"]),
+    model=st.sampled_from(["rsnn", "snn"]),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_stream_decides_what_the_whole_trial_decides(
+    seed, n_samples, sizes, conditioning, rate_Hz, windows, patience, kind, delay, readout, model
+):
+    if rate_Hz:
+        high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
+        conditioning = conditioning | {"resample_Hz": 1000.0} | high_enough
+    n_samples = min(n_samples, 20) if rate_Hz == 35.6 else n_samples
+    chain = make_chain(
+        conditioning, rate_Hz=rate_Hz or 1000.0, patience=patience, windows=windows, seed=seed,
+        membrane=kind[0], reset=kind[1], recurrent_delay_steps=delay, readout=readout, model=model,
+    )  # fmt: skip
+    signal = make_signal(n_samples, seed=seed)
+    raster, expected = offline(chain, signal)
+    found = list(Stream(chain).decide(blocks_of(signal, sizes)))
+    assert told(fitting(found, len(raster), chain.windows.length)) == expected
+
+
+def test_the_made_chains_spike_and_decide_differently():
+    """Else the law above would hold of silence."""
+    labels, exits, hidden = set(), 0, 0
+    for seed in range(6):
+        chain = make_chain({}, patience=5, seed=seed)
+        for _, label, steps, _, spikes in offline(chain, make_signal(400, seed=seed))[1]:
+            labels.add(label)
+            exits += steps < chain.windows.length
+            hidden += spikes
+    assert len(labels) > 1
+    assert exits > 5
+    assert hidden > 100
+
+
+@given(cut=st.integers(0, 90), rate_Hz=st.sampled_from([1000.0, 1700.0]))
+@settings(max_examples=6, deadline=None)
+def test_a_state_goes_on_where_it_was_taken(cut, rate_Hz):
+    conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "running", "resample_Hz": 1000.0}
+    chain = make_chain(conditioning, rate_Hz=rate_Hz, windows={"length_ms": 30, "hop_ms": 9})
+    signal = make_signal(90)
+    one, other = Stream(chain), Stream(chain)
+    before = one.push(signal[:cut])
+    state = one.state()
+    whole = before + one.push(signal[cut:])
+    other.restore(state)
+    assert before + other.push(signal[cut:]) == whole
+    other.restore(state)  # what was pushed since has not changed it
+    assert before + other.push(signal[cut:]) == whole
+    one.reset()
+    assert one.push(signal) == whole
+
+
+def test_a_stream_has_no_more_windows_under_way_than_overlap():
+    chain = make_chain({}, windows={"length_ms": 30, "hop_ms": 7})
+    stream, most = Stream(chain), 0
+    for sample in make_signal(200):
+        stream.push(sample)
+        most = max(most, len(stream.state().windows))
+    assert chain.windows.at_once == 5
+    assert most == 5
+
+
+def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
+    network = RSNN(4, 2, hidden=3, sampling_rate_Hz=1000.0)
+    with pytest.raises(InputError, match=r"'mean' knows the whole trial.*--set conditioning.baseline=start"):
+        Stream((make_encoder(baseline="mean"), network))
+
+
+@pytest.mark.parametrize(
+    ("encoder", "n_inputs", "options", "message"),
+    [
+        (specs.load("izhikevich"), 4, {}, "with LIF afferents"),
+        (make_encoder(), 3, {}, "hears 3 afferents"),
+        (make_encoder(offset=(1.0, 2.0, 3.0)), 4, {}, "offset has 3 values"),
+        (make_encoder(), 4, {"sampling_rate_Hz": 500.0}, "come at 500 Hz but"),
+        (make_encoder(resample_Hz=1000.0), 4, {}, "rate of the samples must be given"),
+        (make_encoder(resample_Hz=900.0), 4, {"sampling_rate_Hz": 500.0}, "resamples to 900 Hz"),
+        (make_encoder(), 4, {"length_ms": 100, "hop_ms": 1}, "100 windows would overlap"),
+        (make_encoder(), 4, {"contact": True, "quiet_ms": 0.1}, "quiet_ms"),
+    ],
+)
+def test_a_chain_that_cannot_be_carried_is_refused(encoder, n_inputs, options, message):
+    with pytest.raises(InputError, match=message):
+        chain_of((encoder, RSNN(n_inputs, 2, hidden=3, sampling_rate_Hz=1000.0)), **options)
+
+
+@pytest.mark.parametrize("samples", [np.zeros((3, 5)), np.zeros((1, 2, 2)), np.zeros(3), [["a", "b"]]])
+def test_samples_of_another_shape_are_refused(samples):
+    with pytest.raises(InputError, match="samples"):
+        Stream(make_chain({})).push(samples)
+
+
+def test_a_nan_is_the_last_good_value_and_is_counted():
+    chain = make_chain({"ema_cutoff_Hz": 30.0})
+    signal = make_signal(120)
+    spoilt, held = signal.copy(), signal.copy()
+    spoilt[50, 1] = np.nan
+    spoilt[90:92, 0] = np.inf
+    held[50, 1] = signal[49, 1]
+    held[90:92, 0] = signal[89, 0]
+    stream, clean = Stream(chain), Stream(chain)
+    found = stream.push(spoilt)
+    assert [d._replace(held=0) for d in found] == clean.push(held)
+    assert [d.held for d in found] == [0, 1, 2]
+    assert stream.tally.trouble() == "held 3"
+
+
+@pytest.mark.parametrize("way", ["nan", "missing"])
+def test_a_gap_begins_anew_and_drops_what_it_cut(way):
+    chain = make_chain({"baseline": "running"})
+    signal = make_signal(300)
+    stream, alone = Stream(chain, hold_ms=5), Stream(chain, hold_ms=5)
+    found = stream.push(signal[:70])
+    if way == "nan":
+        found += stream.push(np.full((10, 2), np.nan))
+    else:
+        found += stream.missing(10)
+    after = stream.push(signal[80:])
+    assert stream.tally.gaps == 1
+    assert stream.tally.dropped == 1
+    assert [d.time_s for d in found] == [0.04]
+    assert told(after) == [(s, *rest) for s, *rest in told(alone.push(signal[80:]))]
+    assert after[0].time_s == pytest.approx(0.08 + 0.04)
+    assert [d.window for d in after][:2] == [2, 3]
+
+
+def test_missing_samples_within_hold_ms_repeat_the_last():
+    chain = make_chain({})
+    signal = make_signal(80)
+    filled = np.concatenate([signal[:30], np.repeat(signal[29:30], 3, axis=0), signal[30:]])
+    stream = Stream(chain, hold_ms=5)
+    found = stream.push(signal[:30]) + stream.missing(3) + stream.push(signal[30:])
+    assert told(found) == told(Stream(chain).push(filled))
+    assert found[0].held == 3
+    assert stream.tally.missing == 3
+
+
+def test_samples_that_are_missing_one_by_one_become_a_gap_too():
+    stream = Stream(make_chain({}), hold_ms=5)
+    stream.push(make_signal(20))
+    for _ in range(4):
+        stream.missing(1)
+    stream.push(np.full((1, 2), np.nan))
+    assert stream.tally.gaps == 0
+    stream.missing(1)
+    assert stream.tally.gaps == 1
+    stream.push(make_signal(20))
+    assert (stream.tally.gaps, stream.state().bad_in_a_row) == (1, 0)
+
+
+def test_nothing_is_decided_while_a_taxel_is_dead():
+    chain = make_chain({})
+    signal = make_signal(500)
+    signal[:, 1] = np.nan
+    stream = Stream(chain)
+    assert stream.push(signal) == []
+    assert stream.tally.skipped == 500
+
+
+def test_the_unit_is_converted():
+    chain = make_chain({})
+    signal = make_signal(80)
+    assert told(Stream(chain, unit="V").push(signal / np.float32(1000.0))) == told(Stream(chain).push(signal))
+    with pytest.raises(InputError, match="'count' but 'mV'"):
+        Stream(chain, unit="count")
+
+
+def test_finish_counts_what_it_cuts_off():
+    stream = Stream(make_chain({}))
+    stream.push(make_signal(100))
+    assert stream.finish() == []
+    assert stream.tally.unfinished == 1
+    assert stream.state().opening.step == 0
