@@ -1,5 +1,6 @@
 from .api import calibrate as calibrate
 from .api import encode as encode
+from .api import export_c as export_c
 from .api import infer as infer
 from .api import load as load
 from .api import load_network as load_network
@@ -18,6 +19,8 @@ from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes
 from .data.windowed import windows as windows
+from .deploy.stream import Decision as Decision
+from .deploy.stream import Stream as Stream
 from .encoders.afferents import AfferentSpec as AfferentSpec
 from .encoders.firing import FiringWarning as FiringWarning
 from .encoders.transformer import SpikeEncoder as SpikeEncoder

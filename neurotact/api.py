@@ -18,6 +18,8 @@ from neurotact.data.readers import folder
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.deploy import c_export, export
+from neurotact.deploy.export import Exported
 from neurotact.encoders import calibration, firing, specs
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
@@ -197,6 +199,39 @@ def infer(
     return trained.infer(
         restored, spikes, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
     )
+
+
+def export_c(
+    run: str | Path,
+    folder: str | Path,
+    *,
+    variant: str = "integer",
+    recordings: str | Path | None = None,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    lsb: float | None = None,
+    name: str = "touch",
+    force: bool = False,
+    **windows: Any,
+) -> Exported:
+    """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
+
+    variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings: that the run
+    was trained on, where they moved since. weight_bits: 2 to 8. state_bits: 8 to 16, or 24; chosen when None. lsb: of a
+    sample of 16 bits; from the recorded range when None. name: prefix of every name in C.
+    windows: early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms, sampling_rate_Hz, as for `Stream`.
+    Returns the chain and its formats.
+    """
+    if variant not in ("integer", "float"):
+        raise InputError(f"variant: '{variant}' is unknown; choose integer or float")
+    for path in c_export.paths(Path(folder), name):
+        files.check_new(path, force=force)
+    found = export.prepared(
+        run, integer=variant == "integer", recordings=recordings, weight_bits=weight_bits, state_bits=state_bits,
+        lsb=lsb, **windows,
+    )  # fmt: skip
+    c_export.write(found.chain, Path(folder), found.formats, name=name)
+    return found
 
 
 def tune(

@@ -1,0 +1,179 @@
+"""The commands that carry a trained chain on: stream, export."""
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from neurotact import api
+from neurotact.cli.options import Force, HopMs, Json, RunFolder
+from neurotact.cli.output import print_table
+from neurotact.data import hdf5
+from neurotact.deploy import c_export, proving, sources, targets
+from neurotact.deploy.chain import chain_of
+from neurotact.deploy.sources import Frames, Noted, Rows
+from neurotact.deploy.stream import Decision, Stream
+from neurotact.errors import INTERRUPTED, InputError
+from neurotact.networks import trained
+from neurotact.progress import say
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
+StartMs = Annotated[
+    float | None, typer.Option("--start-ms", help="Skipped at the beginning; as in training when absent.")
+]
+Contact = Annotated[
+    bool, typer.Option("--contact", help="A window starts at the first spike after --quiet-ms without.")
+]
+QuietMs = Annotated[float, typer.Option("--quiet-ms", min=0, help="Silence before a contact.")]
+FullWindow = Annotated[
+    bool, typer.Option("--full-window", help="Decide at the end of a window, not as soon as possible.")
+]
+RateHz = Annotated[
+    float | None, typer.Option("--sampling-rate-Hz", min=1e-3, help="Of the samples, where the encoder resamples.")
+]
+
+
+def stream(
+    run: RunFolder,
+    from_: Annotated[str, typer.Option("--from", help="- (standard input), a device file, FILE.csv or FILE.h5.")] = "-",
+    format_: Annotated[str, typer.Option("--format", help="Of what is no .h5: csv, float32 or int16.")] = "csv",
+    rate: Annotated[str, typer.Option(help="real: replay a file at its own rate; or fast.")] = "fast",
+    sampling_rate_Hz: RateHz = None,
+    unit: Annotated[str | None, typer.Option(help="Of the samples; the encoder's own when absent.")] = None,
+    time_column: Annotated[
+        str | None, typer.Option("--time-column", help="The first column is the time, in s or ms: lost rows are found.")
+    ] = None,
+    lsb: Annotated[float, typer.Option(min=1e-30, help="Of int16: a sample is zero + lsb x.")] = 1.0,
+    zero: Annotated[float, typer.Option(help="Of int16: a sample is zero + lsb x.")] = 0.0,
+    window_ms: WindowMs = None,
+    start_ms: StartMs = None,
+    hop_ms: HopMs = None,
+    contact: Contact = False,
+    quiet_ms: QuietMs = 50.0,
+    full_window: FullWindow = False,
+    hold_ms: Annotated[
+        float, typer.Option("--hold-ms", min=0, help="For so long a missing value repeats the last; then it is a gap.")
+    ] = 5.0,
+    stall_s: Annotated[
+        float, typer.Option("--stall-s", min=1e-3, help="Silence of a pipe that counts as a gap.")
+    ] = 1.0,
+    as_json: Json = False,
+) -> None:
+    """Decide as samples come, from a pipe, a device or a file.
+
+    One line a decision, and at the end what was wrong with the samples.
+    A value that is missing, NaN or infinite repeats the last one for --hold-ms and is counted; a longer gap drops the
+    windows under way and begins anew. Rows that are no samples are counted as missing ones.
+    """
+    for key, value, known in (("--format", format_, ("csv", "float32", "int16")), ("--rate", rate, ("fast", "real"))):
+        if value not in known:
+            raise InputError(f"{key} {value}: is unknown; choose one of {', '.join(known)}")
+    if time_column is not None and time_column not in TIME_UNITS:
+        raise InputError(f"--time-column {time_column}: is unknown; choose s or ms")
+    is_recorded = from_.endswith((".h5", ".hdf5"))
+    if is_recorded:
+        with hdf5.open_recordings(from_) as stored:
+            sampling_rate_Hz, unit = stored.sampling_rate_Hz, unit or stored.unit
+    chain = chain_of(
+        run, sampling_rate_Hz=sampling_rate_Hz, early_exit=not full_window, length_ms=window_ms, start_ms=start_ms,
+        hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+    )  # fmt: skip
+    flow, noted = Stream(chain, unit=unit, hold_ms=hold_ms), Noted()
+    block = max(1, round(0.01 * chain.sampling_rate_Hz))
+    if is_recorded:
+        source = sources.recorded(Path(from_), chain.n_taxels, block)
+    elif format_ == "csv":
+        time_unit_s = None if time_column is None else TIME_UNITS[time_column]
+        rows = Rows(from_, chain.n_taxels, chain.sampling_rate_Hz, noted, time_unit_s)
+        source = sources.live(from_, rows, noted, stall_s)
+    else:
+        source = sources.live(from_, Frames(from_, chain.n_taxels, format_, noted, lsb, zero), noted, stall_s)
+    if rate == "real":
+        source = sources.at_its_rate(source, chain.sampling_rate_Hz, noted, block)
+    _run(flow, sources.decide(flow, source), noted, as_json=as_json)
+
+
+def _run(flow: Stream, decisions, noted: Noted, *, as_json: bool) -> None:
+    began, code = time.perf_counter(), 0
+    try:
+        for decision in decisions:
+            print(_line(decision, as_json=as_json), flush=True)
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except BrokenPipeError:  # whoever read the decisions has gone
+        sys.stderr.close()
+        sys.exit(0)
+    tally, took_s = flow.tally, time.perf_counter() - began
+    trouble = ", ".join(filter(None, (tally.trouble(), noted.trouble())))
+    say(
+        f"{tally.samples} samples, {tally.decisions} decisions, in {took_s:.1f} s; "
+        f"{trouble or 'every sample was used as it came'}"
+    )
+    sys.exit(code)
+
+
+def _line(decision: Decision, *, as_json: bool) -> str:
+    if as_json:
+        return json.dumps(decision._asdict())
+    held = f", {decision.held} steps on repeated values" if decision.held else ""
+    label = decision.label if decision.heard else f"nothing (no readout spike; {decision.label} by its place)"
+    return (
+        f"{decision.time_s:.4f} s: {label} after {decision.steps} steps ({decision.ms:g} ms), "
+        f"{decision.input_spikes} + {decision.hidden_spikes} spikes, {decision.sops} SOPs{held}"
+    )
+
+
+def export_command(
+    run: RunFolder,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The folder to write (nir: the file).")] = None,
+    to: Annotated[str | None, typer.Option("--to", help="c, or nir.")] = None,
+    variant: Annotated[str, typer.Option(help="Of C: integer (8-bit weights) or float.")] = "integer",
+    weight_bits: Annotated[int, typer.Option("--weight-bits", help="Of the integer variant: 2 to 8.")] = 8,
+    state_bits: Annotated[
+        int | None, typer.Option("--state-bits", help="8 to 16, or 24; 16, or 24 for slow networks, when absent.")
+    ] = None,
+    lsb: Annotated[float | None, typer.Option(help="Of a 16-bit sample; from the recorded range when absent.")] = None,
+    recordings: Annotated[Path | None, typer.Option(help="That the run was trained on, when they moved since.")] = None,
+    name: Annotated[str, typer.Option(help="Prefix of every name in C.")] = "touch",
+    sampling_rate_Hz: RateHz = None,
+    window_ms: WindowMs = None,
+    start_ms: StartMs = None,
+    hop_ms: HopMs = None,
+    contact: Contact = False,
+    quiet_ms: QuietMs = 50.0,
+    full_window: FullWindow = False,
+    prove: Annotated[
+        int,
+        typer.Option(min=0, help="Compile, run and compare with the twin on so many test trials, here and emulated."),
+    ] = 0,
+    check: Annotated[str | None, typer.Option(help="xyloaudio2, loihi2 or spinnaker2: what stands in the way.")] = None,
+    force: Force = False,
+) -> None:
+    """Write a trained chain as C, or check it against a chip's limits.
+
+    The chain goes from a raw sample to a decision: conditioning, afferents, network and early exit.
+    """
+    if check is not None:
+        restored = trained.restore(run)
+        found = targets.check(restored.network, restored.encoder, restored.rule, check)
+        print(targets.title(check))
+        for row in found.itertuples(index=False):
+            parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))
+            print("; ".join(parts))
+        return
+    if to is None or out is None:
+        raise InputError("export: needs --to c (or nir) and -o, or --check TARGET")
+    if to != "c":
+        raise InputError(f"--to {to}: is unknown; choose c")
+    chain, formats = api.export_c(
+        run, out, variant=variant, recordings=recordings, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
+        name=name, force=force, sampling_rate_Hz=sampling_rate_Hz, early_exit=not full_window, length_ms=window_ms,
+        start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+    )  # fmt: skip
+    print(f"{out}: {c_export.title_of(chain, formats)}")
+    if prove:
+        print_table(proving.prove(run, chain, formats, prove, recordings, say=say))

@@ -1,0 +1,281 @@
+"""A chain as C99: one header, one source, an example and a README; in float, or in whole numbers.
+
+The float variant computes as `stream` does, the integer variant as `integer` does; both to the last spike.
+"""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jinja2
+import numpy as np
+
+from neurotact import __version__, files
+from neurotact.data.causal import Conditioner
+from neurotact.deploy import formats as whole
+from neurotact.deploy.chain import Chain
+from neurotact.deploy.formats import Formats, Integrator
+from neurotact.errors import InputError
+
+MOST_STEPS = 2**31 - 1
+LINE = 110
+
+
+class Table(NamedTuple):
+    """A constant array in the C source."""
+
+    about: str
+    type: str
+    name: str
+    size: int
+    lines: list[str]
+
+
+EXPORTED = (("chain.h", "{}.h"), ("chain.c", "{}.c"), ("example.c", "example.c"), ("README.md", "README.md"))
+HARNESS = (*EXPORTED[:2], ("harness.h", "harness.h"), ("harness.c", "harness.c"))
+"""What `proof` compiles."""
+RESERVED = ("example", "harness", "stub")
+
+
+def write(
+    chain: Chain,
+    folder: Path,
+    formats: Formats | None = None,
+    *,
+    name: str = "touch",
+    parts: Sequence[tuple[str, str]] = EXPORTED,
+) -> list[Path]:
+    """Write `NAME.h`, `NAME.c`, `example.c` and `README.md` into a folder; their paths.
+
+    formats: of the integer variant; the float variant without.
+    name: prefix of every name in C. parts: templates, and the files that they become.
+    Raises InputError for what C cannot hold.
+    """
+    paths(folder, name)
+    context = context_of(chain, formats, name)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("neurotact.deploy", "templates"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    written = []
+    for template, file in parts:
+        path = folder / file.format(name)
+        files.write_text(path, environment.get_template(f"{template}.jinja").render(context))
+        written.append(path)
+    return written
+
+
+def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, Any]:
+    """What the templates are filled with."""
+    network, plan, encoder = chain.network, chain.windows, chain.encoder
+    spec, conditioning = network.spec, encoder.conditioning
+    n_taxels, integrator = chain.n_taxels, network.bias is not None
+    if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
+        raise InputError("windows: are longer than 31 bits count; shorten them")
+    per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
+    return {
+        "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
+        "integer": formats is not None, "unit": encoder.unit, "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
+        "n_taxels": n_taxels, "n_hidden": spec.hidden, "n_classes": network.n_classes,
+        "class_names": [_text(each) for each in chain.classes],
+        "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
+        "most_decisions": plan.at_once * per_sample,
+        "afferent_type": _unsigned(2 * n_taxels), "neuron_type": _unsigned(spec.hidden),
+        "class_type": _unsigned(network.n_classes),
+        "integrator": integrator, "recurrent": spec.recurrent, "membrane_kind": spec.membrane, "reset": spec.reset,
+        "delay": spec.recurrent and spec.recurrent_delay_steps,
+        "patience": chain.rule.patience, "from_first_spike": chain.rule.from_first_spike,
+        "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
+        "rectify": conditioning.rectify,
+        **(_in_float(chain) if formats is None else _in_whole_numbers(chain, formats)),
+    }  # fmt: skip
+
+
+def paths(folder: Path, name: str) -> list[Path]:
+    """The files that `write` writes; InputError for a name that C or the other files cannot bear."""
+    if not (name.isidentifier() and name.isascii()) or name in RESERVED:
+        raise InputError(f"--name {name}: must be a C name (letters, digits, underscores), not {' or '.join(RESERVED)}")
+    return [folder / file.format(name) for _, file in EXPORTED]
+
+
+def title_of(chain: Chain, formats: Formats | None) -> str:
+    """One line about an export."""
+    spec = chain.network.spec
+    kind = "float" if formats is None else f"{formats.weight_bits}-bit weights, {formats.state_bits}-bit states"
+    sizes = f"{chain.network.n_inputs}-{spec.hidden}-{chain.network.n_classes}"
+    return f"A chain from touch to decision: {chain.n_taxels} taxels, {sizes} neurons, {kind}."
+
+
+def _in_float(chain: Chain) -> dict[str, Any]:
+    encoder, network = chain.encoder, chain.network
+    conditioning = encoder.conditioning
+    conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
+    sa1, ra1 = encoder.neuron(encoder.sa1, chain.clock_Hz), encoder.neuron(encoder.ra1, chain.clock_Hz)
+    alpha, beta, threshold = (np.asarray(p.detach()) for p in (network.alpha, network.beta, network.threshold))
+    matrices = {"w_in": network.w_in, "w_rec": network.w_rec, "w_out": network.w_out}
+    tables = [_floats(key, each.detach().numpy()) for key, each in matrices.items() if each is not None]
+    offset, scale = conditioning.offset is not None, conditioning.scale is not None
+    for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
+        tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
+    if network.bias is not None:
+        tables.append(_table("bias", "double", [float(b).hex() for b in network.bias.detach().double()]))
+    high_pass = conditioner.past.smoothing if conditioning.baseline == "high-pass" else None
+    layers = [_float_layer(chain, index, alpha, beta, threshold) for index in (0, 1)]
+    return {
+        "value": "float", "sum": "double", "state": "float", "wide": "float",
+        "count": "double" if network.bias is not None else _count(chain),
+        "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1),
+        "silent_sa1": sa1.refractory_steps, "silent_ra1": ra1.refractory_steps,
+        "smoothing": _both(conditioner.smoothing)[0], "smoothing_keep": _both(conditioner.smoothing)[1],
+        "baseline_weight": _both(high_pass)[0], "baseline_keep": _both(high_pass)[1],
+        "baseline_steps": f"{conditioner.past.n_start}u",
+        "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(),
+        "offset": offset, "scale": scale, "leak": _float(sa1.decay),
+        "gain_sa1": _float(encoder.sa1.gain), "gain_ra1": _float(encoder.ra1.gain * chain.clock_Hz * 1e-3),
+        "v_rest": _float(sa1.v_rest_mV), "v_threshold": _float(sa1.v_threshold_mV), "v_reset": _float(sa1.v_reset_mV),
+        "tables": tables, "layers": layers[: 1 if network.bias is not None else 2],
+        "threshold_out": _float(threshold[1]),
+    }  # fmt: skip
+
+
+def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, threshold: np.ndarray) -> dict:
+    decay = _float(beta[index])
+    after = {
+        "eq4": f"{decay} * (carried + before)",
+        "delayed": f"{decay} * carried + before",
+        "immediate": f"{decay} * carried + now",
+    }[chain.network.spec.membrane]
+    return _layer(chain, index) | {
+        "alpha": _float(alpha[index]), "threshold": _float(threshold[index]), "next": after
+    }  # fmt: skip
+
+
+def _in_whole_numbers(chain: Chain, formats: Formats) -> dict[str, Any]:
+    front, raw, hidden, readout = formats.front, formats.raw, formats.hidden, formats.readout
+    tables = [_integers("w_in", hidden.w, "int8_t")]
+    tables += [] if hidden.v is None else [_integers("w_rec", hidden.v, "int8_t")]
+    tables.append(_integers("w_out", readout.w, "int8_t"))
+    for key in ("threshold_sa1", "threshold_ra1", "reset_sa1", "reset_ra1"):
+        tables.append(_integers(key, getattr(front, key), "int32_t"))
+    has_offset = bool(front.offset.any())
+    tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
+    if isinstance(readout, Integrator):
+        tables.append(_integers("bias", readout.bias, "int32_t"))
+    layers = [_whole_layer(chain, 0, hidden)]
+    layers += [] if isinstance(readout, Integrator) else [_whole_layer(chain, 1, readout)]
+    stride = front.stride or (0, 0)
+    return {
+        "value": "int32_t", "sum": "int64_t", "wide": "int32_t",
+        "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
+        "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
+        "silent_type": _unsigned(max(front.silent_sa1, front.silent_ra1) + 1),
+        "silent_sa1": front.silent_sa1, "silent_ra1": front.silent_ra1,
+        "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
+        "baseline_steps": f"{front.baseline_steps}u",
+        "stride_whole": stride[0], "stride_part": stride[1], "offset": has_offset, "scale": False, "leak": front.leak,
+        "lsb": f"{raw.lsb:.9g}", "zero": f"{raw.zero:.9g}", "fraction": whole.FRACTION,
+        "mantissa": whole.MANTISSA, "most_state": 2 ** (formats.state_bits - 1) - 1,
+        "weight_bits": formats.weight_bits, "state_bits": formats.state_bits,
+        "tables": tables, "layers": layers,
+        "threshold_out": 0 if isinstance(readout, Integrator) else readout.threshold,
+    }  # fmt: skip
+
+
+def _whole_layer(chain: Chain, index: int, layer: whole.Layer) -> dict[str, Any]:
+    def decayed(what: str, factor: int) -> str:
+        if layer.state_bits <= 16:
+            return f"{what} * {factor} / {2**layer.decay_bits}"
+        return f"(int32_t)((int64_t){what} * {factor} / {2**layer.decay_bits})"
+
+    after = {
+        "eq4": decayed("(carried + before)", layer.beta),
+        "delayed": decayed("carried", layer.beta) + " + before",
+        "immediate": decayed("carried", layer.beta) + " + now",
+    }[chain.network.spec.membrane]
+    return _layer(chain, index) | {
+        "decay_current": decayed("before", layer.alpha), "threshold": layer.threshold, "next": after,
+        "shift": layer.shift, "shift_rec": layer.shift_rec,
+    }  # fmt: skip
+
+
+def _layer(chain: Chain, index: int) -> dict[str, Any]:
+    spec, n_afferents = chain.network.spec, chain.network.n_inputs
+    if index == 0:
+        return {
+            "name": "hidden", "about": "hidden layer", "size": "HIDDEN", "recurrent": spec.recurrent,
+            "from_type": _unsigned(n_afferents), "to_type": _unsigned(spec.hidden), "w": "w_in", "v": "w_rec",
+        }  # fmt: skip
+    return {
+        "name": "readout", "about": "readout", "size": "CLASSES", "recurrent": False,
+        "from_type": _unsigned(spec.hidden), "to_type": _unsigned(chain.network.n_classes), "w": "w_out", "v": "",
+    }  # fmt: skip
+
+
+ABOUT = {
+    "w_in": "Weights from afferents, a row each, to hidden neurons.",
+    "w_rec": "Weights from hidden neurons, a row each, to hidden neurons.",
+    "w_out": "Weights from hidden neurons, a row each, to classes.",
+    "bias": "Where the readout begins.",
+    "offset": "Taken off each taxel's signal.",
+    "scale": "By which each taxel's signal is divided.",
+    "threshold_sa1": "Thresholds of SA-I afferents over rest, divided by their gains.",
+    "threshold_ra1": "Thresholds of RA-I afferents over rest, divided by their gains.",
+    "reset_sa1": "To which SA-I afferents are reset, in the same unit.",
+    "reset_ra1": "To which RA-I afferents are reset, in the same unit.",
+}
+
+
+def _table(name: str, kind: str, values: Sequence[str]) -> Table:
+    return Table(ABOUT[name], kind, name, len(values), list(_wrapped(values)))
+
+
+def _integers(name: str, values: np.ndarray, kind: str) -> Table:
+    return _table(name, kind, [str(each) for each in values.ravel().tolist()])
+
+
+def _floats(name: str, values: np.ndarray) -> Table:
+    return _table(name, "float", [_float(each) for each in values.ravel()])
+
+
+def _wrapped(values: Iterable[str]) -> Iterable[str]:
+    line = ""
+    for value in values:
+        if len(line) + len(value) + 2 > LINE:
+            yield line.rstrip()
+            line = ""
+        line += f"{value}, "
+    yield line.rstrip().rstrip(",")
+
+
+def _float(value: float | np.floating) -> str:
+    """The shortest literal of a float32.
+
+    >>> _float(0.1), _float(-65.0)
+    ('1.e-01f', '-6.5e+01f')
+    """
+    return f"{np.format_float_scientific(np.float32(value), unique=True)}f"
+
+
+def _both(weight: float | None) -> tuple[str | None, str | None]:
+    """A moving average's weights of the newest sample and of what was before."""
+    return (None, None) if weight is None else (_float(weight), _float(1.0 - weight))
+
+
+def _unsigned(n: int) -> str:
+    """The smallest type for the numbers 0 to n.
+
+    >>> _unsigned(255), _unsigned(256)
+    ('uint8_t', 'uint16_t')
+    """
+    return "uint8_t" if n < 2**8 else "uint16_t" if n < 2**16 else "uint32_t"
+
+
+def _count(chain: Chain) -> str:
+    return "uint16_t" if chain.windows.length < 2**16 else "uint32_t"
+
+
+def _text(text: str) -> str:
+    """A C string; what is not ASCII in octal, which ends after three digits."""
+    plain = "".join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f"\\{b:03o}" for b in text.encode())
+    return f'"{plain}"'

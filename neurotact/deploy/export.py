@@ -1,0 +1,97 @@
+"""From a run folder to an export: the chain, and for whole numbers its formats from the training trials."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurotact.data import hdf5
+from neurotact.deploy import formats
+from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.formats import Formats, Ranges
+from neurotact.errors import InputError
+from neurotact.networks import trained
+
+MOST_TRIALS = 256
+"""Of the training trials, as many are looked at for the range of samples."""
+
+
+class Exported(NamedTuple):
+    """A chain, and its formats where it computes in whole numbers."""
+
+    chain: Chain
+    formats: Formats | None
+
+
+class Recorded(NamedTuple):
+    """What ranges are taken from, and what an export is tried on: signals of trials and their classes.
+
+    training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials.
+    """
+
+    training: list[np.ndarray]
+    test: list[np.ndarray]
+    labels: np.ndarray
+
+
+def prepared(
+    run: str | Path,
+    *,
+    integer: bool = True,
+    recordings: str | Path | None = None,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    lsb: float | None = None,
+    **options: Any,
+) -> Exported:
+    """The chain of a run folder, ready to be written as C; options as for `chain_of`.
+
+    integer: in whole numbers. recordings: that the run was trained on, where they moved since.
+    weight_bits, state_bits, lsb: as for `formats.choose`.
+    """
+    if not integer:
+        return Exported(chain_of(run, **options), None)
+    restored = trained.restore(run)
+    signals = recorded(restored, recordings)
+    if "sampling_rate_Hz" not in options or options["sampling_rate_Hz"] is None:
+        options["sampling_rate_Hz"] = _rate(restored, recordings)
+    chain = chain_of(run, **options)
+    ranges = ranges_of(restored, chain, signals.training)
+    return Exported(chain, formats.choose(chain, ranges, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb))
+
+
+def ranges_of(restored: trained.Restored, chain: Chain, training: list[np.ndarray]) -> Ranges:
+    """Ranges of samples and of states, from the training trials and windows of a run."""
+    trains = trained.load_spikes_of(restored)
+    return formats.record(chain.network, trained.sides_of(trains, restored.task).train.spikes, training)
+
+
+def recorded(restored: trained.Restored, recordings: str | Path | None = None) -> Recorded:
+    """The signals of a run's training and test trials, in the encoder's unit.
+
+    Raises InputError where the recordings are not those that the run's spikes were encoded from.
+    """
+    trains = trained.load_spikes_of(restored)
+    path = Path(recordings or trains.source)
+    if recordings is None and not path.is_file():
+        raise InputError(
+            f"recordings: {trains.source or 'those of the run'} is not there; ranges are taken from what the run was "
+            "trained on: name it with --recordings"
+        )
+    unit = str((restored.encoder or {}).get("unit", "mV"))
+    split = trained.trials_of(trains, restored.task)
+    seen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
+    with hdf5.open_recordings(path) as stored:
+        if len(stored) != len(trains) or list(stored.labels) != list(trains.labels):
+            raise InputError(f"{path}: is not what the run's spikes were encoded from; name that with --recordings")
+        parts = [list(stored.select(each).loaded().to_unit(unit).signals) for each in (seen, split.test)]
+    return Recorded(parts[0], parts[1], trains.labels[split.test])
+
+
+def _rate(restored: trained.Restored, recordings: str | Path | None) -> float | None:
+    """Of samples, where the encoder resamples: that of the recordings."""
+    resampled = ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz")
+    if resampled is None:
+        return None
+    with hdf5.open_recordings(recordings or trained.load_spikes_of(restored).source) as stored:
+        return stored.sampling_rate_Hz

@@ -1,0 +1,220 @@
+"""The chain in whole numbers, for many trials or windows at once: what the integer variant of the C export computes.
+
+Arithmetic: products are divided by a power of two and rounded towards zero, as C99's `/` does, so that what decays
+reaches zero; states saturate to their bits once a step. NumPy computes in 64 bits, in which nothing here overflows; the
+formats see to it that nothing overflows in 32 bits in C either.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.deploy.formats import FRACTION, Formats, FrontEnd, Integrator, Layer, Weight
+from neurotact.networks.early_exit import ExitRule
+from neurotact.neurons import CubaLIF
+
+
+class Decided(NamedTuple):
+    """What the integer network decided, `(window,)` int64 each, as `networks.rsnn.Inference`.
+
+    heard: whether the readout moved. hidden: spikes of the hidden layer in the simulated steps,
+    `(window, time, hidden)` uint8.
+    """
+
+    labels: np.ndarray
+    steps: np.ndarray
+    input_spikes: np.ndarray
+    hidden_spikes: np.ndarray
+    heard: np.ndarray
+    hidden: np.ndarray
+
+
+def over(product: np.ndarray, bits: int) -> np.ndarray:
+    """A product divided by 2^bits, rounded towards zero.
+
+    >>> over(np.array([7, -7]), 1).tolist()
+    [3, -3]
+    """
+    return np.sign(product) * (np.abs(product) >> bits)
+
+
+def follow(state: np.ndarray, target: np.ndarray, weight: Weight) -> np.ndarray:
+    """A step of a leaky quantity towards its target: a moving average, or an afferent's membrane."""
+    return state + over((target - state) * weight.mantissa, weight.bits)
+
+
+def encode(raw: np.ndarray, front: FrontEnd) -> np.ndarray:
+    """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, 2 taxel)` uint8, SA-I first.
+
+    A step that resampling would still hold back at the end of a trial is not given.
+    """
+    raw = np.asarray(raw, np.int64)
+    n_trials, _, n_taxels = raw.shape
+    rest = np.zeros((n_trials, n_taxels), np.int64)
+    sa1, ra1 = [rest, rest], [rest, rest]
+    rows, before = [], None
+    for signal in _conditioned(raw, front):
+        change = np.abs(signal - (signal if before is None else before))
+        before = signal
+        fired_sa1, sa1 = _afferent(signal, sa1, front.leak, front.threshold_sa1, front.reset_sa1, front.silent_sa1)
+        fired_ra1, ra1 = _afferent(change, ra1, front.leak, front.threshold_ra1, front.reset_ra1, front.silent_ra1)
+        rows.append(np.concatenate([fired_sa1, fired_ra1], axis=1))
+    if not rows:
+        return np.zeros((n_trials, 0, 2 * n_taxels), np.uint8)
+    return np.stack(rows, axis=1).astype(np.uint8)
+
+
+def _afferent(
+    target: np.ndarray, state: list[np.ndarray], leak: Weight, threshold: np.ndarray, reset: np.ndarray, silent: int
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    membrane, left = state
+    awake = left == 0
+    membrane = np.where(awake, follow(membrane, target, leak), reset)
+    fired = awake & (membrane >= threshold)
+    return fired, [np.where(fired, reset, membrane), np.where(fired, silent, np.maximum(left - 1, 0))]
+
+
+def _conditioned(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
+    """The conditioned signal, a step `(trial, taxel)` at a time."""
+    level: np.ndarray | None = None
+    total, count = np.zeros_like(raw[:, 0] if raw.shape[1] else raw.sum(axis=1)), 0
+    for signal in _on_the_clock(_smoothed(raw, front), front):
+        if front.baseline == "first":
+            level = signal if level is None else level
+        elif front.baseline_weight is not None:
+            level = follow(signal if level is None else level, signal, front.baseline_weight)
+        elif front.baseline == "running" or (front.baseline == "start" and count < front.baseline_steps):
+            total, count = total + signal, count + 1
+            level = np.sign(total) * (np.abs(total) // count)
+        signal = signal - (0 if level is None else level) - front.offset
+        yield np.abs(signal) if front.rectify else signal
+
+
+def _smoothed(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
+    smooth: np.ndarray | None = None
+    for t in range(raw.shape[1]):
+        sample = raw[:, t] * 2**FRACTION
+        if front.smoothing is not None:
+            sample = smooth = sample if smooth is None else follow(smooth, sample, front.smoothing)
+        yield sample
+
+
+def _on_the_clock(signal: Iterator[np.ndarray], front: FrontEnd) -> Iterator[np.ndarray]:
+    """Linear interpolation; `wait` samples and `part` 2^-32ths lie between the sample before and the next step."""
+    if front.stride is None:
+        yield from signal
+        return
+    before, wait, part = np.zeros(0), 1, 0
+    for now in signal:
+        while wait == 0 or (wait == 1 and part == 0):
+            yield now if wait else before + over((now - before) * (part >> 16), 16)
+            carry, part = divmod(part + front.stride[1], 2**32)
+            wait += front.stride[0] + carry
+        before, wait = now, wait - 1
+
+
+def n_steps(n_samples: int, front: FrontEnd) -> int:
+    """Steps that so many samples give.
+
+    >>> from types import SimpleNamespace
+    >>> n_steps(4, SimpleNamespace(stride=(0, 2**31)))  # twice as many steps as samples
+    7
+    """
+    return sum(1 for _ in _on_the_clock((np.zeros(1, np.int64) for _ in range(n_samples)), front))
+
+
+def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule) -> Decided:
+    """Decide windows of spikes `(window, time, afferent)`."""
+    n_windows, n_steps, _ = windows.shape
+    hidden, readout = formats.hidden, formats.readout
+    state = _Neurons.start(n_windows, hidden.w)
+    out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[1]), np.int64)
+    if isinstance(readout, Integrator):
+        counts = counts + readout.bias
+    race = _Race(counts, *(np.zeros(n_windows, np.int64) for _ in range(4)))
+    running = np.full(n_windows, n_steps > 0)
+    sent_all = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
+    labels, steps, sent_in, sent_hidden, heard = (np.zeros(n_windows, np.int64) for _ in range(5))
+    found = Decided(labels, steps, sent_in, sent_hidden, heard, sent_all)
+    for t in range(n_steps):
+        arriving = windows[:, t].astype(np.int64)
+        sent, state = _step(hidden, neuron, arriving, state)
+        if isinstance(readout, Integrator):
+            gained = sent @ readout.w
+        else:
+            gained, out = _step(readout, neuron, sent, out)
+        found.steps[running] += 1
+        found.input_spikes[running] += arriving[running].sum(axis=1)
+        found.hidden_spikes[running] += sent[running].sum(axis=1)
+        sent_all[running, t] = sent[running]
+        race = race.after(gained)
+        found.labels[running], found.heard[running] = race.index[running], race.heard[running]
+        running = running & ~race.exits(rule)
+        if not running.any():
+            break
+    return found
+
+
+class _Neurons(NamedTuple):
+    """Current, membrane, spikes and the spikes before them, `(window, neuron)` int64 each."""
+
+    current: np.ndarray
+    membrane: np.ndarray
+    spikes: np.ndarray
+    spikes_before: np.ndarray
+
+    @staticmethod
+    def start(n_windows: int, w: np.ndarray) -> "_Neurons":
+        return _Neurons(*(np.zeros((n_windows, w.shape[1]), np.int64) for _ in range(4)))
+
+
+def _step(layer: Layer, neuron: CubaLIF, arriving: np.ndarray, state: _Neurons) -> tuple[np.ndarray, _Neurons]:
+    """What `neurons.cuba_lif_step` does, in whole numbers."""
+    current = over(state.current * layer.alpha, layer.decay_bits) + (arriving @ layer.w) * 2**layer.shift
+    if layer.v is not None:
+        returning = state.spikes_before if neuron.recurrent_delay_steps else state.spikes
+        current = current + (returning @ layer.v) * 2**layer.shift_rec
+    current = _saturated(current, layer.state_bits)
+    fired = state.membrane > layer.threshold
+    carried = np.where(fired, 0, state.membrane) if neuron.reset == "hard" else state.membrane
+    if neuron.membrane == "eq4":
+        membrane = over((carried + state.current) * layer.beta, layer.decay_bits)
+    else:
+        added = state.current if neuron.membrane == "delayed" else current
+        membrane = over(carried * layer.beta, layer.decay_bits) + added
+    if neuron.reset == "zero":
+        membrane = np.where(fired, 0, membrane)
+    elif neuron.reset == "subtract":
+        membrane = membrane - layer.threshold * fired
+    membrane = _saturated(membrane, layer.state_bits)
+    following = _Neurons(current, membrane, (membrane > layer.threshold).astype(np.int64), state.spikes)
+    return (following if neuron.membrane == "immediate" else state).spikes, following
+
+
+def _saturated(state: np.ndarray, bits: int) -> np.ndarray:
+    most = 2 ** (bits - 1) - 1
+    return np.clip(state, -most, most)
+
+
+class _Race(NamedTuple):
+    """The race of the classes in whole numbers: `networks.early_exit.Leader`, a row a window."""
+
+    counts: np.ndarray
+    index: np.ndarray
+    standing: np.ndarray
+    standing_since_spike: np.ndarray
+    heard: np.ndarray
+
+    def after(self, gained: np.ndarray) -> "_Race":
+        counts = self.counts + gained
+        index = counts.argmax(axis=1)
+        same = index == self.index
+        heard = self.heard | (gained != 0).any(axis=1)
+        since = np.where(same & (heard > 0), self.standing_since_spike + 1, heard)
+        return _Race(counts, index, np.where(same, self.standing + 1, 1), since, heard)
+
+    def exits(self, rule: ExitRule) -> np.ndarray:
+        if rule.patience is None:
+            return np.zeros(len(self.index), bool)
+        return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience

@@ -1,0 +1,260 @@
+"""Proof of an export: compiled here and for a Cortex-M, run, and compared with its twin spike by spike.
+
+The processor is emulated by QEMU, where there is no hardware; instructions are counted there, since with `-icount` its
+clock moves a fixed time for each. Whatever tool is absent is named in the reason for which a step is skipped.
+"""
+
+import shutil
+import struct
+import subprocess
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.deploy import boards
+from neurotact.deploy.boards import Board
+from neurotact.errors import InputError
+
+WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
+SANITIZERS = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+LONGEST_S = 600
+
+
+class Spoken(NamedTuple):
+    """What a chain said of one trial.
+
+    afferents: numbers of those that spiked, a tuple a step. hidden: of each window's hidden neurons, a tuple a step.
+    decisions: window, start step, steps, input spikes, hidden spikes, whether the readout was heard, and label of each,
+    in the order of windows.
+    """
+
+    afferents: list[tuple[int, ...]]
+    hidden: dict[int, list[tuple[int, ...]]]
+    decisions: list[tuple[int, ...]]
+
+
+class Ticks(NamedTuple):
+    """Of all samples: their number, and the most and the sum of what they took."""
+
+    samples: int
+    most: int
+    total: int
+
+
+class Footprint(NamedTuple):
+    """Bytes of the chain alone, without what starts it: code and tables, state, and the deepest stack frames' sum."""
+
+    flash: int
+    ram: int
+    stack: int
+
+
+def missing(*tools: str) -> str | None:
+    """Why a step cannot run: the tools that are not on the path; None where all are.
+
+    >>> missing("a-compiler-of-nobody")
+    'a-compiler-of-nobody is not installed'
+    """
+    absent = [tool for tool in tools if shutil.which(tool) is None]
+    return f"{', '.join(absent)} is not installed" if absent else None
+
+
+def on_host(folder: Path, name: str, trials: Sequence[np.ndarray], *, flags: Sequence[str] = ("-O2",)) -> list[Spoken]:
+    """Compile the export in `folder` with the host's C compiler and run trials `(sample, taxel)` through it."""
+    program = folder / "harness"
+    _call(
+        ["cc", *WARNINGS, *flags, *_watched(name), f"{name}.c", "harness.c", str(boards.HOST), "-o", str(program)],
+        folder,
+    )
+    said = _call([str(program)], folder, given=_packed(trials))
+    return _parsed(said, name, folder)[0]
+
+
+def on_board(
+    folder: Path, name: str, trials: Sequence[np.ndarray], board: Board, *, counting: bool = False
+) -> tuple[list[Spoken], Ticks]:
+    """Compile the export for a board and run trials on QEMU's emulation of it.
+
+    counting: without the watching of spikes, and with a clock that counts instructions; ticks are then instructions.
+    """
+    image = build(folder, name, board, watched=not counting)
+    (folder / "input.bin").write_bytes(_packed(trials))
+    counted = ["-icount", f"shift={boards.SHIFT}"] if counting else []
+    _call(
+        ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
+         "-semihosting-config", "enable=on,target=native", "-kernel", image.name], folder,
+    )  # fmt: skip
+    spoken, ticks = _parsed((folder / "output.bin").read_bytes(), name, folder)
+    if counting:
+        scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
+        ticks = Ticks(ticks.samples, round(ticks.most * scale), round(ticks.total * scale))
+    return spoken, ticks
+
+
+def build(folder: Path, name: str, board: Board, *, watched: bool) -> Path:
+    """An image for a board."""
+    image = folder / f"{board.machine}.elf"
+    _call(
+        ["arm-none-eabi-gcc", *WARNINGS[:-1], *board.flags, "-O2", "-ffreestanding", "-nostdlib",
+         "-T", str(boards.SCRIPT), f"-Wl,--defsym=FLASH_SIZE={board.flash},--defsym=RAM_SIZE={board.ram}",
+         f"-Wl,-Map={board.machine}.map", *(_watched(name) if watched else ()),
+         f"{name}.c", "harness.c", str(boards.CORTEX_M), "-lgcc", "-o", image.name],
+        folder,
+    )  # fmt: skip
+    return image
+
+
+def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -> Footprint:
+    """What the chain takes on a processor: sections of its object, with what it calls of the compiler's library."""
+    chain, whole = folder / f"{name}.o", folder / f"{name}-whole.o"
+    flags = [*WARNINGS, *board.flags, optimise, "-ffreestanding"]
+    _call(["arm-none-eabi-gcc", *flags, "-fstack-usage", "-c", f"{name}.c", "-o", chain.name], folder)
+    roots = [f"-Wl,-u,{name}_push,-u,{name}_reset,-u,state,-e,{name}_push", "-Wl,--gc-sections"]
+    stub = folder / "stub.c"
+    stub.write_text(
+        f'#include "{name}.h"\n{name}_chain state;\n'
+        "void *memcpy(void *to, const void *from, unsigned int n);\n"
+        "void *memset(void *to, int value, unsigned int n);\n"
+        "void *memcpy(void *to, const void *from, unsigned int n)\n{ (void)from; (void)n; return to; }\n"
+        "void *memset(void *to, int value, unsigned int n)\n{ (void)value; (void)n; return to; }\n"
+    )
+    _call(
+        [
+            "arm-none-eabi-gcc",
+            *flags[:-1],
+            "-fno-builtin",
+            "-nostdlib",
+            *roots,
+            chain.name,
+            "stub.c",
+            "-lgcc",
+            "-o",
+            whole.name,
+        ],
+        folder,
+    )
+    sizes = _call(["arm-none-eabi-size", whole.name], folder).decode().splitlines()[1].split()
+    frames = [int(line.split("\t")[1]) for line in (folder / f"{name}.su").read_text().splitlines()]
+    return Footprint(int(sizes[0]) + int(sizes[1]), int(sizes[1]) + int(sizes[2]), sum(frames))
+
+
+def first_difference(said: Sequence[Spoken], expected: Sequence[Spoken]) -> str | None:
+    """Where two chains first differ: trial, step and neuron; None where every spike and decision is equal."""
+    if len(said) != len(expected):
+        return f"{len(said)} trials where {len(expected)} are expected"
+    for trial, (one, other) in enumerate(zip(said, expected, strict=True)):
+        at = _first(one.afferents, other.afferents)
+        if at:
+            return f"trial {trial}, afferents, {at}"
+        for window in sorted({*one.hidden, *other.hidden}):
+            at = _first(one.hidden.get(window, []), other.hidden.get(window, []))
+            if at:
+                return f"trial {trial}, window {window}, hidden neurons, {at}"
+        for mine, theirs in zip(one.decisions, other.decisions, strict=False):
+            if mine != theirs:
+                return f"trial {trial}, decision {mine} where {theirs} is expected"
+        if len(one.decisions) != len(other.decisions):
+            return f"trial {trial}: {len(one.decisions)} decisions where {len(other.decisions)} are expected"
+    return None
+
+
+def _first(one: list[tuple[int, ...]], other: list[tuple[int, ...]]) -> str | None:
+    if one == other:
+        return None
+    for step, (mine, theirs) in enumerate(zip(one, other, strict=False)):
+        if mine != theirs:
+            return f"step {step}: {mine} where {theirs} is expected"
+    return f"{len(one)} steps where {len(other)} are expected"
+
+
+def _watched(name: str) -> list[str]:
+    return [f"-D{name.upper()}_ON_SPIKES={name}_on_spikes", f"-D{name.upper()}_ON_HIDDEN={name}_on_hidden"]
+
+
+def _packed(trials: Sequence[np.ndarray]) -> bytes:
+    parts = [struct.pack("<I", len(trials))]
+    for trial in trials:
+        if trial.dtype not in (np.int16, np.float32):
+            raise InputError(f"trials: must be int16 or float32; got {trial.dtype}")
+        parts += [struct.pack("<I", len(trial)), np.ascontiguousarray(trial).tobytes()]
+    return b"".join(parts)
+
+
+def _parsed(said: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
+    afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
+    trials, at = [], 0
+    afferents: list[tuple[int, ...]] = []
+    hidden: dict[int, list[tuple[int, ...]]] = {}
+    decisions: list[tuple[int, ...]] = []
+    while at < len(said):
+        letter, at = said[at : at + 1], at + 1
+        if letter == b"S":
+            numbers, at = _numbers(said, at, afferent)
+            afferents.append(numbers)
+        elif letter == b"H":
+            window = int.from_bytes(said[at : at + 4], "little")
+            numbers, at = _numbers(said, at + 4, neuron)
+            hidden.setdefault(window, []).append(numbers)
+        elif letter == b"D":
+            decisions.append(struct.unpack_from("<7I", said, at))
+            at += 28
+        elif letter == b"E":
+            trials.append(Spoken(afferents, hidden, sorted(decisions)))
+            afferents, hidden, decisions = [], {}, []
+        elif letter == b"T":
+            samples, most, low, high = struct.unpack_from("<4I", said, at)
+            return trials, Ticks(samples, most, low + (high << 32))
+        else:
+            break
+    raise InputError(f"{folder}: the harness stopped in the middle; compile and run it by hand")
+
+
+def _numbers(said: bytes, at: int, size: int) -> tuple[tuple[int, ...], int]:
+    n = int.from_bytes(said[at : at + 4], "little")
+    end = at + 4 + n * size
+    return tuple(np.frombuffer(said[at + 4 : end], f"<u{size}").tolist()), end
+
+
+def _size_of(what: str, name: str, folder: Path) -> int:
+    """Bytes of a neuron's number, from the header."""
+    header = (folder / f"{name}.h").read_text()
+    return next(
+        size for size, kind in ((1, "uint8_t"), (2, "uint16_t"), (4, "uint32_t")) if f"const {kind} *{what}," in header
+    )
+
+
+def _call(command: list[str], folder: Path, given: bytes = b"") -> bytes:
+    try:
+        done = subprocess.run(command, cwd=folder, input=given, capture_output=True, timeout=LONGEST_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise InputError(f"{command[0]}: ran for more than {LONGEST_S} s; give it fewer trials") from error
+    if done.returncode:
+        last = done.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
+        raise InputError(f"{command[0]}: failed with code {done.returncode}: {last[0][:300]}")
+    return done.stdout
+
+
+def spoken_of(rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray) -> Spoken:
+    """What a twin says of a trial, as a chain in C does.
+
+    rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, step, hidden)`; decided: of each window
+    label, steps, input spikes, hidden spikes and whether the readout was heard.
+    """
+    rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
+    windows = {}
+    decisions = []
+    for window, (start, sent, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
+        label, steps, sent_in, sent_hidden, heard = row
+        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in sent[:steps]]
+        decisions.append((window, start, steps, sent_in, sent_hidden, heard, label))
+    return Spoken(rows, windows, decisions)
+
+
+def cut_off(said: list[Spoken], expected: Sequence[Spoken]) -> Iterator[Spoken]:
+    """What was said without the windows that the trial's end cuts off, of which twins know nothing."""
+    for one, other in zip(said, expected, strict=True):
+        n = len(other.decisions)
+        hidden = {window: steps for window, steps in one.hidden.items() if window < n}
+        yield Spoken(one.afferents, hidden, [row for row in one.decisions if row[0] < n])

@@ -1,0 +1,265 @@
+"""Where samples come from: a pipe, a device file, a table or a file of recordings, as blocks and as what went wrong.
+
+A pipe is read as it is filled: what a chain does not take in time waits in the pipe, and then its writer does. Rows
+that are no samples (too few values, text, a time that does not advance) are counted and stand for one missing sample
+each.
+"""
+
+import os
+import re
+import select
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.data import hdf5
+from neurotact.data.readers.tables import NOT_FINITE, NUMBER
+from neurotact.deploy.stream import Decision, Stream
+from neurotact.errors import InputError
+
+READ_BYTES = 1 << 16
+LONGEST_ROW = 1 << 20
+SEPARATOR = re.compile(r"\s*[,;\t]\s*|\s+")
+
+
+class Arrived(NamedTuple):
+    """A block of samples `(sample, taxel)` float32; or `missing` ones; or a stall; or the end of a trial."""
+
+    samples: np.ndarray | None = None
+    missing: int = 0
+    stalled: bool = False
+    end: bool = False
+
+
+@dataclass
+class Noted:
+    """What a source met: rows that are no samples, a row or frame that was cut off at the end, stalls."""
+
+    bad_rows: int = 0
+    cut_off: int = 0
+    stalls: int = 0
+    late_blocks: int = 0
+    late_ms: float = 0.0
+
+    def trouble(self) -> str:
+        """What is not zero, in words."""
+        words = ((self.bad_rows, "bad rows"), (self.cut_off, "cut off at the end"), (self.stalls, "stalls"))
+        told = [f"{what} {n}" for n, what in words if n]
+        late = [f"late blocks {self.late_blocks} (by up to {self.late_ms:.1f} ms)"] if self.late_blocks else []
+        return ", ".join(told + late)
+
+
+class Rows:
+    """Text to samples, a row each: values between commas, semicolons, tabs or spaces.
+
+    time_unit_s: of a first column that holds the time, 1 or 0.001; None where there is none. By it, rows that were lost
+    or come twice are found.
+
+    >>> rows = Rows("-", 2, 1000.0, Noted())
+    >>> [arrived.samples.tolist() for arrived in rows.take(b"left,right\\n1,2\\n3,nan\\n")]
+    [[[1.0, 2.0], [3.0, nan]]]
+    """
+
+    def __init__(
+        self, where: str, n_taxels: int, rate_Hz: float, noted: Noted, time_unit_s: float | None = None
+    ) -> None:
+        self.where, self.n_taxels, self.rate_Hz, self.noted = where, n_taxels, rate_Hz, noted
+        self.time_unit_s = time_unit_s
+        self.left, self.line = b"", 0
+        self.n_good = 0
+        self.begin_s: float | None = None
+        self.place = -1
+
+    def take(self, text: bytes) -> Iterator[Arrived]:
+        """What these bytes complete."""
+        *lines, self.left = (self.left + text).split(b"\n")
+        if len(self.left) > LONGEST_ROW:
+            raise InputError(
+                f"{self.where}: line {self.line + 1} does not end within {LONGEST_ROW:,} bytes; give rows of text"
+            )
+        block: list[list[float]] = []
+        for line in lines:
+            self.line += 1
+            lost, row = self._row(line)
+            if lost and block:
+                yield Arrived(np.array(block, np.float32))
+                block = []
+            if lost:
+                yield Arrived(missing=lost)
+            if row is not None:
+                block.append(row)
+        if block:
+            yield Arrived(np.array(block, np.float32))
+
+    def finish(self) -> None:
+        """The source is over: a row without its end may lack digits, and is not used."""
+        self.noted.cut_off += bool(self.left.strip())
+        if not self.n_good:
+            raise InputError(f"{self.where}: holds no sample; give {self.n_taxels} values a row")
+
+    def _row(self, line: bytes) -> tuple[int, list[float] | None]:
+        """Samples lost before a row, and its values; None of a row that is no sample."""
+        text = line.decode("utf-8", errors="replace").strip()
+        if not text or text.startswith("#"):
+            return 0, None
+        cells = SEPARATOR.split(text)
+        expected = self.n_taxels + (self.time_unit_s is not None)
+        values = [_value(cell) for cell in cells]
+        if len(cells) == expected and None not in values:
+            self.n_good += 1
+            return self._placed([float(value) for value in values if value is not None])
+        if not self.n_good:
+            if self.line == 1 and not any(NUMBER.fullmatch(cell) for cell in cells):
+                return 0, None  # a header
+            raise InputError(
+                f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
+                "expected; give one row a sample and one column a taxel"
+            )
+        self.noted.bad_rows += 1
+        return (0 if self.time_unit_s else 1), None  # by the time, the next good row tells what was lost
+
+    def _placed(self, values: list[float]) -> tuple[int, list[float] | None]:
+        if self.time_unit_s is None:
+            return 0, values
+        now_s = values.pop(0) * self.time_unit_s
+        if not np.isfinite(now_s):
+            self.noted.bad_rows += 1
+            return 0, None
+        self.begin_s = now_s if self.begin_s is None else self.begin_s
+        place = round((now_s - self.begin_s) * self.rate_Hz)
+        lost = place - self.place - 1
+        if lost < 0:
+            self.noted.bad_rows += 1
+            return 0, None
+        self.place = place
+        return lost, values
+
+
+class Frames:
+    """Bytes to samples: little-endian `float32` or `int16`, a value each taxel; int16 stands for `zero + lsb x`."""
+
+    def __init__(self, where: str, n_taxels: int, kind: str, noted: Noted, lsb: float = 1.0, zero: float = 0.0) -> None:
+        self.where, self.n_taxels, self.noted, self.lsb, self.zero = where, n_taxels, noted, lsb, zero
+        self.kind = np.dtype({"float32": "<f4", "int16": "<i2"}[kind])
+        self.left, self.n_good = b"", 0
+
+    def take(self, data: bytes) -> Iterator[Arrived]:
+        """What these bytes complete."""
+        if not self.n_good and data and not self.left and _is_text(data):
+            raise InputError(f"{self.where}: holds text where {self.kind.name} frames are expected; pass --format csv")
+        data = self.left + data
+        size = self.kind.itemsize * self.n_taxels
+        whole = len(data) // size * size
+        self.left = data[whole:]
+        self.n_good += whole // size
+        if whole:
+            values = np.frombuffer(data[:whole], self.kind).reshape(-1, self.n_taxels)
+            if self.kind.kind == "i":
+                values = self.zero + self.lsb * values
+            yield Arrived(values.astype(np.float32))
+
+    def finish(self) -> None:
+        """The source is over: what is left of a frame is not used."""
+        self.noted.cut_off += bool(self.left)
+        if not self.n_good:
+            raise InputError(f"{self.where}: holds no sample; give frames of {self.n_taxels} {self.kind.name} values")
+
+
+def live(path: str, parser: Rows | Frames, noted: Noted, stall_s: float) -> Iterator[Arrived]:
+    """A pipe, a device file or a file, as it is filled; `-` is standard input.
+
+    stall_s: seconds without a byte after which the source stalls; what comes then follows a gap of unknown length.
+    """
+    with _opened(path) as descriptor:
+        is_stalled = False
+        while True:
+            ready, _, _ = select.select([descriptor], [], [], None if is_stalled else stall_s)
+            if not ready:
+                is_stalled = True
+                noted.stalls += 1
+                yield Arrived(stalled=True)
+                continue
+            data = os.read(descriptor, READ_BYTES)
+            is_stalled = False
+            if not data:
+                break
+            yield from parser.take(data)
+    parser.finish()
+    yield Arrived(end=True)
+
+
+def recorded(path: Path, n_taxels: int, block: int) -> Iterator[Arrived]:
+    """The trials of an HDF5 file of recordings, one after the other."""
+    with hdf5.open_recordings(path) as stored:
+        if stored.n_channels != n_taxels:
+            raise InputError(
+                f"{path}: has {stored.n_channels} taxels but the chain feels {n_taxels}; record with the same taxels"
+            )
+        for trial, length in enumerate(stored.lengths.tolist()):
+            for start in range(0, length, block):
+                yield Arrived(stored.piece(trial, start, min(start + block, length)))
+            yield Arrived(end=True)
+
+
+def at_its_rate(source: Iterator[Arrived], rate_Hz: float, noted: Noted, block: int) -> Iterator[Arrived]:
+    """A source replayed at its own rate: a block is given when its last sample would have been recorded."""
+    due = time.monotonic()
+    for arrived in source:
+        parts = [arrived]
+        if arrived.samples is not None:
+            samples = arrived.samples
+            parts = [Arrived(samples[at : at + block]) for at in range(0, len(samples), block)]
+        for part in parts:
+            due += (part.missing if part.samples is None else len(part.samples)) / rate_Hz
+            wait_s = due - time.monotonic()
+            if wait_s > 0:
+                time.sleep(wait_s)
+            elif -wait_s > block / rate_Hz:
+                noted.late_blocks += 1
+                noted.late_ms = max(noted.late_ms, -1e3 * wait_s)
+            yield part
+
+
+def decide(stream: Stream, source: Iterator[Arrived]) -> Iterator[Decision]:
+    """The decisions of a source."""
+    for arrived in source:
+        if arrived.samples is not None:
+            yield from stream.push(arrived.samples)
+        if arrived.missing:
+            yield from stream.missing(arrived.missing)
+        if arrived.stalled:
+            stream.gap()
+        if arrived.end:
+            yield from stream.finish()
+
+
+@contextmanager
+def _opened(path: str) -> Iterator[int]:
+    if path == "-":
+        yield sys.stdin.fileno()
+        return
+    try:
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOCTTY", 0))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    try:
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _value(cell: str) -> float | None:
+    """The number in a cell; NaN where it is empty or not finite; None where it holds something else."""
+    if NUMBER.fullmatch(cell):
+        return float(cell)
+    return float("nan") if not cell or NOT_FINITE.fullmatch(cell) else None
+
+
+def _is_text(data: bytes) -> bool:
+    return not data[:4096].translate(None, b"0123456789+-.,;eEnaNiInfF\t\r\n ")

@@ -1,0 +1,170 @@
+"""Which networks fit a neuromorphic chip: what its published limits stand against, and what removing it costs.
+
+The limits are those of the chips' public simulators and data sheets, named in `SOURCES`; nothing was run on the chips.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.errors import InputError, nearest
+from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.rsnn import RSNN
+
+SOURCES = {
+    "xyloaudio2": "Bos and Muir 2022 (arXiv 2208.12991) and the simulator of Rockpool (XyloIAFNeuron: 16-bit states, "
+    "8-bit weights, 4-bit decay shifts, at most 15 input, 31 hidden and 1 output spikes a step)",
+    "loihi2": "the bit-accurate LIF of Lava (24-bit states, 12-bit decays, 17-bit threshold) and Davies et al. 2018 "
+    "(doi 10.1109/MM.2018.112130359: 8-bit weights, refractory period of 1 to 64 steps); Loihi 2 also takes microcode",
+    "spinnaker2": "SpiNNaker2 data sheet 0.03, 2021: 152 Cortex-M4F processors with 128 kB of local memory each",
+}
+PROCESSOR_BYTES = 128 * 1024
+
+
+class Finding(NamedTuple):
+    """One thing that a chip asks of a network: whether it is so, and what it costs to make it so."""
+
+    what: str
+    here: str
+    limit: str
+    fits: bool
+    cost: str
+
+
+class Asked(NamedTuple):
+    """What is checked: a network, its encoder as a table, and its exit rule."""
+
+    network: RSNN
+    encoder: Mapping[str, Any] | None
+    rule: ExitRule
+
+
+def check(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, target: str) -> pd.DataFrame:
+    """A row for each limit of a chip: what, here, limit, fits, cost of making it fit; empty where it fits.
+
+    >>> found = check(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
+    >>> found[~found.fits]["what"].tolist()
+    ['membrane', 'reset', 'decay of the current', 'decay of the membrane', 'conditioning and afferents']
+    """
+    if target not in CHECKS:
+        raise InputError(f"--check {target}: is unknown; {nearest(target, [*CHECKS])}")
+    rows = list(CHECKS[target](Asked(network, encoder, rule)))
+    return pd.DataFrame(
+        [row._replace(cost="" if row.fits else row.cost) for row in rows], columns=list(Finding._fields)
+    )
+
+
+def title(target: str) -> str:
+    """One line above a check: where its limits come from."""
+    return f"Limits of {target}, from {SOURCES[target]}"
+
+
+def _xylo(asked: Asked) -> Iterator[Finding]:
+    network, spec = asked.network, asked.network.spec
+    yield _at_most("inputs", network.n_inputs, 16, "fewer taxels, or one population of afferents")
+    yield _at_most("hidden neurons", spec.hidden, 1000, "train a smaller network: --set hidden=1000")
+    yield _at_most("classes", network.n_classes, 8, "several chips, or a tree of networks of 8 classes each")
+    yield _is("membrane", spec.membrane, "immediate", "train again with --set membrane=immediate")
+    yield _is(
+        "reset", spec.reset, "subtract", "train again with --set reset=subtract; a neuron may then spike again at once"
+    )
+    yield _is("readout", spec.readout, "count", "train again with --set readout=count")
+    yield _is("recurrent delay", str(spec.recurrent_delay_steps), "0", "train again with --set recurrent_delay_steps=0")
+    for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
+        yield _shift(name, tau_ms, network.sampling_rate_Hz)
+    yield from _weights(network, 8)
+    yield _front_end("on a microcontroller beside the chip: the first half of the C export")
+    yield _exit(asked.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
+
+
+def _loihi(asked: Asked) -> Iterator[Finding]:
+    network, spec = asked.network, asked.network.spec
+    yield _at_most("neurons", spec.hidden + network.n_classes, 1024, "spread over more than one core")
+    yield _is(
+        "membrane", spec.membrane, "immediate", "train again with --set membrane=immediate, or microcode on Loihi 2"
+    )
+    yield _is("reset", spec.reset, "hard", "train again with --set reset=hard, or microcode on Loihi 2")
+    yield _is("readout", spec.readout, "count", "train again with --set readout=count, or microcode on Loihi 2")
+    yield Finding(
+        "recurrent delay",
+        f"{spec.recurrent_delay_steps} of {'immediate' if spec.membrane == 'immediate' else spec.membrane}",
+        "a spike comes back in the next step at the earliest",
+        spec.membrane != "immediate" or not spec.recurrent or spec.recurrent_delay_steps >= 0,
+        "",
+    )
+    for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
+        steps = tau_ms * 1e-3 * network.sampling_rate_Hz
+        off = abs(round(4096 * (1 - math.exp(-1 / steps))) / 4096 / (1 - math.exp(-1 / steps)) - 1)
+        cost = f"12 bits change the time constant by {100 * off:.1f} %: train again with a shorter one"
+        yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", off <= 0.05, cost)
+    yield from _weights(network, 8)
+    yield from _refractory(asked, 64)
+    yield _front_end("SA-I and RA-I as Loihi neurons with graded input, or on the embedded processor")
+    yield _exit(asked.rule, "a counter on the embedded processor, which also ends the run; it reads spikes every step")
+
+
+def _spinnaker(asked: Asked) -> Iterator[Finding]:
+    network, spec = asked.network, asked.network.spec
+    weights = sum(w.numel() for w in (network.w_in, network.w_rec, network.w_out) if w is not None)
+    n_bytes = 4 * weights + 16 * (spec.hidden + network.n_classes) + 8192
+    yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
+    yield Finding("membrane", spec.membrane, "any: processors are programmed in C", True, "")
+    yield Finding("reset", spec.reset, "any: processors are programmed in C", True, "")
+    yield Finding(
+        "conditioning and afferents", "in C", "any: the float variant of the C export runs on its Cortex-M4F", True, ""
+    )
+    yield Finding("early exit", _patience(asked.rule), "any: the C export holds it", True, "")
+
+
+CHECKS = {"xyloaudio2": _xylo, "loihi2": _loihi, "spinnaker2": _spinnaker}
+
+
+def _at_most(what: str, here: int, limit: int, cost: str) -> Finding:
+    return Finding(what, str(here), f"{limit} at most", here <= limit, cost)
+
+
+def _is(what: str, here: str, limit: str, cost: str) -> Finding:
+    return Finding(what, here, limit, here == limit, cost)
+
+
+def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
+    """A decay by x -> x - x / 2^k: the time constants that it knows are -1 / log(1 - 2^-k) steps."""
+    steps = tau_ms * 1e-3 * clock_Hz
+    known = {k: -1 / math.log(1 - 2.0**-k) for k in range(1, 16)}
+    k, nearest_one = min(known.items(), key=lambda each: abs(math.log(each[1] / steps)))
+    off = nearest_one / steps - 1
+    tau = 1e3 * nearest_one / clock_Hz
+    return Finding(
+        f"decay of the {name}",
+        f"tau {tau_ms:g} ms",
+        f"x - x / 2^k: {tau:.3g} ms (k = {k})",
+        abs(off) <= 0.05,
+        f"time constant changes by {100 * off:+.0f} %: train again with tau = {tau:.3g} ms",
+    )
+
+
+def _weights(network: RSNN, bits: int) -> Iterator[Finding]:
+    yield Finding("weights", "float32", f"{bits} bits", True, "")
+
+
+def _refractory(asked: Asked, most: int) -> Iterator[Finding]:
+    for part in ("sa1", "ra1"):
+        t_ref_ms = ((asked.encoder or {}).get(part) or {}).get("t_ref_ms")
+        if t_ref_ms is None:
+            continue
+        steps = math.ceil(t_ref_ms * 1e-3 * asked.network.sampling_rate_Hz - 1e-9)
+        yield _at_most(f"refractory steps of {part}", steps, most, "a slower clock, or afferents outside the chip")
+
+
+def _front_end(cost: str) -> Finding:
+    return Finding("conditioning and afferents", "analog signals", "spikes", False, cost)
+
+
+def _exit(rule: ExitRule, cost: str) -> Finding:
+    return Finding("early exit", _patience(rule), "whole windows", rule.patience is None, cost)
+
+
+def _patience(rule: ExitRule) -> str:
+    return "none" if rule.patience is None else f"patience {rule.patience} steps"

@@ -1,0 +1,128 @@
+"""C says what its twin says, spike by spike, for every kind of chain; and its text holds what it must."""
+
+import re
+
+import numpy as np
+import pytest
+from compiled import chosen, compare, spikes_of
+from made_chains import make_chain, make_encoder, make_signal
+
+from neurotact.deploy import c_export, proof
+from neurotact.deploy.chain import chain_of
+from neurotact.deploy.stream import Stream
+from neurotact.errors import InputError
+from neurotact.networks.rsnn import RSNN
+
+needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
+KINDS = {
+    "paper": ({"ema_cutoff_Hz": 30.0, "baseline": "start", "scale": (2.0, 0.5)}, {"patience": 5}),
+    "delayed": ({"baseline": "running"}, {"membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1}),
+    "immediate": (
+        {"baseline": "high-pass", "high_pass_Hz": 2.0, "rectify": True},
+        {"membrane": "immediate", "reset": "hard", "patience": 3},
+    ),
+    "feed-forward": ({"baseline": "first", "offset": (0.1, -0.2)}, {"model": "snn", "membrane": "immediate"}),
+    "integrator": (
+        {"offset": (1.0, 1.2), "scale": (0.5, 0.7)},
+        {"readout": "integrator", "patience": 4, "windows": {"length_ms": 30, "hop_ms": 9}},
+    ),
+    "contact": ({}, {"windows": {"length_ms": 25, "contact": True, "quiet_ms": 4, "start_ms": 11}, "patience": 2}),
+    "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {"rate_Hz": 370.0, "reset": "hard"}),
+    "slower": ({"resample_Hz": 1000.0}, {"rate_Hz": 1700.0, "membrane": "delayed", "recurrent_delay_steps": 1}),
+    "many": ({}, {"hidden": 300, "forward_weight_scale": 2.0, "n_taxels": 130}),
+}
+
+
+def made(kind: str):
+    conditioning, options = KINDS[kind]
+    return make_chain(conditioning, **options)
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("variant", ["float", "integer"])
+def test_c_says_what_its_twin_says(kind, variant, tmp_path):
+    chain = made(kind)
+    signals = [make_signal(150, chain.n_taxels, seed=k) for k in range(3)]
+    formats = None if variant == "float" else chosen(chain, signals, state_bits=16)
+    difference, expected = compare(chain, tmp_path, formats)
+    assert difference is None
+    assert all(n > 0 for n in spikes_of(expected))
+
+
+@needs_compiler
+@pytest.mark.parametrize("bits", [(8, 24), (2, 8), (5, 12)])
+def test_c_keeps_to_its_twin_where_states_saturate(bits, tmp_path):
+    """Formats from a quiet recording, so that the loud one leaves every range."""
+    chain = make_chain({"ema_cutoff_Hz": 30.0}, patience=5, forward_weight_scale=8.0)
+    formats = chosen(chain, [0.2 * make_signal(150, seed=k) for k in range(2)], weight_bits=bits[0], state_bits=bits[1])
+    loud = formats._replace(raw=formats.raw._replace(lsb=formats.raw.lsb / 4))
+    difference, _ = compare(chain, tmp_path, loud, flags=("-O1", *proof.SANITIZERS[2:]))
+    assert difference is None
+
+
+@needs_compiler
+def test_the_sanitizers_find_nothing(tmp_path):
+    chain = made("slower")._replace(windows=made("contact").windows)
+    assert compare(chain, tmp_path / "float", None, flags=proof.SANITIZERS)[0] is None
+    formats = chosen(chain, [make_signal(150)], state_bits=24)
+    assert compare(chain, tmp_path / "integer", formats, flags=proof.SANITIZERS)[0] is None
+
+
+@needs_compiler
+def test_a_stream_decides_what_the_float_variant_decides(tmp_path):
+    chain = made("paper")
+    _, expected = compare(chain, tmp_path, None, n=1)
+    found = [
+        (d.window, d.start_step, d.steps, d.input_spikes, d.hidden_spikes, int(d.heard), d.index)
+        for d in Stream(chain).decide([make_signal(150)])
+    ]
+    assert [row for row in found if row[1] + chain.windows.length <= 150] == expected[0].decisions
+
+
+def test_a_difference_is_named():
+    one = proof.Spoken([(0,), ()], {0: [(1,)]}, [(0, 0, 2, 1, 1, 1, 0)])
+    assert proof.first_difference([one], [one]) is None
+    cases = {
+        r"trial 0, afferents, step 1: \(\) where \(3,\)": one._replace(afferents=[(0,), (3,)]),
+        r"trial 0, window 0, hidden neurons, step 0": one._replace(hidden={0: [(2,)]}),
+        r"trial 0, window 1, hidden neurons, 0 steps where 1": one._replace(hidden={0: [(1,)], 1: [()]}),
+        r"decision \(0, 0, 2, 1, 1, 1, 0\) where": one._replace(decisions=[(0, 0, 2, 1, 1, 1, 1)]),
+        r"1 decisions where 0": one._replace(decisions=[]),
+        r"2 steps where 1": one._replace(afferents=[(0,)]),
+    }
+    for message, other in cases.items():
+        assert re.search(message, str(proof.first_difference([one], [other]))), message
+
+
+def test_the_source_keeps_to_its_rules(tmp_path):
+    chain = made("paper")
+    c_export.write(chain, tmp_path, chosen(chain, [make_signal(150)]), name="skin")
+    source = (tmp_path / "skin.c").read_text() + (tmp_path / "skin.h").read_text()
+    assert re.findall(r"#include [<\"](.*)[>\"]", source) == ["skin.h", "stdint.h"]
+    assert not re.search(r"\b(float|double|malloc|free|math)\b", re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL))
+    assert {path.name for path in tmp_path.iterdir()} == {"skin.c", "skin.h", "example.c", "README.md"}
+
+
+def test_class_names_are_c_strings(tmp_path):
+    network = RSNN(4, 2, hidden=3, sampling_rate_Hz=1000.0)
+    chain = chain_of((make_encoder(), network))._replace(classes=('a "b"\\', "café??/"))
+    c_export.write(chain, tmp_path)
+    assert r'{"a \042b\042\134", "caf\303\251\077\077/"}' in (tmp_path / "touch.c").read_text()
+
+
+@pytest.mark.parametrize("name", ["2skins", "a b", "ü", "", "int x"])
+def test_a_name_that_c_does_not_take_is_refused(name, tmp_path):
+    with pytest.raises(InputError, match="must be a C name"):
+        c_export.write(made("paper"), tmp_path, name=name)
+
+
+def test_a_harness_that_stops_is_no_success(tmp_path):
+    (tmp_path / "skin.h").write_text("const uint8_t *afferents, const uint8_t *neurons,")
+    with pytest.raises(InputError, match="stopped in the middle"):
+        proof._parsed(b"E", "skin", tmp_path)
+
+
+def test_trials_of_another_type_are_refused():
+    with pytest.raises(InputError, match="must be int16 or float32"):
+        proof._packed([np.zeros((3, 2))])

@@ -1,0 +1,129 @@
+"""Formats are as fine as their bits allow, and the integer twin is close to the float chain that it was made from."""
+
+import numpy as np
+import pytest
+import torch
+from compiled import chosen, raster_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_chains import make_chain, make_signal, offline
+
+from neurotact.deploy import formats, integer
+from neurotact.deploy.formats import Ranges, Raw, Weight
+from neurotact.deploy.twin import said_in_whole_numbers
+from neurotact.errors import InputError
+
+
+@given(value=st.floats(1e-6, 0.999))
+def test_a_weight_is_right_to_its_mantissa(value):
+    weight = Weight.of(value)
+    assert 2**14 <= weight.mantissa < 2**15
+    assert weight.mantissa / 2**weight.bits == pytest.approx(value, rel=2**-14)
+
+
+@given(state=st.integers(-(2**29), 2**29), target=st.integers(-(2**29), 2**29), value=st.floats(1e-4, 0.99))
+def test_what_follows_neither_overshoots_nor_turns_back(state, target, value):
+    after = int(integer.follow(np.array(state), np.array(target), Weight.of(value)))
+    assert min(state, target) <= after <= max(state, target)
+    assert after == pytest.approx(state + (target - state) * value, abs=2 + abs(target - state) * 2**-14)
+
+
+@given(a=st.integers(-(2**40), 2**40), bits=st.integers(0, 30))
+def test_division_rounds_towards_zero(a, bits):
+    assert int(integer.over(np.array(a), bits)) == int(a / 2**bits)
+
+
+@pytest.mark.parametrize("kind", [{}, {"membrane": "delayed", "reset": "subtract"}, {"membrane": "immediate"}])
+def test_fine_formats_decide_as_the_float_chain_does(kind):
+    """Weights that 8 bits hold exactly, states of 24 bits: what is left is rounding in the last bits."""
+    chain = make_chain({"ema_cutoff_Hz": 30.0, "baseline": "start", "start_ms": 15.0}, seed=3, **kind)
+    with torch.no_grad():
+        for w in (chain.network.w_in, chain.network.w_rec, chain.network.w_out):
+            top = w.abs().max()
+            w.copy_(torch.round(w / top * 127) * top / 127)
+    signals = [make_signal(400, seed=k) for k in range(6)]
+    fine = chosen(chain, signals, state_bits=24)
+    same = n = spikes = 0
+    for signal in signals:
+        said = said_in_whole_numbers(chain, fine, [fine.raw.samples(signal)])[0]
+        raster, expected = offline(chain, signal)
+        rows = [tuple(np.flatnonzero(row).tolist()) for row in raster]
+        spikes += sum(map(len, rows))
+        assert sum(a != b for a, b in zip(said.afferents, rows, strict=True)) <= 0.01 * len(rows)
+        same += sum(one[-1] == other[1] for one, other in zip(said.decisions, expected, strict=True))
+        n += len(expected)
+    assert spikes > 100
+    assert same >= 0.9 * n
+
+
+def test_coarse_weights_and_states_are_coarser():
+    chain = make_chain({})
+    ranges = Ranges(-10.0, 10.0, 5.0, 5.0)
+    for bits in range(2, 9):
+        found = formats.choose(chain, ranges, weight_bits=bits, state_bits=16)
+        top = 2 ** (bits - 1) - 1
+        assert max(np.abs(found.hidden.w).max(), np.abs(found.hidden.v).max()) == top
+        whole = found.hidden.w * found.hidden.unit * 2.0**found.hidden.shift
+        step = found.hidden.unit * 2.0**found.hidden.shift
+        assert np.abs(whole - chain.network.w_in.detach().numpy()).max() <= 0.5 * step + 1e-9
+    for bits in (*range(8, 17), 24):
+        found = formats.choose(chain, ranges, state_bits=bits)
+        assert formats.HEADROOM * 5.0 / found.hidden.unit <= 2 ** (bits - 1)
+
+
+def test_slow_networks_get_wide_states():
+    ranges = Ranges(-10.0, 10.0, 5.0, 5.0)
+    quick, slow = (make_chain({}, tau_mem_ms=tau, tau_syn_ms=tau) for tau in (5.0, 400.0))
+    assert formats.choose(quick, ranges).state_bits == 16
+    assert formats.choose(slow, ranges).state_bits == 24
+
+
+def test_a_sample_off_zero_is_centred():
+    raw = formats.choose(make_chain({"baseline": "first"}), Ranges(1.6, 2.0, 5.0, 5.0)).raw
+    assert raw.zero == pytest.approx(1.8)
+    assert raw.samples(np.array([1.6, 1.8, 2.0])).tolist() == pytest.approx([-26214, 0, 26214], abs=1)
+    assert Raw(0.5, 0.0).samples(np.array([1e9, -1e9])).tolist() == [32767, -32768]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"beta": 1.5}, "beta is 1.5, which is no decay"),
+        ({"threshold": -1.0}, "a threshold of -1 has no integer form"),
+    ],
+)
+def test_dynamics_without_an_integer_form_are_refused(change, message):
+    chain = make_chain({})
+    for name, value in change.items():
+        getattr(chain.network, name).data.fill_(value)
+    with pytest.raises(InputError, match=message):
+        formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
+
+
+def test_an_lsb_that_does_not_fit_is_refused():
+    chain = make_chain({"offset": (500.0, 0.0)})
+    with pytest.raises(InputError, match="give a coarser one"):
+        formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0), lsb=1e-4)
+    with pytest.raises(InputError, match="give a finer one"):
+        formats.choose(make_chain({}), Ranges(-10.0, 10.0, 5.0, 5.0), lsb=1e6)
+
+
+@settings(max_examples=20)
+@given(rate=st.sampled_from([370.0, 700.0, 1700.0, 3333.3]), n=st.integers(1, 200))
+def test_the_number_of_steps_is_the_interpolated_one(rate, n):
+    """Up to the step that only the end of a trial completes."""
+    chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=rate)
+    front = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0)).front
+    whole = int(np.floor((n - 1) / rate * 1000.0 + 1e-9)) + 1
+    assert whole - 1 <= integer.n_steps(n, front) <= whole
+
+
+def test_ranges_are_the_largest_values_that_were_seen():
+    chain = make_chain({}, seed=1)
+    signal = make_signal(100)
+    raster = raster_of(chain, signal)[None, :40]
+    found = formats.record(chain.network, torch.from_numpy(raster), [signal])
+    assert found.low == pytest.approx(float(signal.min()))
+    assert found.high == pytest.approx(float(signal.max()))
+    assert found.hidden > 1
+    assert formats.record(chain.network, torch.zeros(1, 40, 4), [signal]).hidden == 0

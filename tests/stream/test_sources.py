@@ -1,0 +1,156 @@
+"""Samples out of text and bytes: what is no sample is counted, and what cannot be used at all is refused."""
+
+import os
+import threading
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_chains import make_chain, make_signal, told
+
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.deploy import sources
+from neurotact.deploy.sources import Frames, Noted, Rows
+from neurotact.deploy.stream import Stream
+from neurotact.errors import InputError
+
+
+def taken(parser, *pieces: bytes) -> list:
+    """What a parser makes of bytes: rows as lists, lost samples as numbers."""
+    found = []
+    for piece in pieces:
+        for arrived in parser.take(piece):
+            found += [arrived.missing] if arrived.samples is None else arrived.samples.tolist()
+    return found
+
+
+@given(cuts=st.lists(st.integers(0, 400), max_size=5), separator=st.sampled_from([",", ";", "\t", " ", ", "]))
+@settings(max_examples=30, deadline=None)
+def test_rows_are_the_same_however_the_bytes_come(cuts, separator):
+    signal = make_signal(20)
+    text = "a,b\n" + "".join(separator.join(repr(float(v)) for v in row) + "\n" for row in signal)
+    data, places = text.encode(), sorted({0, *cuts, len(text)})
+    pieces = [data[a:b] for a, b in zip(places, [*places[1:], len(data)], strict=True)]
+    assert np.array_equal(np.array(taken(Rows("-", 2, 1000.0, Noted()), *pieces), np.float32), signal)
+
+
+def test_what_is_no_sample_is_counted_and_stands_for_a_missing_one():
+    noted = Noted()
+    rows = Rows("-", 2, 1000.0, noted)
+    found = taken(rows, b"# a skin\n1,2\n\n3\n4,five\n6,\n7,8,9\n10,11\r\n12,1")
+    assert found[:3] == [[1.0, 2.0], 1, 1]
+    assert np.isnan(found[3][1])
+    assert found[4:] == [1, [10.0, 11.0]]
+    rows.finish()
+    assert noted == Noted(bad_rows=3, cut_off=1)
+    assert noted.trouble() == "bad rows 3, cut off at the end 1"
+
+
+@pytest.mark.parametrize(("unit_s", "scale"), [(1.0, 1e-3), (1e-3, 1.0)])
+def test_a_time_column_finds_lost_and_doubled_rows(unit_s, scale):
+    noted = Noted()
+    rows = Rows("-", 1, 1000.0, noted, time_unit_s=unit_s)
+    times = [5.0, 6.1, 6.9, 10.0, 10.0, 9.0, 11.0]
+    text = "".join(f"{t * scale!r},{i}\n" for i, t in enumerate(times))
+    assert taken(rows, text.encode()) == [[0.0], [1.0], [2.0], 2, [3.0], [6.0]]
+    assert noted.bad_rows == 2
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"1,2,3\n", "line 1 has 3 values, '1,2,3', where 2 numbers"),
+        (b"left,right\nup,down\n", "line 2 has 2 values"),
+        (b"\x00\xff\xfe\x01\n\n\x00\x10\n", "line 3"),
+        (b"x" * (sources.LONGEST_ROW + 1), "does not end within"),
+    ],
+)
+def test_text_that_is_no_table_is_refused(data, message):
+    with pytest.raises(InputError, match=message):
+        list(Rows("-", 2, 1000.0, Noted()).take(data))
+
+
+@pytest.mark.parametrize("parser", [Rows("-", 2, 1000.0, Noted()), Frames("-", 2, "int16", Noted())])
+def test_a_source_without_a_sample_is_refused(parser):
+    with pytest.raises(InputError, match="holds no sample"):
+        parser.finish()
+
+
+@given(cuts=st.lists(st.integers(0, 60), max_size=4), kind=st.sampled_from(["float32", "int16"]))
+@settings(max_examples=20, deadline=None)
+def test_frames_are_the_same_however_the_bytes_come(cuts, kind):
+    signal = np.arange(-12, 12).reshape(-1, 2)
+    data, noted = signal.astype({"float32": "<f4", "int16": "<i2"}[kind]).tobytes() + b"\x01", Noted()
+    places = sorted({0, *(c for c in cuts if c < len(data))})
+    frames = Frames("-", 2, kind, noted, lsb=0.5, zero=1.0)
+    found = taken(frames, *(data[a:b] for a, b in zip(places, [*places[1:], len(data)], strict=True)))
+    assert found == (signal if kind == "float32" else 1.0 + 0.5 * signal).tolist()
+    frames.finish()
+    assert noted.cut_off == 1
+
+
+def test_text_given_for_frames_is_refused():
+    with pytest.raises(InputError, match="pass --format csv"):
+        list(Frames("-", 2, "float32", Noted()).take(b"1.25,3.5\n1.5,2.5\n"))
+
+
+def test_a_pipe_that_stalls_is_a_gap(tmp_path):
+    chain, noted = make_chain({}), Noted()
+    signal = make_signal(150)
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+
+    def write() -> None:
+        with path.open("wb", buffering=0) as pipe:
+            pipe.write(signal[:60].tobytes())
+            for _ in range(600):
+                if noted.stalls:
+                    break
+                time.sleep(0.1)
+            pipe.write(signal[60:].tobytes())
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    stream = Stream(chain)
+    source = sources.live(str(path), Frames("-", 2, "float32", noted), noted, stall_s=0.2)
+    found = list(sources.decide(stream, source))
+    writer.join()
+    assert noted.stalls == 1
+    assert stream.tally.gaps == 1
+    assert stream.tally.dropped == 1
+    alone = Stream(chain)
+    expected = told(Stream(chain).push(signal[:60])) + told(alone.push(signal[60:]))
+    assert told(found) == expected
+
+
+def test_recordings_are_streamed_trial_by_trial(tmp_path):
+    chain = make_chain({"baseline": "running"})
+    signals = [make_signal(90, seed=1), make_signal(130, seed=2)]
+    skin = Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["a", "b"]}))
+    hdf5.save_recordings(skin, tmp_path / "skin.h5")
+    found = list(sources.decide(Stream(chain), sources.recorded(tmp_path / "skin.h5", 2, 7)))
+    assert told(found) == [row for signal in signals for row in told(Stream(chain).push(signal))]
+    with pytest.raises(InputError, match="has 2 taxels but the chain feels 3"):
+        next(sources.recorded(tmp_path / "skin.h5", 3, 7))
+
+
+def test_a_replay_keeps_its_rate():
+    noted = Noted()
+    source = iter([sources.Arrived(make_signal(200)), sources.Arrived(missing=100), sources.Arrived(end=True)])
+    began = time.monotonic()
+    parts = list(sources.at_its_rate(source, 1000.0, noted, 20))
+    assert 0.299 < time.monotonic() - began < 1.5
+    assert [len(p.samples) for p in parts if p.samples is not None] == [20] * 10
+
+
+def test_a_slow_taker_is_noted():
+    noted = Noted()
+    source = iter([sources.Arrived(make_signal(60))])
+    for _ in sources.at_its_rate(source, 1000.0, noted, 10):
+        time.sleep(0.05)
+    assert noted.late_blocks >= 3
+    assert "late blocks" in noted.trouble()

@@ -1,0 +1,178 @@
+"""`neurotact stream` and `neurotact export`: a run, a pipe, and what is refused."""
+
+import json
+import subprocess
+import sys
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from made_chains import make_encoder, make_signal, told
+
+import neurotact as nt
+from neurotact import cli
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.networks import trained
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+
+N = 12
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A network of an epoch, with its spikes and recordings beside it."""
+    folder = tmp_path_factory.mktemp("chain")
+    signals = [make_signal(130, seed=k) for k in range(N)]
+    labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(N)]})
+    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", labels), folder / "skin.h5")
+    skin = hdf5.load_recordings(folder / "skin.h5")
+    trains = encode_recordings(skin, make_encoder(baseline="first"))
+    hdf5.save_spikes(trains, folder / "spikes.h5")
+    spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
+    task = Task.model_validate({"window": {"length_ms": 40}})
+    done, _ = trained.fit(trains, spec, task, (0, 1))
+    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
+    return folder
+
+
+class Done(NamedTuple):
+    code: int
+    out: list[str]
+    err: list[str]
+
+
+@pytest.fixture
+def neurotact(monkeypatch, capsys, tmp_path):
+    """The command line in this process; `given` are the bytes of a file that --from names."""
+
+    def call(*words, given: bytes | None = None) -> Done:
+        if given is not None:
+            (tmp_path / "samples").write_bytes(given)
+            words = (*words, "--from", tmp_path / "samples")
+        monkeypatch.setattr(sys, "argv", ["neurotact", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        told = capsys.readouterr()
+        return Done(int(end.value.code or 0), told.out.splitlines(), told.err.splitlines())
+
+    return call
+
+
+def test_a_table_becomes_decisions(run, neurotact):
+    signal = make_signal(130, seed=3)
+    text = "a,b\n" + "".join(f"{a!r},{b!r}\n" for a, b in signal.astype(float).tolist()) + "1,x\n0.5"
+    done = neurotact("stream", run / "run", "--json", given=text.encode())
+    assert done.code == 0, done.err
+    found = [json.loads(line) for line in done.out]
+    expected = [d._asdict() for d in nt.Stream(run / "run").push(signal)]
+    assert found == expected
+    last = done.err[-1]
+    assert "130 samples" in last
+    assert "missing 1" in last
+    assert "bad rows 1, cut off at the end 1" in last
+
+
+def test_recordings_become_decisions_in_words(run, neurotact):
+    done = neurotact("stream", run / "run", "--from", run / "skin.h5", "--full-window", "--hop-ms", "30")
+    assert done.code == 0, done.err
+    assert len(done.out) == 4 * N
+    assert all("after 40 steps (40 ms)" in line for line in done.out)
+    assert "unfinished 12" in done.err[-1]
+
+
+@pytest.mark.parametrize(
+    ("words", "given", "message"),
+    [
+        ([], b"1,2,3\n", "line 1 has 3 values"),
+        ([], b"", "samples: holds no sample"),
+        (["--format", "int16"], b"1,2\n3,4\n", "pass --format csv"),
+        (["--format", "wav"], b"", "--format wav: is unknown"),
+        (["--rate", "slow"], b"", "--rate slow: is unknown"),
+        (["--time-column", "h"], b"", "--time-column h: is unknown"),
+        (["--from", "/no/such/pipe"], None, "/no/such/pipe: cannot be read"),
+        (["--unit", "count"], b"", "'count' but 'mV'"),
+        (["--contact", "--quiet-ms", "0"], b"", "quiet_ms"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(run, words, given, message, neurotact):
+    done = neurotact("stream", run / "run", *words, given=given)
+    assert done.code == 2
+    assert message in done.err[0]
+    assert len(done.err) == 1
+    assert not done.out
+
+
+@pytest.mark.slow
+def test_nobody_listening_is_no_fault(run):
+    row = b"0.1,0.2\n" * 1000
+    words = [sys.executable, "-m", "neurotact", "stream", str(run / "run")]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin
+        assert process.stdout
+        assert process.stderr
+        process.stdout.close()
+        process.stdin.write(row)
+        process.stdin.close()
+        assert b"Traceback" not in process.stderr.read()
+        assert process.wait(60) == 0
+
+
+def test_an_export_is_written_once(run, tmp_path, neurotact):
+    done = neurotact("export", run / "run", "--to", "c", "-o", tmp_path / "c", "--name", "skin", "--state-bits", "16")
+    assert done.code == 0, done.err
+    assert "2 taxels, 4-5-2 neurons, 8-bit weights, 16-bit states" in done.out[-1]
+    again = neurotact("export", run / "run", "--to", "c", "-o", tmp_path / "c", "--name", "skin")
+    assert again.code == 2
+    assert "skin.h: already exists" in again.err[0]
+    assert nt.export_c(run / "run", tmp_path / "c", variant="float", name="skin", force=True).formats is None
+    assert "float arithmetic" in (tmp_path / "c" / "skin.c").read_text()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "needs --to c"),
+        (["--to", "vhdl", "-o", "x"], "--to vhdl: is unknown"),
+        (["--to", "c", "-o", "x", "--variant", "double"], "'double' is unknown"),
+        (["--to", "c", "-o", "x", "--weight-bits", "9"], "weight_bits: must be from 2 to 8"),
+        (["--to", "c", "-o", "x", "--state-bits", "20"], "state_bits: must be from 8 to 16, or 24"),
+        (["--to", "c", "-o", "x", "--lsb", "nan"], "lsb: must be a positive number"),
+        (["--to", "c", "-o", "x", "--recordings", "no.h5"], "no.h5"),
+        (["--check", "loihi3"], "did you mean 'loihi2'"),
+    ],
+)
+def test_an_export_that_cannot_be_is_one_line(run, tmp_path, words, message, monkeypatch, neurotact):
+    monkeypatch.chdir(tmp_path)
+    done = neurotact("export", run / "run", *words)
+    assert done.code == 2
+    assert message in done.err[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_check_names_what_stands_in_the_way(run, neurotact):
+    done = neurotact("export", run / "run", "--check", "xyloaudio2")
+    assert done.code == 0, done.err
+    assert any(line.startswith("NOT  membrane: eq4; immediate; train again") for line in done.out)
+    assert any(line.startswith("fits  inputs: 4; 16 at most") for line in done.out)
+
+
+def test_the_recordings_must_be_those_of_the_run(run, tmp_path):
+    other = Recordings(np.zeros((3, 9, 2)), 1000.0, "mV", pd.DataFrame({"label": ["a", "b", "a"]}))
+    hdf5.save_recordings(other, tmp_path / "other.h5")
+    with pytest.raises(nt.InputError, match="is not what the run's spikes were encoded from"):
+        nt.export_c(run / "run", tmp_path / "c", recordings=tmp_path / "other.h5")
+
+
+def test_a_run_with_early_exit_streams_with_it(run):
+    signal = make_signal(130, seed=5)
+    early = nt.Stream(run / "run")
+    full = nt.Stream(run / "run", early_exit=False)
+    assert early.chain.rule.patience is not None
+    assert full.chain.rule.patience is None
+    assert [row[2] for row in told(full.push(signal))] == [40] * 3
+    assert torch.equal(early.chain.network.w_in, full.chain.network.w_in)
