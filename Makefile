@@ -12,7 +12,7 @@ ifneq ($(shell command -v c++ || command -v g++ || command -v clang++),)
 export NEUROTACT_REQUIRE_NATIVE = 1
 endif
 
-.PHONY: study test lint bench clean
+.PHONY: study test lint bench device clean
 
 study: $(VENV)/.installed
 	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
@@ -28,6 +28,10 @@ lint: $(VENV)/.linters
 bench: $(VENV)/.peers
 	$(BIN)/python benchmarks/rsnn_training.py
 	NEUROTACT_BRIAN2_PYTHON=$(VENV)-brian2/bin/python $(BIN)/python benchmarks/encoding.py
+
+# Wants cc, and for the processors gcc-arm-none-eabi and qemu-system-arm; what is absent is skipped, with the reason.
+device: $(VENV)/.installed
+	$(BIN)/python benchmarks/device.py
 
 # One install for all, since each would compile the kernels anew. An editable install does not rebuild C++: the
 # stamp does, whenever native/ changes.
