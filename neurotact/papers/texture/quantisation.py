@@ -138,7 +138,7 @@ def draw_over_bits(results: pd.DataFrame) -> Figure:
         for index, (bits, part) in enumerate(whole.groupby("weight_bits", sort=False)):
             means = part.groupby("state_bits")["exit_accuracy"].mean()
             axes.plot(means.index, 100 * means, label=f"{bits}-bit weights", **series_style(index))
-        axes.set(title=f"t_ref {pair} ms", xlabel="state bits")
+        axes.set(title=f"t_ref {pair} ms", xlabel="state bits", xticks=sorted(set(whole["state_bits"])))
     panels[0].set_ylabel("test accuracy (%)")
     add_legend(figure, panels, ncols=5)
     return figure
