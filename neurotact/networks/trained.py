@@ -103,7 +103,8 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
     split = split or split_conditions(trains.conditions, task.stratify, task.split)
     sides = Split(*(np.intersect1d(side, inside) for side in split))
-    known = sorted({trains.classes[label] for label in trains.labels[sides.train]})
+    names = trains.classes  # gathered from all trials at every call
+    known = [names[label] for label in np.unique(trains.labels[sides.train])]
     if len(known) < 2:
         raise InputError(
             f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"

@@ -214,6 +214,16 @@ def test_training_trials_of_one_class_are_refused():
         trained.fit(trains, SPEC, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
 
 
+def test_the_classes_of_all_trials_are_gathered_once_and_not_for_each_trial(monkeypatch):
+    asked = []
+    classes = SpikeTrains.classes.fget
+    monkeypatch.setattr(SpikeTrains, "classes", property(lambda trains: asked.append(0) or classes(trains)))
+    trains = trains_of(*((STEADY, n % 2) for n in range(12)))
+    asked.clear()
+    trained.trials_of(trains, Task(window={"length_ms": N_STEPS}))
+    assert len(asked) == 1
+
+
 def test_training_windows_without_a_spike_are_said():
     trains = trains_of((SILENT, 0), (SILENT, 1), (STEADY, 0), (STEADY, 1))
     split = Split(np.array([0, 1]), np.array([2]), np.array([3]))
