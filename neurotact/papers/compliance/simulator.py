@@ -91,10 +91,13 @@ class ComplianceSpec(Spec):
     """Scales how the stiffness of each object varies and falls from exploration to exploration (table of objects)."""
     habit_mm: float = Field(default=2.0, ge=0)
     """Standard deviation of where an object is usually laid, along each axis: an operator lays each in one way."""
+    placing: Literal["repeated", "random"] = "random"
+    """Repeated: an object is laid down once and left in place for all of its explorations, as in a jig. Random: it is
+    laid down anew for each, as by hand."""
     jitter_place_mm: float = Field(default=1.0, ge=0)
-    """Standard deviation of where it lies in an exploration around that: it is placed by hand."""
+    """Standard deviation of where it lies around that each time it is laid down, along each axis."""
     jitter_angle_deg: float = Field(default=5.0, ge=0)
-    """Standard deviation of how it is turned."""
+    """Standard deviation of how it is turned each time."""
     jitter_travel: float = Field(default=0.01, ge=0, lt=0.1)
     """Standard deviation of the distance travelled, and with it of the speed, over the commanded one."""
     jitter_start_ms: float = Field(default=4.0, ge=0)
@@ -254,9 +257,10 @@ def draw_exploration(spec: ComplianceSpec, thing: TouchedObject, trial: int, rng
     """What varies from exploration to exploration, normal within 3 deviations; produce softens as it is squeezed."""
     stiffness, travel, start, touch, along, across, angle, *gains = np.clip(rng.standard_normal(9), -3.0, 3.0)
     number = int(thing.label.removeprefix("OBJ-"))
-    habit_mm = (
-        spec.habit_mm * np.clip(trial_generator(spec.seed, number).standard_normal(2), -3.0, 3.0) + thing.summit_mm
-    )
+    of_object = np.clip(trial_generator(spec.seed, number).standard_normal(5), -3.0, 3.0)
+    habit_mm = spec.habit_mm * of_object[:2] + thing.summit_mm
+    if spec.placing == "repeated":
+        along, across, angle = of_object[2:]
     series = trial / (spec.trials - 1) if spec.trials > 1 else 0.0
     softened = 1.0 - spec.stiffness_spread * thing.softening * series
     return Exploration(

@@ -8,7 +8,7 @@ Equations, sources and what does not match: docs/contact-materials-simulator.md.
 
 import zlib
 from collections.abc import Callable
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -139,6 +139,9 @@ class ContactMaterialsSpec(Spec):
     force_noise_mN_rms: float = Field(default=2.0, ge=0)
     """White noise of the force sensor."""
 
+    landing: Literal["repeated", "random"] = "random"
+    """Repeated: each probe lands once, and all of its trials are readings of that landing, as in a jig. Random: it
+    lands anew for every trial, as by hand. Of a landing are the preload, the crown, the place and the moduli."""
     jitter_force: Share = 0.02
     """Standard deviation of a trial's dynamic force over the set force; the sensor sees it."""
     jitter_preload: Share = 0.1
@@ -204,7 +207,7 @@ def simulate(spec: ContactMaterialsSpec, progress: Callable[[int, int], None] | 
     rows = zip(conditions.label, conditions.set_force_N, conditions.frequency_Hz, conditions.trial, strict=True)
     for i, (material, force_N, frequency_Hz, trial) in enumerate(rows):
         rng = trial_generator(spec.seed, material, force_N, frequency_Hz, trial)
-        signals[i] = record(spec, draw_touch(spec, spec.probes[material], force_N, frequency_Hz, rng), rng)
+        signals[i] = record(spec, draw_touch(spec, material, force_N, frequency_Hz, rng), rng)
         if progress is not None and (i % 40 == 39 or i + 1 == len(conditions)):
             progress(i + 1, len(conditions))
     source = f"simulated contact materials {spec.digest()}"
@@ -253,11 +256,17 @@ def trial_generator(seed: int, material: str, force_N: float, frequency_Hz: floa
 
 
 def draw_touch(
-    spec: ContactMaterialsSpec, probe: ProbeSpec, force_N: float, frequency_Hz: float, rng: np.random.Generator
+    spec: ContactMaterialsSpec, material: str, force_N: float, frequency_Hz: float, rng: np.random.Generator
 ) -> Touch:
-    """What varies from trial to trial: phase (uniform), the others normal, within 3 deviations."""
+    """What varies from trial to trial: phase (uniform), the others normal, within 3 deviations.
+
+    A landing that is repeated is drawn from the spec's seed and the material, not from `rng`.
+    """
     phase = rng.uniform(0.0, 2.0 * np.pi)
-    moduli, force, preload, crown, along, across, gain = np.clip(rng.standard_normal(7), -3.0, 3.0)
+    drawn = _deviates(rng)
+    moduli, _, preload, crown, along, across, _ = drawn if spec.landing == "random" else _landing(spec.seed, material)
+    _, force, *_, gain = drawn
+    probe = spec.probes[material]
     stiffer = 1.0 + probe.spread * moduli
     this_probe = probe.model_copy(
         update={
@@ -275,6 +284,16 @@ def draw_touch(
         1.0 + spec.jitter_gain * gain,
         phase,
     )
+
+
+def _deviates(rng: np.random.Generator) -> np.ndarray:
+    """Of moduli, force, preload, crown, place (along, across) and gain, in deviations."""
+    return np.clip(rng.standard_normal(7), -3.0, 3.0)
+
+
+def _landing(seed: int, material: str) -> np.ndarray:
+    """The deviates of a probe's one landing: no key of a trial is as short as its own."""
+    return _deviates(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(material.encode()),))))
 
 
 def record(spec: ContactMaterialsSpec, touch: Touch, rng: np.random.Generator) -> np.ndarray:

@@ -3,6 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.papers.compliance.curve_features import instants
@@ -196,6 +198,23 @@ def test_produce_softens_as_it_is_squeezed_again():
     thing = load_objects()[8]
     first, last = (draw_exploration(spec, thing, trial, np.random.default_rng(0)).stiffness for trial in (0, 46))
     assert last / first == pytest.approx(1.0 - thing.softening)
+
+
+@given(st.integers(0, 41), st.integers(0, 99))
+def test_an_object_that_is_left_in_place_lies_there_in_every_exploration(index, seed):
+    thing = load_objects()[index]
+
+    def places(spec):
+        explored = [draw_exploration(spec, thing, trial, np.random.default_rng(trial)) for trial in range(4)]
+        return [(*how.place_mm, how.angle_rad) for how in explored], explored
+
+    spec = ComplianceSpec(placing="repeated", seed=seed)
+    left, explored = places(spec)
+    anew, _ = places(spec.model_copy(update={"placing": "random"}))
+    assert (len(set(left)), len(set(anew))) == (1, 4)
+    assert len({how.touch_N for how in explored}) == 4
+    still, _ = places(spec.model_copy(update={"jitter_place_mm": 0.0, "jitter_angle_deg": 0.0}))
+    assert still[0] != left[0]  # it is not laid down exactly, only once
 
 
 def test_taxel_gains_belong_to_the_sensor_not_to_the_exploration():

@@ -18,6 +18,7 @@ from neurotact.papers.materials.simulator import (
     amplifier_gain,
     charge_constant,
     contact_modulus_Pa,
+    draw_touch,
     electrode_force_N,
     electrode_share,
     force_passed_on,
@@ -73,6 +74,42 @@ def test_a_trial_does_not_depend_on_which_others_are_simulated(experiment):
     alone = simulate(ContactMaterialsSpec(trials=2, probes={"wood": PROBES["wood"]}, frequencies_Hz=(45.0,)))
     same = (experiment.conditions.label == "wood") & (experiment.conditions.frequency_Hz == 45.0)
     np.testing.assert_array_equal(experiment.signals[same.to_numpy()], alone.signals)
+
+
+LANDING = ("probe", "preload_N", "crown_m", "off_centre_m")
+
+
+def landings(spec, material, n=4):
+    """What a landing decides, and the rest, of some trials of two conditions."""
+    generators = (np.random.default_rng(i) for i in range(n))
+    touches = [draw_touch(spec, material, (0.2, 0.4)[i % 2], 30.0, rng) for i, rng in enumerate(generators)]
+    return [tuple(getattr(touch, name) for name in LANDING) for touch in touches], touches
+
+
+@given(material=materials, seed=st.integers(0, 99))
+def test_a_repeated_landing_is_one_for_all_trials_of_a_probe(material, seed):
+    spec = ContactMaterialsSpec(landing="repeated", seed=seed)
+    of_landing, touches = landings(spec, material)
+    assert len({str(one) for one in of_landing}) == 1
+    assert len({touch.gain for touch in touches}) == len({touch.phase for touch in touches}) == len(touches)
+    anew, _ = landings(spec.model_copy(update={"landing": "random"}), material)
+    assert len({str(one) for one in anew}) == len(anew)
+    other, _ = landings(spec.model_copy(update={"seed": seed + 1}), material)
+    assert other[0] != of_landing[0]
+
+
+def test_probes_that_land_once_land_apart():
+    spec = ContactMaterialsSpec(landing="repeated")
+    assert len({landings(spec, material)[1][0].crown_m for material in PROBES}) == len(PROBES)
+
+
+def test_repeated_landings_scatter_less():
+    spread = {}
+    for landing in ("repeated", "random"):
+        table = patterns(simulate(ContactMaterialsSpec(trials=8, landing=landing, frequencies_Hz=(30.0,))))
+        table = table.assign(set_force_N=table.force_N.round(1))
+        spread[landing] = table.groupby(["label", "set_force_N"]).amplitude_mV.std().mean()
+    assert spread["repeated"] < 0.6 * spread["random"]
 
 
 def test_patterns_recover_what_was_put_in():
