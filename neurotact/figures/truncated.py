@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from neurotact.figures.style import (
     INK,
@@ -22,6 +23,14 @@ from neurotact.figures.style import (
 
 MODES = {"validated": "counted from the first readout spike", "oracle": "Algorithm 1, which knows the true label"}
 PANELS = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
+COSTS = (
+    ("spikes", "afferent spikes per decision"),
+    ("kSOPs", "SOPs per decision (thousands)"),
+    ("window.length_ms", "signal heard (ms)"),
+)
+"""What a decision costs: a panel each of `draw_costs`."""
+CLOSE = (0.6, 5.0)
+"""Labels of points that differ by less in the logarithm of the cost and in points of accuracy would overlap."""
 
 
 def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> pd.DataFrame:
@@ -75,6 +84,52 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
     keep_within(grid[:, 0])
     add_legend(figure, [grid[0, 0]], ncols=3)
     return figure
+
+
+@printed
+def draw_costs(results: pd.DataFrame) -> Figure:
+    """Test accuracy against what a decision costs: spikes, SOPs and milliseconds; a line per t_ref pair.
+
+    results: of `results.csv`, with the columns `pair` and `window.length_ms`, a point per length; means over sizes and
+    seeds, with the deviation over seeds of the accuracy. The length in ms stands beside the points of the first pair.
+    """
+    spikes = results["spikes_sa"] + results["spikes_ra"]
+    results = results.assign(spikes=spikes, kSOPs=1e-3 * results["sops_total"])
+    figure = new_figure(2.9)
+    panels = figure.subplots(1, len(COSTS), sharey=True)
+    by = ["pair", "window.length_ms"]
+    accuracy = mean_and_deviation(results, by, "accuracy_test")
+    for axes, (cost, words) in zip(panels, COSTS, strict=True):
+        paid = results.groupby(by, sort=False)[cost].mean() if cost not in by else None
+        for index, pair in enumerate(dict.fromkeys(results["pair"])):
+            rows = accuracy[accuracy["pair"] == pair].sort_values("window.length_ms")
+            lengths = rows["window.length_ms"]
+            x = lengths.to_numpy(float) if paid is None else paid[pair].reindex(lengths).to_numpy(float)
+            y = 100.0 * rows["mean"].to_numpy(float)
+            spread = bars(y, 100.0 * rows["sd"].to_numpy(float), 100.0)
+            axes.errorbar(x, y, spread, label=f"{pair} ms", ms=4, lw=1.1, elinewidth=0.7, **series_style(index))
+            if index == 0 and paid is not None:
+                _label_lengths(axes, x, y, lengths.to_list())
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.tick_params(axis="x", labelsize=7)
+        axes.set(xlabel=words)
+        axes.grid()
+    panels[0].set_ylabel("test accuracy (%)")
+    add_legend(figure, panels, ncols=4)
+    return figure
+
+
+def _label_lengths(axes: Axes, x: np.ndarray, y: np.ndarray, lengths_ms: list[float]) -> None:
+    """Each point's window length, below it to the right; none where it would touch the one before."""
+    labelled = (-np.inf, -np.inf)
+    for cost, accuracy, length in zip(x, y, lengths_ms, strict=True):
+        if np.log(cost) - labelled[0] > CLOSE[0] or abs(accuracy - labelled[1]) > CLOSE[1]:
+            where: Any = {"xytext": (5, -9), "textcoords": "offset points"}
+            axes.annotate(f"{length:g} ms", (cost, accuracy), fontsize=6.5, gid="length", **where)
+            labelled = (np.log(cost), accuracy)
 
 
 @printed

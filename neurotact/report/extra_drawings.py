@@ -9,7 +9,7 @@ from neurotact.figures import truncated as shortened_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
-from neurotact.studies.study import StudySpec
+from neurotact.studies.study import LENGTH, StudySpec
 
 
 def extra_drawings(
@@ -21,6 +21,8 @@ def extra_drawings(
     """
     if "cut_short" in extra:
         yield _cut_short(study, extra["cut_short"])
+        if LENGTH in results:
+            yield _costs(results)
     if "exit_curve" in extra:
         yield _exit_curves(study, results, extra["exit_curve"])
     if "conditions" in extra:
@@ -64,6 +66,20 @@ def _cut_short(study: StudySpec, table: pd.DataFrame) -> Drawn:
         else caption
     )
     return Drawn("cut-short", "Shorter windows, and windows cut short", figure, caption, alt)
+
+
+def _costs(results: pd.DataFrame) -> Drawn:
+    """Networks of the sizes that every pair has, so that lines differ in their pair alone."""
+    sizes = set.intersection(*(set(rows["hidden"]) for _, rows in results.groupby("pair")))
+    results = results[results["hidden"].isin(sizes)] if sizes else results
+    means = results.groupby(["pair", LENGTH], sort=False)["accuracy_test"].mean()
+    words = [f"{pair} ms, {length_ms:g} ms heard: {100 * mean:.1f} %" for (pair, length_ms), mean in means.items()]
+    of = f"{' and '.join(f'{size:g}' for size in sorted(sizes))} hidden neurons" if sizes else "all sizes"
+    caption = (
+        "Test accuracy against what a decision costs: afferent spikes, SOPs and the signal that is heard. A point is "
+        f"a window length, trained on that length: means over seeds with their deviation, {of}."
+    )
+    return Drawn("costs", "What each saving costs", shortened_figures.draw_costs(results), caption, "; ".join(words))
 
 
 def _exit_curves(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame) -> Drawn:
