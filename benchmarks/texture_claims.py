@@ -1,0 +1,127 @@
+"""The claims of the texture paper from finished runs: at the repeated start, in the mean over starts, at random starts.
+
+    python benchmarks/texture_claims.py --at RUN... --over RUN... [--before docs/texture-claims.md] > table.md
+
+--at: run folders of the studies at the default start. --over: runs of the same studies that sweep `start_mm`; every
+measure is averaged over starts and seeds before a rule is applied. --before: a page with the same table, whose column
+of random starts is copied. Claims and rules are those of `studies/*.toml` today, found by a run's title.
+A claim that both kinds of run hold is judged by the mean over starts; one on signals, spikes or costs alone does not
+hang on the start.
+"""
+
+import argparse
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pandas as pd
+
+from neurotact.report.tables import with_pair
+from neurotact.studies.claims import Claim, Verdict, judge
+from neurotact.studies.preparation import read_encoding
+from neurotact.tables import read_table
+
+STUDIES = Path(__file__).parents[1] / "studies"
+ORDER = (
+    "refractory-period", "early-exit", "minimal-duration", "sensing-conditions", "unknown-conditions",
+    "network-selection", "scaling-coefficients", "texture-baselines",
+)  # fmt: skip
+TABLES = ("results", "encoding", "selection", "cut_short", "exit_curve", "conditions", "signals", "same_drive")
+START = "start_mm"
+NAMES = frozenset({
+    "dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "pair", "label", "force_N", "speed_mm_per_s", "mode", "patience",
+    "cut_ms", "known", "drive", "t_ref_ms", "gain_sa", "gain_ra", "encoder", "features", "classifier", "decision",
+    "window_ms", "step",
+})  # fmt: skip
+"""Columns that name a row; so do swept keys, which hold a point."""
+STARTLESS_TABLES = ("encoding", "signals", "same_drive")
+STARTLESS = ("flops", "bytes", "isi_", "spikes_", "silent_", "latency_")
+"""Measures of signals, of spikes over a second and of costs: a start moves them by little, and none is an accuracy."""
+HEADS = ("study", "claim", "source", "published", "repeated start", "mean over starts", "random start", "verdict")
+
+
+class Run(NamedTuple):
+    study: str
+    claims: list[Claim]
+    tables: dict[str, pd.DataFrame]
+
+
+def read(folder: Path) -> Run:
+    """A run folder's tables, with the claims that its study makes today."""
+    title = tomllib.loads((folder / "study.toml").read_text())["title"]
+    specs = {path.stem: tomllib.loads(path.read_text()) for path in sorted(STUDIES.glob("*.toml"))}
+    (name,) = (name for name, spec in specs.items() if spec["title"] == title)
+    tables = {}
+    for table in TABLES:
+        path = folder / f"{table}.csv"
+        if path.is_file():
+            found = read_encoding(path) if table == "encoding" else read_table(path)
+            tables[table] = with_pair(found) if "t_ref_ra_ms" in found else found
+    if "encoder.sa1.gain" in tables["results"]:
+        gains = {"gain_sa": "encoder.sa1.gain", "gain_ra": "encoder.ra1.gain"}
+        tables["results"] = tables["results"].assign(**{new: tables["results"][old] for new, old in gains.items()})
+    return Run(name, [Claim(**claim) for claim in specs[name].get("claims", [])], tables)
+
+
+def averaged(table: pd.DataFrame) -> pd.DataFrame:
+    """Means over starts and seeds, a row for each of what else names a row.
+
+    >>> rows = pd.DataFrame({"pair": "1&1", "dataset.parameters.start_mm": [4.41, 9.41], "seed": 0, "x": [1.0, 3.0]})
+    >>> averaged(rows).to_dict("records")
+    [{'pair': '1&1', 'x': 2.0}]
+    """
+    starts = [column for column in table if column.rpartition(".")[2] in ("start", START)]
+    names = [c for c in table if (c in NAMES or "." in c) and c not in starts]
+    numbers = table.select_dtypes("number").columns.difference([*names, *starts, "seed"], sort=False)
+    return table.groupby(names, sort=False, dropna=False)[list(numbers)].mean().reset_index()
+
+
+def random_starts(page: Path | None) -> dict[tuple[str, str], str]:
+    """The column of random starts of a page, by study and claim."""
+    found = {}
+    for line in page.read_text().splitlines() if page else []:
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if len(cells) == len(HEADS) and cells[0].startswith("`"):
+            found[cells[0].strip("`"), cells[1]] = cells[HEADS.index("random start")]
+    return found
+
+
+def verdict(at: Verdict | None, over: Verdict | None) -> str:
+    """By the mean over starts where it was run."""
+    for found, alone in ((over, ""), (at, " at this start alone")):
+        if found is not None and found.reproduced is not None:
+            hangs = found.claim.table not in STARTLESS_TABLES and not found.claim.measure.startswith(STARTLESS)
+            return ("yes" if found.reproduced else "no") + (alone if hangs else "")
+    return "not run"
+
+
+def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], str]) -> Iterator[tuple[str, ...]]:
+    for study in ORDER:
+        here = next((run for run in at if run.study == study), None)
+        there = [run for run in over if run.study == study]
+        for claim in here.claims if here else []:
+            one = judge(claim, here.tables) if here else None
+            means = [judge(claim, {name: averaged(t) for name, t in run.tables.items()}) for run in there]
+            mean = next((found for found in means if found.reproduced is not None), None)
+            ours = ["-" if found is None or found.reproduced is None else found.ours for found in (one, mean)]
+            shown = before.get((study, claim.name), "-")
+            yield f"`{study}`", claim.name, claim.source, claim.published, *ours, shown, verdict(one, mean)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--at", type=Path, nargs="*", default=[])
+    parser.add_argument("--over", type=Path, nargs="*", default=[])
+    parser.add_argument("--before", type=Path)
+    options = parser.parse_args()
+    found = list(rows([*map(read, options.at)], [*map(read, options.over)], random_starts(options.before)))
+    print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS))
+    for row in found:
+        print("| " + " | ".join(row) + " |")
+    judged = [row[-1] for row in found if row[-1] != "not run"]
+    print(f"\n{sum(one.startswith('yes') for one in judged)} of {len(judged)} reproduced, of {len(found)} claims")
+
+
+if __name__ == "__main__":
+    main()
