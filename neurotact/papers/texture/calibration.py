@@ -1,10 +1,10 @@
 """The simulated gratings beside what the texture paper says of its signals and spikes.
 
-    python -m neurotact.papers.texture.calibration [-o DIR] [--trials N]
+    python -m neurotact.papers.texture.calibration [-o DIR] [--trials N] [--set KEY=VALUE]
 
 Simulates the published experiment, prints every calibration fact with its target and what was reached, and with
-`-o` writes the facts as a table and draws the figures that stand beside the paper's Figs. 5, 6, 10 and 12. The
-parameters of `GratingsSpec` were chosen by these facts alone; no classifier is trained here.
+`-o` writes the facts as a table and draws the figures that stand beside the paper's Figs. 5, 6, 10 and 12. `--set`
+tries another value of a parameter. Those of `GratingsSpec` were chosen by these facts alone; no classifier is trained.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from neurotact.metrics import spike_trains
 from neurotact.papers.signal_facts import Fact, keep, tell
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import counting, say, track
-from neurotact.spec import load
+from neurotact.spec import build, load, parse_assignments
 from neurotact.tables import write_table
 
 PAIRS_ms = ((1, 1), (1, 5), (5, 5), (1, 10), (5, 10), (10, 10))
@@ -506,8 +506,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, help="folder for facts.csv and the figures")
     parser.add_argument("--trials", type=int, default=20, help="for each grating, force and speed (default 20)")
     parser.add_argument("--encoder", default="sa1-ra1-lif", help="name or path of an encoder")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of the simulation")
     given = parser.parse_args(arguments)
-    spec, encoder = GratingsSpec(trials=given.trials), load(AfferentSpec, given.encoder)
+    try:
+        spec = build(GratingsSpec, {"trials": given.trials} | parse_assignments(given.set), "--set")
+        encoder = load(AfferentSpec, given.encoder)
+    except InputError as error:
+        parser.error(str(error))
     recordings = _simulated(spec)
     measured = measure(recordings, encoder)
     facts = [

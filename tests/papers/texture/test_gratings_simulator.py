@@ -293,6 +293,16 @@ def test_calibration_facts_hold_on_a_small_experiment(experiment, monkeypatch):
     assert missed <= NOT_REACHED
 
 
+def test_another_value_of_a_parameter_can_be_tried(capsys, monkeypatch):
+    monkeypatch.setattr(gratings_calibration, "_simulated", lambda spec: pytest.fail(f"{spec.mount_Hz:g} Hz"))
+    with pytest.raises(pytest.fail.Exception, match="200 Hz"):
+        gratings_calibration.main(["--set", "mount_Hz=200"])
+    with pytest.raises(SystemExit) as stopped:
+        gratings_calibration.main(["--set", "mount=200"])
+    assert stopped.value.code == 2
+    assert "mount" in capsys.readouterr().err
+
+
 NOT_REACHED = {
     "peaks of each taxel, grating 1 at 12 N, as recorded",
     "mean change from sample to sample, over taxels",
