@@ -4,7 +4,8 @@
 
 --at: run folders of the studies at the default start. --over: runs of the same studies that sweep `start_mm`; every
 measure is averaged over starts and seeds before a rule is applied. --before: a page with the same table, whose column
-of random starts is copied. Claims and rules are those of `studies/*.toml` today, found by a run's title.
+of random starts is copied, and whose mean over starts with its verdict where no run here has one. Claims and rules are
+those of `studies/*.toml` today, found by a run's title.
 A claim that both kinds of run hold is judged by the mean over starts; one on signals, spikes or costs alone does not
 hang on the start.
 """
@@ -36,7 +37,7 @@ NAMES = frozenset({
 })  # fmt: skip
 """Columns that name a row; so do swept keys, which hold a point."""
 STARTLESS_TABLES = ("encoding", "signals", "same_drive")
-STARTLESS = ("flops", "bytes", "isi_", "spikes_", "silent_", "latency_")
+STARTLESS = ("flops", "bytes", "isi_", "spikes_", "silent_", "latency_", "sops_input")
 """Measures of signals, of spikes over a second and of costs: a start moves them by little, and none is an accuracy."""
 HEADS = ("study", "claim", "source", "published", "repeated start", "mean over starts", "random start", "verdict")
 
@@ -77,13 +78,13 @@ def averaged(table: pd.DataFrame) -> pd.DataFrame:
     return table.groupby(names, sort=False, dropna=False)[list(numbers)].mean().reset_index()
 
 
-def random_starts(page: Path | None) -> dict[tuple[str, str], str]:
-    """The column of random starts of a page, by study and claim."""
+def rows_of(page: Path | None) -> dict[tuple[str, str], dict[str, str]]:
+    """The rows of a page's table, by study and claim."""
     found = {}
     for line in page.read_text().splitlines() if page else []:
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
         if len(cells) == len(HEADS) and cells[0].startswith("`"):
-            found[cells[0].strip("`"), cells[1]] = cells[HEADS.index("random start")]
+            found[cells[0].strip("`"), cells[1]] = dict(zip(HEADS, cells, strict=True))
     return found
 
 
@@ -96,7 +97,7 @@ def verdict(at: Verdict | None, over: Verdict | None) -> str:
     return "not run"
 
 
-def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], str]) -> Iterator[tuple[str, ...]]:
+def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], dict[str, str]]) -> Iterator[tuple[str, ...]]:
     for study in ORDER:
         here = next((run for run in at if run.study == study), None)
         there = [run for run in over if run.study == study]
@@ -105,8 +106,11 @@ def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], str]) -> 
             means = [judge(claim, {name: averaged(t) for name, t in run.tables.items()}) for run in there]
             mean = next((found for found in means if found.reproduced is not None), None)
             ours = ["-" if found is None or found.reproduced is None else found.ours for found in (one, mean)]
-            shown = before.get((study, claim.name), "-")
-            yield f"`{study}`", claim.name, claim.source, claim.published, *ours, shown, verdict(one, mean)
+            judged, earlier = verdict(one, mean), before.get((study, claim.name), {})
+            if mean is None and earlier.get("mean over starts", "-") not in ("", "-"):
+                ours[1], judged = earlier["mean over starts"], earlier["verdict"]
+            shown = earlier.get("random start", "-")
+            yield f"`{study}`", claim.name, claim.source, claim.published, *ours, shown, judged
 
 
 def main() -> None:
@@ -115,7 +119,7 @@ def main() -> None:
     parser.add_argument("--over", type=Path, nargs="*", default=[])
     parser.add_argument("--before", type=Path)
     options = parser.parse_args()
-    found = list(rows([*map(read, options.at)], [*map(read, options.over)], random_starts(options.before)))
+    found = list(rows([*map(read, options.at)], [*map(read, options.over)], rows_of(options.before)))
     print("| " + " | ".join(HEADS) + " |\n|" + "---|" * len(HEADS))
     for row in found:
         print("| " + " | ".join(row) + " |")
