@@ -4,16 +4,15 @@ Features and sequences are standardised on training examples; sequences are firs
 family yields its candidates from the smallest on, and of those that validate equally well the first is taken.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from sklearn.neighbors import KNeighborsClassifier
 from sklearn.preprocessing import StandardScaler
-from sklearn.svm import SVC
 
 from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans, Init
-from neurotact.baselines.elm import ELMClassifier
+from neurotact.baselines.families import Candidate, Family, Sides, elm, svm
 from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
 from neurotact.baselines.rls import RLSClassifier
 from neurotact.baselines.slfn import SLFNClassifier
@@ -26,37 +25,12 @@ from neurotact.studies.protocol import TaskData
 STEPS = 50
 """Steps of the sequences that LSTM and GRU see."""
 
-ELM_HIDDEN, ELM_ALPHAS = (25, 50, 100, 200), tuple(10.0**k for k in range(2, -7, -1))
 SLFN_HIDDEN = (10, 30, 100)
-SVM_GAMMAS, SVM_CS = (0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
-"""Gammas are divided by the number of features."""
 RLS_SIGMAS, RLS_ALPHAS = (2.0, 1.0, 0.5), tuple(10.0**k for k in range(1, -7, -1))
 """Sigmas are multiplied by the root of the number of features."""
 NEIGHBOURS = (1, 3, 5, 9)
 RECURRENT_HIDDEN = (10, 30)
 RECURRENT_TRAINING = {"epochs": 60, "batch": 48, "learning_rate": 0.01}
-
-
-class Sides(NamedTuple):
-    """Inputs `(example, ...)` and labels `(example,)` for training, validation and test."""
-
-    train: np.ndarray
-    validation: np.ndarray
-    test: np.ndarray
-    y_train: np.ndarray
-    y_validation: np.ndarray
-    y_test: np.ndarray
-
-
-class Candidate(NamedTuple):
-    """A fitted classifier, in words, and the layers of its decision."""
-
-    settings: str
-    fitted: Any
-    layers: tuple[Layer, ...]
-
-
-Family = Callable[[Sides, int], Iterator[Candidate]]
 
 
 def feature_sides(task: TaskData, split: Split) -> Sides:
@@ -88,17 +62,6 @@ def averaged(sequences: np.ndarray, steps: int) -> np.ndarray:
     return sums / np.diff(edges)[None, :, None]
 
 
-def elm(sides: Sides, seed: int) -> Iterator[Candidate]:
-    """Sigmoid ELMs, each with the penalty that validates best, the strongest of equals."""
-    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
-    for hidden in ELM_HIDDEN:
-        network = ELMClassifier(hidden, alpha=ELM_ALPHAS[0], random_state=seed).fit(sides.train, sides.y_train)
-        alpha = ELM_ALPHAS[int(network.accuracy_path(ELM_ALPHAS, sides.validation, sides.y_validation).argmax())]
-        fitted = ELMClassifier(hidden, alpha=alpha, random_state=seed).fit(sides.train, sides.y_train)
-        layers = (flops.Dense(n_features, hidden, "sigmoid"), flops.Dense(hidden, n_classes, bias=False))
-        yield Candidate(f"N {hidden}, alpha {alpha:g}", fitted, layers)
-
-
 def slfn(sides: Sides, seed: int) -> Iterator[Candidate]:
     """ReLU networks trained by back-propagation, stopped on validation accuracy."""
     n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
@@ -107,20 +70,6 @@ def slfn(sides: Sides, seed: int) -> Iterator[Candidate]:
         fitted = network.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
         layers = (flops.Dense(n_features, hidden, "relu"), flops.Dense(hidden, n_classes, "softmax"))
         yield Candidate(f"N {hidden}", fitted, layers)
-
-
-def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
-    """RBF support vector machines, one against one, whose machines share their support vectors."""
-    n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
-    fits = [
-        (gamma, c, SVC(C=c, gamma=gamma / n_features).fit(sides.train, sides.y_train))
-        for gamma in SVM_GAMMAS
-        for c in SVM_CS
-    ]
-    for gamma, c, fitted in sorted(fits, key=lambda fit: int(fit[2].n_support_.sum())):
-        vectors = int(fitted.n_support_.sum())
-        layer = flops.SupportVectorMachines(vectors, n_features, n_classes)
-        yield Candidate(f"C {c:g}, gamma {gamma:g}/{n_features}, {vectors} vectors", fitted, (layer,))
 
 
 def rls(sides: Sides, seed: int) -> Iterator[Candidate]:
@@ -174,16 +123,6 @@ def _recurrent(sides: Sides, seed: int, classifier: Any, layer: Any) -> Iterator
 
 ON_FEATURES: dict[str, Family] = {"ELM": elm, "SLFN": slfn, "SVM": svm, "RLS": rls, "k-means": kmeans, "kNN": knn}
 ON_SEQUENCES: dict[str, Family] = {"LSTM": lstm, "GRU": gru}
-
-
-def best_of(family: Family, sides: Sides, seed: int) -> Candidate:
-    """The candidate of the highest validation accuracy, the first of equals; test examples are ignored."""
-    return max(family(sides, seed), key=lambda candidate: accuracy(candidate, sides.validation, sides.y_validation))
-
-
-def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
-    """Share of right decisions."""
-    return float((candidate.fitted.predict(x) == y).mean())
 
 
 def standardising(sides: Sides) -> tuple[Layer, ...]:

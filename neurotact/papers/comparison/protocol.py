@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from neurotact.baselines.families import accuracy, best_of
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, cost
@@ -117,11 +118,11 @@ def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -
     else:
         family, sides = families.ON_SEQUENCES[parameters.family], families.sequence_sides(task, split)
         before = _as_cost(arrays["before_sequences"]) + cost(*families.slowing(task.sequences.shape[1], sides))
-    best = families.best_of(family, sides, parameters.seed)
+    best = best_of(family, sides, parameters.seed)
     return {
         "settings": best.settings,
-        "accuracy_validation": families.accuracy(best, sides.validation, sides.y_validation),
-        "accuracy_test": families.accuracy(best, sides.test, sides.y_test),
+        "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
+        "accuracy_test": accuracy(best, sides.test, sides.y_test),
         "energy_before_nJ": before.energy_estimate_nJ,
         **_costs(before + cost(*best.layers, signal_ms=window_ms)),
     }

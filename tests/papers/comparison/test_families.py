@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from neurotact.baselines import families as generic
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.papers.comparison import families
@@ -36,8 +37,8 @@ def split(task):
 @pytest.mark.parametrize("name", list(families.ON_FEATURES))
 def test_a_family_on_features_solves_an_easy_task_and_counts_its_layers(task, split, name):
     sides = families.feature_sides(task, split)
-    best = families.best_of(families.ON_FEATURES[name], sides, 0)
-    assert families.accuracy(best, sides.test, sides.y_test) == 1.0
+    best = generic.best_of(families.ON_FEATURES[name], sides, 0)
+    assert generic.accuracy(best, sides.test, sides.y_test) == 1.0
     assert flops.cost(*best.layers).energy_estimate_nJ > 0
 
 
@@ -67,12 +68,12 @@ def test_settings_do_not_depend_on_test_examples(task, split, name):
     sides = families.feature_sides(task, split)
     spoiled = sides._replace(test=sides.test * 0, y_test=sides.y_test[::-1])
     family = families.ON_FEATURES[name]
-    assert families.best_of(family, sides, 0).settings == families.best_of(family, spoiled, 0).settings
+    assert generic.best_of(family, sides, 0).settings == generic.best_of(family, spoiled, 0).settings
 
 
 def test_of_equals_the_first_is_taken(task, split):
     sides = families.feature_sides(task, split)
-    assert families.best_of(families.knn, sides, 0).settings == "k 1"
+    assert generic.best_of(families.knn, sides, 0).settings == "k 1"
 
 
 def test_random_labels_are_at_chance(task):
@@ -85,8 +86,8 @@ def test_random_labels_are_at_chance(task):
             groups=np.arange(300),
         )
         sides = families.feature_sides(shuffled, split_groups(shuffled.labels, shuffled.groups, seed))
-        best = families.best_of(families.rls, sides, seed)
-        scores.append(families.accuracy(best, sides.test, sides.y_test))
+        best = generic.best_of(families.rls, sides, seed)
+        scores.append(generic.accuracy(best, sides.test, sides.y_test))
     assert np.mean(scores) == pytest.approx(0.5, abs=4 * 0.5 / np.sqrt(10 * 45))
 
 
@@ -129,15 +130,15 @@ def test_afferents_are_calibrated_on_training_examples_alone(task, split):
 
 
 def test_one_machine_costs_the_same_in_every_study(monkeypatch):
-    monkeypatch.setattr(families, "SVM_CS", (10.0,))
-    monkeypatch.setattr(families, "SVM_GAMMAS", (1.0,))
+    monkeypatch.setattr(generic, "SVM_CS", (10.0,))
+    monkeypatch.setattr(generic, "SVM_GAMMAS", (1.0,))
     monkeypatch.setattr(texture_baselines, "SVM_C", (10.0,))
     monkeypatch.setattr(texture_baselines, "SVM_GAMMA", (1.0,))
     rng = np.random.default_rng(0)
     labels = np.arange(120) % 4
     features = rng.normal(size=(120, 3)) + labels[:, None]
     split = Split(np.arange(80), np.arange(80, 100), np.arange(100, 120))
-    sides = families.Sides(*(features[side] for side in split), *(labels[side] for side in split))
-    (candidate,) = families.svm(sides, 0)
+    sides = generic.Sides(*(features[side] for side in split), *(labels[side] for side in split))
+    (candidate,) = generic.svm(sides, 0)
     *_, layers = texture_baselines.svm(features, labels, split, 0)
     assert flops.cost(*candidate.layers) == flops.cost(*layers)
