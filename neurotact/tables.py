@@ -80,6 +80,16 @@ def _unguarded(text: Any) -> Any:
     return text[1:] if isinstance(text, str) and text.startswith("'") and FORMULA.match(text) else text
 
 
+def natural(text: str) -> list[tuple[int, int, str]]:
+    """What texts with numbers in them are sorted by, as people do.
+
+    >>> sorted(["class 10", "class 2", "Class 1"], key=natural)
+    ['Class 1', 'class 2', 'class 10']
+    """
+    parts = re.split(r"([0-9]+)", text)
+    return [(1, int(part), "") if part.isdecimal() and part.isascii() else (0, 0, part.casefold()) for part in parts]
+
+
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:
     """Means and standard deviations of what `by` tells apart, in the order of the table.
 

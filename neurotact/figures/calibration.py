@@ -1,14 +1,19 @@
 """Why a calibrated encoder has its gains: limits and separation over the gain, ISI distributions beside them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from neurotact.figures.style import INK, MUTED, PALE, RA, SA, class_colours, new_figure, printed
+from neurotact.figures.style import INK, MUTED, PALE, RA, SA, new_figure, printed
+from neurotact.tables import natural
 
 POPULATIONS = (("SA-I", SA, "mV per sd"), ("RA-I", RA, "mV per sd/ms"))
+CMAPS = {"SA-I": "Blues", "RA-I": "Oranges"}
 BELOW, ABOVE = 1 / 2, 8
 """Gains drawn beside the chosen one, as multiples of it."""
 
@@ -20,32 +25,39 @@ def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame) -> Figure:
     table, isi: of a `Calibration`. Left: share of silent trials and of intervals at the refractory floor, and the
     classes' separation; the chosen gain is marked, the gains that keep both limits have no shade. Right: the ISI
     distributions of the classes at half of the chosen gain, at it, and at eight times it (texture paper,
-    Sec. III-A), over the intervals alone.
+    Sec. III-A), over the intervals alone: a line a class, the darker the more intervals; above them, how many trials
+    and afferents have none.
     """
-    figure = new_figure(5.2)
-    grid = figure.add_gridspec(4, 4, width_ratios=(1.5, 1, 1, 1))
+    labels = sorted(set(isi["label"].astype(str)), key=natural)
+    figure = new_figure(max(5.2, 3.0 + 0.28 * len(labels)))
+    grid = figure.add_gridspec(4, 5, width_ratios=(1.6, 1, 1, 1, 0.06))
     for row, (afferent, colour, unit) in enumerate(POPULATIONS):
         rows = table[table["afferent"] == afferent].sort_values("gain")
         shares, separation = (figure.add_subplot(grid[2 * row + i, 0]) for i in range(2))
         _draw_search(shares, separation, rows, colour, f"{afferent} gain ({unit})")
         shares.set_title(afferent, pad=14)
-        chosen = float(rows["gain"][rows["chosen"]].iloc[0])
-        panels: list[Axes] = []
-        for column, (factor, title) in enumerate(((BELOW, "too low"), (1, "chosen"), (ABOVE, "too high"))):
-            beside = panels[0] if panels else None
-            axes = figure.add_subplot(grid[2 * row : 2 * row + 2, column + 1], sharex=beside, sharey=beside)
-            panels.append(axes)
-            gain = _nearest(rows["gain"].to_numpy(), chosen * factor)
-            _draw_distributions(axes, isi[(isi["afferent"] == afferent) & (isi["gain"] == gain)])
-            axes.set_title(f"{title}: {gain:g}")
-            axes.tick_params(labelleft=column == 0)
+        gains = _gains_beside(rows)
+        mine = isi[isi["afferent"] == afferent]
+        shown = [_distributions(mine[mine["gain"] == gain], labels) for gain in gains.values()]
+        darkest = float(shown[1][1].max()) or 1.0  # of the chosen gain: a class of one interval must not pale the rest
+        for column, ((title, gain), found) in enumerate(zip(gains.items(), shown, strict=True)):
+            axes = figure.add_subplot(grid[2 * row : 2 * row + 2, column + 1])
+            isi_ms, shares_of, none = found
+            mesh = _draw_distributions(axes, isi_ms, shares_of, labels if column == 0 else [], darkest, CMAPS[afferent])
+            axes.set_title(f"{title}: {gain:g}", pad=14)
+            axes.text(0.5, 1.02, f"no interval: {none:.0%}", transform=axes.transAxes, ha="center", fontsize=6.5)
             axes.set_xlabel("ISI (ms)")
-        tallest = max(float(np.max(np.asarray(line.get_ydata()))) for axes in panels for line in axes.lines)
-        panels[0].set_ylim(0, 1.3 * (tallest or 1.0))
-        panels[0].set_ylabel(f"share of {afferent} intervals")
-    handles, labels = figure.axes[2].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 8), handlelength=1.2)
+        bar = figure.colorbar(mesh, cax=figure.add_subplot(grid[2 * row : 2 * row + 2, 4]), extend="max")
+        bar.set_label(f"share of {afferent} intervals")
+        bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     return figure
+
+
+def _gains_beside(rows: pd.DataFrame) -> dict[str, float]:
+    """The gains whose distributions are drawn, by what they are called."""
+    chosen = float(rows["gain"][rows["chosen"]].iloc[0])
+    factors = {"too low": BELOW, "chosen": 1, "too high": ABOVE}
+    return {title: _nearest(rows["gain"].to_numpy(), chosen * factor) for title, factor in factors.items()}
 
 
 def _draw_search(shares: Axes, separation: Axes, rows: pd.DataFrame, colour: str, quantity: str) -> None:
@@ -78,18 +90,30 @@ def _draw_search(shares: Axes, separation: Axes, rows: pd.DataFrame, colour: str
                 axes.axvspan(left, right, color=PALE, alpha=0.6, lw=0)
 
 
-def _draw_distributions(axes: Axes, isi: pd.DataFrame) -> None:
-    """A curve a class, each over its intervals; how many trials and afferents have none is written out."""
+def _distributions(isi: pd.DataFrame, labels: Sequence[str]) -> tuple[np.ndarray, np.ndarray, float]:
+    """The bins' middles in ms, the share of each class's intervals in them `(class, bin)`, and what has no interval."""
     heard = isi[np.isfinite(isi["isi_ms"])]
-    labels = list(dict.fromkeys(isi["label"]))
-    for colour, label in zip(class_colours(len(labels)), labels, strict=True):
-        mine = heard[heard["label"] == label]
-        total = mine["share"].sum()
-        axes.plot(mine["isi_ms"], mine["share"] / total if total > 0 else mine["share"], color=colour, label=label)
-    axes.set_xscale("log")
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    shares = heard.pivot_table(index="label", columns="isi_ms", values="share", sort=True).reindex(list(labels))
+    values = shares.fillna(0.0).to_numpy(float)
+    totals = values.sum(axis=1, keepdims=True)
     none = abs(1 - heard["share"].sum() / len(labels))
-    axes.text(0.97, 0.98, f"{none:.0%} of afferents\nwithout interval", transform=axes.transAxes, ha="right", va="top")
+    return shares.columns.to_numpy(float), values / np.where(totals > 0, totals, 1.0), none
+
+
+def _draw_distributions(
+    axes: Axes, isi_ms: np.ndarray, shares: np.ndarray, labels: Sequence[str], darkest: float, cmap: str
+) -> QuadMesh:
+    """A line a class, named where `labels` are given; shares from `darkest` on have one colour."""
+    steps = np.sqrt(isi_ms[1:] * isi_ms[:-1])
+    outer = (steps[0], steps[-1]) if len(steps) else (1.1 * isi_ms[0], 0.9 * isi_ms[0])
+    edges = np.concatenate([[isi_ms[0] ** 2 / outer[0]], steps, [isi_ms[-1] ** 2 / outer[1]]])
+    mesh = axes.pcolormesh(edges, np.arange(len(shares) + 1), shares, cmap=cmap, vmin=0, vmax=darkest)
+    axes.set_xscale("log")
+    axes.set_ylim(len(shares), 0)
+    axes.set_yticks(np.arange(len(shares)) + 0.5, labels or [""] * len(shares))
+    axes.tick_params(axis="y", length=0)
+    axes.hlines(np.arange(1, len(shares)), edges[0], edges[-1], color="white", lw=0.8)
+    return mesh
 
 
 def _nearest(values: np.ndarray, wanted: float) -> float:

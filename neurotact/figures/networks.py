@@ -4,7 +4,7 @@ They mirror the texture paper's Fig. 11. Tables are those of a study's `results.
 `setting` (the data set, and whatever else was swept, in words).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from textwrap import fill
 from typing import Any, NamedTuple
 
@@ -77,10 +77,13 @@ def draw_accuracy_and_sops(
 
 
 @printed
-def draw_trade_off(results: pd.DataFrame) -> Figure:
+def draw_trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]] = {}) -> Figure:
     """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
 
-    A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit.
+    A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit. Bars are
+    drawn where they decide, on the front of the full window.
+
+    levels: of each data set, accuracies that hold at any cost, by name: the best baseline, guessing.
     """
     networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
     settings = list(dict.fromkeys(networks["setting"]))
@@ -93,6 +96,8 @@ def draw_trade_off(results: pd.DataFrame) -> Figure:
         rows = networks[networks["setting"] == setting]
         _paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True)
         _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", filled=False)
+        for dash, (name, level) in zip(("-.", ":"), levels.get(setting, {}).items(), strict=False):
+            axes.axhline(100 * level, color=MUTED, lw=0.9, ls=dash, label=name, gid="level")
         axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
@@ -206,14 +211,17 @@ def _paint_points(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: st
     """Networks with their deviations over seeds, and the front through those that none beats."""
     x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
     x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
+    front = pareto_front(x, y)
+    is_marked = front & filled
     for index, pair in enumerate(pairs):
         of_pair = (rows["pair"] == pair).to_numpy()
         style = series_style(index)
         face = style["color"] if filled else "white"
-        here = (x[of_pair], y[of_pair], bars(y[of_pair], y_sd[of_pair]), x_sd[of_pair])
         label = pair if filled else None
-        axes.errorbar(*here, ls="", ms=4.5, mfc=face, elinewidth=0.6, ecolor="#bdbdbd", label=label, zorder=3, **style)
-    front = pareto_front(x, y)
+        axes.plot(x[of_pair], y[of_pair], ls="", ms=4.5, mfc=face, label=label, zorder=3, **style)
+    if is_marked.any():
+        spread = bars(y[is_marked], y_sd[is_marked])
+        axes.errorbar(x[is_marked], y[is_marked], spread, x_sd[is_marked], fmt="none", ecolor=INK, elinewidth=0.7)
     order = np.flatnonzero(front)[np.argsort(x[front], kind="stable")]
     name = "Pareto front, full window" if filled else "Pareto front, early exit"
     style: Any = {"color": INK if filled else MUTED, "ls": "-" if filled else "--", "lw": 0.9}

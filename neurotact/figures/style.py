@@ -207,11 +207,16 @@ def series_style(index: int) -> dict[str, Any]:
 
 
 def class_colours(n: int) -> list[str]:
-    """Colours of classes without an order: the house's while they last, then ten distinct ones, then a scale."""
+    """Colours of classes without an order: the house's while they last, then up to twenty distinct ones, then a scale.
+
+    >>> len(set(class_colours(20)))
+    20
+    """
     if n <= len(SERIES):
         return [colour for colour, _ in SERIES[:n]]
-    distinct = colormaps["tab10"](np.arange(n)) if n <= 10 else colormaps["viridis"](np.linspace(0, 0.95, n))
-    return [to_hex(colour) for colour in distinct]
+    if n <= 20:  # the ten strong ones before the ten pale ones
+        return [to_hex(colormaps["tab20"](2 * (i % 10) + i // 10)) for i in range(n)]
+    return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.95, n))]
 
 
 def write_out_log_ticks(axis: Axis) -> None:

@@ -76,31 +76,53 @@ def draw_curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Dr
         "compliance-curves",
         "Moment curves of two objects (Fig. 6)",
         _curves(curves, sampling_rate_Hz),
-        "One exploration each of OBJ-17 (an ovoid, standing) and OBJ-38 (a toroid, standing). Each curve is divided by "
-        "its own largest value, since M20 is tens of times M00 (largest counts above). The palm starts above 0: "
-        "it bears the weight.",
-        "Two rows of two panels with six curves each that rise and fall in 2.4 s.",
+        "One exploration each of OBJ-17 (an ovoid, standing) and OBJ-38 (a toroid, standing). Each moment is divided "
+        "by its own largest value, since M20 is tens of times M00 (largest counts above). All six rise and fall "
+        "together, so that below M00 stands how far the others lie from it, smoothed over 50 ms. The palm starts "
+        "above 0: it bears the weight.",
+        "For each object and sensor M00, which rises and falls in 2.4 s, and below it the other five moments less M00.",
     )
 
 
 @printed
 def _curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Figure:
-    figure = new_figure(1.75 * len(curves) + 0.4)
-    grid = figure.subplots(len(curves), 2, sharex=True, sharey=True, squeeze=False)
-    for line, (label, signal) in zip(grid, curves.items(), strict=True):
-        for s, (axes, sensor) in enumerate(zip(line, SENSORS, strict=True)):
+    """Of each object and sensor M00 above, and below it how far the other moments lie from it."""
+    figure = new_figure(2.6 * len(curves) + 0.4)
+    grid = figure.subplots(
+        2 * len(curves), 2, sharex=True, sharey="row", squeeze=False, height_ratios=[1.1, 1.0] * len(curves)
+    )
+    for at, (label, signal) in enumerate(curves.items()):
+        for s, sensor in enumerate(SENSORS):
             own = signal[:, s * len(NAMES) : (s + 1) * len(NAMES)]
-            time_s = np.arange(len(own)) / sampling_rate_Hz
-            for i, name in enumerate(NAMES):
-                peak = own[:, i].max()
-                axes.plot(time_s, own[:, i] / peak, color=SERIES[i][0], linewidth=0.9, label=name)
-            axes.set_title(f"{label}, {sensor}: M00 ≤ {own[:, 0].max():,.0f}, M20 ≤ {own[:, 4].max():,.0f}")
+            above, below = grid[2 * at : 2 * at + 2, s]
+            _paint_moments(above, below, own, sampling_rate_Hz)
+            above.set_title(f"{label}, {sensor}: M00 ≤ {own[:, 0].max():,.0f}, M20 ≤ {own[:, 4].max():,.0f}")
+        grid[2 * at, 0].set_ylabel("M00 (share)")
+        grid[2 * at + 1, 0].set_ylabel("from M00 (points)")
     for axes in grid[-1]:
         axes.set_xlabel("time (s)")
-    for axes in grid[:, 0]:
-        axes.set_ylabel("share of its largest")
     add_legend(figure, grid.ravel(), ncols=6, handlelength=1.2)
     return figure
+
+
+SMOOTHED_s = 0.05
+"""Running mean of what moments differ by: smaller than any change that is seen, longer than the noise."""
+
+
+def _paint_moments(above: Axes, below: Axes, own: np.ndarray, sampling_rate_Hz: float) -> None:
+    """M00 as a share of its largest value, and in points how far the shares of the other moments lie from it."""
+    time_s = np.arange(len(own)) / sampling_rate_Hz
+    shares = own / own.max(axis=0)
+    above.plot(time_s, shares[:, 0], color=SERIES[0][0], linewidth=1.0, label=NAMES[0])
+    above.set_ylim(0, 1.08)
+    n = max(1, round(SMOOTHED_s * sampling_rate_Hz))
+    kernel = np.ones(n) / n
+    below.axhline(0, color=MUTED, linewidth=0.7)
+    for i in range(1, len(NAMES)):
+        apart = 100 * np.convolve(shares[:, i] - shares[:, 0], kernel, mode="same")
+        inside = slice(n // 2, len(apart) - n // 2)  # whole means alone
+        below.plot(time_s[inside], apart[inside], color=SERIES[i][0], linewidth=0.9, label=NAMES[i])
+    below.grid(axis="y")
 
 
 class Shown(NamedTuple):

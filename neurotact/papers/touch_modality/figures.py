@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import StrMethodFormatter
 
 from neurotact.figures.style import INK, MUTED, PALE, SERIES, add_legend, keep_within, new_figure, printed, sequence
 from neurotact.metrics.flops import GRU, LSTM, Dense, cost
@@ -135,28 +136,35 @@ def draw_other_steps(results: pd.DataFrame, steps: Sequence[int]) -> Figure:
 
 @printed
 def draw_scaling(networks: Mapping[str, tuple[Literal["LSTM", "GRU"], int]]) -> Figure:
-    """FLOPs of a step and trainable parameters against sensors and classes (Fig. 7a, b).
+    """FLOPs of a step and trainable parameters over sensors, and FLOPs over classes (Fig. 7a, b).
 
-    networks: cell and neurons by name.
+    networks: cell and neurons by name. Lines are of 10 classes, their bands reach from 3 to 20; rings are published.
     """
     figure = new_figure(2.7)
-    axes = figure.subplots(1, 3, squeeze=False)[0]
-    dashes = dict(zip(CLASSES, ("-", "--", ":"), strict=True))
+    flops, parameters, by_classes = figure.subplots(1, 3, squeeze=False)[0]
     for (colour, marker), (name, (cell, hidden)) in zip(SERIES, networks.items(), strict=False):
-        for classes, dash in dashes.items():
-            style: Any = {"color": colour, "marker": marker, "linestyle": dash, "markersize": 3}
-            label = f"{name}, {classes} classes"
-            counted = [cost(CELLS[cell](n, hidden), Dense(hidden, classes, "softmax")) for n in TAXELS]
-            axes[0].plot(TAXELS, [touch_modality_flops(cell, hidden, n, classes) for n in TAXELS], label=label, **style)
-            axes[1].plot(TAXELS, [c.flops for c in counted], **style)
-            axes[2].plot(TAXELS, [c.parameters for c in counted], **style)
-    for panel, title in zip(axes, ("FLOPs a block, as published", "FLOPs a block, counted", "parameters"), strict=True):
-        panel.set_title(title)
-        panel.set_xlabel("sensors")
-        panel.set_xticks(TAXELS)
-        panel.set_ylim(bottom=0)
-        panel.grid(axis="y")
-    add_legend(figure, axes.tolist(), ncols=3)
+        few, middle, many = (
+            [cost(CELLS[cell](n, hidden), Dense(hidden, classes, "softmax")) for n in TAXELS] for classes in CLASSES
+        )
+        for axes, measure in ((flops, "flops"), (parameters, "parameters")):
+            low, line, high = ([getattr(one, measure) for one in costs] for costs in (few, middle, many))
+            axes.fill_between(TAXELS, low, high, color=colour, alpha=0.25, lw=0)
+            axes.plot(TAXELS, line, color=colour, marker=marker, ms=3, label=name)
+        style: Any = {"ls": "", "marker": "o", "ms": 7, "mfc": "none", "mew": 0.9, "color": colour}
+        flops.plot(TAXELS, [touch_modality_flops(cell, hidden, n, CLASSES[1]) for n in TAXELS], **style)
+        least = [costs[0].flops for costs in (few, middle, many)]
+        by_classes.plot(CLASSES, least, color=colour, marker=marker, ms=3)
+        published = [touch_modality_flops(cell, hidden, TAXELS[0], classes) for classes in CLASSES]
+        by_classes.plot(CLASSES, published, **style)
+    flops.plot([], [], **(style | {"color": INK}), label="published")
+    titles = ("FLOPs a step, 3 to 20 classes", "parameters, 3 to 20 classes", f"FLOPs a step, {TAXELS[0]} sensors")
+    for axes, title, ticks in zip((flops, parameters, by_classes), titles, (TAXELS, TAXELS, CLASSES), strict=True):
+        axes.set(title=title, xlabel="classes" if ticks is CLASSES else "sensors")
+        axes.set_xticks(ticks)
+        axes.set_ylim(bottom=0)
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
+        axes.grid(axis="y")
+    add_legend(figure, [flops], ncols=len(networks) + 1)
     return figure
 
 
