@@ -754,7 +754,7 @@ def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path)
     assert neurotact(*words, "-o", tmp_path / "silent.h5")[0] == 0
     code, _, err = neurotact("train", tmp_path / "silent.h5", "-o", tmp_path / "run", *QUICK)
     assert code == 0
-    first, near_chance = (line for line in err.splitlines() if line.startswith("neurotact: "))
+    first, near_chance, *_ = (line for line in err.splitlines() if line.startswith("neurotact: "))
     assert first.startswith("neurotact: training: none of the 48 training windows holds a spike")
     assert "is not clearly above chance (50.0 %)" in near_chance
 

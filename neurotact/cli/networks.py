@@ -37,6 +37,7 @@ from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks import comparison, ledger, search, train_run, trained, tuning
+from neurotact.networks.outcome import Outcome
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
@@ -90,12 +91,30 @@ def train_command(
     if done is None:
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
     else:
-        print_row(f"{out}: test of {done.n_test} windows", done.row, as_json=as_json)
-        if not as_json:
-            for line in (*comparison.lines(done.compared, done.row["sops_total"]), done.acausal):
-                print_line(line)
-        for complaint in comparison.complaints(done.compared):
-            say(complaint)
+        if as_json:
+            print_row("", done.row, as_json=True)
+        else:
+            _print_outcome(done)
+            _print_next(out, spikes)
+        for caution in done.cautions:
+            say(caution)
+
+
+def _print_outcome(outcome: Outcome) -> None:
+    """How good a trained network is, what it costs, and what it mistakes."""
+    for line in comparison.lines(outcome.compared):
+        print(line)
+    print(comparison.costs(outcome.row, outcome.step_ms))
+    print(comparison.confused(outcome.confusion, outcome.classes))
+    print_line(outcome.acausal)
+
+
+def _print_next(run: Path, spikes: Path) -> None:
+    """Where things were saved, and what to run next."""
+    where = shlex.quote(str(run))
+    print(f"saved in {run}: the network, {train_run.RESULT} with all numbers, {trained.LOG}")
+    print(f"next: neurotact infer {where} {shlex.quote(str(spikes))} --early-exit")
+    print(f"      neurotact sops {where} -o sops.csv")
 
 
 def _how_to_go_on(epochs: int) -> str:
@@ -134,6 +153,7 @@ def tune(
     workers: Annotated[
         int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
     ] = 2,
+    as_json: Json = False,
 ) -> None:
     """Search a network's hyperparameters on validation windows.
 
@@ -165,10 +185,19 @@ def tune(
             say(f"interrupted; the same command goes on in {out}")
             sys.exit(INTERRUPTED)
         save_found(problem, found, out)
-        result = search.save_best(problem, spikes, out, found)
+        outcome = search.save_best(problem, spikes, out, found)
     best = search.best_of(found)
-    print_row(f"{out}: trial {best.id} of {len(found)} is the best; its test", result["row"])
-    print(f"{out / 'best.toml'}: proposals took {timing.proposals:.1f} s of {timing.seconds:.1f} s")
+    if as_json:
+        print_row("", outcome.row, as_json=True)
+    else:
+        print(
+            f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s"
+        )
+        _print_outcome(outcome)
+        print(f"its settings: {out / 'best.toml'}; every trial: {out / 'trials.csv'}; figure: {out / 'search.png'}")
+        _print_next(out / "best", spikes)
+    for caution in outcome.cautions:
+        say(caution)
 
 
 def infer(
@@ -226,6 +255,7 @@ def sops(
     if as_json:
         return
     print_line(acausal_note(trains.encoder))
+    print(f"saved in {out}, a row per window")
     network = restored.network
     sizes = len(trains.afferents), network.n_classes
     costs = ledger.decision_ledger(network.spec, *sizes, trains.sampling_rate_Hz, summary, encoder=trains.encoder)

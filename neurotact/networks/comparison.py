@@ -1,8 +1,8 @@
 """How good a test accuracy is: its interval, chance, and a linear classifier on the same spikes."""
 
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,37 +65,51 @@ def linear_accuracy(training: Examples, test: Examples) -> float:
     return float(model.score(_counts(test), test.labels.numpy()))
 
 
-def lines(found: Comparison, sops: float) -> tuple[str, str]:
-    """What `neurotact train` says at its end.
-
-    sops: synaptic operations per window.
-    """
+def lines(found: Comparison) -> tuple[str, str]:
+    """The accuracy, and what it should be measured against, in words."""
     accuracy, low, high, chance, commonest, linear = (
         f"{100 * share:.1f} %"
         for share in (found.accuracy, found.low, found.high, found.chance, found.commonest, found.linear)
     )
     return (
-        f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials), "
-        f"{sops:.0f} synaptic operations per window",
-        f"chance {chance}, always the commonest class {commonest}, logistic regression on spike counts {linear}",
+        f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials)",
+        f"beside it: chance {chance}, always the commonest class {commonest}, logistic regression on counts {linear}",
     )
 
 
-def complaints(found: Comparison) -> Iterator[str]:
-    """Warnings of a network that has learned nothing, or clearly less than the linear classifier."""
-    guess = max(found.chance, found.commonest)
-    if found.low <= guess:
-        yield (
-            f"training: an accuracy of {100 * found.accuracy:.1f} % is not clearly above chance "
-            f"({100 * guess:.1f} %); give more trials, a longer window (--window-ms), or an encoder for this sensor "
-            "(neurotact calibrate)"
-        )
-    if found.linear > found.high:
-        yield (
-            f"training: logistic regression on the spike counts of the same windows is better, "
-            f"{100 * found.linear:.1f} % against {100 * found.accuracy:.1f} %; try --network default, more hidden "
-            "neurons (--set hidden=100) or neurotact tune"
-        )
+def costs(row: Mapping[str, Any], step_ms: float) -> str:
+    """What a decision of a result's row costs, with and without early exit, in words.
+
+    step_ms: a step of the encoder's clock.
+
+    >>> row = {"sops_total": 1200.0, "window_steps": 1000, "spikes_sa": 30.0, "spikes_ra": 12.0,
+    ...        "exit_sops_total": 600.0, "exit_steps": 420.0, "exit_accuracy": 0.9}
+    >>> print(costs(row, 1.0))
+    a decision costs 1,200 SOPs, 42 input spikes and 1,000 ms; with early exit 600 SOPs and 420 ms, at 90.0 %
+    """
+    return (
+        f"a decision costs {row['sops_total']:,.0f} SOPs, {row['spikes_sa'] + row['spikes_ra']:,.0f} input spikes and "
+        f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {row['exit_sops_total']:,.0f} SOPs and "
+        f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %"
+    )
+
+
+def confused(matrix: Sequence[Sequence[int]], classes: Sequence[str], most: int = 3) -> str:
+    """The pairs of classes that are mistaken most often, in words.
+
+    matrix: windows by true and chosen class.
+
+    >>> print(confused([[8, 2], [0, 9]], ["felt", "silk"]))
+    most confused: felt for silk (2 of 10)
+    """
+    counts = np.array(matrix)
+    wrong = [(int(counts[i, j]), i, j) for i, j in np.argwhere(counts) if i != j]
+    if not wrong:
+        return "no test window is mistaken"
+    worst = sorted(wrong, key=lambda one: (-one[0], one[1], one[2]))[:most]
+    return "most confused: " + ", ".join(
+        f"{classes[i]} for {classes[j]} ({n} of {counts[i].sum()})" for n, i, j in worst
+    )
 
 
 def _counts(examples: Examples) -> np.ndarray:

@@ -167,14 +167,33 @@ def study_ledger(
         rows.append(
             (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
         )
-    is_chosen = MODEL not in results
-    results = results.assign(**{MODEL: spec.model}) if is_chosen else results
-    for _, row in means_over(results, [*NETWORK, MODEL], [*SOPS, "window_steps"], "seeds").iterrows():
-        steps, signal_ms = row["window_steps"], 1e3 * row["window_steps"] / rate_Hz
-        chosen = recipe.resolve(spec, recipe.Seen(1, round(steps), rate_Hz, 1.0))
-        model = chosen.model if is_chosen else row[MODEL]
-        own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": model})
-        network = network_cost(own, n_afferents, n_classes, row, steps=steps, signal_ms=signal_ms)
+    by = [*NETWORK, *([MODEL] if MODEL in results else [])]
+    for _, row in means_over(results, by, [*SOPS, "window_steps"], "seeds").iterrows():
         name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
-        rows.append((name, encoding_cost(n_taxels, steps, signal_ms, encoder) + network))
+        sizes: dict[str, Any] = {"n_afferents": n_afferents, "n_classes": n_classes}
+        rows.append((name, row_cost(spec, row, **sizes, rate_Hz=rate_Hz, encoder=encoder)))
     return ledger_table(rows)
+
+
+def row_cost(
+    spec: RSNNSpec,
+    row: Mapping[str, Any],
+    *,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    encoder: Mapping[str, Any],
+    early: bool = False,
+) -> Cost:
+    """What a decision of one row of `results.csv` costs, encoding and network together; a row of means will do.
+
+    early: with early exit. The other arguments are as for `study_ledger`.
+    """
+    window_steps = float(row["window_steps"])
+    steps = float(row["exit_steps"]) if early else window_steps
+    signal_ms = 1e3 * steps / rate_Hz
+    chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
+    own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model)})
+    measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
+    network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    return encoding_cost(max(1, n_afferents // 2), steps, signal_ms, encoder) + network

@@ -28,6 +28,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.metrics.fronts import pareto_front
 from neurotact.networks import trained, tuning
+from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Sides, Task
@@ -283,8 +284,8 @@ def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[trai
     return trained.fit(trains, problem.network_of(best.parameters), problem.task, seeds)
 
 
-def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> dict[str, Any]:
-    """Train the best network again, write it into `folder/best` as `neurotact train` does; its result.
+def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> Outcome:
+    """Train the best network again, write it into `folder/best` as `neurotact train` does; what it came to.
 
     It is trained with one thread, as in the search, so that it is the same network to the last bit.
     """
@@ -292,9 +293,9 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
     with workers.one_thread():
         fitted, sides = train_best(problem, trains, best_of(trials))
     trained.save(fitted, folder / "best", trains, spikes, problem.task)
-    result = trained.measure(fitted, sides.test, trains.is_sa)
-    files.write_json(folder / "best" / "result.json", result)
-    return result
+    outcome = outcome_of(fitted, sides, trains, problem.task)
+    files.write_json(folder / "best" / "result.json", outcome.as_json())
+    return outcome
 
 
 def note(trials: Sequence[Trial]) -> str:

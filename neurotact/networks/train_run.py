@@ -12,17 +12,16 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import Field
 
 from neurotact import files
 from neurotact.data import hdf5
-from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks import checkpoint, recipe, trained, training_checkpoint
-from neurotact.networks.comparison import Comparison, compare
+from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
 from neurotact.networks.training import Checkpoint, Epoch
@@ -67,18 +66,6 @@ class Interrupted(KeyboardInterrupt):
         self.epochs = epochs
 
 
-class Done(NamedTuple):
-    """The row of a training's result, of how many test windows, how it compares, and whether it is acausal.
-
-    acausal: what to say of the encoder's baseline; None where windows know the past alone.
-    """
-
-    row: dict[str, Any]
-    n_test: int
-    compared: Comparison
-    acausal: str | None
-
-
 def run(
     spikes: Path,
     folder: Path,
@@ -90,7 +77,7 @@ def run(
     force: bool = False,
     resume: bool = False,
     tell: Callable[[str], None] = lambda line: None,
-) -> Done | None:
+) -> Outcome | None:
     """Train a network on spikes and leave it in `folder`; None where that was done before.
 
     force: replace what an earlier training left there, and nothing else.
@@ -124,7 +111,7 @@ def run(
         return _train(trains, asked, spikes, folder, start)
 
 
-def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Done:
+def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
     keeper = _Keeper(folder, asked, start)
     n_before = len(start.epochs) if start else 0
     with _terminated_as_interrupted():
@@ -142,16 +129,13 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
                 )
             keeper.write()
             trained.save(fitted, folder, trains, spikes, asked.task)
-            result = trained.measure(fitted, sides.test, trains.is_sa)
-            n_trials = len(trained.trials_of(trains, asked.task).test)
-            compared = compare(result["row"]["accuracy_test"], sides, n_trials, len(trains.classes))
-            result["compared"] = compared._asdict()
-            files.write_json(folder / RESULT, result)
+            outcome = outcome_of(fitted, sides, trains, asked.task)
+            files.write_json(folder / RESULT, outcome.as_json())
             (folder / CHECKPOINT).unlink(missing_ok=True)
         except KeyboardInterrupt:
             keeper.write()
             raise Interrupted(keeper.epochs) from None
-    return Done(result["row"], len(sides.test.labels), compared, acausal_note(trains.encoder))
+    return outcome
 
 
 class _Keeper:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from neurotact.networks.comparison import Comparison, compare, complaints, linear_accuracy, lines, wilson_interval
+from neurotact.networks.comparison import compare, linear_accuracy, lines, wilson_interval
 from neurotact.networks.trained import Sides
 from neurotact.networks.training import Examples
 
@@ -46,21 +46,6 @@ def test_chance_and_the_commonest_class_are_told():
     assert found.chance == pytest.approx(1 / 3)
     assert found.commonest == 0.5
     assert found.trials == 4
-    told = " ".join(lines(found, 1234.0))
-    for words in ("accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials)", "1234 synaptic", "chance 33.3 %"):
+    told = " ".join(lines(found))
+    for words in ("accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials)", "chance 33.3 %"):
         assert words in told
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "linear", "expected"),
-    [
-        (0.6, 0.8, 0.7, []),
-        (0.6, 0.8, 0.81, ["logistic regression"]),
-        (0.4, 0.8, 0.7, ["not clearly above chance (40.0 %)"]),  # of the commonest class
-        (0.1, 0.3, 0.9, ["not clearly above chance", "logistic regression"]),
-    ],
-)
-def test_a_network_that_stays_behind_is_said(low, high, linear, expected):
-    found = list(complaints(Comparison((low + high) / 2, low, high, 100, 0.25, 0.4, linear)))
-    assert len(found) == len(expected)
-    assert all(words in line for words, line in zip(expected, found, strict=True))

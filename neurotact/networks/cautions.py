@@ -1,0 +1,106 @@
+"""What may be wrong with a training or its test, one line each, with the fix; nothing where nothing is."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from neurotact.networks.comparison import Comparison
+from neurotact.networks.specs import TrainingSpec
+
+FEW_PER_CLASS = 5
+"""Test trials of a class below which its accuracy says little."""
+FEW_VALIDATION = 30
+"""Validation trials below which an early exit, or an epoch, is chosen by a handful of them."""
+
+
+def not_learned(accuracy: float, low: float, guess: float) -> Iterator[str]:
+    """low: lower end of the accuracy's interval. guess: the accuracy of guessing.
+
+    >>> list(not_learned(0.9, 0.8, 0.5))
+    []
+    """
+    if low <= guess:
+        yield (
+            f"an accuracy of {100 * accuracy:.1f} % is not clearly above chance ({100 * guess:.1f} %); give more "
+            "trials, a longer window (--window-ms), or an encoder for this sensor (neurotact calibrate)"
+        )
+
+
+def worse_than_linear(found: Comparison) -> Iterator[str]:
+    """Where logistic regression on the same spikes is clearly better than the network."""
+    if found.linear > found.high:
+        yield (
+            f"logistic regression on the spike counts of the same windows is better, "
+            f"{100 * found.linear:.1f} % against {100 * found.accuracy:.1f} %; try --network default, more hidden "
+            "neurons (--set hidden=100) or neurotact tune"
+        )
+
+
+def few_test_trials(per_class: Mapping[str, int]) -> Iterator[str]:
+    """per_class: test trials of each class.
+
+    >>> print(*few_test_trials({"felt": 3, "silk": 12}))
+    class 'felt' has 3 test trials: one of them is 33.3 points of its accuracy, and 6.7 points of all 15; record more
+    """
+    few = {name: n for name, n in per_class.items() if n < FEW_PER_CLASS}
+    total = sum(per_class.values())
+    if not few or not total:
+        return
+    fewest = min(few, key=lambda name: few[name])
+    n = few[fewest]
+    share = f"one of them is {100 / n:.1f} points of its accuracy, and " if n else ""
+    all_of = f"{share}{'' if n else 'one trial is '}{100 / total:.1f} points of all {total}"
+    trials = f"{n} test trial{'' if n == 1 else 's'}"
+    if len(few) == 1:
+        yield f"class '{fewest}' has {trials}: {all_of}; record more"
+    else:
+        yield (
+            f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; class '{fewest}' has "
+            f"{trials}: {all_of}; record more"
+        )
+
+
+def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
+    """n_validation: validation trials. tolerance: accuracy that early exit may lose on them.
+
+    >>> print(*few_for_exit(20, 0.01))
+    early exit was chosen on 20 validation trials, where one is 5 points and 1 may be lost; record more, or test it anew
+    """
+    if 0 < n_validation < FEW_VALIDATION:
+        yield (
+            f"early exit was chosen on {n_validation} validation trials, where one is {100 / n_validation:.3g} points "
+            f"and {100 * tolerance:.3g} may be lost; record more, or test it anew"
+        )
+
+
+def training(log: pd.DataFrame, spec: TrainingSpec) -> Iterator[str]:
+    """Whether a training diverged, or stopped at the cap of its epochs.
+
+    log: a row an epoch (`training.csv`). With rates that fall to 0 all epochs run, which is no cap.
+    """
+    losses = log["train_loss"].to_numpy(float)
+    if not len(losses):
+        return
+    if not np.isfinite(losses).all():
+        yield "the loss became infinite; lower the learning rate (--set training.relative_learning_rate=0.02)"
+    elif losses[-1] > max(losses[0], 2 * losses.min()):
+        yield (
+            f"training diverged, from a loss of {losses.min():.3g} to {losses[-1]:.3g}; lower the learning rate "
+            "(--set training.relative_learning_rate=0.02)"
+        )
+    elif spec.schedule == "constant" and len(losses) >= spec.epochs and log["epoch"].max() + 1 >= spec.epochs:
+        yield f"training stopped at its {spec.epochs} epochs before it had settled; raise training.epochs"
+
+
+def together(found: Sequence[Sequence[str]]) -> list[str]:
+    """Each caution of several networks once, with how many it concerns, in the order of the first.
+
+    >>> together([["it diverged"], [], ["it diverged"]])
+    ['2 of 3 networks: it diverged']
+    """
+    counts: dict[str, int] = {}
+    for words in found:
+        for word in words:
+            counts[word] = counts.get(word, 0) + 1
+    return [f"{n} of {len(found)} networks: {word}" for word, n in counts.items()]

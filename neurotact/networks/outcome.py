@@ -1,0 +1,61 @@
+"""What a training came to: its result, how that compares, and what may be wrong with it."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.data.conditioning import acausal_note
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.networks import cautions, trained
+from neurotact.networks.comparison import Comparison, compare
+from neurotact.networks.trained import Sides, Task, Trained
+
+
+class Outcome(NamedTuple):
+    """What a training came to.
+
+    row: its numbers. confusion: test windows by true and chosen class, `(class, class)`; classes: their names.
+    compared: how its accuracy compares. cautions: what may be wrong, a line each.
+    step_ms: a step of the encoder's clock.
+    acausal: what to say of the encoder's baseline; None where windows know the past alone.
+    """
+
+    row: dict[str, Any]
+    confusion: list[list[int]]
+    classes: tuple[str, ...]
+    compared: Comparison
+    cautions: list[str]
+    step_ms: float
+    acausal: str | None
+
+    def as_json(self) -> dict[str, Any]:
+        """As `result.json` holds it."""
+        return {"row": self.row, "confusion": self.confusion, "compared": self.compared._asdict()}
+
+
+def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -> Outcome:
+    """Measure a trained network on its test windows."""
+    result = trained.measure(fitted, sides.test, trains.is_sa)
+    parts = trained.trials_of(trains, task)
+    compared = compare(result["row"]["accuracy_test"], sides, len(parts.test), len(trains.classes))
+    return Outcome(
+        result["row"],
+        result["confusion"],
+        trains.classes,
+        compared,
+        list(_cautions(fitted, trains, parts, task, compared)),
+        1e3 / trains.sampling_rate_Hz,
+        acausal_note(trains.encoder),
+    )
+
+
+def _cautions(fitted: Trained, trains: SpikeTrains, parts: Split, task: Task, compared: Comparison) -> Iterator[str]:
+    yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest))
+    yield from cautions.worse_than_linear(compared)
+    yield from cautions.training(pd.DataFrame(fitted.training.epochs), fitted.network.spec.training)
+    known = sorted(set(trains.labels[parts.train].tolist()))
+    tested = trains.labels[parts.test]
+    yield from cautions.few_test_trials({trains.classes[label]: int((tested == label).sum()) for label in known})
+    yield from cautions.few_for_exit(len(parts.validation), task.exit_tolerance)

@@ -1,0 +1,69 @@
+"""Warnings of a training: each where it must come, and none where nothing is wrong."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.networks import cautions
+from neurotact.networks.comparison import Comparison
+from neurotact.networks.specs import TrainingSpec
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "linear", "expected"),
+    [
+        (0.6, 0.8, 0.7, []),
+        (0.6, 0.8, 0.81, ["logistic regression"]),
+        (0.4, 0.8, 0.7, ["not clearly above chance (40.0 %)"]),
+        (0.1, 0.3, 0.9, ["not clearly above chance", "logistic regression"]),
+    ],
+)
+def test_a_network_that_stays_behind_is_named(low, high, linear, expected):
+    one = Comparison((low + high) / 2, low, high, 100, 0.25, 0.4, linear)
+    found = [*cautions.not_learned(one.accuracy, one.low, one.commonest), *cautions.worse_than_linear(one)]
+    assert len(found) == len(expected)
+    assert all(words in line for words, line in zip(expected, found, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("per_class", "expected"),
+    [
+        ({"felt": 5, "silk": 10}, []),
+        ({"felt": 4, "silk": 11}, ["class 'felt' has 4 test trials", "25.0 points of its", "6.7 points of all 15"]),
+        ({"felt": 1, "silk": 9}, ["class 'felt' has 1 test trial:", "10.0 points of all 10"]),
+        ({"felt": 0, "silk": 20}, ["class 'felt' has 0 test trials", "5.0 points of all 20"]),
+        ({"felt": 4, "silk": 3, "wool": 9}, ["2 of 3 classes", "class 'silk' has 3"]),
+    ],
+)  # fmt: skip
+def test_a_class_with_few_test_trials_is_named(per_class, expected):
+    found = list(cautions.few_test_trials(per_class))
+    assert len(found) == bool(expected)
+    assert all(words in found[0] for words in expected)
+
+
+def test_an_exit_chosen_on_few_trials_is_named():
+    assert list(cautions.few_for_exit(cautions.FEW_VALIDATION, 0.01)) == []
+    assert len(list(cautions.few_for_exit(cautions.FEW_VALIDATION - 1, 0.01))) == 1
+
+
+def log(losses) -> pd.DataFrame:
+    return pd.DataFrame({"epoch": range(len(losses)), "train_loss": losses})
+
+
+@pytest.mark.parametrize(
+    ("losses", "schedule", "epochs", "expected"),
+    [
+        ([2.0, 1.0, 0.5], "cosine", 3, None),  # the rates fell to 0: all epochs are meant to run
+        ([2.0, 1.0, 0.5], "constant", 100, None),
+        ([2.0, 1.0, 0.5], "constant", 3, "stopped at its 3 epochs"),
+        ([2.0, np.inf, 0.5], "cosine", 3, "became infinite"),
+        ([2.0, np.nan], "cosine", 3, "became infinite"),
+        ([2.0, 0.5, 2.1], "cosine", 3, "diverged"),
+        ([2.0, 0.5, 1.9], "cosine", 3, None),
+        ([], "constant", 3, None),
+    ],
+)
+def test_a_training_that_diverged_or_was_cut_is_named(losses, schedule, epochs, expected):
+    found = list(cautions.training(log(losses), TrainingSpec(schedule=schedule, epochs=epochs)))
+    assert len(found) == (expected is not None)
+    assert all(expected in line for line in found)
