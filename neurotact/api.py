@@ -283,6 +283,7 @@ def run_study(
     folder: str | Path,
     settings: Settings | None = None,
     *,
+    data: str | Path | None = None,
     quick: bool = False,
     workers: int = 2,
     scheduler: str | None = None,
@@ -290,10 +291,11 @@ def run_study(
     """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
 
     settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
+    data: the file of recordings of a study that names none: `run_study("own-recordings", "mine", data="touches.h5")`.
     quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     """
-    study = loading.resolve(name, settings, quick=quick)
+    study = loading.resolve(name, settings, quick=quick, data=data)
     runner.run(study, Path(folder), workers, scheduler)
     return _reported(Path(folder))
 

@@ -7,12 +7,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact import spec
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.errors import InputError
 from neurotact.networks import tuning
@@ -60,17 +63,31 @@ def test_a_search_space_suits_the_network(name):
     tuning.check(space, spec.load(RSNNSpec, "rsnn"), source=name)
 
 
+@pytest.fixture(scope="module")
+def resolve(tmp_path_factory):
+    """Resolves a study, one that names no recordings with a file of some."""
+    path = tmp_path_factory.mktemp("data") / "touches.h5"
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 6})
+    hdf5.save_recordings(Recordings(np.zeros((12, 250, 2), np.float32), 500.0, "mV", conditions), path)
+
+    def resolved(name, quick=False):
+        is_open = not any(spec.read(spec.find("studies", name)).get("dataset", {"read": "its own"}).values())
+        return loading.resolve(name, quick=quick, data=path if is_open else None)
+
+    return resolved
+
+
 @pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
 @pytest.mark.parametrize("name", of_kind["studies"])
-def test_a_study_has_cells_that_differ(name, quick):
-    what = loading.resolve(name, quick=quick)
+def test_a_study_has_cells_that_differ(name, quick, resolve):
+    what = resolve(name, quick)
     digests = [cell.digest() for cell in loading.engine_of(what).cells()]
     assert len(set(digests)) == len(digests) > 1
 
 
 @pytest.mark.parametrize("name", of_kind["studies"])
-def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name):
-    full, quick = loading.resolve(name), loading.resolve(name, quick=True)
+def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name, resolve):
+    full, quick = resolve(name), resolve(name, quick=True)
     assert quick != full
     assert len(loading.engine_of(quick).cells()) <= len(loading.engine_of(full).cells())
     assert list(quick.sweep) == list(full.sweep)
@@ -80,8 +97,8 @@ def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name):
 
 @pytest.mark.parametrize("quick", [False, True], ids=["full", "quick"])
 @pytest.mark.parametrize("name", of_kind["studies"])
-def test_a_resolved_study_reads_back_equal(name, quick, tmp_path):
-    what = loading.resolve(name, quick=quick)
+def test_a_resolved_study_reads_back_equal(name, quick, tmp_path, resolve):
+    what = resolve(name, quick)
     (tmp_path / "study.toml").write_text(study.to_toml(what), encoding="utf-8")
     assert loading.resolve(tmp_path / "study.toml") == what
 

@@ -29,14 +29,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
     if cell.network is None:
         return encoded.run(cell, trains)
     began = perf_counter()
-    task = Task(
-        window=cell.window,
-        split=cell.split,
-        stratify=tuple(cell.source["stratify"]),
-        subset=cell.subset,
-        training_windows=cell.training_windows,
-        exit_tolerance=cell.early_exit.tolerance,
-    )
+    task = task_of(cell)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty) if cell.search else None
     if searched is None:
@@ -63,6 +56,18 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
                 draft.write_bytes(content)
         write_json(place / RESULT, result)
         return {path.relative_to(place).as_posix(): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+
+
+def task_of(cell: Cell) -> Task:
+    """What the cell's network is trained and tested on."""
+    return Task(
+        window=cell.window,
+        split=cell.split,
+        stratify=tuple(cell.source["stratify"]),
+        subset=cell.subset,
+        training_windows=cell.training_windows,
+        exit_tolerance=cell.early_exit.tolerance,
+    )
 
 
 def _tables(

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from neurotact import spec as specs
+from neurotact.errors import InputError
 from neurotact.studies import protocol_study, study
 from neurotact.studies.engine import Engine
 from neurotact.studies.network_engine import NetworkEngine
@@ -15,13 +16,21 @@ from neurotact.studies.study import StudySpec
 Study = StudySpec | ProtocolStudy
 
 
-def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False) -> Study:
+def resolve(
+    name: str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+    data: str | Path | None = None,
+) -> Study:
     """Load a study file with its parts whole; see `study.resolve` and `protocol_study.resolve`."""
     path = specs.find(StudySpec.folder, name)
     table = specs.read(path)
     if "protocol" in table:
+        if data is not None:
+            raise InputError(f"--data: {path.name} makes or reads its own recordings; leave --data out")
         return protocol_study.resolve(table, path, overrides, quick=quick)
-    return study.resolve(path, overrides, quick=quick)
+    return study.resolve(name, overrides, quick=quick, data=data)
 
 
 def read_back(path: Path) -> Study:

@@ -16,15 +16,16 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, split_conditions
 from neurotact.data.windows import Windows, cut
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.calibration import way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import spike_trains
 from neurotact.metrics.linear import fit_linear
+from neurotact.progress import track
 from neurotact.spec import build, digest
-from neurotact.studies import manifest
+from neurotact.studies import baselines, manifest
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec
@@ -87,7 +88,32 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         table = baseline_table(recordings, windows, features, parts, subsets)
         table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
         write_table(table, folder / "baseline.csv")
+    if "baselines.csv" in table_flaws:
+        write_table(_baselines_table(folder, recordings, dataset, cells), folder / "baselines.csv")
     manifest.seal(folder, tables_of(study))
+
+
+def _baselines_table(folder: Path, recordings: Recordings, dataset: DatasetSpec, cells: Sequence[Cell]) -> pd.DataFrame:
+    """`baselines.csv`: classical classifiers on the windows that the networks see, for each subset."""
+    parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
+    subsets = {cell.dataset: cell.subset for cell in cells}
+    encoded = list({cell.spikes_name: cell for cell in cells}.values())
+    found = []
+    with track("baselines", len(encoded)) as advance:
+        for cell in encoded:  # one encoder's spikes at a time are in memory
+            trains, is_first = hdf5.load_spikes(folder / cell.given), cell is encoded[0]
+            windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cells[0].window)
+            pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
+            for name, where in subsets.items():
+                cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
+                inputs = [
+                    *(baselines.signal_inputs(recordings, cuts) if is_first else ()),
+                    *baselines.spike_inputs(trains, pair, cuts),
+                ]
+                fitted = baselines.rows(inputs, recordings.labels[windows.trial], cuts, stronger=is_first)
+                found += [{"dataset": name, **row} for row in fitted]
+            advance(1, "")
+    return pd.DataFrame(found)
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -118,6 +144,7 @@ def tables_of(study: StudySpec) -> list[str]:
     """The tables that a study asks for of its recordings, before any cell is run."""
     asked = {
         "baseline.csv": study.linear_baseline,
+        "baselines.csv": study.baselines,
         "signals.csv": study.signals,
         "same_drive.csv": study.same_drive is not None,
     }
@@ -236,11 +263,7 @@ def touch_spikes(trains: SpikeTrains, start_ms: float) -> spike_trains.Events:
 
 def linear_features(recordings: Recordings, windows: Windows, clock_Hz: float) -> np.ndarray:
     """Each taxel's mean and deviation as recorded, `(window, 2 taxel)`, in windows on the encoder's clock."""
-    per_step = recordings.sampling_rate_Hz / clock_Hz
-    first = np.ceil(windows.start * per_step - 1e-9).astype(np.int64)
-    last = np.ceil((windows.start + windows.n_steps) * per_step - 1e-9).astype(np.int64)
-    spans = zip(windows.trial, first, np.maximum(last, first + 1), strict=True)
-    pieces = (recordings.signals[trial][begin:end] for trial, begin, end in spans)
+    pieces = baselines.pieces_of(recordings, windows, clock_Hz)
     return np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
 
 
@@ -281,7 +304,8 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
     if key not in calibrated:
         train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
-        calibrated[key] = calibrate(recordings.select(train), cell.calibrate).encoder
+        fit, _ = way_of(cell.calibrate, ())
+        calibrated[key] = fit(recordings.select(train), cell.calibrate).encoder
     fitted = calibrated[key]
     populations = {
         name: getattr(fitted, name).model_copy(update={"t_ref_ms": getattr(cell.encoder, name).t_ref_ms})

@@ -28,6 +28,8 @@ class ProtocolStudy(Spec):
     sweep: dict[str, list[Any]]
     """Values of each axis: a dotted key of the parameters, or several joined by ` & `."""
     claims: tuple[Claim, ...] = ()
+    as_shipped: bool = False
+    """As of `StudySpec`."""
 
     @model_validator(mode="after")
     def _has_a_sweep(self) -> "ProtocolStudy":
@@ -69,6 +71,8 @@ def resolve(
     both = {key.removeprefix("parameters."): value for key, value in both.items()}
     others = sweeps.unswept(table.setdefault("sweep", {}), both, path)
     table["parameters"] = specs.override(table.get("parameters", {}), others)
+    if not (overrides or quick) and path in specs.shipped(ProtocolStudy.folder):
+        table["as_shipped"] = True
     study = specs.build(ProtocolStudy, table, source=str(path))
     model = module_of(study.protocol).Parameters
     swept = sweeps.keys(study.sweep)

@@ -9,13 +9,13 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import say, track
-from neurotact.spec import digest
+from neurotact.spec import digest, without_defaults
 from neurotact.studies import manifest
 from neurotact.studies.executors import MapCells, executor
 from neurotact.studies.loading import Study, engine_of, read_back
 from neurotact.studies.preparation import check_files
 from neurotact.studies.store import AnyCell, cell_folder, damage, discard, is_done, timing_of, write_cell
-from neurotact.studies.study import to_toml
+from neurotact.studies.study import LATER_KEYS, StudySpec, to_toml
 from neurotact.tables import write_table
 from neurotact.versions import versions
 
@@ -160,7 +160,9 @@ def _keep_versions(folder: Path) -> None:
 
 def _made_from(study: Study) -> dict[str, str]:
     """What decides the numbers of a study, for its manifest: not its claims and words, nor where its files lie."""
-    table = study.model_dump(mode="json", exclude={"title", "about", "claims"})
+    words = {"title", "about", "claims", "notes", "as_shipped"}
+    table = study.model_dump(mode="json", exclude=words)
+    table = without_defaults(study, table, LATER_KEYS) if isinstance(study, StudySpec) else table
     for key in ("file", "path"):
         table.get("dataset", {}).pop(key, None)
     return {"settings": digest(table)}

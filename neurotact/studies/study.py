@@ -24,7 +24,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
-from neurotact.studies import sweeps
+from neurotact.studies import suited, sweeps
 from neurotact.studies.claims import Claim
 from neurotact.studies.same_drive import SameDriveSpec
 
@@ -34,6 +34,9 @@ SOURCE = "dataset.parameters."
 """Of the simulation; a cell holds them in its `source`."""
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study whose cells measure more; each leaves a table of its own."""
+
+LATER_KEYS = ("baselines",)
+"""Keys that came after studies had been run: without them a study is the one that it was."""
 
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
@@ -124,13 +127,19 @@ class StudySpec(Spec):
     title: str
     about: str = ""
     dataset: DatasetSpec
+    notes: tuple[str, ...] = ()
+    """What was chosen for the recordings, in words."""
+    as_shipped: bool = False
+    """Whether this is a whole study that ships, without a change: of such a one the reasons of its claims hold."""
     calibrate: bool = False
-    """Fit the encoder's standardisation and gains on the training trials (as `neurotact calibrate` does)."""
+    """Fit the encoder's baseline, standardisation and gains on the training trials (as `neurotact calibrate` does)."""
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     early_exit: EarlyExitSpec = EarlyExitSpec()
     linear_baseline: bool = False
     """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
+    baselines: bool = False
+    """Also fit logistic regression, SVM and ELM on the signals and the spikes of the same windows: baselines.csv."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
     """Also test each network on the first so many ms of its own windows: the table cut_short.csv."""
     exit_patiences: tuple[Steps, ...] = ()
@@ -173,7 +182,7 @@ class StudySpec(Spec):
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
             raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
-        described = [name for name in ("linear_baseline", "signals", "same_drive") if getattr(self, name)]
+        described = [name for name in ("linear_baseline", "baselines", "signals", "same_drive") if getattr(self, name)]
         if swept and described:
             raise ValueError(f"{described[0]} tells of one set of recordings; drop it, or the sweep of '{swept[0]}'")
         return self
@@ -239,13 +248,21 @@ class Cell(Spec):
         return specs.digest([content, self.split.model_dump() if self.calibrate else None, *known])
 
 
-def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False) -> StudySpec:
-    """Load a study file with its parts whole.
+def resolve(
+    name: str | Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+    data: str | Path | None = None,
+) -> StudySpec:
+    """Load a study file with its parts whole, and what it leaves open chosen for its recordings (`suited`).
 
     overrides: dotted keys that name the part first, such as `network.hidden`; a swept key stops being swept.
     quick: apply the file's `[quick]` table of overrides first.
+    data: the file of recordings of a study that names none.
     """
     path = specs.find(StudySpec.folder, name)
+    is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = specs.read(path)
     quick_overrides = specs.pop_table(table, "quick", path)
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
@@ -254,11 +271,14 @@ def resolve(name: str | Path, overrides: Mapping[str, Any] | None = None, *, qui
     for part, load in PARTS.items():
         if isinstance(table.get(part), str):
             table[part] = _whole(load(_beside(path, table[part])))
+    table = suited.suit(table, overrides, data, path)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_beside(path, search["space"])))
-    study = specs.build(StudySpec, table, source=str(path))
+    if overrides or quick:
+        table.pop("as_shipped", None)
+    study = specs.build(StudySpec, table | ({"as_shipped": True} if is_shipped else {}), source=str(path))
     if study.search is not None and study.network is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:

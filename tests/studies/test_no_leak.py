@@ -69,7 +69,9 @@ seed = [0]
 def _few_candidates(monkeypatch):
     """Fewer gains to try: the calibration is the study's own, at a third of the time."""
     monkeypatch.setattr(
-        preparation, "calibrate", lambda recordings, spec: calibration.calibrate(recordings, spec, rule=RULE)
+        preparation,
+        "way_of",
+        lambda spec, given: (lambda recordings, spec: calibration.calibrate(recordings, spec, rule=RULE), 1),
     )
 
 

@@ -1,0 +1,150 @@
+"""Classical classifiers on what the networks of a study see: the same windows of the same trials, the same split.
+
+Logistic regression sees every input; the strongest of support vector machines and extreme learning machines, chosen on
+validation windows, see the signals and the spikes of the first encoder.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from sklearn.preprocessing import StandardScaler
+
+from neurotact.baselines.families import Family, Sides, accuracy, best_of, elm, logistic_regression, svm
+from neurotact.data.recordings import Recordings, select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.data.windows import Windows
+from neurotact.metrics.flops import Cost, Moments, Standardise, cost
+from neurotact.metrics.signal_flops import Averaging
+from neurotact.networks.ledger import encoding_cost
+
+BINS = 10
+"""Pieces of a window in which spikes are counted, and signals averaged."""
+MOST_MACHINES = 3000
+"""Training windows up to which support vector machines are fitted: their time grows with the square."""
+LINEAR = "logistic regression"
+STRONGER: dict[str, Family] = {"SVM": svm, "ELM": elm}
+SIGNALS, SPIKES = "signals", "spikes"
+
+
+class Input(NamedTuple):
+    """What classifiers see of each window: features `(window, feature)`, in words, and what it takes to make them.
+
+    source: signals or spikes. pair: refractory periods of RA-I and SA-I in ms; None of signals.
+    """
+
+    source: str
+    words: str
+    pair: tuple[float, float] | None
+    features: np.ndarray
+    made: Cost
+
+
+class Cuts(NamedTuple):
+    """Windows on the encoder's clock, and which of them stand on each side: three boolean `(window,)`."""
+
+    windows: Windows
+    clock_Hz: float
+    sides: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    @property
+    def length_ms(self) -> float:
+        return 1e3 * self.windows.n_steps / self.clock_Hz
+
+
+def cuts_of(
+    conditions: pd.DataFrame, windows: Windows, clock_Hz: float, parts: Split, subset: Mapping[str, Any]
+) -> Cuts:
+    """The windows of a subset of trials on each side of a split."""
+    inside = select_conditions(conditions, subset)[windows.trial]
+    train, validation, test = (inside & np.isin(windows.trial, part) for part in parts)
+    return Cuts(windows, clock_Hz, (train, validation, test))
+
+
+def pieces_of(recordings: Recordings, windows: Windows, clock_Hz: float) -> Iterator[np.ndarray]:
+    """The samples of each window of an encoder's clock, as recorded: `(sample, taxel)`, at least one."""
+    per_step = recordings.sampling_rate_Hz / clock_Hz
+    first = np.ceil(windows.start * per_step - 1e-9).astype(np.int64)
+    last = np.ceil((windows.start + windows.n_steps) * per_step - 1e-9).astype(np.int64)
+    for trial, begin, end in zip(windows.trial, first, np.maximum(last, first + 1), strict=True):
+        signal = recordings.signals[trial]
+        begin = min(begin, len(signal) - 1)  # the last window of a slow recording may begin after its last sample
+        yield signal[begin : max(end, begin + 1)]
+
+
+def signal_inputs(recordings: Recordings, cuts: Cuts) -> Iterator[Input]:
+    """Mean and deviation of each taxel, and its mean in `BINS` pieces of the window."""
+    pieces = list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
+    samples, taxels = max(map(len, pieces)), recordings.n_channels
+    moments = np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
+    made = cost(Moments(samples, taxels, order=2), signal_ms=cuts.length_ms)
+    yield Input(SIGNALS, "mean and deviation", None, moments, made)
+    n_bins = min(BINS, min(map(len, pieces)))
+    binned = np.array([_binned(piece, n_bins) / _binned(np.ones((len(piece), 1)), n_bins) for piece in pieces])
+    made = cost(Averaging(samples, n_bins, taxels), signal_ms=cuts.length_ms)
+    yield Input(SIGNALS, _bins(n_bins), None, binned.reshape(len(binned), -1), made)
+
+
+def spike_inputs(trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts) -> Iterator[Input]:
+    """Spikes of each afferent, counted over the window and in `BINS` pieces of it; each spike is one addition."""
+    rasters = trains.raster(cuts.windows)
+    n_windows, n_steps, n_afferents = rasters.shape
+    encoding = encoding_cost(max(1, n_afferents // 2), n_steps, cuts.length_ms, trains.encoder)
+    made = encoding + Cost(acs=float(rasters.sum()) / n_windows)
+    n_bins = min(BINS, n_steps)
+    edges = np.linspace(0, n_steps, n_bins + 1).round().astype(int)
+    counts = np.add.reduceat(rasters, edges[:-1], axis=1, dtype=np.int64)
+    yield Input(SPIKES, "counts", pair, counts.sum(axis=1).astype(float), made)
+    yield Input(SPIKES, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made)
+
+
+def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, stronger: bool) -> Iterator[dict[str, Any]]:
+    """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
+
+    stronger: also fit the families of `STRONGER`, of which validation windows choose the candidate.
+    """
+    for one in inputs:
+        scaler = StandardScaler().fit(one.features[cuts.sides[0]])
+        sides = Sides(
+            *(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides)
+        )
+        families = {LINEAR: logistic_regression, **(STRONGER if stronger else {})}
+        for name, family in families.items():
+            if name == "SVM" and len(sides.y_train) > MOST_MACHINES:
+                continue
+            yield _row(one, name, family, sides)
+
+
+def _row(one: Input, name: str, family: Family, sides: Sides) -> dict[str, Any]:
+    best = best_of(family, sides, 0)
+    spent = one.made + cost(Standardise(one.features.shape[1]), *best.layers)
+    ra_ms, sa_ms = one.pair if one.pair else (None, None)
+    return {
+        "classifier": name,
+        "input": f"{one.source}: {one.words}",
+        "t_ref_ra_ms": ra_ms,
+        "t_ref_sa_ms": sa_ms,
+        "settings": best.settings,
+        "n_train": len(sides.y_train),
+        "n_validation": len(sides.y_validation),
+        "n_test": len(sides.y_test),
+        "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
+        "accuracy_test": accuracy(best, sides.test, sides.y_test),
+        "macs": spent.macs,
+        "flops": spent.flops,
+        "parameters": spent.parameters,
+        "signal_ms": spent.signal_ms,
+        "energy_estimate_nJ": spent.energy_estimate_nJ,
+    }
+
+
+def _bins(n: int) -> str:
+    return f"{n} time bin{'' if n == 1 else 's'}"
+
+
+def _binned(piece: np.ndarray, n_bins: int) -> np.ndarray:
+    """Sums over `n_bins` pieces, as equal as whole samples allow, `(bin, taxel)`."""
+    edges = np.linspace(0, len(piece), n_bins + 1).round().astype(int)
+    return np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64)

@@ -1,0 +1,171 @@
+"""What a study takes from the recordings that it is given: its file, the length of its windows, its seeds.
+
+A study file leaves such a value open with `"auto"`; the rules below close it before anything runs, and the resolved
+study holds plain values and, in `notes`, what was chosen and why.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurotact.data import hdf5
+from neurotact.data.conditioning import conditioned_length
+from neurotact.data.sources import expand
+from neurotact.encoders.calibration import CLOCK_HZ
+from neurotact.errors import InputError
+
+AUTO = "auto"
+LONGEST_MS = 1000.0
+"""Of a window: longer trials are cut into several."""
+MOST_PER_TRIAL, MOST_WINDOWS = 4, 4000
+"""Windows of one trial, and of all trials: more tell little new and take time."""
+SMALL = 1000
+"""Trials up to which three seeds are trained."""
+SOURCES = ("simulate", "read", "file")
+SHORT = 0.5
+"""A shortest trial below this share of the median one is worth a note."""
+
+
+class Recorded(NamedTuple):
+    """What the rules look at of some recordings: durations in seconds, `(trial,)`, and the sampling rate."""
+
+    durations_s: np.ndarray
+    sampling_rate_Hz: float
+
+
+def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
+    """The table of a study file with its file of recordings named and its open values closed.
+
+    overrides: dotted keys that are given: what is given is not chosen. data: the file that `--data` names.
+    path: of the study file, for messages.
+    Raises InputError where `data` is missing, or given beside recordings that the study names itself.
+    """
+    table = _with_file(table, overrides, data, path)
+    dataset, notes = table["dataset"], []
+    is_open = table.get("window") == AUTO or table.get("sweep", {}).get("seed") == AUTO
+    if not is_open:
+        return table
+    file = dataset.get("file")
+    if not isinstance(file, str):
+        raise InputError(f"{path}: '{AUTO}' is chosen from a file of recordings; name one with --data or dataset.file")
+    recorded = look(expand(file), clock_of(table, overrides))
+    if table.get("window") == AUTO:
+        table["window"], more = window(recorded, overrides)
+        notes += more
+    if table.get("sweep", {}).get("seed") == AUTO:
+        table["sweep"]["seed"], note = seeds(recorded)
+        notes += [] if {"seed", "sweep.seed"} & {*overrides} else [note]
+    notes += clock(recorded, table, overrides)
+    return {**table, "notes": [*table.get("notes", []), *notes]}
+
+
+def _with_file(
+    table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path
+) -> dict[str, Any]:
+    dataset = table.get("dataset")
+    dataset = {} if dataset is None else dataset
+    if not isinstance(dataset, dict):
+        return table  # refused as a study, with the other keys
+    named = [key for key in SOURCES if dataset.get(key) is not None or f"dataset.{key}" in overrides]
+    if data is not None:
+        if named:
+            raise InputError(f"--data: {path.name} names its own recordings (dataset.{named[0]}); leave --data out")
+        if not Path(data).is_file():
+            raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one of your files")
+        return {**table, "dataset": {**dataset, "file": str(Path(data).absolute())}}
+    if not named:
+        raise InputError(
+            f"{path.stem}: names no recordings; give a file with --data touches.h5 (in Python, data='touches.h5'); "
+            "neurotact import folder makes one of your files"
+        )
+    given = {key.removeprefix("dataset."): value for key, value in overrides.items() if key == "dataset.file"}
+    return {**table, "dataset": {**dataset, **given}}
+
+
+def clock_of(table: Mapping[str, Any], given: Mapping[str, Any]) -> float | None:
+    """The clock that a study names for its encoder, with dotted keys that are given."""
+    encoder = table.get("encoder")
+    own = encoder.get("conditioning", {}).get("resample_Hz") if isinstance(encoder, dict) else None
+    return given.get("encoder.conditioning.resample_Hz", own)
+
+
+def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
+    """What a file of recordings declares, its trials as long as on a clock; its signals are not read.
+
+    clock_Hz: of the encoder; the recordings' own, and at least the one that calibration takes, when absent.
+    """
+    with hdf5.open_recordings(path) as stored:
+        rate_Hz = stored.sampling_rate_Hz
+        on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
+        n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
+        return Recorded(np.array(n_steps) / on_Hz, rate_Hz)
+
+
+def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
+    """The window of a study, and the rule in words.
+
+    A window is the shortest trial as a whole, down to whole ms, but 1 s at most; of a longer trial as many windows as
+    fit, 4 at most and no more than 4000 of all trials together. given: dotted keys such as `window.length_ms`.
+
+    >>> window(Recorded(np.array([0.8, 1.2]), 1000.0))[0]
+    {'length_ms': 800.0, 'per_trial': 1}
+    >>> window(Recorded(np.array([2.5, 59.0]), 1000.0))[0]
+    {'length_ms': 1000.0, 'per_trial': 4}
+    """
+    start_ms = _number(given, "window.start_ms", 0.0)
+    room_ms = 1e3 * recorded.durations_s - start_ms
+    shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
+    whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
+    length_ms = _number(given, "window.length_ms", min(LONGEST_MS, float(whole_ms)))
+    fitting = int(max(1, longest_ms // max(length_ms, 1e-9)))
+    per_trial = max(1, min(MOST_PER_TRIAL, MOST_WINDOWS // len(room_ms), fitting))
+    table = {"length_ms": length_ms, "per_trial": per_trial}
+    if "window.length_ms" in given:
+        why = "as given"
+    elif length_ms == LONGEST_MS:
+        why = "1 s at most"
+    else:
+        why = f"the shortest trial, {shortest_ms:,.0f} ms"
+    up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
+    notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with --window-ms."]
+    median_ms = float(np.median(room_ms))
+    if "window.length_ms" not in given and shortest_ms < min(SHORT * median_ms, LONGEST_MS):
+        notes.append(
+            f"Trial {int(room_ms.argmin())} lasts {shortest_ms:,.0f} ms, the median trial {median_ms:,.0f} ms, and "
+            "all windows are as short; leave such trials out when you import, or accept it."
+        )
+    return table, notes
+
+
+def seeds(recorded: Recorded) -> tuple[list[int], str]:
+    """Three seeds for up to 1000 trials, one for more, and the rule in words.
+
+    >>> seeds(Recorded(np.ones(300), 1000.0))[0]
+    [0, 1, 2]
+    """
+    n_trials = len(recorded.durations_s)
+    if n_trials <= SMALL:
+        return [0, 1, 2], f"Seeds: 3, since there are no more than {SMALL:,} trials ({n_trials:,})."
+    return [0], f"Seeds: 1, since there are more than {SMALL:,} trials ({n_trials:,})."
+
+
+def clock(recorded: Recorded, table: Mapping[str, Any], given: Mapping[str, Any] = {}) -> list[str]:
+    """What the encoder's clock does to these recordings, in words; nothing where it is their own."""
+    clock_Hz, rate_Hz = clock_of(table, given), recorded.sampling_rate_Hz
+    if clock_Hz is None or clock_Hz == rate_Hz:
+        return []
+    note = f"Clock: {clock_Hz:g} Hz, so that refractory periods of whole ms are exact; recorded at {rate_Hz:g} Hz"
+    if rate_Hz >= clock_Hz:
+        return [f"{note}, smoothed and resampled."]
+    sample_ms = 1e3 / rate_Hz
+    between = f"{note}, where a sample lasts {sample_ms:.3g} ms; between samples the signal is interpolated"
+    return [f"{between}, so that refractory periods below {sample_ms:.3g} ms limit rates and tell no finer detail."]
+
+
+def _number(given: Mapping[str, Any], key: str, otherwise: float) -> float:
+    value = given.get(key, otherwise)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
+        raise InputError(f"--set {key}: must be a number of ms; got {value!r}")
+    return float(value)

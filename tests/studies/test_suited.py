@@ -1,0 +1,95 @@
+"""What a study takes from the recordings that it is given: window, seeds, clock, and what it refuses."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.data import hdf5
+from neurotact.data.conditioning import conditioned_length
+from neurotact.data.recordings import Recordings
+from neurotact.data.windows import WindowSpec, cut
+from neurotact.errors import InputError
+from neurotact.studies import loading, suited
+from neurotact.studies.suited import Recorded
+
+
+def save(path, lengths, rate_Hz=500.0):
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * (len(lengths) // 2)})
+    signals = [np.zeros((n, 2), np.float32) for n in lengths]
+    hdf5.save_recordings(Recordings(signals, rate_Hz, "mV", conditions), path)
+    return path
+
+
+@given(
+    st.lists(st.integers(2, 5000), min_size=1, max_size=30),
+    st.sampled_from([35.6, 93.0, 200.0, 500.0, 1000.0, 2000.0, 1234.5]),
+)
+def test_a_window_fits_into_every_trial(lengths, rate_Hz):
+    steps = np.array([conditioned_length(n, rate_Hz, 1000.0) for n in lengths])
+    table, _ = suited.window(Recorded(steps / 1000.0, rate_Hz))
+    windows = cut(steps, 1000.0, WindowSpec(**table))
+    counts = np.bincount(windows.trial, minlength=len(steps))
+    assert counts.min() >= 1
+    assert counts.max() <= suited.MOST_PER_TRIAL
+    assert windows.n_steps <= suited.LONGEST_MS
+
+
+def test_many_trials_have_fewer_windows_each():
+    table, _ = suited.window(Recorded(np.full(3000, 10.0), 1000.0))
+    assert table["per_trial"] == 1
+    assert suited.window(Recorded(np.full(1500, 10.0), 1000.0))[0]["per_trial"] == 2
+
+
+def test_a_given_window_is_kept_and_an_odd_trial_is_named():
+    assert suited.window(Recorded(np.array([2.0, 2.0]), 1000.0), {"window.length_ms": 250})[0] == {
+        "length_ms": 250.0,
+        "per_trial": 4,
+    }
+    _, notes = suited.window(Recorded(np.array([2.0, 0.1, 2.0]), 1000.0))
+    assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
+
+
+def test_a_slow_recording_is_told_what_its_clock_means():
+    encoder = {"encoder": {"conditioning": {"resample_Hz": 1000.0}}}
+    (note,) = suited.clock(Recorded(np.ones(2), 93.0), encoder)
+    assert "recorded at 93 Hz, where a sample lasts 10.8 ms" in note
+    (note,) = suited.clock(Recorded(np.ones(2), 5000.0), encoder)
+    assert "smoothed and resampled" in note
+    assert suited.clock(Recorded(np.ones(2), 1000.0), encoder) == []
+
+
+def test_the_shipped_study_takes_any_recordings(tmp_path):
+    path = save(tmp_path / "touches.h5", [150] * 12, 93.0)
+    what = loading.resolve("own-recordings", data=path)
+    assert what.dataset.file == str(path)
+    assert what.window == WindowSpec(length_ms=1000.0, per_trial=1)
+    assert what.sweep["seed"] == [0, 1, 2]
+    assert len(what.notes) == 3
+    changed = loading.resolve("own-recordings", {"window.length_ms": 300.0, "sweep.seed": [5]}, data=path)
+    assert changed.window == WindowSpec(length_ms=300.0, per_trial=4)
+    assert changed.sweep["seed"] == [5]
+    assert not any(note.startswith("Seeds") for note in changed.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("own-recordings", None, "own-recordings: names no recordings; give a file with --data"),
+        ("own-recordings", "away.h5", "--data away.h5: there is no such file"),
+        ("refractory-period", "touches.h5", r"names its own recordings \(dataset.simulate\)"),
+        ("contact-materials", "touches.h5", "makes or reads its own recordings"),
+    ],
+)
+def test_recordings_that_are_missing_or_too_many_are_refused(tmp_path, monkeypatch, name, data, words):
+    monkeypatch.chdir(tmp_path)
+    save(tmp_path / "touches.h5", [600] * 12)
+    with pytest.raises(InputError, match=words):
+        loading.resolve(name, data=data)
+
+
+def test_reasons_belong_to_a_whole_study_that_ships():
+    assert loading.resolve("refractory-period").as_shipped
+    assert not loading.resolve("refractory-period", quick=True).as_shipped
+    assert not loading.resolve("refractory-period", {"sweep.seed": [1]}).as_shipped
