@@ -1,17 +1,19 @@
 """The commands that run, resume and report studies."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from neurotact import spec
+from neurotact import files, spec
 from neurotact.cli.lazy import new_app
-from neurotact.cli.options import OutFolder, SchedulerOption, SetOption, StudyFolder, WorkersOption
+from neurotact.cli.options import Json, OutFolder, SchedulerOption, SetOption, StudyFolder, WorkersOption
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.progress import say
 from neurotact.report import report
+from neurotact.report.networks import ANSWER
 from neurotact.studies import loading, runner
 
 app = new_app("Run, resume and report studies.")
@@ -22,33 +24,67 @@ def study_run(
     name: Annotated[str, typer.Argument(help="Name or path of a study spec.")],
     out: OutFolder,
     quick: Annotated[bool, typer.Option("--quick", help="A smaller sweep of the same kind.")] = False,
+    data: Annotated[
+        Path | None, typer.Option(help="The file of recordings, for a study that names none (own-recordings).")
+    ] = None,
+    window_ms: Annotated[
+        float | None, typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms.")
+    ] = None,
     set_: SetOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    as_json: Json = False,
 ) -> None:
     """Run a study: every cell of its sweep, the tables, the figures, the report."""
-    _run_study(loading.resolve(name, spec.parse_assignments(set_ or []), quick=quick), out, workers, scheduler)
+    changes = spec.parse_assignments(set_ or []) | ({} if window_ms is None else {"window.length_ms": window_ms})
+    what = loading.resolve(name, changes, quick=quick, data=data)
+    for note in getattr(what, "notes", ()):
+        say(note)
+    _run_study(what, out, workers, scheduler, as_json)
 
 
 @app.command("resume")
-def study_resume(folder: StudyFolder, workers: WorkersOption = None, scheduler: SchedulerOption = None) -> None:
+def study_resume(
+    folder: StudyFolder,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    as_json: Json = False,
+) -> None:
     """Go on with a study that was interrupted."""
-    _run_study(runner.load(folder), folder, workers, scheduler)
+    _run_study(runner.load(folder), folder, workers, scheduler, as_json)
 
 
 @app.command("report")
-def study_report(folder: StudyFolder) -> None:
+def study_report(folder: StudyFolder, as_json: Json = False) -> None:
     """Write the tables, figures and report again from the cells that are done."""
     runner.write_tables(folder)
-    print(report.write(folder))
+    _print_report(report.write(folder), as_json)
 
 
-def _run_study(what: loading.Study, out: Path, workers: int | None, scheduler: str | None) -> None:
+def _run_study(what: loading.Study, out: Path, workers: int | None, scheduler: str | None, as_json: bool) -> None:
     if workers and scheduler:
         raise InputError("--workers, --scheduler: give one of them; a cluster has the workers that have joined it")
     try:
         runner.run(what, out, workers or 2, scheduler)
-        print(report.write(out))
+        page = report.write(out)
     except KeyboardInterrupt:
         say(f"interrupted; go on with: neurotact study resume {out}")
         sys.exit(INTERRUPTED)
+    _print_report(page, as_json)
+
+
+def _print_report(page: Path, as_json: bool) -> None:
+    """What a study of networks answers, and where its report is; of other studies the report alone."""
+    path = page.parent / ANSWER
+    found = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
+    if as_json:
+        print(json.dumps(found | {"report": str(page)}, indent=1, ensure_ascii=False))
+        return
+    for one in found["answers"]:
+        before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
+        print(f"{before}{' '.join([one['headline'], *one['details']])}")
+    for caution in found["cautions"]:
+        say(caution)
+    if found["answers"]:
+        print(f"tables, figures and networks in {page.parent}; open the report in a browser:")
+    print(page)

@@ -14,14 +14,14 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
-from neurotact.metrics.fronts import pareto_front
 from neurotact.networks import checkpoint, trained
 from neurotact.networks.trained import Restored
 from neurotact.networks.training import Examples
+from neurotact.report import front
 from neurotact.report.tables import confusion
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell
-from neurotact.tables import over_seeds, records, write_table
+from neurotact.tables import records, write_table
 
 MOST_EVENTS = 1_000_000
 """Spikes drawn in one page, shared out evenly over its cells: about four bytes each."""
@@ -92,41 +92,23 @@ def cell_name(row: pd.Series) -> str:
     return f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}, seed {row['seed']}"
 
 
-def fronts(results: pd.DataFrame) -> dict[str, dict[str, list[dict[str, Any]]]]:
-    """The Pareto fronts of means over seeds for each setting, from the cheapest: `full` window, early `exit`."""
-    kinds = {"full": ("sops_total", "accuracy_test"), "exit": ("exit_sops_total", "exit_accuracy")}
-    found = {}
-    for setting, rows in results.groupby("setting", sort=False):
-        found[str(setting)] = {}
-        for kind, (cost, gain) in kinds.items():
-            networks = over_seeds(rows, [cost, gain])
-            front = networks[pareto_front(networks[cost].to_numpy(), networks[gain].to_numpy())]
-            found[str(setting)][kind] = [
-                {
-                    "name": f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}",
-                    "seeds": int(row["seeds"]),
-                    "sops": float(row[cost]),
-                    "accuracy": float(row[gain]),
-                }
-                for _, row in front.sort_values(cost, kind="stable").iterrows()
-            ]
-    return found
-
-
-def page_data(results: pd.DataFrame, details: list[dict[str, Any]], classes: Classes) -> dict[str, Any]:
+def page_data(
+    results: pd.DataFrame, costs: pd.DataFrame, details: list[dict[str, Any]], classes: Classes
+) -> dict[str, Any]:
     """All that the page's script draws from.
 
     results: a run's `results.csv` with the columns `pair` and `setting`, a row for each of `details`.
+    costs: what each row's decisions cost (`front.costs_of`).
     """
     rows = records(results.drop(columns=["pair", "setting"]))
-    named = zip(results.iterrows(), rows, details, strict=True)
+    named = zip(results.iterrows(), rows, records(costs), details, strict=True)
     cells = [
-        {"name": cell_name(row), "setting": row["setting"], "pair": row["pair"], "row": record, **detail}
-        for (_, row), record, detail in named
-    ]
+        {"name": cell_name(row), "setting": row["setting"], "pair": row["pair"], "hidden": int(row["hidden"]),
+         "row": record, **front.decisions_of_row(record, spent), **detail}
+        for (_, row), record, spent, detail in named
+    ]  # fmt: skip
     return {
         "cells": cells,
-        "fronts": fronts(results),
         "pairs": list(dict.fromkeys(results["pair"])),
         "sizes": sorted({int(n) for n in results["hidden"]}),
         "classes": classes.ticks,

@@ -14,6 +14,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.studies.preparation import TOUCH
 from neurotact.studies.study import StudySpec
+from neurotact.tables import natural
 
 MOST_ROWS = 3
 SHOWN_s = 1.0
@@ -63,8 +64,10 @@ def view_of(encoding: pd.DataFrame, stratify: Sequence[str]) -> View:
 
 
 def name_classes(encoding: pd.DataFrame, conditions: pd.DataFrame | None) -> Classes:
-    """Classes in the order of the recordings; gratings by their number, as in the texture paper."""
+    """Classes in their natural order, 2 before 10; gratings by their number, as in the texture paper."""
     order = tuple(dict.fromkeys(encoding[LABEL].astype(str)))
+    if conditions is None or not {"grating", "pitch_mm"} <= set(conditions):
+        order = tuple(sorted(order, key=natural))
     if conditions is None or not {"grating", "pitch_mm"} <= set(conditions):
         names = {label: label for label in order}
         return Classes("class", order, names, names)

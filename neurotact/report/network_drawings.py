@@ -1,6 +1,6 @@
 """What a report says of the networks: accuracy, its cost, the trade-off and the best one, and their captions."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 
@@ -21,14 +21,19 @@ MOST_LISTED = 4
 
 
 def network_drawings(
-    study: StudySpec, folder: Path, done: list[Cell], results: pd.DataFrame, classes: Classes
+    study: StudySpec,
+    folder: Path,
+    done: list[Cell],
+    results: pd.DataFrame,
+    classes: Classes,
+    levels: Mapping[str, Mapping[str, float]] = {},
 ) -> Iterator[Drawn]:
     """Accuracy and SOPs (the texture paper's Fig. 11), the trade-off of both, and a look at the best of the done cells.
 
-    results: a run's `results.csv` with the columns `pair` and `setting`.
+    results: a run's `results.csv` with the columns `pair` and `setting`. levels: as for `draw_trade_off`.
     """
     yield _accuracy_and_sops(study, results, len(classes.order))
-    yield _trade_off(results)
+    yield _trade_off(results, levels)
     if done:
         yield from _best_network(folder, done, classes)
 
@@ -101,14 +106,14 @@ def _seeds(networks: pd.DataFrame) -> str:
     return f"{low} to {high} seeds" if low < high else f"{high} seed{'s' if high > 1 else ''}"
 
 
-def _trade_off(results: pd.DataFrame) -> Drawn:
-    figure = network_figures.draw_trade_off(results)
+def _trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]]) -> Drawn:
+    figure = network_figures.draw_trade_off(results, levels)
     fronts = {str(name): _front(rows) for name, rows in results.groupby("setting", sort=False)}
     ends = [f"{name}: {_first_to_last(front)}" for name, front in fronts.items() if front]
     caption = (
-        "Each point is a pair and a hidden size, mean over seeds with SD: filled for the full window, open for early "
-        "exit with the patience chosen on validation trials. No network beats one on the front in both accuracy and "
-        f"SOPs; numbers beside the front are hidden sizes. Networks on the front of {'; of '.join(ends)}."
+        "Each point is a pair and a hidden size, mean over seeds: filled for the full window, open for early exit with "
+        "the patience chosen on validation trials. Bars: SD over seeds of those on the front, which no network beats "
+        f"in both accuracy and SOPs; numbers beside it are hidden sizes. Networks on the front of {'; of '.join(ends)}."
     )
     alt = " ".join(f"Front of {name}, full window: {', '.join(front)}." for name, front in fronts.items())
     return Drawn("trade-off", "Accuracy against synaptic operations", figure, caption, alt)

@@ -1,6 +1,6 @@
 """The report of trained networks: what each recognises, its spikes and synaptic operations, and the trade-off."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -10,10 +10,12 @@ import pandas as pd
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
+from neurotact.files import write_json
 from neurotact.networks import ledger
-from neurotact.report import details, page, search, selection_steps
+from neurotact.report import details, front, page, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes
 from neurotact.report.extra_drawings import extra_drawings
+from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
 from neurotact.report.page import Entry, Table, plain
 from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_setting
@@ -26,6 +28,7 @@ from neurotact.studies.store import is_done
 from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
 from neurotact.tables import over_seeds, read_table, write_table
 
+ANSWER = "answer.json"
 DOWNLOADS = {
     "results.csv": "one row a trained network",
     "results.json": "the same",
@@ -36,7 +39,9 @@ DOWNLOADS = {
     "whole touch",
     "searches.csv": "every trial of every cell's search",
     "selection.csv": "what each step of the selection saw and chose",
+    "answer.json": "the first screen of this report for programs",
     "baseline.csv": "the linear classifier",
+    "baselines.csv": "classical classifiers on the same windows",
     "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
     "cut_short.csv": "each network on the first so many ms of its windows",
     "exit_curve.csv": "each network with early exit, over patience",
@@ -48,7 +53,7 @@ DOWNLOADS = {
     "versions.json": "versions of what computed it",
     "data.json": "the recordings' hash",
 }
-MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total"]
+MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "early_ms", "exit_sops_total"]
 NAMES = ["pair", "setting"]
 """Columns that name a network in words; they are read, and not written."""
 NETWORK_COLUMNS = {
@@ -60,7 +65,7 @@ NETWORK_COLUMNS = {
     "accuracy_test": "test accuracy (%)",
     "sops_total": "SOPs",
     "exit_accuracy": "accuracy with early exit (%)",
-    "exit_steps": "steps with early exit",
+    "early_ms": "ms with early exit",
     "exit_sops_total": "SOPs with early exit",
 }
 LEDGER_HEADS = {
@@ -94,10 +99,17 @@ def write(study: StudySpec, folder: Path) -> Path:
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
     baseline = read_table(folder / "baseline.csv") if study.linear_baseline else None
+    baselines = read_table(folder / "baselines.csv") if study.baselines else None
+    spent = front.costs_of(study, results, trains)
+    both = {name: table for name, table in (("baseline", baseline), ("baselines", baselines)) if table is not None}
+    found = list(front.fronts(study, folder, done, results.join(spent), trains, both))
+    cautions = front.beware(study, folder, done, found, trains)
+    write_json(folder / ANSWER, answers_as_json(found, cautions))
+    best = {"best": selection_steps.best_row(chosen, results)} if chosen else {}
     costs = _ledger(study, results, baseline, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
-    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen)
+    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(found))
     return page.write(
         "networks.html.jinja",
         study,
@@ -108,18 +120,22 @@ def write(study: StudySpec, folder: Path) -> Path:
         figures=chain(drawn, _searches(study, trials), extra_drawings(study, results, extra, classes)),
         downloads=DOWNLOADS,
         specs=_specs(study),
+        fronts=found,
+        first=max(range(len(found)), key=lambda index: found[index].answer.best.validation),
+        cautions=cautions,
+        chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
         data=page.if_there(folder / "data.json"),
         selection=selection_steps.shown(course, study.selection) if course and study.selection else [],
-        networks=networks_table(results),
+        networks=networks_table(results.join(spent)),
         network_heads=list(NETWORK_COLUMNS.values()),
-        settings=list(dict.fromkeys(results["setting"])),
-        means=means_table(results),
+        means=means_table(results.join(spent)),
         searches=search.table(trials, results),
         baseline=_baseline_table(baseline),
+        baselines=_baselines_table(baselines),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,
-        page=page.parts(_page_data(folder, done, results, trials, classes, chosen), page.NETWORKS),
+        page=page.parts(_page_data(folder, done, results, spent, trials, classes, found, trains) | best, page.NETWORKS),
     )
 
 
@@ -147,16 +163,38 @@ def _page_data(
     folder: Path,
     done: list[Cell],
     results: pd.DataFrame,
+    spent: pd.DataFrame,
     trials: pd.DataFrame,
     classes: Classes,
-    chosen: Selection | None,
+    fronts: Sequence[Front],
+    trains: SpikeTrains | None,
 ) -> dict[str, Any]:
     """What the page's script draws from."""
     found = details.cell_details(folder, done, classes)
     told = found if len(found) == len(results) else [{} for _ in range(len(results))]
     told = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(told)]
-    best = {"best": selection_steps.best_row(chosen, results)} if chosen else {}
-    return {**details.page_data(results, told, classes), **best}
+    drawn = {one.setting: front.as_json(one, one.networks) for one in fronts}
+    step_ms = None if trains is None else 1e3 / trains.sampling_rate_Hz
+    return {**details.page_data(results, spent, told, classes), "fronts": drawn, "stepMs": step_ms}
+
+
+def answers_as_json(found: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
+    """The first screen for programs: of each data set the answer in words and numbers, and what to beware of."""
+    return {
+        "answers": [
+            {
+                "dataset": one.setting,
+                "kind": one.answer.kind,
+                "headline": one.headline,
+                "details": one.details,
+                "interval": list(one.answer.interval),
+                "test_trials": one.answer.trials.test,
+                **front.as_json(one, one.networks),
+            }
+            for one in found
+        ],
+        "cautions": list(cautions),
+    }
 
 
 def drawings(
@@ -168,16 +206,18 @@ def drawings(
     trains: SpikeTrains | None,
     classes: Classes,
     found: Selection | None = None,
+    levels: Mapping[str, Mapping[str, float]] = {},
 ) -> Iterator[Drawn]:
     """The figures that these tables and this run folder allow, in the order of the report.
 
+    levels: as for `figures.networks.draw_trade_off`.
     found: what was selected; the figures of networks then show those at the window length of the selection.
     """
     if found is not None and study.selection is not None:
         yield from selection_steps.drawings(found, results, study.selection)
         results, done = selection_steps.at_choice(found, results, done)
     yield from encoding_drawings(study, trains, encoding, classes)
-    yield from network_drawings(study, folder, done, results, classes)
+    yield from network_drawings(study, folder, done, results, classes, levels)
 
 
 def _searches(study: StudySpec, trials: pd.DataFrame) -> Iterator[Drawn]:
@@ -222,6 +262,30 @@ def _baseline_table(found: pd.DataFrame | None) -> Table | None:
     return Table(caption, heads, rows, n_heads=1)
 
 
+def _baselines_table(found: pd.DataFrame | None) -> Table | None:
+    """The classical baselines as text; None where the study has none."""
+    if found is None:
+        return None
+    rows = [
+        [
+            f"{row['classifier']}",
+            row["input"],
+            "-" if pd.isna(row["t_ref_ra_ms"]) else f"{row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}",
+            row["dataset"],
+            *(f"{100 * row[name]:.1f}" for name in ("accuracy_validation", "accuracy_test")),
+            f"{row['flops']:,.0f}",
+            f"{row['energy_estimate_nJ']:,.3g}",
+            row["settings"],
+        ]
+        for row in found.to_dict("records")
+    ]
+    heads = [
+        "classifier", "input", "t_ref RA-I & SA-I (ms)", "data set", "validation accuracy (%)", "test accuracy (%)",
+        "FLOPs", "energy, estimate (nJ)", "chosen on validation windows",
+    ]  # fmt: skip
+    return Table("Classical classifiers on the same windows and the same split", heads, rows, n_heads=2)
+
+
 def _ledger(
     study: StudySpec, results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None
 ) -> pd.DataFrame | None:
@@ -238,7 +302,9 @@ def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     if costs is None:
         return None
     rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in costs.itertuples(index=False, name=None)]
-    return Table("What a decision costs", [LEDGER_HEADS[column] for column in costs.columns], rows, n_heads=1)
+    return Table(
+        "Operations and energy of each decision", [LEDGER_HEADS[column] for column in costs.columns], rows, n_heads=1
+    )
 
 
 def _specs(study: StudySpec) -> dict[str, str]:

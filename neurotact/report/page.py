@@ -22,8 +22,8 @@ from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
 
-NETWORKS = ("marks.js", "plotly.js", "cell.js", "trade_off.js", "table.js", "main.js")
-PROTOCOL = ("marks.js", "plotly.js", "table.js", "protocol.js")
+NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
+PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 
 class Table(NamedTuple):
@@ -76,14 +76,17 @@ def write(
     specs: parts of the study as TOML, beside the whole of it.
     Raises InputError when a claim names a column that is not there.
     """
-    verdicts = [judge(claim, tables) for claim in study.claims]
+    judged = [judge(claim, tables) for claim in study.claims]
+    verdicts = [verdict for verdict in judged if verdict.reproduced is not None]
+    explained = study.as_shipped and n_done == n_cells  # the reasons are those of the study as it ships
     page = _template(template).render(
         study=study,
         n_done=n_done,
         n_cells=n_cells,
         verdicts=verdicts,
-        tally=tally(verdicts),
-        reasons=shared_reasons(verdicts),
+        tally=tally(judged),
+        explained=explained,
+        reasons=shared_reasons(verdicts) if explained else {},
         figures=[_keep(drawn, folder) for drawn in figures],
         timing=timing_sentence(folder),
         downloads=_listed(folder, downloads),
@@ -127,7 +130,8 @@ def tally(verdicts: list[Verdict]) -> str:
         return ""
     judged = [verdict.reproduced for verdict in verdicts if verdict.reproduced is not None]
     missing = len(verdicts) - len(judged)
-    return f"{sum(judged)} of {len(judged)} claims reproduced" + (f", {missing} not in this run" if missing else "")
+    left = f"; {missing} concern cells that this run does not hold" if missing else ""
+    return f"{sum(judged)} of {len(judged)} claims reproduced{left}"
 
 
 def shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:

@@ -17,8 +17,10 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks import trained
+from neurotact.networks.specs import TrainingSpec
 from neurotact.report import networks, tables
 from neurotact.report.details import SOPS_COLUMNS
+from neurotact.report.encoding_drawings import name_classes
 from neurotact.studies import study
 from neurotact.studies.claims import Claim
 from neurotact.studies.store import cell_folder
@@ -92,7 +94,7 @@ class Page(HTMLParser):
 def written(tmp_path_factory):
     """A whole run of gratings, its RA-I afferents heard, with its report."""
     folder = tmp_path_factory.mktemp("run")
-    what = make_study(linear_baseline=True)
+    what = make_study(linear_baseline=True, as_shipped=True)
     make_run(what, folder, grating_conditions())
     pd.DataFrame([{"dataset": "mixed", "n_test": 9, "accuracy_test": 0.456, "chance": 0.25}]).to_csv(
         folder / "baseline.csv", index=False
@@ -126,14 +128,25 @@ def test_each_figure_is_in_the_page_with_its_text_and_beside_it_twice(written):
 
 def test_each_claim_is_told_with_its_verdict(written):
     text = Page(written).text
-    assert "1 of 2 claims reproduced, 1 not in this run" in text
-    for claim in CLAIMS:
+    assert "1 of 2 claims reproduced; 1 concern cells that this run does not hold" in text
+    for claim in CLAIMS[:2]:
         assert claim.name in text
         assert claim.rule in text
+    assert CLAIMS[2].rule not in text
     assert "✓ yes" in text
     assert "✗ no: Chance & noise." in text
     assert "no: Untold." not in text
     assert text.count("✗ no") == 1
+
+
+def test_reasons_are_those_of_the_study_as_it_ships_alone(tmp_path):
+    what = make_study()
+    text = Page(networks.write(what, make_run(what, tmp_path, grating_conditions()))).text
+    assert "✗ no" in text
+    assert (
+        "Chance & noise."
+        not in text.partition("Downloads")[0].partition("Published beside ours")[2].partition("Whole study")[0]
+    )
 
 
 def test_what_was_run_is_told(written):
@@ -163,7 +176,7 @@ def test_tables_hold_the_numbers(written):
 
 def test_the_same_run_gives_the_same_report(written):
     before = written.read_bytes()
-    assert networks.write(make_study(linear_baseline=True), written.parent).read_bytes() == before
+    assert networks.write(make_study(linear_baseline=True, as_shipped=True), written.parent).read_bytes() == before
 
 
 def test_one_seed_and_a_silent_population(tmp_path):
@@ -193,9 +206,9 @@ def test_other_touch_than_gratings(tmp_path, stratify):
 
 def test_a_reason_that_claims_share_stands_once(tmp_path):
     claims = tuple(CLAIMS[1].model_copy(update={"name": name, "why": "Shared & told once."}) for name in ("a", "b"))
-    what = make_study(claims=(*claims, CLAIMS[1]))
+    what = make_study(claims=(*claims, CLAIMS[1]), as_shipped=True)
     page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
-    claims_told = page.text.partition("Explore the trade-off")[0]
+    claims_told = page.text.partition("Published beside ours")[2].partition("Figures")[0]
     assert claims_told.count("Shared & told once.") == 1
     assert claims_told.count("reason 1") == 2
     assert "reason-1" in page.ids
@@ -352,3 +365,66 @@ def test_a_browser_that_cannot_unpack_the_library_still_shows_networks(chromium,
     assert "cannot draw the points" in chromium.evaluate("document.getElementById('plot-note').textContent")
     chromium.evaluate("document.querySelector('#networks tbody tr').click()")
     assert chromium.evaluate(CHOSEN) == json.loads(Page(written).json)["cells"][0]["name"]
+
+
+def test_the_first_screen_answers(written):
+    page = Page(written)
+    text = " ".join(page.text.split())
+    answer = read_json(written.parent / "answer.json")
+    assert [one["dataset"] for one in answer["answers"]] == ["v1 mix", "mixed"]
+    for one in answer["answers"]:
+        assert f"{one['dataset']}: {one['headline']}" in text.replace("\xa0", " ")
+        rows = [network for network in one["networks"] if network["pair"] == "1&1"]
+        assert {row["hidden"] for row in rows} == {20, 30}
+        # 300 steps of 2.5 ms; early exit after 220 of them
+        assert all(row["whole"]["ms"] == 750.0 and row["early"]["ms"] == 550.0 for row in rows)
+        best = one["networks"][one["best"]]
+        assert best["low"] < best["whole"]["accuracy"] < best["high"]
+        assert best["validation"] == max(network["validation"] for network in one["networks"])
+    assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["headline"][:20])
+
+
+def test_what_to_beware_of_is_told_with_the_number_of_networks(tmp_path):
+    what = make_study(network=study.PARTS["network"]("rsnn").model_copy(update={"training": TrainingSpec(epochs=20)}))
+    networks.write(what, make_run(what, tmp_path, grating_conditions()))
+    cautions = read_json(tmp_path / "answer.json")["cautions"]
+    assert any(line.startswith("24 of 24 networks: training stopped at its 20 epochs") for line in cautions)
+
+
+def test_classes_stand_in_their_natural_order():
+    encoding = pd.DataFrame({"label": ["class 10", "class 2", "class 1"]})
+    assert name_classes(encoding, None).order == ("class 1", "class 2", "class 10")
+
+
+STATE = "JSON.stringify({cost: document.getElementById('cost').value, scale: document.getElementById('scale').value})"
+
+
+@pytest.mark.slow
+def test_in_a_browser_the_address_holds_what_is_chosen(chromium, written):
+    chromium.open(written, 1400)
+    chromium.wait_for(DRAWN)
+    choose = (
+        "((id, value) => { const one = document.getElementById(id);"
+        "one.value = value; one.dispatchEvent(new Event('change')); })"
+    )
+    for name, value in (("setting", "v1 mix"), ("cost", "ms"), ("scale", "log"), ("points", "seeds"), ("one", "2")):
+        chromium.evaluate(f"{choose}('{name}', '{value}')")
+    chromium.evaluate("document.querySelector('#pairs input').click()")
+    address = chromium.evaluate("window.location.hash")
+    expected = {"setting=v1+mix", "cost=ms", "scale=log", "points=seeds", "one=2", "without=1%261"}
+    assert set(address[1:].split("&")) >= expected
+    chromium.evaluate("window.isOld = true; window.location.reload()")
+    chromium.wait_for(f"!window.isOld && document.readyState === 'complete' && {DRAWN}")
+    assert json.loads(chromium.evaluate(STATE)) == {"cost": "ms", "scale": "log"}
+    assert chromium.evaluate("document.getElementById('plot')._fullLayout.xaxis.type") == "log"
+    assert not chromium.evaluate("document.querySelector('#pairs input').checked")
+    drawn = "document.getElementById('plot').data.flatMap((trace) => trace.customdata ?? [])"
+    cells = json.loads(Page(written).json)["cells"]
+    found = {(cells[i]["setting"], cells[i]["pair"]) for i in chromium.evaluate(drawn)}
+    assert found == {("v1 mix", "1&5"), ("v1 mix", "10&10")}
+    shown = (
+        "[...document.querySelectorAll('.answer')].filter((part) => !part.hidden).map((part) => part.dataset.setting)"
+    )
+    assert set(chromium.evaluate(shown)) == {"v1 mix"}
+    assert "A: 1&5 ms, N = 20" in chromium.evaluate("document.getElementById('compared').textContent")
+    assert_quiet(chromium, written)

@@ -7,20 +7,25 @@ function showCell(cell, study) {
   const row = cell.row;
   const early = row.exit_accuracy == null ? "" :
     ` With early exit: ${percent(row.exit_accuracy)} for ${count(row.exit_sops_total)} SOPs, ` +
-    `after ${count(row.exit_steps)} of ${count(row.window_steps)} steps in the mean.`;
+    `after ${inTime(row.exit_steps, study)} of ${inTime(row.window_steps, study)} on average.`;
   document.getElementById("cell-words").textContent =
     `Test accuracy ${percent(row.accuracy_test)} for ${count(row.sops_total)} SOPs a window.${early}`;
   fill("cell-raster", "One test window", cell.raster, (width) => raster(cell.raster, study, width),
     "The network is not in the folder of this run.");
-  fill("cell-sops", "Synaptic operations per window", row, () => ledger(cell));
+  fill("cell-sops", "Synaptic operations per window", row, () => ledger(cell, study));
   fill("cell-confusion", "What is taken for what", cell.confusion, () => confusion(cell.confusion, study));
   fill("cell-training", "Training", cell.training, (width) => training(cell.training, width));
   if (document.getElementById("cell-search")) fill("cell-search", "Its search", cell.search, (width) => search(cell.search, width));
 }
 
+/* Steps of the encoder's clock in ms, where the clock is known. */
+function inTime(steps, study) {
+  return study.stepMs ? `${count(steps * study.stepMs)} ms` : `${count(steps)} steps`;
+}
+
 function fill(id, title, data, draw, otherwise = "Not in the folder of this run.") {
   const host = document.getElementById(id);
-  host.replaceChildren(element("h4", {}, title));
+  host.replaceChildren(element("h5", {}, title));
   host.append(...(data ? draw(Math.max(240, host.clientWidth)) : [element("p", { class: "soft" }, otherwise)]));
 }
 
@@ -97,7 +102,7 @@ function strokes(rows, x, top, height, colour) {
   return mark("path", { d, stroke: colour, "stroke-width": 1.3, fill: "none" });
 }
 
-function ledger(cell) {
+function ledger(cell, study) {
   const row = cell.row;
   const line = (name, full, exit, write) => {
     const saved = full > 0 && exit != null ? percent(1 - exit / full) : "-";
@@ -115,7 +120,7 @@ function ledger(cell) {
       line("hidden to readout", ...sops("readout"), count),
       line("total", ...sops("total"), count),
       line("total, not recurrent", ...sops("total_feedforward"), count),
-      line("steps", row.window_steps, row.exit_steps, count),
+      line(study.stepMs ? "ms to decision" : "steps", row.window_steps * (study.stepMs || 1), row.exit_steps * (study.stepMs || 1), count),
       line("test accuracy", row.accuracy_test, row.exit_accuracy, percent)));
   const sent = `${count(row.spikes_sa, 1)} SA-I and ${count(row.spikes_ra, 1)} RA-I spikes come in.`;
   return [element("div", { class: "scroll" }, table), element("p", { class: "soft" }, `Means over test windows. ${sent}`)];
@@ -129,13 +134,13 @@ function confusion(matrix, study) {
     const cells = counts.map((n, taken) => {
       const cell = element("td", { class: "number" }, n ? String(n) : "");
       const colour = taken === index ? "var(--sa)" : "var(--ra)";
-      if (n) cell.style.background = `color-mix(in srgb, ${colour} ${Math.round((65 * n) / all)}%, transparent)`;
+      if (n) cell.style.background = `color-mix(in srgb, ${colour} ${Math.round((45 * n) / all)}%, transparent)`;
       return cell;
     });
     return element("tr", {}, element("th", { scope: "row" }, study.classes[index]), ...cells);
   });
   const table = element("table", { class: "confusion" }, element("thead", {}, head), element("tbody", {}, ...rows));
-  return [element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Confusion matrix" }, table),
+  return [element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "True classes and chosen ones" }, table),
     element("p", { class: "soft" }, `Test windows by true ${study.classWord} (rows) and the one chosen (columns).`)];
 }
 

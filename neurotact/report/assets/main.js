@@ -1,17 +1,22 @@
-// The page's data, and what happens when a network is chosen.
+// The page's data, and what happens when something is chosen.
 
 const study = JSON.parse(document.getElementById("study-data").textContent);
 const byId = (id) => document.getElementById(id);
 const host = byId("plot"), table = byId("networks");
+const CHOICES = ["setting", "cost", "scale", "points", "kinds"];
 let plotly = null;
 
+/* A network of the page: a point was clicked, or a row of the table was chosen. */
 function choose(index) {
-  study.chosen = index;
+  study.cell = index;
   const cell = study.cells[index];
-  for (const row of table.tBodies[0].rows) row.toggleAttribute("aria-current", Number(row.dataset.cell) === index);
+  for (const row of table.tBodies[0].rows) row.removeAttribute("aria-current");
   rowOf(index).setAttribute("aria-current", "true");
   reach(rowOf(index));
-  if (study.setting !== "" && study.setting !== cell.setting) byId("setting").value = study.setting = cell.setting;
+  if (study.chosen.setting !== cell.setting) {
+    byId("setting").value = study.chosen.setting = cell.setting;
+    settle();
+  }
   showCell(cell, study);
   redraw();
 }
@@ -22,6 +27,7 @@ function rowOf(index) {
 
 function redraw() {
   if (plotly) drawTradeOff(plotly, host, study);
+  keepInAddress({ ...study.chosen, without: [...study.without.pairs, ...study.without.sizes].join(" ") }, study.beginning);
 }
 
 /* To the chosen network, for the keyboard and the eye alike. */
@@ -31,29 +37,72 @@ function lookAt(target) {
   target.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
 }
 
+/* What depends on the data set: its answer and table, and the networks that can be compared. */
+function settle() {
+  const front = study.fronts[study.chosen.setting];
+  for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.chosen.setting;
+  for (const [id, beginning] of [["one", front?.best], ["other", front?.cheapest]]) {
+    byId(id).replaceChildren(...(front?.networks ?? []).map((network, i) => element("option", { value: i }, network.name)));
+    const asked = Number(study.chosen[id]);
+    const at = study.chosen[id] !== "" && front?.networks[asked] ? asked : beginning;
+    study.chosen[id] = study.chosen[id] === "" ? "" : String(at);
+    byId(id).value = String(at);
+  }
+  if (front) byId("compared").replaceChildren(compareTable(front, Number(byId("one").value), Number(byId("other").value)));
+}
+
+function filterBoxes(id, values, without) {
+  for (const value of values.map(String)) {
+    const box = element("input", { type: "checkbox", ...(without.has(value) ? {} : { checked: "" }) });
+    box.addEventListener("change", () => {
+      box.checked ? without.delete(value) : without.add(value);
+      redraw();
+    });
+    byId(id).append(element("label", {}, box, ` ${value}`));
+  }
+}
+
+function begin() {
+  study.beginning = { setting: study.cells[study.best].setting, cost: "sops", scale: "linear", points: "means", kinds: "both", one: "", other: "", without: "" };
+  const asked = stateOfAddress();
+  const known = (id, value) => [...byId(id).options].some((option) => option.value === value);
+  study.chosen = Object.fromEntries(CHOICES.map((id) => [id, known(id, asked.get(id)) ? asked.get(id) : study.beginning[id]]));
+  Object.assign(study.chosen, { one: asked.get("one") ?? "", other: asked.get("other") ?? "" });
+  const left = new Set((asked.get("without") ?? "").split(" "));
+  study.without = { pairs: new Set(study.pairs.filter((pair) => left.has(pair))), sizes: new Set(study.sizes.map(String).filter((size) => left.has(size))) };
+  for (const id of CHOICES) {
+    byId(id).value = study.chosen[id];
+    byId(id).addEventListener("change", () => { study.chosen[id] = byId(id).value; settle(); redraw(); });
+  }
+  for (const id of ["one", "other"]) byId(id).addEventListener("change", () => { study.chosen[id] = byId(id).value; settle(); redraw(); });
+  filterBoxes("pairs", study.pairs, study.without.pairs);
+  filterBoxes("sizes", study.sizes, study.without.sizes);
+  if (!study.stepMs) for (const cost of ["ms", "nJ"]) byId("cost").querySelector(`[value=${cost}]`).disabled = true;
+  settle();
+}
+
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;
 for (const link of document.querySelectorAll("a[data-picture]")) link.href = link.closest("figure").querySelector("img").src;
+unfoldOnVisit();
 sortable(table, byId("sorted"));
 const reach = walkable(table.tBodies[0], (index) => {
   choose(index);
   lookAt(byId("cell-name"));
 });
-study.setting = study.cells[study.best].setting;
-study.only = "both";
-byId("setting").value = study.setting;
-byId("setting").addEventListener("change", (event) => { study.setting = event.target.value; redraw(); });
-byId("points").addEventListener("change", (event) => { study.only = event.target.value; redraw(); });
 byId("to-row").addEventListener("click", () => {
-  rowOf(study.chosen).focus({ preventScroll: true });
-  rowOf(study.chosen).scrollIntoView({ block: "center" });
+  rowOf(study.cell).focus({ preventScroll: true });
+  rowOf(study.cell).scrollIntoView({ block: "center" });
 });
-choose(study.best);
+begin();
+study.cell = study.best;
+const asked = study.cells.findIndex((cell, i) => i === study.best && cell.setting === study.chosen.setting);
+choose(asked >= 0 ? asked : study.cells.findIndex((cell) => cell.setting === study.chosen.setting));
 
 let width = byId("cell").clientWidth;
 new ResizeObserver(() => {
   if (byId("cell").clientWidth === width) return;
   width = byId("cell").clientWidth;
-  showCell(study.cells[study.chosen], study);
+  showCell(study.cells[study.cell], study);
   redraw();
 }).observe(byId("cell"));
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
@@ -64,7 +113,7 @@ unpackPlotly().then((library) => {
 }).then(() => {
   host.on("plotly_click", (event) => {
     const index = event.points[0].customdata;
-    if (index !== undefined) choose(index);
+    if (index !== undefined && index >= 0) choose(index);
   });
 }).catch((error) => {
   host.hidden = true;

@@ -54,6 +54,7 @@ function redraw() {
 
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;
 for (const link of document.querySelectorAll("a[data-picture]")) link.href = link.closest("figure").querySelector("img").src;
+unfoldOnVisit();
 sortable(table, document.getElementById("sorted"));
 const reach = walkable(table.tBodies[0], choose);
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plotly && redraw());

@@ -1,71 +1,120 @@
-// Accuracy against synaptic operations, drawn by plotly: one point per cell, and the fronts of means over seeds.
+// Accuracy against a cost, drawn by plotly: networks (means over seeds) or single seeds, their front, baseline, guessing.
 
 const KINDS = {
-  full: { cost: "sops_total", gain: "accuracy_test", words: "full window", dash: "solid", open: "" },
-  exit: { cost: "exit_sops_total", gain: "exit_accuracy", words: "early exit", dash: "dash", open: "-open" },
+  whole: { words: "whole window", dash: "solid", open: "" },
+  early: { words: "early exit", dash: "dash", open: "-open" },
+};
+const COSTS = {
+  sops: { words: "SOPs per decision", unit: "SOPs" }, ms: { words: "ms to decision", unit: "ms" },
+  nJ: { words: "energy per decision, an estimate (nJ)", unit: "nJ" }, spikes: { words: "input spikes per decision", unit: "spikes" },
 };
 
-function pointTraces(study, cells, kind) {
-  const { cost, gain, words, open } = KINDS[kind];
+/* What is drawn as a point: networks or single cells of the data set that the filters leave, each with its cell. */
+function pointsOf(study) {
+  const { chosen } = study;
+  const front = study.fronts[chosen.setting];
+  const isShown = (point) => !study.without.pairs.has(point.pair) && !study.without.sizes.has(String(point.hidden));
+  if (chosen.points === "means") return front ? front.networks.map((n, i) => ({ ...n, cell: cellOf(study, n), at: i })).filter(isShown) : [];
+  return study.cells.map((cell, index) => ({ ...cell, cell: index })).filter((cell) => cell.setting === chosen.setting && isShown(cell));
+}
+
+/* The cell that stands for a network: the seed that is best on validation trials. */
+function cellOf(study, network) {
+  let found = -1;
+  study.cells.forEach((cell, index) => {
+    if (cell.setting !== study.chosen.setting || cell.pair !== network.pair || cell.hidden !== network.hidden) return;
+    if (found < 0 || cell.row.accuracy_validation > study.cells[found].row.accuracy_validation) found = index;
+  });
+  return found;
+}
+
+function drawable(points, kind, cost) {
+  return points.filter((point) => point[kind] != null && point[kind][cost] != null);
+}
+
+function pointTraces(study, points, kind, isFirst) {
+  const { words, open } = KINDS[kind], cost = study.chosen.cost;
   return study.pairs.map((pair, index) => {
-    const here = cells.filter((i) => study.cells[i].pair === pair && study.cells[i].row[gain] != null);
-    const rows = here.map((i) => study.cells[i].row);
+    const here = drawable(points, kind, cost).filter((point) => point.pair === pair);
+    const colour = style(`--series-${index % SYMBOLS.length}`);
     return {
-      type: "scatter", mode: "markers", cliponaxis: false, name: plain(pair), legendgroup: pair,
-      showlegend: here.length > 0 && (kind === "full" || study.only === "exit"),
-      x: rows.map((row) => row[cost]), y: rows.map((row) => 100 * row[gain]), customdata: here,
-      text: here.map((i) => plain(study.cells[i].name)),
-      hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.0f} SOPs<br>${words}<extra></extra>`,
+      type: "scatter", mode: "markers", cliponaxis: false, name: plain(pair), legendgroup: pair, showlegend: here.length > 0 && isFirst,
+      x: here.map((p) => p[kind][cost]), y: here.map((p) => 100 * p[kind].accuracy), customdata: here.map((p) => p.cell),
+      text: here.map((p) => plain(p.name) + (p.low == null || kind === "early" ? "" : `<br>95 % interval ${(100 * p.low).toFixed(0)} to ${(100 * p.high).toFixed(0)} %`)),
+      hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.4~g} ${COSTS[cost].unit}<br>${words}<extra></extra>`,
       marker: {
-        symbol: SYMBOLS[index % SYMBOLS.length] + open, color: style(`--series-${index % SYMBOLS.length}`), opacity: 0.9,
-        size: rows.map((row) => 9 + (6 * study.sizes.indexOf(row.hidden)) / Math.max(1, study.sizes.length - 1)),
-        line: { width: open ? 1.6 : 0.5, color: style(open ? `--series-${index % SYMBOLS.length}` : "--ground") },
+        symbol: SYMBOLS[index % SYMBOLS.length] + open, color: colour, opacity: 0.9,
+        size: here.map((p) => 9 + (6 * study.sizes.indexOf(p.hidden)) / Math.max(1, study.sizes.length - 1)),
+        line: { width: open ? 1.6 : 0.5, color: open ? colour : style("--ground") },
       },
     };
   });
 }
 
-function frontTraces(study, settings, kind) {
-  const { words, dash } = KINDS[kind];
-  return settings.map((setting, index) => {
-    const front = study.fronts[setting][kind];
-    return {
-      type: "scatter", mode: "lines+markers", cliponaxis: false, name: `Pareto front, ${words}`, legendgroup: `front ${kind}`, showlegend: index === 0,
-      x: front.map((network) => network.sops), y: front.map((network) => 100 * network.accuracy),
-      text: front.map((network) => `${plain(network.name)}, mean of ${network.seeds} seed${network.seeds > 1 ? "s" : ""}`),
-      hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.0f} SOPs<br>Pareto front, ${words}<extra></extra>`,
-      marker: { symbol: "circle", size: 5, color: style(kind === "full" ? "--ink" : "--soft") },
-      line: { shape: "hv", dash, width: 1.5, color: style(kind === "full" ? "--ink" : "--soft") },
-    };
-  });
+/* The points that none beats in both accuracy and cost, from the cheapest. */
+function frontOf(points, kind, cost) {
+  const sorted = drawable(points, kind, cost).sort((a, b) => a[kind][cost] - b[kind][cost] || b[kind].accuracy - a[kind].accuracy);
+  let best = -1;
+  return sorted.filter((point) => point[kind].accuracy > best && ((best = point[kind].accuracy), true));
 }
 
-function chosenTrace(study, kinds) {
-  const row = study.cells[study.chosen].row;
-  const shown = kinds.filter((kind) => row[KINDS[kind].gain] != null);
+function frontTrace(study, points, kind) {
+  const { words, dash } = KINDS[kind], cost = study.chosen.cost, front = frontOf(points, kind, cost);
   return {
-    type: "scatter", mode: "markers", cliponaxis: false, name: "chosen", showlegend: false, hoverinfo: "skip",
-    x: shown.map((kind) => row[KINDS[kind].cost]), y: shown.map((kind) => 100 * row[KINDS[kind].gain]),
-    marker: { symbol: "circle-open", size: 21, color: style("--ink"), line: { width: 2.5 } },
+    type: "scatter", mode: "lines", cliponaxis: false, name: `Pareto front, ${words}`, legendgroup: `front ${kind}`, hoverinfo: "skip",
+    x: front.map((p) => p[kind][cost]), y: front.map((p) => 100 * p[kind].accuracy),
+    line: { shape: "hv", dash, width: 1.5, color: style(kind === "whole" ? "--ink" : "--soft") },
   };
 }
 
+/* Rings about the networks that are compared and the one that is looked into; the interval of the best one. */
+function markTraces(study, points, kinds) {
+  const cost = study.chosen.cost, ring = (point, size, colour) => {
+    const shown = kinds.filter((kind) => point[kind]?.[cost] != null);
+    return {
+      type: "scatter", mode: "markers", cliponaxis: false, showlegend: false, hoverinfo: "skip",
+      x: shown.map((kind) => point[kind][cost]), y: shown.map((kind) => 100 * point[kind].accuracy),
+      marker: { symbol: "circle-open", size, color: style(colour), line: { width: 2.5 } },
+    };
+  };
+  const looked = points.filter((point) => point.cell === study.cell).map((point) => ring(point, 21, "--ink"));
+  const front = study.fronts[study.chosen.setting], best = front?.networks[front.best];
+  if (study.chosen.points !== "means" || !best || best.whole[cost] == null || !kinds.includes("whole") || !points.some((p) => p.at === front.best)) return looked;
+  return [...looked, {
+    type: "scatter", mode: "markers", cliponaxis: false, hoverinfo: "skip", name: "95 % interval of the best", x: [best.whole[cost]], y: [100 * best.whole.accuracy],
+    marker: { symbol: "line-ew-open", size: 1, color: style("--ink") },
+    error_y: { type: "data", symmetric: false, array: [100 * (best.high - best.whole.accuracy)], arrayminus: [100 * (best.whole.accuracy - best.low)], color: style("--ink"), thickness: 1.4, width: 5 },
+  }];
+}
+
+/* Lines at the best baseline and at guessing, each with its name at the right. */
+function levels(front) {
+  if (!front) return [];
+  const found = [[front.guess, "guessing", "dot", "--soft"]];
+  if (front.baseline) found.push([front.baseline.accuracy, "best baseline", "dashdot", "--no"]);
+  return found.map(([share, words, dash, colour]) => ({ y: 100 * share, words: `${words} ${percent(share)}`, dash, colour: style(colour) }));
+}
+
 function drawTradeOff(plotly, host, study) {
-  const kinds = study.only === "both" ? ["full", "exit"] : [study.only];
-  const settings = study.setting === "" ? Object.keys(study.fronts) : [study.setting];
-  const cells = study.cells.map((_, i) => i).filter((i) => settings.includes(study.cells[i].setting));
+  const { chosen } = study, kinds = chosen.kinds === "both" ? ["whole", "early"] : [chosen.kinds];
+  const points = pointsOf(study), lines = levels(study.fronts[chosen.setting]);
   const traces = [
-    ...kinds.flatMap((kind) => frontTraces(study, settings, kind)),
-    ...kinds.flatMap((kind) => pointTraces(study, cells, kind)),
-    ...(cells.includes(study.chosen) ? [chosenTrace(study, kinds)] : []),
+    ...kinds.map((kind) => frontTrace(study, points, kind)),
+    ...kinds.flatMap((kind, index) => pointTraces(study, points, kind, index === 0)),
+    ...markTraces(study, points, kinds),
   ];
-  const narrow = host.clientWidth < 600;
-  const shared = sharedLayout(narrow);
+  const heights = [...kinds.flatMap((kind) => drawable(points, kind, chosen.cost).map((p) => 100 * p[kind].accuracy)), ...lines.map((l) => l.y)];
+  const low = Math.max(0, Math.min(...heights) - 5), high = Math.min(100, Math.max(...heights) + 5);
+  const narrow = host.clientWidth < 600, shared = sharedLayout(narrow);
   return draw(plotly, host, traces, {
-    ...shared,
-    xaxis: { ...axisStyle(), title: { text: "SOPs per sample", standoff: 8 }, rangemode: "tozero" },
-    yaxis: { ...axisStyle(), ...within(100), title: { text: "test accuracy (%)" } },
+    ...shared, height: narrow ? 500 : 450,
+    shapes: lines.map((line) => ({ type: "line", xref: "paper", x0: 0, x1: 1, y0: line.y, y1: line.y, line: { color: line.colour, width: 1.3, dash: line.dash } })),
+    annotations: lines.map((line) => ({
+      xref: "paper", x: 0.01, xanchor: "left", y: line.y, yanchor: line.y > high - 4 ? "top" : "bottom", text: line.words, showarrow: false, font: { color: line.colour, size: 11 },
+    })),
+    xaxis: { ...axisStyle(), title: { text: COSTS[chosen.cost].words, standoff: 8 }, type: chosen.scale, ...(chosen.scale === "linear" ? { rangemode: "tozero" } : {}) },
+    yaxis: { ...axisStyle(), ...within(100), range: [low, high], title: { text: "test accuracy (%)" } },
     legend: { ...shared.legend, title: { text: "t<sub>ref</sub> RA-I & SA-I (ms) ", side: "top" } },
-    uirevision: study.setting,
+    uirevision: JSON.stringify([chosen.setting, chosen.cost, chosen.scale, chosen.kinds]),
   });
 }

@@ -1,0 +1,225 @@
+"""What a run answers: the best network, the cheapest one within its error, and whether spiking beats the baseline.
+
+Validation trials choose, test trials tell: what a network is chosen by would flatter it.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Literal, NamedTuple
+
+from neurotact.networks.comparison import wilson_interval
+
+Kind = Literal["nothing learned", "no baseline", "worse", "tie", "better"]
+
+
+class Decision(NamedTuple):
+    """How a decision is taken: its accuracy on test windows, and what it costs on average.
+
+    sops: synaptic operations. ms: signal that it waits for. spikes: of the afferents. nJ: an estimate for encoding and
+    network; None where it cannot be told.
+    """
+
+    accuracy: float
+    sops: float
+    ms: float
+    spikes: float
+    nJ: float | None
+
+
+class Network(NamedTuple):
+    """One pair of refractory periods and one size; all numbers are means over seeds.
+
+    pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation: accuracy on validation windows.
+    whole, early: decisions on the whole window and with early exit; early is None where there is none.
+    """
+
+    pair: str
+    hidden: int
+    seeds: int
+    validation: float
+    whole: Decision
+    early: Decision | None
+
+    @property
+    def name(self) -> str:
+        return f"{self.pair} ms with {self.hidden} neurons"
+
+
+class Baseline(NamedTuple):
+    """A classifier without spikes in its decision; nJ is None where it cannot be told."""
+
+    name: str
+    validation: float
+    accuracy: float
+    nJ: float | None
+
+
+class Trials(NamedTuple):
+    """Independent trials on two sides of the split: windows of one trial are not independent."""
+
+    validation: int
+    test: int
+
+
+class Answer(NamedTuple):
+    """The answer for one data set.
+
+    best: the network of the highest validation accuracy, of equal ones the cheapest.
+    interval: 95 % interval of its test accuracy. error: one standard error of its validation accuracy.
+    cheapest: of the networks within that error on validation trials, the one of the fewest SOPs.
+    baseline: that of the highest validation accuracy; None where there is none.
+    guess: the accuracy of guessing, or of always answering the commonest class.
+    """
+
+    kind: Kind
+    best: Network
+    interval: tuple[float, float]
+    error: float
+    cheapest: Network
+    baseline: Baseline | None
+    guess: float
+    trials: Trials
+
+
+def standard_error(share: float, n: int) -> float:
+    """Of a share of `n` independent trials, with two right and two wrong ones added (Agresti and Coull 1998).
+
+    It does not vanish where all trials are right.
+
+    >>> round(standard_error(1.0, 16), 4), round(standard_error(0.5, 96), 4)
+    (0.0671, 0.05)
+    """
+    middle = (share * n + 2) / (n + 4)
+    return math.sqrt(middle * (1 - middle) / (n + 4))
+
+
+def answer(networks: Sequence[Network], baselines: Sequence[Baseline], guess: float, trials: Trials) -> Answer:
+    """Choose on validation trials, judge on test trials.
+
+    networks: at least one.
+
+    >>> whole = Decision(0.9, 1000.0, 500.0, 80.0, None)
+    >>> networks = [Network("1&1", 50, 3, 0.95, whole, None),
+    ...             Network("5&5", 20, 3, 0.93, whole._replace(sops=400.0), None)]
+    >>> found = answer(networks, [Baseline("SVM on the signals", 0.9, 0.5, None)], 0.25, Trials(45, 45))
+    >>> found.kind, found.cheapest.pair
+    ('better', '5&5')
+    """
+    best = max(networks, key=lambda network: (network.validation, -network.whole.sops))
+    error = standard_error(best.validation, trials.validation)
+    near = [network for network in networks if network.validation >= best.validation - error - 1e-12]
+    cheapest = min(near, key=lambda network: (network.whole.sops, -network.validation))
+    interval = wilson_interval(best.whole.accuracy, trials.test)
+    # Of equal ones the cheapest; a cost that cannot be told counts as none.
+    baseline = max(baselines, key=lambda one: (one.validation, -(one.nJ or 0.0)), default=None)
+    kind = _kind(interval, baseline, guess)
+    return Answer(kind, best, interval, error, cheapest, baseline, guess, trials)
+
+
+def _kind(interval: tuple[float, float], baseline: Baseline | None, guess: float) -> Kind:
+    low, high = interval
+    if low <= guess:
+        return "nothing learned"
+    if baseline is None:
+        return "no baseline"
+    if baseline.accuracy > high:
+        return "worse"
+    return "better" if baseline.accuracy < low else "tie"
+
+
+def headline(found: Answer) -> str:
+    """Whether spiking is worth it, in one sentence."""
+    best, (low, high) = found.best.whole, found.interval
+    said = f"{percent(best.accuracy)} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
+    rival = "" if found.baseline is None else f"{found.baseline.name}, {percent(found.baseline.accuracy)}"
+    if found.kind == "nothing learned":
+        also = _learned_without(found)
+        return (
+            f"Nothing was learned: the best network is right in {said}, which guessing reaches too "
+            f"({percent(found.guess)}){also}."
+        )
+    return {
+        "no baseline": f"The best network is right in {said}; guessing reaches {percent(found.guess)}.",
+        "worse": f"Spiking costs accuracy: the best network is right in {said}, the best baseline is {rival}.",
+        "tie": f"No clear difference in accuracy: the best network is right in {said}, the best baseline is {rival}.",
+        "better": f"Spiking is more accurate: the best network is right in {said}, the best baseline is {rival}.",
+    }[found.kind]
+
+
+def _learned_without(found: Answer) -> str:
+    """Where the networks learned nothing: whether the best baseline did."""
+    if found.baseline is None:
+        return ""
+    learned = wilson_interval(found.baseline.accuracy, found.trials.test)[0] > found.guess
+    rival = f"{found.baseline.name}, {percent(found.baseline.accuracy)}"
+    return f"; the best baseline does better ({rival})" if learned else f"; the best baseline does no better ({rival})"
+
+
+def details(found: Answer) -> Iterator[str]:
+    """What the cheapest network within the error saves and costs, in sentences; none where nothing is learned."""
+    best, cheapest = found.best, found.cheapest
+    if found.kind == "nothing learned":
+        return
+    if cheapest == best:
+        yield f"The most accurate network on validation trials, {best.name}, is also the cheapest within its error."
+    else:
+        yield (
+            f"Within its error ({100 * found.error:.1f} points on validation trials), {cheapest.name} is the cheapest: "
+            f"{_saved(best.whole, cheapest.whole)} than {best.name}, {_lost(best.whole, cheapest.whole)}."
+        )
+    if cheapest.early is not None:
+        yield (
+            f"With early exit it decides after {milliseconds(cheapest.early.ms)} of {milliseconds(cheapest.whole.ms)} "
+            f"on average: {_saved(cheapest.whole, cheapest.early)}, {_lost(cheapest.whole, cheapest.early)}."
+        )
+    rival = found.baseline
+    spent = (cheapest.early or cheapest.whole).nJ
+    if rival is not None and rival.nJ is not None and spent is not None:
+        yield f"Energy, an estimate of the arithmetic: {energy(spent)} against {energy(rival.nJ)} for {rival.name}."
+
+
+def _saved(before: Decision, after: Decision) -> str:
+    change = 1 - after.sops / before.sops if before.sops > 0 else 0.0
+    how = f"{100 * change:.0f} % fewer SOPs" if change >= 0 else f"{-100 * change:.0f} % more SOPs"
+    return f"{how} ({count(after.sops)} against {count(before.sops)})"
+
+
+def _lost(before: Decision, after: Decision) -> str:
+    points = 100 * (before.accuracy - after.accuracy)
+    if abs(points) < 0.05:
+        return f"at the same test accuracy, {percent(after.accuracy)}"
+    way = "falls" if points > 0 else "rises"
+    return f"and test accuracy {way} by {abs(points):.1f} points to {percent(after.accuracy)}"
+
+
+def percent(share: float) -> str:
+    """
+    >>> percent(0.9333)
+    '93.3 %'
+    """
+    return f"{100 * share:.1f} %"
+
+
+def count(value: float) -> str:
+    """A number of operations: three digits, with commas.
+
+    >>> count(41234.0), count(7.26)
+    ('41,200', '7.26')
+    """
+    return f"{float(f'{value:.3g}'):,.6g}"
+
+
+def milliseconds(value: float) -> str:
+    """
+    >>> milliseconds(420.4), milliseconds(0.25)
+    ('420 ms', '0.25 ms')
+    """
+    return f"{float(f'{value:.3g}'):,.6g} ms"
+
+
+def energy(nJ: float) -> str:
+    """
+    >>> energy(0.812), energy(12345.0)
+    ('0.812 nJ', '12.3 µJ')
+    """
+    return f"{nJ / 1e3:.3g} µJ" if nJ >= 1e3 else f"{nJ:.3g} nJ"

@@ -1,0 +1,296 @@
+"""The first screen of a report: the answer, its table and what to beware of, from what a run left."""
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.data.conditioning import acausal_note
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+from neurotact.networks import cautions, ledger, recipe, trained
+from neurotact.networks.trained import LOG
+from neurotact.report import answer as answers
+from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
+from neurotact.report.page import Table
+from neurotact.studies.cell import task_of
+from neurotact.studies.store import cell_folder, result_of
+from neurotact.studies.study import LENGTH, Cell, StudySpec
+from neurotact.tables import NETWORK, means_over
+
+COSTS = ("sops", "ms", "spikes", "nJ")
+KINDS = {"whole": "", "early": "exit_"}
+"""Both ways to decide, and what the columns of `results.csv` begin with."""
+HEADS = ["t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "SOPs", "ms to decision", "energy, estimate"]
+
+
+class Sides(NamedTuple):
+    """Trials of one data set by what is done with them: how many, and of each class how many are tested."""
+
+    trials: Trials
+    tested: dict[str, int]
+
+
+class Front(NamedTuple):
+    """What the first screen shows of one data set.
+
+    headline, details: the answer in words. table: two rows per pair, then the baselines.
+    """
+
+    setting: str
+    answer: Answer
+    sides: Sides
+    networks: list[Network]
+    headline: str
+    details: list[str]
+    table: Table
+
+
+def costs_of(study: StudySpec, results: pd.DataFrame, trains: SpikeTrains | None) -> pd.DataFrame:
+    """The costs of each decision of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`, a row each.
+
+    Without spike trains the clock is not known, so that ms and nJ are missing.
+    """
+    return pd.DataFrame(
+        [{f"{kind}_{key}": value for kind in KINDS for key, value in _costs(study, row, trains, kind).items()}
+         for row in results.to_dict("records")],
+        index=results.index, dtype=float,
+    )  # fmt: skip
+
+
+def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None, kind: str) -> dict[str, float | None]:
+    before = KINDS[kind]
+    steps = row["exit_steps"] if before else row["window_steps"]
+    found: dict[str, float | None] = {
+        "sops": row[f"{before}sops_total"],
+        "ms": None,
+        "spikes": row[f"{before}sops_input"] / row["hidden"],
+        "nJ": None,
+    }
+    if trains is not None and study.network is not None:
+        sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
+        clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": trains.encoder}
+        spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before))
+        found |= {"ms": 1e3 * steps / trains.sampling_rate_Hz, "nJ": spent.energy_estimate_nJ}
+    return found
+
+
+def networks_of(results: pd.DataFrame) -> list[Network]:
+    """The networks of one data set, means over seeds; `results` has the columns of `costs_of`."""
+    kinds = {"whole": "accuracy_test", "early": "exit_accuracy"}
+    measures = ["accuracy_validation", *kinds.values(), *(f"{kind}_{cost}" for kind in kinds for cost in COSTS)]
+    return [
+        Network(
+            str(row["pair"]),
+            int(row["hidden"]),
+            int(row["seeds"]),
+            float(row["accuracy_validation"]),
+            *(_decision(row, kind, accuracy) for kind, accuracy in kinds.items()),
+        )
+        for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
+    ]
+
+
+def _decision(row: Mapping[str, Any], kind: str, accuracy: str) -> Any:
+    """A decision of `networks_of`; None with early exit where that was not measured."""
+    if kind == "early" and pd.isna(row[accuracy]):
+        return None
+    sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
+    return Decision(row[accuracy], sops, ms, spikes, None if pd.isna(energy_nJ) else float(energy_nJ))
+
+
+def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) -> dict[str, Any]:
+    """Both ways to decide of one trained network, as the page draws them: `whole` and `early`, None where not measured.
+
+    row: of `results.csv`. costs: of `costs_of`, None where missing.
+    """
+    accuracies = {"whole": row["accuracy_test"], "early": row["exit_accuracy"]}
+    return {
+        kind: None if accuracy is None else {"accuracy": accuracy, **{c: costs[f"{kind}_{c}"] for c in COSTS}}
+        for kind, accuracy in accuracies.items()
+    }
+
+
+def as_json(found: Front, networks: Sequence[Network]) -> dict[str, Any]:
+    """What the page draws of one data set: its networks with their intervals, its baselines, and guessing."""
+    drawn = []
+    for network in networks:
+        low, high = answers.wilson_interval(network.whole.accuracy, found.answer.trials.test)
+        entry = network._asdict() | {"low": low, "high": high, "name": f"{network.pair} ms, N = {network.hidden}"}
+        drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
+    one = found.answer
+    return {
+        "networks": drawn,
+        "best": networks.index(one.best),
+        "cheapest": networks.index(one.cheapest),
+        "baseline": None if one.baseline is None else one.baseline._asdict(),
+        "guess": one.guess,
+    }
+
+
+def _as_json(decision: Decision | None) -> dict[str, Any] | None:
+    if decision is None:
+        return None
+    return {key: None if value is None or pd.isna(value) else value for key, value in decision._asdict().items()}
+
+
+def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], dataset: str) -> list[Baseline]:
+    """The baselines on the windows of one data set; none where a study sweeps its windows, which they do not."""
+    if LENGTH in study.sweep:
+        return []
+    found = []
+    if "baselines" in tables:
+        table = tables["baselines"]
+        for row in table[table["dataset"] == dataset].to_dict("records"):
+            pair = "" if pd.isna(row["t_ref_ra_ms"]) else f"{row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g} ms "
+            source, _, words = row["input"].partition(": ")
+            name = f"{row['classifier']} on {pair}{source} ({words})"
+            shares = row["accuracy_validation"], row["accuracy_test"]
+            found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"])))
+    elif "baseline" in tables and "accuracy_validation" in tables["baseline"]:
+        table = tables["baseline"]
+        for row in table[table["dataset"] == dataset].to_dict("records"):
+            name = "logistic regression on signals (mean and deviation)"
+            found.append(Baseline(name, row["accuracy_validation"], row["accuracy_test"], None))
+    return found
+
+
+def sides_of(trains: SpikeTrains | None, cell: Cell, confusion: Sequence[Sequence[int]]) -> Sides:
+    """Of the spike trains that the cell's network was trained on; where they are gone, test windows stand for trials.
+
+    confusion: the cell's test windows by true and chosen class.
+    """
+    tested = {str(index): sum(row) for index, row in enumerate(confusion)}
+    without = Sides(Trials(sum(tested.values()), sum(tested.values())), tested)
+    if trains is None:
+        return without
+    try:
+        parts = trained.trials_of(trains, task_of(cell))
+    except InputError:  # spikes of other trials
+        return without
+    labels = trains.conditions["label"].astype(str).to_numpy()
+    known, tests = Counter(labels[parts.train]), Counter(labels[parts.test])
+    return Sides(Trials(len(parts.validation), len(parts.test)), {label: tests[label] for label in sorted(known)})
+
+
+def fronts(
+    study: StudySpec,
+    folder: Path,
+    done: Sequence[Cell],
+    results: pd.DataFrame,
+    trains: SpikeTrains | None,
+    tables: Mapping[str, pd.DataFrame],
+) -> Iterator[Front]:
+    """The answer of each data set, in the order of the table.
+
+    results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row a done cell.
+    tables: `baselines` and `baseline`, as far as they are there.
+    """
+    for setting, rows in results.groupby("setting", sort=False):
+        cell = next((cell for cell in done if cell.dataset == rows["dataset"].iloc[0]), None)
+        if cell is None:
+            continue
+        confusion = result_of(folder, cell)["confusion"]
+        sides = sides_of(trains, cell, confusion)
+        counts = [sum(row) for row in confusion]
+        guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
+        networks = networks_of(rows)
+        baselines = baselines_of(study, tables, str(rows["dataset"].iloc[0]))
+        found = answers.answer(networks, baselines, guess, sides.trials)
+        table = front_table(found, networks, baselines)
+        yield Front(str(setting), found, sides, networks, answers.headline(found), list(answers.details(found)), table)
+
+
+def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
+    """Of each data set the accuracies that hold at any cost: the best baseline and guessing."""
+    known = {}
+    for front in found:
+        best = front.answer.baseline
+        known[front.setting] = ({} if best is None else {"best baseline": best.accuracy}) | {
+            "guessing": front.answer.guess
+        }
+    return known
+
+
+def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> Table:
+    """Two rows per pair, of the size that is best or cheapest or that validation trials choose; baselines; guessing."""
+    rows = []
+    for pair in dict.fromkeys(network.pair for network in networks):
+        own = [network for network in networks if network.pair == pair]
+        chosen = max(own, key=lambda network: (network in (found.best, found.cheapest), network.validation))
+        marks = [word for word, one in (("best", found.best), ("cheapest within its error", found.cheapest))
+                 if one == chosen]  # fmt: skip
+        name = f"{pair} ms, {chosen.hidden}{': ' if marks else ''}{' and '.join(marks)}"
+        rows.append([name, *_in_words(chosen.whole, found.trials.test)])
+        if chosen.early is not None:
+            rows.append([f"{pair} ms, early exit", *_in_words(chosen.early, found.trials.test)])
+    for baseline in leading(baselines):
+        spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
+        within = _with_interval(baseline.accuracy, found.trials.test)
+        rows.append([baseline.name, within, "", _ms(found.best.whole), spent])
+    rows.append(["guessing", answers.percent(found.guess), "", "", ""])
+    over_seeds = ", means over seeds" if max(network.seeds for network in networks) > 1 else ""
+    caption = (
+        f"Means over {found.trials.test} test trials{over_seeds}; energy is an estimate of the arithmetic. Of each "
+        "pair the size that validation trials choose, or one that the sentence above names."
+    )
+    return Table(caption, HEADS, rows, n_heads=1)
+
+
+def _in_words(decision: Decision, n_test: int) -> list[str]:
+    spent = "-" if decision.nJ is None else answers.energy(decision.nJ)
+    return [_with_interval(decision.accuracy, n_test), answers.count(decision.sops), _ms(decision), spent]
+
+
+def _with_interval(share: float, n_test: int) -> str:
+    low, high = answers.wilson_interval(share, n_test)
+    return f"{answers.percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
+
+
+def leading(baselines: Sequence[Baseline]) -> list[Baseline]:
+    """Of logistic regression and of the others, on signals and on spikes: the best on validation trials."""
+    groups: dict[tuple[bool, bool], list[Baseline]] = {}
+    for one in baselines:
+        key = " spikes (" in one.name, not one.name.startswith("logistic")
+        groups.setdefault(key, []).append(one)
+    return [max(groups[key], key=lambda one: one.validation) for key in sorted(groups)]
+
+
+def _ms(decision: Decision) -> str:
+    return "-" if pd.isna(decision.ms) else answers.count(decision.ms)
+
+
+def beware(
+    study: StudySpec, folder: Path, done: Sequence[Cell], found: Sequence[Front], trains: SpikeTrains | None
+) -> list[str]:
+    """What may be wrong with this run, one line each with the fix."""
+    lines = []
+    for front in found:
+        before = f"{front.setting}: " if len(found) > 1 else ""
+        one = front.answer
+        if one.kind == "nothing learned":
+            low = one.interval[0]
+            lines += [before + line for line in cautions.not_learned(one.best.whole.accuracy, low, one.guess)]
+        if trains is not None:
+            lines += [before + line for line in cautions.few_test_trials(front.sides.tested)]
+            few = cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
+            lines += [before + line for line in few]
+    note = None if trains is None else acausal_note(trains.encoder)
+    lines += [note] if note else []
+    return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
+
+
+def _of_training(folder: Path, cell: Cell) -> Iterator[str]:
+    log = cell_folder(folder, cell) / LOG
+    if cell.network is not None and log.is_file():
+        spec = recipe.resolve(cell.network, recipe.Seen(1, 1, 1000.0, 1.0))
+        yield from cautions.training(pd.read_csv(log), spec.training)
+
+
+def chosen(trains: SpikeTrains | None, done: Sequence[Cell]) -> list[str]:
+    """What the recipe of the first network chose for its training windows; nothing without a recipe."""
+    if trains is None or not done or done[0].network is None or done[0].network.recipe is None:
+        return []
+    return list(recipe.described(done[0].network, trained.seen(trains, task_of(done[0]))))

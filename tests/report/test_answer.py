@@ -1,0 +1,114 @@
+"""The answer of a run: hand-computed choices, ties, a single network, and what beats what."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from neurotact.report import answer as answers
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline, standard_error
+
+TRIALS = Trials(validation=96, test=100)
+
+
+def network(pair="1&1", hidden=50, validation=0.9, accuracy=0.9, sops=1000.0, early=None, nJ=None) -> Network:
+    return Network(pair, hidden, 3, validation, Decision(accuracy, sops, 1000.0, 80.0, nJ), early)
+
+
+def test_the_error_is_that_of_two_more_right_and_wrong_trials():
+    # (0.9 * 96 + 2) / 100 = 0.884; sqrt(0.884 * 0.116 / 100) = 0.03202
+    assert standard_error(0.9, 96) == pytest.approx(0.0320225, abs=1e-6)
+
+
+def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():
+    best = network("1&1", validation=0.95, accuracy=0.93, sops=1000)
+    near = network("5&5", validation=0.93, accuracy=0.91, sops=400)  # 0.02 below, error 0.0253
+    far = network("10&10", validation=0.92, accuracy=0.99, sops=100)  # 0.03 below; its test accuracy is not looked at
+    found = answer([best, near, far], [], 0.25, TRIALS)
+    assert found.error == pytest.approx(math.sqrt((0.95 * 96 + 2) / 100 * (1 - (0.95 * 96 + 2) / 100) / 100))
+    assert (found.best, found.cheapest) == (best, near)
+    (words,) = details(found)
+    assert "5&5 ms with 50 neurons is the cheapest: 60 % fewer SOPs (400 against 1,000)" in words
+    assert "test accuracy falls by 2.0 points to 91.0 %" in words
+
+
+def test_exactly_at_the_error_is_within_it():
+    error = standard_error(0.95, 96)
+    near = network("5&5", validation=0.95 - error, sops=400)
+    assert answer([network(validation=0.95), near], [], 0.25, TRIALS).cheapest == near
+
+
+def test_of_equal_networks_the_cheapest_is_best():
+    dear, cheap = network("1&1", sops=1000), network("5&5", sops=999)
+    found = answer([dear, cheap], [], 0.25, TRIALS)
+    assert found.best == found.cheapest == cheap
+
+
+def test_of_equally_cheap_networks_the_more_accurate_on_validation_trials_is_chosen():
+    one, other = network("1&1", validation=0.9), network("5&5", validation=0.89)
+    assert answer([other, one], [], 0.25, TRIALS).cheapest == one
+
+
+def test_a_single_network_is_best_and_cheapest():
+    found = answer([network()], [], 0.25, TRIALS)
+    assert found.best == found.cheapest
+    assert "is also the cheapest" in next(details(found))
+    assert found.kind == "no baseline"
+    assert headline(found).startswith("The best network is right in 90.0 %")
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "rival", "kind", "words"),
+    [
+        # Wilson's interval of 90 of 100: 82.6 to 94.5 %
+        (0.90, 0.95, "worse", "Spiking costs accuracy"),
+        (0.90, 0.94, "tie", "No clear difference"),
+        (0.90, 0.83, "tie", "No clear difference"),
+        (0.90, 0.82, "better", "Spiking is more accurate"),
+        (0.30, 0.30, "nothing learned", "the best baseline does no better"),  # 21.9 to 39.6 %
+        (0.30, 0.95, "nothing learned", "the best baseline does better (SVM, 95.0 %)"),
+    ],
+)
+def test_the_network_is_judged_beside_the_baseline_and_guessing(accuracy, rival, kind, words):
+    found = answer([network(accuracy=accuracy)], [Baseline("SVM", 0.9, rival, 12.0)], 0.25, TRIALS)
+    assert found.kind == kind
+    assert words in headline(found)
+    assert not list(details(found)) if kind == "nothing learned" else True
+
+
+def test_the_baseline_is_chosen_on_validation_trials_and_of_equal_ones_the_cheapest():
+    rivals = [Baseline("a", 0.8, 0.99, 1.0), Baseline("b", 0.9, 0.7, 50.0), Baseline("c", 0.9, 0.6, 5.0)]
+    assert answer([network()], rivals, 0.25, TRIALS).baseline == rivals[2]
+
+
+def test_early_exit_and_energy_are_told_of_the_cheapest():
+    early = Decision(0.89, 500.0, 420.0, 40.0, 200.0)
+    found = answer([network(early=early, nJ=390.0)], [Baseline("SVM", 0.9, 0.9, 24.0)], 0.25, TRIALS)
+    words = " ".join(details(found))
+    assert "decides after 420 ms of 1,000 ms on average: 50 % fewer SOPs (500 against 1,000)" in words
+    assert "falls by 1.0 points to 89.0 %" in words
+    assert "200 nJ against 24 nJ for SVM" in words
+
+
+def test_more_operations_are_not_called_fewer():
+    early = Decision(0.9, 1100.0, 990.0, 40.0, None)
+    assert "10 % more SOPs" in " ".join(details(answer([network(early=early)], [], 0.25, TRIALS)))
+    silent = network(sops=0.0, early=Decision(0.9, 0.0, 1.0, 0.0, None))
+    assert "0 % fewer SOPs" in " ".join(details(answer([silent], [], 0.25, TRIALS)))
+
+
+SHARE = st.floats(0, 1)
+NETWORKS = st.lists(
+    st.builds(lambda v, a, s, h: network("1&1", h, v, a, s), SHARE, SHARE, st.floats(0, 1e6), st.integers(1, 99)),
+    min_size=1, max_size=8,
+)  # fmt: skip
+
+
+@given(NETWORKS, st.integers(1, 500))
+def test_the_cheapest_never_costs_more_and_lies_within_the_error(networks, n):
+    found = answer(networks, [], 0.5, Trials(n, n))
+    assert found.cheapest.whole.sops <= found.best.whole.sops
+    assert found.best.validation - found.cheapest.validation <= found.error + 1e-9
+    assert all(one.validation <= found.best.validation for one in networks)
+    assert answers.headline(found)
