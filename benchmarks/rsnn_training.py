@@ -31,6 +31,9 @@ class Case:
     reset: str = "zero"
     weight: float = 1.0  # standard deviation of a weight, times the root of its fan-in
     batch: int = 128
+    recurrent: bool = True
+    readout: str = "count"  # or integrator, of which peers here have none
+    learn: tuple[str, ...] = ()
 
 
 CASES = {
@@ -64,6 +67,7 @@ def ours(case: Case, membrane: str) -> tuple[Callable[[], object], RSNN]:
     spec = RSNNSpec(
         hidden=case.hidden, membrane=membrane, reset=case.reset, surrogate_scale=SCALE,
         forward_weight_scale=case.weight, recurrent_weight_scale=0.1,
+        model="rsnn" if case.recurrent else "snn", readout=case.readout, learn=case.learn,
     )  # fmt: skip
     generator = torch.Generator().manual_seed(0)
     net = RSNN(case.inputs, case.classes, spec, 2000.0, backend="native", generator=generator)
@@ -71,7 +75,8 @@ def ours(case: Case, membrane: str) -> tuple[Callable[[], object], RSNN]:
         net.alpha.fill_(ALPHA)
         net.beta.fill_(BETA)
     spikes, labels = data(case)
-    return torch_step(list(net.parameters())[:3], lambda: net(spikes).readout, labels), net
+    learned = [weights for weights in net.parameters() if weights.requires_grad]
+    return torch_step(learned, lambda: net(spikes).readout, labels), net
 
 
 def snntorch(case: Case) -> list[Callable[[], object]]:
@@ -85,16 +90,17 @@ def snntorch(case: Case) -> list[Callable[[], object]]:
         def __init__(self) -> None:
             super().__init__()
             self.into = torch.nn.Linear(case.inputs, case.hidden, bias=False)
-            self.hidden = snn.RSynaptic(linear_features=case.hidden, **kept)
+            self.hidden = snn.RSynaptic(linear_features=case.hidden, **kept) if case.recurrent else snn.Synaptic(**kept)
             self.out = torch.nn.Linear(case.hidden, case.classes, bias=False)
             self.readout = snn.Synaptic(**kept)
 
         def forward(self, x: torch.Tensor) -> torch.Tensor:
-            spikes, current, membrane = self.hidden.reset_mem()
+            state = self.hidden.reset_mem()  # spikes of a recurrent layer, current, membrane
             out_current, out_membrane = self.readout.reset_mem()
             sent = []
             for arriving in self.into(x):  # one product over the window, as its tutorials advise for speed
-                spikes, current, membrane = self.hidden(arriving, spikes, current, membrane)
+                spikes, *moved = self.hidden(arriving, *state)
+                state = [spikes, *moved] if case.recurrent else moved
                 decided, out_current, out_membrane = self.readout(self.out(spikes), out_current, out_membrane)
                 sent.append(decided)
             return torch.stack(sent).sum(0)
@@ -189,7 +195,7 @@ def jax(case: Case) -> list[Callable[[], object]]:
             def step(carry, arriving):
                 current, membrane, sent, out_current, out_membrane, out_sent, counts = carry
                 next_membrane = reset(BETA * (membrane + current), sent)
-                next_current = ALPHA * current + arriving + sent @ w_rec
+                next_current = ALPHA * current + arriving + (sent @ w_rec if case.recurrent else 0)
                 next_out = reset(BETA * (out_membrane + out_current), out_sent)
                 next_out_current = ALPHA * out_current + sent @ w_out
                 counts = counts + out_sent

@@ -63,13 +63,15 @@ const Kernels<T>& kernels() {
 template const Kernels<float>& kernels<float>();
 template const Kernels<double>& kernels<double>();
 
-// The register kernel takes a fused network whose layers fit; the figures that drew this line are in docs/kernels.md.
-// It is compiled with a recurrent delay for `delayed` alone, where published networks have one: it is most of the code.
-Layout layout_of(const Sizes& n, Membrane membrane, int recurrent_delay, bool recurrent, bool learned_dynamics_or_inputs) {
-    const bool compiled = recurrent && (recurrent_delay == 0 || membrane == Membrane::delayed);
-    const bool small = compiled && !learned_dynamics_or_inputs && n.hidden <= 64 && n.classes >= 1 && n.classes <= 16;
-    const int readout_pitch = small && n.classes <= 8 ? 8 : round_up(n.classes, 16);
-    return {round_up(n.hidden, 16), readout_pitch, small};
+// The register kernel takes a network whose layers fit; the figures that drew this line are in docs/kernels.md. In
+// float64, which checks gradients, it is compiled for fewer widths.
+Layout layout_of(const Sizes& n, const Neuron& neuron, bool is_double, bool wants_more) {
+    const int most_hidden = is_double ? 32 : 64, most_classes = is_double ? 16 : n.hidden <= 32 ? 64 : 32;
+    const bool small = !wants_more && n.hidden <= most_hidden && n.classes <= most_classes &&
+                       !(neuron.emits_at_once() && neuron.recurrent_delay);
+    const int of_small = n.classes <= 8 ? 8 : n.classes <= 16 ? 16 : n.classes <= 32 ? 32 : 64;
+    const int readout = small && n.classes ? of_small : round_up(n.classes, kPitch);
+    return {round_up(n.hidden, kPitch), readout, small};
 }
 
 }  // namespace neurotact

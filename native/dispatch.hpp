@@ -1,28 +1,9 @@
 // One table of kernels per instruction set and float type; one of them is chosen when the module loads.
 #pragma once
 
-#include <type_traits>
-
 #include "kernels.hpp"
 
 namespace neurotact {
-
-// Calls `run` with membrane and reset as compile-time constants.
-template <class Run>
-inline __attribute__((always_inline)) void with_variant(Membrane membrane, Reset reset, const Run& run) {
-    const auto with_reset = [&](auto m) __attribute__((always_inline)) {
-        switch (reset) {
-            case Reset::zero: return run(m, std::integral_constant<Reset, Reset::zero>());
-            case Reset::subtract: return run(m, std::integral_constant<Reset, Reset::subtract>());
-            case Reset::hard: return run(m, std::integral_constant<Reset, Reset::hard>());
-        }
-    };
-    switch (membrane) {
-        case Membrane::eq4: return with_reset(std::integral_constant<Membrane, Membrane::eq4>());
-        case Membrane::delayed: return with_reset(std::integral_constant<Membrane, Membrane::delayed>());
-        case Membrane::immediate: return with_reset(std::integral_constant<Membrane, Membrane::immediate>());
-    }
-}
 
 #define NT_DECLARE_KERNELS(ISA)                                                                      \
     namespace ISA {                                                                                  \
@@ -35,7 +16,7 @@ inline __attribute__((always_inline)) void with_variant(Membrane membrane, Reset
     template <class T>                                                                               \
     void small_backward(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);          \
     template <class T>                                                                               \
-    bool infer(const Net<T>&, const Layout&, const ExitRule&, const Decisions&);                     \
+    bool infer(const Net<T>&, const ExitRule&, const Decisions&);                     \
     template <class T>                                                                               \
     void encode(const Encoding<T>&);                                                                 \
     }
@@ -51,7 +32,7 @@ struct Kernels {
     void (*wide_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
     bool (*small_forward)(const Net<T>&, const Layout&, const Outputs<T>&, const Tape<T>*);
     void (*small_backward)(const Net<T>&, const Layout&, const Tape<T>&, const Gradients<T>&);
-    bool (*infer)(const Net<T>&, const Layout&, const ExitRule&, const Decisions&);
+    bool (*infer)(const Net<T>&, const ExitRule&, const Decisions&);
     void (*encode)(const Encoding<T>&);
 };
 

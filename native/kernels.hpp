@@ -8,6 +8,13 @@ namespace neurotact {
 
 enum class Membrane : int { eq4, delayed, immediate };
 enum class Reset : int { zero, subtract, hard };
+struct Neuron {
+    Membrane membrane;
+    Reset reset;
+    int recurrent_delay;  // d of the recurrent input V s[t-d] to I[t+1]: 0 or 1
+    // Whether step t emits s[t+1], and not s[t].
+    constexpr bool emits_at_once() const { return membrane == Membrane::immediate; }
+};
 
 // Spikes (trial, time, neuron) where the caller keeps them; neighbouring neurons lie side by side.
 struct SpikesIn {
@@ -27,6 +34,7 @@ template <class T>
 struct Dynamics {
     const T *alpha, *beta, *threshold;
     int stride;
+    T scale;  // lambda of the surrogate
 };
 
 // A network: one layer, recurrent where w_rec is given, and a readout where classes > 0.
@@ -35,12 +43,10 @@ template <class T>
 struct Net {
     Sizes sizes;
     SpikesIn spikes;
-    Membrane membrane;
-    Reset reset;
-    int recurrent_delay;  // d of the recurrent input V s[t-d] to I[t+1]: 0 or 1
+    Neuron neuron;
     const T *w_in, *w_rec, *w_out;
     Dynamics<T> hidden, readout;
-    T scale;  // lambda of the surrogate
+    const double* bias;  // (class) of an integrator, which adds up w_out of every hidden spike; else null
     int threads;
 };
 
@@ -70,13 +76,16 @@ struct Tape {
     uint64_t *inputs, *spikes;       // (trial, time, words)
 };
 
+constexpr int kPitch = 16;  // of which the neurons of a layer in memory are a multiple: whole vectors of any kind
+
 // How a network is laid out: neurons padded to whole vectors.
 struct Layout {
     int hidden_pitch, readout_pitch;
     bool small;  // the register kernel of small_net.cpp; else wide_net.cpp
 };
-Layout layout_of(const Sizes& sizes, Membrane membrane, int recurrent_delay, bool recurrent,
-                 bool learned_dynamics_or_inputs);
+// What a caller wants of a network that the register kernel does not do: the window itself, dL/d(input), or dynamics
+// of every neuron's own.
+Layout layout_of(const Sizes& sizes, const Neuron& neuron, bool is_double, bool wants_more);
 
 // Exit when the leading class has stood for more than `patience` steps; negative: never.
 struct ExitRule {
@@ -87,7 +96,8 @@ struct ExitRule {
 // A row a trial; see networks/rsnn.py, Inference.
 struct Decisions {
     int64_t *labels, *steps, *input_spikes, *hidden_spikes;
-    int64_t* readout;  // (trial, class)
+    int64_t* counts;  // (trial, class), of a readout that spikes
+    double* sums;     // the same, of an integrator
 };
 
 // A population of afferent LIF neurons driven by conditioned signals; see encoders/afferents.py.

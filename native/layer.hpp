@@ -1,19 +1,34 @@
 // The forward step of a layer of any size: event-driven, a panel of neurons in registers at a time.
 #pragma once
 
+#include <type_traits>
+
 #include "memory.hpp"
 #include "spikes.hpp"
 #include "step.hpp"
 
 namespace neurotact::NT_ISA {
 
-constexpr int kPanel = kVectorBytes == 64 ? 8 : 4;  // vectors of neurons in registers
+// Calls `run(at, N)` for panels of N vectors that cover `pitch` neurons from `at` on; N is a compile-time constant.
+// Eight sums fit the registers of every instruction set.
+template <class T, class Run>
+NT_INLINE void each_panel(int pitch, const Run& run) {
+    constexpr int L = kWide<T>;
+    int at = 0;
+    for (; at + 8 * L <= pitch; at += 8 * L) run(at, std::integral_constant<int, 8>());
+    if (at + 4 * L <= pitch) run(at, std::integral_constant<int, 4>()), at += 4 * L;
+    if constexpr (4 * L <= kPitch) return;
+    if (at + 2 * L <= pitch) run(at, std::integral_constant<int, 2>()), at += 2 * L;
+    if constexpr (2 * L <= kPitch) return;
+    if (at < pitch) run(at, std::integral_constant<int, 1>());
+}
 
 // alpha, beta and threshold of every neuron, padded to whole vectors.
 template <class T>
 struct LayerTables {
     const T *alpha, *beta, *threshold;  // padded
     int neurons, pitch;
+    T scale;
 };
 
 template <class T>
@@ -24,7 +39,7 @@ LayerTables<T> pad_dynamics(const Dynamics<T>& from, int neurons, int pitch, Car
         for (int row = 0; row < 3; row++)
             for (int i = 0; i < pitch; i++)
                 padded[row * pitch + i] = values[row][from.stride ? (i < neurons ? i : 0) : 0];
-    return {padded, padded + pitch, padded + 2 * pitch, neurons, pitch};
+    return {padded, padded + pitch, padded + 2 * pitch, neurons, pitch, from.scale};
 }
 
 template <class T>
@@ -63,45 +78,62 @@ struct SpikeHistory {
     }
 };
 
-template <class T, Membrane M, Reset R, int N>
-NT_INLINE void advance_panel(const LayerTables<T>& layer, const T* table, const uint32_t* rows, int n_rows, int at,
-                             T* current, T* membrane, uint64_t* fired) {
+// The moving state of a layer at step t and where that of step t+1 goes, which may be the same place.
+template <class T>
+struct LayerState {
+    const T *current, *membrane;
+    T *next_current, *next_membrane;
+    T* counts;  // of the spikes s[1], s[2], ...; null where not wanted
+};
+
+// The events of a step: rows of `table`, numbered from `first` on.
+template <class T>
+struct EventRows {
+    const T* table;
+    const uint32_t* rows;
+    int count;
+    uint32_t first;
+};
+
+template <class T, int N>
+NT_INLINE void advance_panel(Neuron neuron, const LayerTables<T>& layer, const EventRows<T>& events, int at,
+                             const LayerState<T>& state, uint64_t* fired) {
     using S = Simd<T, kWide<T>>;
-    using V = typename S::V;
-    constexpr int L = S::lanes;
-    V before[N], sum[N];
-    for (int q = 0; q < N; q++) {
-        before[q] = load<S>(current + at + q * L);
-        sum[q] = load<S>(layer.alpha + at + q * L) * before[q];
+    Vectors<S, N> sum;
+    for (int q = 0; q < N; q++)
+        sum[q] = load<S>(layer.alpha + at + q * S::lanes) * load<S>(state.current + at + q * S::lanes);
+    const T* table = events.table + at;
+    for (int e = 0; e < events.count; e++) {
+        const T* row = table + (int64_t)(events.rows[e] - events.first) * layer.pitch;
+        for (int q = 0; q < N; q++) sum[q] += load<S>(row + q * S::lanes);
     }
-    for (int e = 0; e < n_rows; e++) {
-        const T* row = table + (int64_t)rows[e] * layer.pitch + at;
-        for (int q = 0; q < N; q++) sum[q] += load<S>(row + q * L);
-    }
+    const auto before = load_all<S, N>(state.current + at);
+    const auto threshold = load_all<S, N>(layer.threshold + at), beta = load_all<S, N>(layer.beta + at);
+    auto membrane = load_all<S, N>(state.membrane + at);
+    typename S::Mask above[N];
+    for (int q = 0; q < N; q++) above[q] = S::greater(membrane[q], threshold[q]);
+    membrane_step(neuron, membrane, before, sum, above, beta, threshold);
+    store_all(state.next_current + at, sum);
+    store_all(state.next_membrane + at, membrane);
     for (int q = 0; q < N; q++) {
-        const int lane = at + q * L;
-        const V threshold = load<S>(layer.threshold + lane), old = load<S>(membrane + lane);
-        const V next = membrane_step<S, M, R>(old, before[q], sum[q], S::greater(old, threshold),
-                                              load<S>(layer.beta + lane), threshold);
-        store(current + lane, sum[q]);
-        store(membrane + lane, next);
-        fired[lane / 64] |= (uint64_t)S::bits(S::greater(next, threshold)) << (lane % 64);
+        const int lane = at + q * S::lanes;
+        const typename S::Mask spikes = S::greater(membrane[q], threshold[q]);
+        fired[lane / 64] |= (uint64_t)S::bits(spikes) << (lane % 64);
+        if (state.counts) {
+            T* counts = state.counts + lane;
+            store(counts, load<S>(counts) + S::only(spikes, typename S::V{} + 1));
+        }
     }
 }
 
-// One step of a layer from the rows that spiked; `fired` becomes its spikes.
-template <class T, Membrane M, Reset R>
-NT_INLINE void advance_layer(const LayerTables<T>& layer, const T* table, const uint32_t* rows, int n_rows, T* current,
-                             T* membrane, uint64_t* fired) {
-    constexpr int L = kWide<T>;
+// One step of a layer from its events; `fired` becomes its spikes.
+template <class T>
+NT_INLINE void advance_layer(Neuron neuron, const LayerTables<T>& layer, const EventRows<T>& events,
+                             const LayerState<T>& state, uint64_t* fired) {
     for (int64_t k = 0; k < words(layer.neurons); k++) fired[k] = 0;
-    int at = 0;
-    for (; at + kPanel * L <= layer.pitch; at += kPanel * L)
-        advance_panel<T, M, R, kPanel>(layer, table, rows, n_rows, at, current, membrane, fired);
-    for (; at + 2 * L <= layer.pitch; at += 2 * L)
-        advance_panel<T, M, R, 2>(layer, table, rows, n_rows, at, current, membrane, fired);
-    for (; at < layer.pitch; at += L)
-        advance_panel<T, M, R, 1>(layer, table, rows, n_rows, at, current, membrane, fired);
+    each_panel<T>(layer.pitch, [&](int at, auto N) __attribute__((always_inline)) {
+        advance_panel<T, N.value>(neuron, layer, events, at, state, fired);
+    });
     if (layer.neurons % 64) fired[layer.neurons / 64] &= (1ull << (layer.neurons % 64)) - 1;
 }
 
@@ -111,16 +143,17 @@ struct ForwardTables {
     T* table;          // rows of w_in, then of w_rec
     T* readout_table;  // rows of w_out
 
-    ForwardTables(const Net<T>& net, const Layout& layout, Carver& carver) {
+    ForwardTables(const Net<T>& net, Carver& carver) {
         const Sizes& n = net.sizes;
-        hidden = pad_dynamics(net.hidden, n.hidden, layout.hidden_pitch, carver);
-        readout = n.classes ? pad_dynamics(net.readout, n.classes, layout.readout_pitch, carver) : LayerTables<T>{};
+        hidden = pad_dynamics(net.hidden, n.hidden, round_up(n.hidden, kPitch), carver);
+        const bool spikes = n.classes && !net.bias;
+        readout = spikes ? pad_dynamics(net.readout, n.classes, round_up(n.classes, kPitch), carver) : LayerTables<T>{};
         table = carver.take<T>((int64_t)(n.inputs + n.hidden) * hidden.pitch);
         readout_table = carver.take<T>((int64_t)n.hidden * readout.pitch);
         if (!table) return;
         pad_rows(net.w_in, n.inputs, n.hidden, hidden.pitch, table);
         if (net.w_rec) pad_rows(net.w_rec, n.hidden, n.hidden, hidden.pitch, table + (int64_t)n.inputs * hidden.pitch);
-        if (n.classes) pad_rows(net.w_out, n.hidden, n.classes, readout.pitch, readout_table);
+        if (spikes) pad_rows(net.w_out, n.hidden, n.classes, readout.pitch, readout_table);
     }
 };
 

@@ -99,7 +99,7 @@ NT_INLINE void store(T* at, V v) {
 }
 template <class S, class T>
 NT_INLINE typename S::V all(T value) {
-    return typename S::V{} + value;
+    return value - typename S::V{};  // x - 0 is x and costs nothing, 0 + x is not where x is -0
 }
 template <class S>
 NT_INLINE typename S::V magnitude(typename S::V v) {
@@ -107,6 +107,37 @@ NT_INLINE typename S::V magnitude(typename S::V v) {
     const Bits sign = (Bits)(-typename S::V{});
     return (typename S::V)((Bits)v & ~sign);
 }
+
+// The vectors of a layer, or of a panel of it. Copied vector by vector: GCC copies a structure in halves of a vector,
+// and a load that finds its value in two stores waits for both.
+template <class S, int N>
+struct Vectors {
+    typename S::V v[N];
+    Vectors() = default;
+    NT_INLINE Vectors(const Vectors& from) { *this = from; }
+    NT_INLINE Vectors& operator=(const Vectors& from) {
+        for (int q = 0; q < N; q++) v[q] = from.v[q];
+        return *this;
+    }
+    NT_INLINE typename S::V& operator[](int q) { return v[q]; }
+    NT_INLINE const typename S::V& operator[](int q) const { return v[q]; }
+};
+template <class S, int N, class T>
+NT_INLINE Vectors<S, N> load_all(const T* at) {
+    Vectors<S, N> to;
+    for (int q = 0; q < N; q++) to[q] = load<S>(at + q * S::lanes);
+    return to;
+}
+template <class S, int N, class T>
+NT_INLINE void store_all(T* at, const Vectors<S, N>& from) {
+    for (int q = 0; q < N; q++) store(at + q * S::lanes, from[q]);
+}
+// One value for all vectors.
+template <class S>
+struct Same {
+    typename S::V v;
+    NT_INLINE const typename S::V& operator[](int) const { return v; }
+};
 
 // Index of the lowest set bit, 64 where there is none.
 NT_INLINE int lowest(uint64_t m) {

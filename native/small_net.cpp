@@ -1,12 +1,18 @@
-// The fused network of up to 64 hidden and 16 readout neurons, the studies' own size: the state of two trials stays in
-// registers over the whole window, spikes are one word a step, and sums cost what the spikes cost. Two trials at once
-// hide each other's latencies and share every load of a weight in the dense product of the backward pass.
+// The fused network of up to 64 hidden and 32 readout neurons (64 beside 32 hidden; in float64 up to 32 and 16), the
+// studies' own size: the state of two trials stays in registers over the whole window, spikes are one word a step, and sums cost what
+// the spikes cost. Two trials at once hide each other's latencies and share every load of a weight in the dense product
+// of the backward pass.
 //
 // A spike s[t] of the hidden layer goes into I[t+1+d] of that layer, d the recurrent delay, and into the readout: at
 // step t under `eq4` and `delayed`, at step t-1 under `immediate`. So that one list of events serves both, the readout
-// runs a step behind (`lag`) under `immediate`, and with a delay, which is known here under `delayed` alone: turn t of
+// runs a step behind (`lag`) under `immediate`, and with a delay, which is not known here under `immediate`: turn t of
 // the loop takes s[t-d] into step t of the hidden layer and into step t-lag of the readout.
+//
+// A feed-forward network has no row of V, and a layer without a readout (classes = 0) no row of W_out: both are zeros
+// in the table of events, and left out where they would cost a product.
 #include "parallel.h"
+
+#include <type_traits>
 
 #include "dispatch.hpp"
 #include "memory.hpp"
@@ -18,7 +24,12 @@ namespace {
 
 constexpr int kPair = 2;    // trials side by side; an odd one runs beside a silent one
 constexpr int kBlock = 8;   // trials whose gradients are summed in one go
+constexpr int kRegisters = kVectorBytes == 64 ? 32 : 16;
+constexpr int kProductVectors = 4;  // of the dense product's sums, in registers at once
 constexpr int kRows = 65;   // rows of a word's table: 64 neurons, then a row of zeros for "no more spikes"
+
+// The trials of a pair, unrolled, so that the state of each finds its registers.
+#define NT_EACH_TRIAL(s) _Pragma("GCC unroll 2") for (int s = 0; s < kPair; s++)
 
 template <class T>
 constexpr int kNarrow = kWide<T> < 8 ? kWide<T> : 8;
@@ -27,27 +38,10 @@ constexpr int kNarrow = kWide<T> < 8 ? kWide<T> : 8;
 template <class T, int HP, int OP>
 struct Form {
     using SH = Simd<T, kWide<T>>;
-    using SO = Simd<T, kNarrow<T>>;
+    using SO = Simd<T, OP % kWide<T> ? kNarrow<T> : kWide<T>>;
     static constexpr int NH = HP / SH::lanes, NO = OP / SO::lanes;
     static constexpr int pitch = round_up(HP + OP, 64 / (int)sizeof(T));  // of an event's row
 };
-
-template <class S, int N>
-struct Vectors {
-    typename S::V v[N];
-    NT_INLINE typename S::V& operator[](int q) { return v[q]; }
-    NT_INLINE const typename S::V& operator[](int q) const { return v[q]; }
-};
-template <class S, int N, class T>
-NT_INLINE Vectors<S, N> load_all(const T* at) {
-    Vectors<S, N> to;
-    for (int q = 0; q < N; q++) to[q] = load<S>(at + q * S::lanes);
-    return to;
-}
-template <class S, int N, class T>
-NT_INLINE void store_all(T* at, const Vectors<S, N>& from) {
-    for (int q = 0; q < N; q++) store(at + q * S::lanes, from[q]);
-}
 
 // The events of a step: the spikes that come in, then those of the hidden layer. One list, so that one loop takes
 // them: how often it turns is what a processor cannot foresee, and a wrong guess costs as much as four events.
@@ -73,12 +67,18 @@ struct Tables {
     const T *w_rec_transposed, *w_out_transposed;  // backward: a row a postsynaptic neuron, hidden lanes
 };
 
+// Lanes of a readout, and of the row of an event, as `with_form` chooses them.
+constexpr int readout_lanes(const Layout& layout) { return layout.readout_pitch <= 8 ? 8 : layout.readout_pitch; }
+template <class T>
+int row_pitch(const Layout& layout) {
+    return round_up(layout.hidden_pitch + readout_lanes(layout), 64 / (int)sizeof(T));
+}
 NT_INLINE int64_t event_row(int event) { return (int64_t)(event / 64) * kRows + event % 64; }
 
 template <class T>
 Tables<T> forward_tables(const Net<T>& net, const Layout& layout, Carver& carver) {
     const Sizes& n = net.sizes;
-    const int hp = layout.hidden_pitch, pitch = round_up(hp + layout.readout_pitch, 64 / (int)sizeof(T));
+    const int hp = layout.hidden_pitch, pitch = row_pitch<T>(layout);
     const int64_t count = words(n.inputs + n.hidden) * kRows * pitch;
     T* table = carver.take<T>(count);
     if (table) {
@@ -87,8 +87,8 @@ Tables<T> forward_tables(const Net<T>& net, const Layout& layout, Carver& carver
             std::memcpy(table + event_row(i) * pitch, net.w_in + (int64_t)i * n.hidden, n.hidden * sizeof(T));
         for (int i = 0; i < n.hidden; i++) {
             T* row = table + event_row(n.inputs + i) * pitch;
-            std::memcpy(row, net.w_rec + (int64_t)i * n.hidden, n.hidden * sizeof(T));
-            std::memcpy(row + hp, net.w_out + (int64_t)i * n.classes, n.classes * sizeof(T));
+            if (net.w_rec) std::memcpy(row, net.w_rec + (int64_t)i * n.hidden, n.hidden * sizeof(T));
+            if (n.classes) std::memcpy(row + hp, net.w_out + (int64_t)i * n.classes, n.classes * sizeof(T));
         }
     }
     return {table, nullptr, nullptr};
@@ -108,8 +108,10 @@ const T* transposed(const T* from, int rows, int columns, int pitch, Carver& car
 template <class T>
 Tables<T> backward_tables(const Net<T>& net, const Layout& layout, Carver& carver) {
     const Sizes& n = net.sizes;
-    return {nullptr, transposed(net.w_rec, n.hidden, n.hidden, layout.hidden_pitch, carver),
-            transposed(net.w_out, n.hidden, n.classes, layout.hidden_pitch, carver)};
+    const auto of = [&](const T* weights, int columns) {
+        return weights ? transposed(weights, n.hidden, columns, layout.hidden_pitch, carver) : nullptr;
+    };
+    return {nullptr, of(net.w_rec, n.hidden), of(net.w_out, n.classes)};
 }
 
 // ---- forward -------------------------------------------------------------------------------------------------------
@@ -122,22 +124,20 @@ struct Layer {
     uint64_t spikes = 0;
 };
 
-template <Membrane M, Reset R, class S, int N>
-NT_INLINE void advance(Layer<S, N>& layer, const Vectors<S, N>& before, typename S::V beta, typename S::V threshold,
-                       uint64_t lanes) {
+template <class S, int N>
+NT_INLINE void advance(Neuron neuron, Layer<S, N>& layer, const Vectors<S, N>& before, const Same<S>& beta,
+                       const Same<S>& threshold, uint64_t lanes) {
+    membrane_step(neuron, layer.membrane, before, layer.current, layer.fired, beta, threshold);
     uint64_t spikes = 0;
     for (int q = 0; q < N; q++) {
-        layer.membrane[q] =
-            membrane_step<S, M, R>(layer.membrane[q], before[q], layer.current[q], layer.fired[q], beta, threshold);
-        layer.fired[q] = S::greater(layer.membrane[q], threshold);
+        layer.fired[q] = S::greater(layer.membrane[q], threshold.v);
         layer.count[q] += S::only(layer.fired[q], typename S::V{} + 1);
-        spikes |= (uint64_t)S::bits(layer.fired[q]) << (q * S::lanes);
+        spikes |= (uint64_t)S::bits(layer.fired[q]) << (q * S::lanes % 64);
     }
     layer.spikes = spikes & lanes;
 }
 
-template <Membrane M, int D>
-constexpr int64_t kLag = M == Membrane::immediate || D ? 1 : 0;
+NT_INLINE int64_t lag_of(const Neuron& neuron) { return neuron.emits_at_once() || neuron.recurrent_delay; }
 
 template <class S, int N, class T>
 NT_INLINE void write_counts(Layer<S, N>& layer, bool last_is_sent, int n, T* to) {
@@ -149,7 +149,7 @@ NT_INLINE void write_counts(Layer<S, N>& layer, bool last_is_sent, int n, T* to)
     std::memcpy(to, counts, n * sizeof(T));
 }
 
-template <class T, int HP, int OP, Membrane M, Reset R, int D>
+template <class T, int HP, int OP>
 void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, const uint64_t* inputs,
                     const Outputs<T>& out, const Tape<T>* tape) {
     using F = Form<T, HP, OP>;
@@ -157,31 +157,37 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     using SO = typename F::SO;
     constexpr int NH = F::NH, NO = F::NO, N = kPair;
     const Sizes& n = net.sizes;
-    const auto alpha = all<SH>(net.hidden.alpha[0]), beta = all<SH>(net.hidden.beta[0]);
-    const auto threshold = all<SH>(net.hidden.threshold[0]);
-    const auto alpha_out = all<SO>(net.readout.alpha[0]), beta_out = all<SO>(net.readout.beta[0]);
-    const auto threshold_out = all<SO>(net.readout.threshold[0]);
+    const Neuron neuron = net.neuron;
+    const auto alpha = all<SH>(net.hidden.alpha[0]);
+    const Same<SH> beta{all<SH>(net.hidden.beta[0])}, threshold{all<SH>(net.hidden.threshold[0])};
+    const bool reads_out = n.classes > 0, delayed = neuron.recurrent_delay > 0;
+    const Dynamics<T>& dynamics_out = reads_out ? net.readout : net.hidden;
+    const auto alpha_out = all<SO>(dynamics_out.alpha[0]);
+    const Same<SO> beta_out{all<SO>(dynamics_out.beta[0])}, threshold_out{all<SO>(dynamics_out.threshold[0])};
     const uint64_t hidden_lanes = n.hidden == 64 ? ~0ull : (1ull << n.hidden) - 1;
     const Events list(n);
-    const int64_t steps = n.steps;
-    constexpr int64_t lag = kLag<M, D>;
+    const int64_t steps = n.steps, lag = lag_of(neuron);
     uint64_t spikes_before[N] = {};  // s[t-1], for turn t of a network with a delay
     Layer<SH, NH> hidden[N];
     Layer<SO, NO> readout[N];
     for (int s = 0; s < N; s++) {
-        for (auto& fired : hidden[s].fired) fired = SH::greater(typename SH::V{}, threshold);
-        for (auto& fired : readout[s].fired) fired = SO::greater(typename SO::V{}, threshold_out);
+        for (auto& fired : hidden[s].fired) fired = SH::greater(typename SH::V{}, threshold.v);
+        for (auto& fired : readout[s].fired) fired = SO::greater(typename SO::V{}, threshold_out.v);
     }
-    T* membrane = tape ? tape->membrane + first * steps * HP : nullptr;
-    T* readout_membrane = tape ? tape->readout_membrane + first * steps * OP : nullptr;
+    const auto row_of = [&](T* part, int pitch) { return tape && part ? part + first * steps * pitch : nullptr; };
+    T* membrane = row_of(tape ? tape->membrane : nullptr, HP);
+    T* current = row_of(tape ? tape->current : nullptr, HP);
+    T* readout_membrane = row_of(tape && reads_out ? tape->readout_membrane : nullptr, OP);
+    T* readout_current = row_of(tape && reads_out ? tape->readout_current : nullptr, OP);
     uint64_t* spikes = tape ? tape->spikes + first * steps : nullptr;
     const auto write_readout = [&](int s, int64_t step) __attribute__((always_inline)) {
         if (readout_membrane) store_all(readout_membrane + (s * steps + step) * OP, readout[s].membrane);
+        if (readout_current) store_all(readout_current + (s * steps + step) * OP, readout[s].current);
     };
     for (int64_t t = 0; t < steps; t++) {
         Vectors<SH, NH> before[N];
         Vectors<SO, NO> before_out[N];
-        for (int s = 0; s < N; s++) {
+        NT_EACH_TRIAL(s) {
             before[s] = hidden[s].current;
             before_out[s] = readout[s].current;
             for (int q = 0; q < NH; q++) hidden[s].current[q] = alpha * before[s][q];
@@ -189,33 +195,35 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
         }
         for (int k = 0; k < list.n_words; k++) {
             uint64_t events[N];
-            for (int s = 0; s < N; s++)
-                events[s] = list(k, inputs + (s * steps + t) * list.in_words, D ? spikes_before[s] : hidden[s].spikes);
+            NT_EACH_TRIAL(s)
+                events[s] = list(k, inputs + (s * steps + t) * list.in_words,
+                                 delayed ? spikes_before[s] : hidden[s].spikes);
             const T* table = tables.events + k * kRows * F::pitch;
             while (any(events))
-                for (int s = 0; s < N; s++) {
+                NT_EACH_TRIAL(s) {
                     const T* row = table + lowest(events[s]) * F::pitch;
                     events[s] &= events[s] - 1;
                     for (int q = 0; q < NH; q++) hidden[s].current[q] += load<SH>(row + q * SH::lanes);
                     for (int q = 0; q < NO; q++) readout[s].current[q] += load<SO>(row + HP + q * SO::lanes);
                 }
         }
-        for (int s = 0; s < N; s++) {
-            if (D) spikes_before[s] = hidden[s].spikes;
-            advance<M, R>(hidden[s], before[s], beta, threshold, hidden_lanes);
-            if (t >= lag) {
-                advance<M, R>(readout[s], before_out[s], beta_out, threshold_out, ~0ull);
+        NT_EACH_TRIAL(s) {
+            spikes_before[s] = hidden[s].spikes;
+            advance(neuron, hidden[s], before[s], beta, threshold, hidden_lanes);
+            if (reads_out && t >= lag) {
+                advance(neuron, readout[s], before_out[s], beta_out, threshold_out, ~0ull);
                 write_readout(s, t - lag);
             }
             if (membrane) {
                 store_all(membrane + (s * steps + t) * HP, hidden[s].membrane);
                 spikes[s * steps + t] = hidden[s].spikes;
+                if (current) store_all(current + (s * steps + t) * HP, hidden[s].current);
             }
         }
     }
-    if (lag && steps)
+    if (reads_out && lag && steps)
         for (int s = 0; s < N; s++) {
-            const uint64_t sent = D ? spikes_before[s] : hidden[s].spikes;
+            const uint64_t sent = delayed ? spikes_before[s] : hidden[s].spikes;
             const Vectors<SO, NO> before_out = readout[s].current;
             for (int q = 0; q < NO; q++) readout[s].current[q] = alpha_out * before_out[q];
             for (int i = 0; i < n.hidden; i++)
@@ -223,10 +231,10 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
                     for (int q = 0; q < NO; q++)
                         readout[s].current[q] +=
                             load<SO>(tables.events + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes);
-            advance<M, R>(readout[s], before_out, beta_out, threshold_out, ~0ull);
+            advance(neuron, readout[s], before_out, beta_out, threshold_out, ~0ull);
             write_readout(s, steps - 1);
         }
-    const bool last_is_sent = M == Membrane::immediate || steps == 0;
+    const bool last_is_sent = neuron.emits_at_once() || steps == 0;
     for (int s = 0; s < N && first + s < n.trials; s++) {
         if (out.hidden) write_counts(hidden[s], last_is_sent, n.hidden, out.hidden + (first + s) * n.hidden);
         if (out.readout) write_counts(readout[s], last_is_sent, n.classes, out.readout + (first + s) * n.classes);
@@ -235,77 +243,124 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
 
 // ---- backward ------------------------------------------------------------------------------------------------------
 
+// Sums over a group of trials.
+template <class T>
+struct Sums {
+    T* events;                               // as Tables::events
+    T *hidden_dynamics, *readout_dynamics;   // rows of alpha, beta and threshold; null where none are learned
+
+    Sums(const Sizes& n, const Layout& layout, bool learned, Carver& carver)
+        : events(carver.take<T>(words(n.inputs + n.hidden) * kRows * row_pitch<T>(layout))),
+          hidden_dynamics(learned ? carver.take<T>(3 * layout.hidden_pitch) : nullptr),
+          readout_dynamics(learned ? carver.take<T>(3 * readout_lanes(layout)) : nullptr) {}
+};
+
 template <class S, class T>
 NT_INLINE void add_at(T* at, typename S::V what) {
     store(at, load<S>(at) + what);
 }
 
+// One layer of one trial, backwards.
 template <class S, int N>
-struct LayerAdjoint {
-    Adjoint<S> lanes[N];
+struct LayerBack {
+    Adjoint<S, N> adjoint;
     Vectors<S, N> after;  // U[t+1]
 };
 
-// Step t of a layer backwards; `before` is U[t]. Returns dL/dI[t+1].
-template <Membrane M, Reset R, class S, int N>
-NT_INLINE Vectors<S, N> layer_back(LayerAdjoint<S, N>& layer, const Vectors<S, N>& before,
-                                   const Vectors<S, N>& spike_gradient, typename S::V alpha, typename S::V beta,
-                                   typename S::V threshold, typename S::V scale) {
-    Vectors<S, N> current;
+// What all trials of a layer share.
+template <class S>
+struct Constants {
+    Same<S> alpha, beta, threshold;
+    typename S::V scale;
+
+    template <class T>
+    explicit Constants(const Dynamics<T>& from)
+        : alpha{all<S>(from.alpha[0])}, beta{all<S>(from.beta[0])}, threshold{all<S>(from.threshold[0])},
+          scale(all<S>(from.scale)) {}
+};
+
+// Step t of a layer backwards; `before` is U[t]. Returns dL/dI[t+1]. Where dynamics are learned, `sums` has a row of
+// `pitch` neurons each for alpha, beta and threshold, and `current_before` points at I[t] (null at the first step).
+template <class S, int N, class T>
+NT_INLINE Vectors<S, N> layer_back(Neuron neuron, const Constants<S>& constants, LayerBack<S, N>& layer,
+                                   const Vectors<S, N>& before, const Vectors<S, N>& spike_gradient,
+                                   const T* current_before, T* sums, int pitch) {
+    Vectors<S, N> sloped;
+    typename S::Mask fired[N];
     for (int q = 0; q < N; q++) {
-        const auto sloped = surrogate_slope<S>(layer.after[q], threshold, scale) * spike_gradient[q];
-        typename S::V through;
-        current[q] =
-            step_back<S, M, R>(layer.lanes[q], sloped, S::greater(before[q], threshold), alpha, beta, through);
+        sloped[q] = surrogate_slope<S>(layer.after[q], constants.threshold.v, constants.scale) * spike_gradient[q];
+        fired[q] = S::greater(before[q], constants.threshold.v);
+    }
+    const auto gradient = step_back(neuron, layer.adjoint, sloped, fired, constants.alpha, constants.beta);
+    if (sums) {
+        const auto current = current_before ? load_all<S, N>(current_before) : Vectors<S, N>{};
+        add_dynamics(neuron, gradient, sloped, before, current, fired, sums, pitch);
     }
     layer.after = before;
-    return current;
+    return gradient.current;
 }
 
-// sum[s] += g[s] matrix for every trial s: `matrix` has a row a neuron i of g, an even number of rows. Even and odd
-// rows are summed apart, so that twice as many additions are under way at a time.
-template <class S, int N, int P, class T>
-NT_INLINE void add_product(Vectors<S, N> (&sum)[P], const T* g, int g_pitch, const T* matrix, int rows) {
-    Vectors<S, N> odd[P]{};
-    for (int i = 0; i < rows; i += 2) {
-        const Vectors<S, N> w0 = load_all<S, N>(matrix + i * (N * S::lanes));
-        const Vectors<S, N> w1 = load_all<S, N>(matrix + (i + 1) * (N * S::lanes));
+// sum[s] += g[s] matrix for every trial s, in the vectors At to At + W: `matrix` has a row of N vectors for each neuron
+// i of g, an even number of rows. Even and odd rows are summed apart, so that more additions are under way at a time:
+// side by side where the registers hold both sums, else one after the other.
+template <int At, int W, class S, int N, int P, class T>
+NT_INLINE void add_product_panel(Vectors<S, N> (&sum)[P], const T* g, int g_pitch, const T* matrix, int rows) {
+    constexpr int pitch = N * S::lanes;
+    matrix += At * S::lanes;
+    Vectors<S, W> even[P], odd[P]{};
+    for (int s = 0; s < P; s++)
+        for (int q = 0; q < W; q++) even[s][q] = sum[s][At + q];
+    const auto add_row = [&](Vectors<S, W>(&to)[P], int i) __attribute__((always_inline)) {
+        const auto w = load_all<S, W>(matrix + i * pitch);
         for (int s = 0; s < P; s++) {
-            const auto g0 = all<S>(g[s * g_pitch + i]), g1 = all<S>(g[s * g_pitch + i + 1]);
-            for (int q = 0; q < N; q++) sum[s][q] += g0 * w0[q];
-            for (int q = 0; q < N; q++) odd[s][q] += g1 * w1[q];
+            const auto factor = all<S>(g[s * g_pitch + i]);
+            for (int q = 0; q < W; q++) to[s][q] += factor * w[q];
         }
+    };
+    if constexpr (2 * P * W <= kRegisters / 2) {
+        for (int i = 0; i < rows; i += 2) add_row(even, i), add_row(odd, i + 1);
+    } else {
+        for (int i = 0; i < rows; i += 2) add_row(even, i);
+        for (int i = 1; i < rows; i += 2) add_row(odd, i);
     }
     for (int s = 0; s < P; s++)
-        for (int q = 0; q < N; q++) sum[s][q] += odd[s][q];
+        for (int q = 0; q < W; q++) sum[s][At + q] = even[s][q] + odd[s][q];
 }
 
-template <class T, int HP, int OP, Membrane M, Reset R, int D>
+template <class S, int N, int P, class T, int At = 0>
+NT_INLINE void add_product(Vectors<S, N> (&sum)[P], const T* g, int g_pitch, const T* matrix, int rows) {
+    constexpr int W = N - At < kProductVectors ? N - At : kProductVectors;
+    add_product_panel<At, W>(sum, g, g_pitch, matrix, rows);
+    if constexpr (At + W < N) add_product<S, N, P, T, At + W>(sum, g, g_pitch, matrix, rows);
+}
+
+template <class T, int HP, int OP>
 void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& tape, const Gradients<T>& grad,
-                     T* sums, int64_t first) {
+                     const Sums<T>& sums, int64_t first) {
     using F = Form<T, HP, OP>;
     using SH = typename F::SH;
     using SO = typename F::SO;
     constexpr int NH = F::NH, NO = F::NO, N = kPair;
     const Sizes& n = net.sizes;
-    const auto alpha = all<SH>(net.hidden.alpha[0]), beta = all<SH>(net.hidden.beta[0]);
-    const auto threshold = all<SH>(net.hidden.threshold[0]), scale = all<SH>(net.scale);
-    const auto alpha_out = all<SO>(net.readout.alpha[0]), beta_out = all<SO>(net.readout.beta[0]);
-    const auto threshold_out = all<SO>(net.readout.threshold[0]), scale_out = all<SO>(net.scale);
+    const Neuron neuron = net.neuron;
+    const bool reads_out = n.classes > 0, delayed = neuron.recurrent_delay > 0, recurs = net.w_rec != nullptr;
+    const Constants<SH> constants(net.hidden);
+    const Constants<SO> constants_out(reads_out ? net.readout : net.hidden);
     const Events list(n);
-    const int64_t steps = n.steps;
-    constexpr int64_t lag = kLag<M, D>;
+    const int64_t steps = n.steps, lag = lag_of(neuron);
     if (steps == 0) return;
     const T* membrane = tape.membrane + first * steps * HP;
     const T* readout_membrane = tape.readout_membrane + first * steps * OP;
+    const T* current = tape.current ? tape.current + first * steps * HP : nullptr;
+    const T* readout_current = tape.readout_current ? tape.readout_current + first * steps * OP : nullptr;
     const uint64_t* inputs = tape.inputs + first * steps * list.in_words;
     const uint64_t* spikes = tape.spikes + first * steps;
 
     alignas(64) T count_gradient[N][HP] = {}, class_gradient[N][OP] = {};
-    alignas(64) T g[N][HP], g_out[N][OP];
-    LayerAdjoint<SH, NH> hidden[N];
-    LayerAdjoint<SO, NO> readout[N];
-    Vectors<SH, NH> spike_gradient[N], waiting[N];  // dL/ds[t+1] in turn t; with a delay, dL/ds[t]
+    alignas(64) T g[N][HP], g_out[N][OP], waiting[N][HP] = {};  // waiting: with a delay, dL/ds[t] in turn t
+    LayerBack<SH, NH> hidden[N];
+    LayerBack<SO, NO> readout[N];
+    Vectors<SH, NH> spike_gradient[N];  // dL/ds[t+1] in turn t
     const int64_t last = steps - 1;
     for (int s = 0; s < N; s++) {
         const int64_t trial = first + s;
@@ -313,97 +368,96 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
         if (grad.hidden && real) std::memcpy(count_gradient[s], grad.hidden + trial * n.hidden, n.hidden * sizeof(T));
         if (grad.readout && real) std::memcpy(class_gradient[s], grad.readout + trial * n.classes, n.classes * sizeof(T));
         hidden[s].after = load_all<SH, NH>(membrane + (s * steps + last) * HP);
-        readout[s].after = load_all<SO, NO>(readout_membrane + (s * steps + last) * OP);
-        spike_gradient[s] = waiting[s] = Vectors<SH, NH>{};
+        if (reads_out) readout[s].after = load_all<SO, NO>(readout_membrane + (s * steps + last) * OP);
+        spike_gradient[s] = Vectors<SH, NH>{};
     }
     const int out_rows = n.classes + n.classes % 2, hidden_rows = n.hidden + n.hidden % 2;
-    Vectors<SO, NO> current_out[N];
+    Vectors<SO, NO> complete_out[N]{};
     const auto readout_back = [&](int s, int64_t step) __attribute__((always_inline)) {
-        const T* row = readout_membrane + (s * steps + step) * OP;
-        const Vectors<SO, NO> before = step ? load_all<SO, NO>(row - OP) : Vectors<SO, NO>{};
-        Vectors<SO, NO> decided{};  // s[T] is sent only under `immediate`
-        if (M == Membrane::immediate || step < last) decided = load_all<SO, NO>(class_gradient[s]);
-        current_out[s] = layer_back<M, R>(readout[s], before, decided, alpha_out, beta_out, threshold_out, scale_out);
-        store_all(g_out[s], current_out[s]);
+        const int64_t at = (s * steps + step) * OP;
+        const Vectors<SO, NO> before = step ? load_all<SO, NO>(readout_membrane + at - OP) : Vectors<SO, NO>{};
+        Vectors<SO, NO> decided{};  // s[T] is sent only where step T-1 emits it
+        if (neuron.emits_at_once() || step < last) decided = load_all<SO, NO>(class_gradient[s]);
+        const T* current_before = readout_current && step ? readout_current + at - OP : nullptr;
+        complete_out[s] = layer_back(neuron, constants_out, readout[s], before, decided, current_before,
+                                     sums.readout_dynamics, OP);
+        store_all(g_out[s], complete_out[s]);
     };
     const auto spikes_at = [&](int s, int64_t step) __attribute__((always_inline)) {
         return step > 0 ? spikes[s * steps + step - 1] : 0;
     };
-    // dL/ds[t-D], from where turn t took it: into the readout and, but for the turn after the last step, into the
+    // dL/ds[t-d], from where turn t took it: into the readout and, but for the turn after the last step, into the
     // hidden layer.
     const auto gather_spike_gradient = [&](bool into_hidden) __attribute__((always_inline)) {
-        auto& gathered = D ? waiting : spike_gradient;
-        for (int s = 0; s < N; s++) {
-            if (D) spike_gradient[s] = waiting[s];
-            gathered[s] = load_all<SH, NH>(count_gradient[s]);
-        }
-        add_product(gathered, g_out[0], OP, tables.w_out_transposed, out_rows);
+        Vectors<SH, NH> gathered[N];
+        NT_EACH_TRIAL(s) gathered[s] = load_all<SH, NH>(count_gradient[s]);
+        if (reads_out) add_product(gathered, g_out[0], OP, tables.w_out_transposed, out_rows);
         if (into_hidden) add_product(gathered, g[0], HP, tables.w_rec_transposed, hidden_rows);
+        NT_EACH_TRIAL(s) {
+            spike_gradient[s] = delayed ? load_all<SH, NH>(waiting[s]) : gathered[s];
+            if (delayed) store_all(waiting[s], gathered[s]);
+        }
     };
     if (lag) {
-        for (int s = 0; s < N; s++) {
+        for (int s = 0; s < N && reads_out; s++) {
             readout_back(s, last);
             for (int i = 0; i < n.hidden; i++)
-                if (spikes_at(s, steps - D) >> i & 1)
+                if (spikes_at(s, steps - neuron.recurrent_delay) >> i & 1)
                     for (int q = 0; q < NO; q++)
-                        add_at<SO>(sums + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes, current_out[s][q]);
+                        add_at<SO>(sums.events + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes,
+                                   complete_out[s][q]);
         }
         gather_spike_gradient(false);
     }
     for (int64_t t = last; t >= 0; t--) {
-        Vectors<SH, NH> current[N];
-        for (int s = 0; s < N; s++) {
-            if (t >= lag) readout_back(s, t - lag);
-            const T* row = membrane + (s * steps + t) * HP;
-            const Vectors<SH, NH> before = t ? load_all<SH, NH>(row - HP) : Vectors<SH, NH>{};
-            current[s] = layer_back<M, R>(hidden[s], before, spike_gradient[s], alpha, beta, threshold, scale);
-            store_all(g[s], current[s]);
+        Vectors<SH, NH> complete[N];
+        NT_EACH_TRIAL(s) {
+            if (reads_out && t >= lag) readout_back(s, t - lag);
+            const int64_t at = (s * steps + t) * HP;
+            const Vectors<SH, NH> before = t ? load_all<SH, NH>(membrane + at - HP) : Vectors<SH, NH>{};
+            complete[s] = layer_back(neuron, constants, hidden[s], before, spike_gradient[s],
+                                     current && t ? current + at - HP : nullptr, sums.hidden_dynamics, HP);
+            store_all(g[s], complete[s]);
         }
         // dL/dw of every event: dL/dI of the layer it went into.
         for (int k = 0; k < list.n_words; k++) {
             uint64_t events[N];
-            for (int s = 0; s < N; s++) {
-                events[s] = list(k, inputs + (s * steps + t) * list.in_words, spikes_at(s, t - D));
-            }
-            T* table = sums + k * kRows * F::pitch;
+            NT_EACH_TRIAL(s)
+                events[s] = list(k, inputs + (s * steps + t) * list.in_words, spikes_at(s, t - neuron.recurrent_delay));
+            T* table = sums.events + k * kRows * F::pitch;
             while (any(events))
-                for (int s = 0; s < N; s++) {
+                NT_EACH_TRIAL(s) {
                     T* row = table + lowest(events[s]) * F::pitch;
                     events[s] &= events[s] - 1;
-                    for (int q = 0; q < NH; q++) add_at<SH>(row + q * SH::lanes, current[s][q]);
-                    for (int q = 0; q < NO; q++) add_at<SO>(row + HP + q * SO::lanes, current_out[s][q]);
+                    for (int q = 0; q < NH; q++) add_at<SH>(row + q * SH::lanes, complete[s][q]);
+                    for (int q = 0; q < NO; q++) add_at<SO>(row + HP + q * SO::lanes, complete_out[s][q]);
                 }
         }
-        gather_spike_gradient(true);
+        gather_spike_gradient(recurs);
     }
 }
 
 // ---- sizes ---------------------------------------------------------------------------------------------------------
 
-template <class Run>
-NT_INLINE void with_form(const Layout& layout, const Run& run) {
-    const auto with_readout = [&](auto HP) __attribute__((always_inline)) {
-        if (layout.readout_pitch == 8) run(HP, std::integral_constant<int, 8>());
-        else run(HP, std::integral_constant<int, 16>());
-    };
-    switch (layout.hidden_pitch) {
-        case 16: return with_readout(std::integral_constant<int, 16>());
-        case 32: return with_readout(std::integral_constant<int, 32>());
-        case 48: return with_readout(std::integral_constant<int, 48>());
-        default: return with_readout(std::integral_constant<int, 64>());
-    }
-}
-
+// Calls `run` with the lanes of both layers as compile-time constants: the forms that `layout_of` hands out.
 template <class T, class Run>
-NT_INLINE void with_kernel(const Net<T>& net, const Layout& layout, const Run& run) {
-    with_form(layout, [&](auto HP, auto OP) __attribute__((always_inline)) {
-        with_variant(net.membrane, net.reset, [&](auto M, auto R) __attribute__((always_inline)) {
-            if constexpr (M == Membrane::delayed) {
-                if (net.recurrent_delay) return run(HP, OP, M, R, std::integral_constant<int, 1>());
-            }
-            run(HP, OP, M, R, std::integral_constant<int, 0>());
-        });
-    });
+NT_INLINE void with_form(const Layout& layout, const Run& run) {
+    constexpr bool all_forms = sizeof(T) == sizeof(float);
+    const auto with_readout = [&](auto HP) __attribute__((always_inline)) {
+        const int lanes = readout_lanes(layout);
+        if (lanes == 8) return run(HP, std::integral_constant<int, 8>());
+        if (lanes == 16) return run(HP, std::integral_constant<int, 16>());
+        if constexpr (all_forms) {
+            if (lanes == 32) return run(HP, std::integral_constant<int, 32>());
+            if constexpr (HP.value <= 32) return run(HP, std::integral_constant<int, 64>());
+        }
+    };
+    if (layout.hidden_pitch == 16) return with_readout(std::integral_constant<int, 16>());
+    if (layout.hidden_pitch == 32) return with_readout(std::integral_constant<int, 32>());
+    if constexpr (all_forms) {
+        if (layout.hidden_pitch == 48) return with_readout(std::integral_constant<int, 48>());
+        with_readout(std::integral_constant<int, 64>());
+    }
 }
 
 }  // namespace
@@ -421,7 +475,7 @@ bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& ou
 #pragma omp parallel num_threads(net.threads) reduction(+ : others)
     {
         uint64_t* mine = (uint64_t*)(block.data() + measure.bytes()) + omp_get_thread_num() * kPair * trial_words;
-        with_kernel(net, layout, [&](auto HP, auto OP, auto M, auto R, auto D) {
+        with_form<T>(layout, [&](auto HP, auto OP) {
 #pragma omp for schedule(dynamic, 4)
             for (int64_t pair = 0; pair < pairs; pair++) {
                 const int64_t first = pair * kPair;
@@ -431,7 +485,7 @@ bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& ou
                     if (first + s < n.trials) others += !pack_trial(net.spikes, first + s, n.steps, n.inputs, to);
                     else std::memset(to, 0, trial_words * sizeof(uint64_t));
                 }
-                forward_trials<T, HP.value, OP.value, M.value, R.value, D.value>(net, tables, first, inputs, out, tape);
+                forward_trials<T, HP.value, OP.value>(net, tables, first, inputs, out, tape);
             }
         });
     }
@@ -443,37 +497,48 @@ void small_backward(const Net<T>& net, const Layout& layout, const Tape<T>& tape
     const Sizes& n = net.sizes;
     const int64_t blocks = (n.trials + kBlock - 1) / kBlock;
     const int groups = (int)(blocks < kSmallGroups ? blocks : kSmallGroups);
-    const int pitch = round_up(layout.hidden_pitch + layout.readout_pitch, 64 / (int)sizeof(T));
-    const int64_t sums_size = words(n.inputs + n.hidden) * kRows * pitch;
-    Carver measure;
+    const bool learned = grad.dynamics != nullptr;
+    Carver measure, sums_measure;
     backward_tables(net, layout, measure);
-    Block block(measure.bytes() + groups * sums_size * sizeof(T));
+    Sums<T>(n, layout, learned, sums_measure);
+    Block block(measure.bytes() + groups * sums_measure.bytes());
     Carver carver(block.data());
     const Tables<T> tables = backward_tables(net, layout, carver);
-    T* all_sums = carver.take<T>(groups * sums_size);
+    char* sums_memory = block.data() + measure.bytes();
+    const auto sums_of = [&](int group) {
+        Carver at(sums_memory + group * sums_measure.bytes());
+        return Sums<T>(n, layout, learned, at);
+    };
 #pragma omp parallel num_threads(net.threads)
-    with_kernel(net, layout, [&](auto HP, auto OP, auto M, auto R, auto D) {
+    with_form<T>(layout, [&](auto HP, auto OP) {
 #pragma omp for schedule(dynamic, 1)
         for (int group = 0; group < groups; group++) {
-            T* sums = all_sums + group * sums_size;
-            std::memset(sums, 0, sums_size * sizeof(T));
+            const Sums<T> sums = sums_of(group);
+            std::memset(sums_memory + group * sums_measure.bytes(), 0, sums_measure.bytes());
             const int64_t end = blocks * (group + 1) / groups * kBlock;
             for (int64_t first = blocks * group / groups * kBlock; first < end && first < n.trials; first += kPair)
-                backward_trials<T, HP.value, OP.value, M.value, R.value, D.value>(net, tables, tape, grad, sums, first);
+                backward_trials<T, HP.value, OP.value>(net, tables, tape, grad, sums, first);
         }
     });
     // Group after group, whatever thread did them.
-    const auto add_up = [&](int event, int offset, int columns, T* to) {
+    const auto add_up = [&](T* Sums<T>::*part, int64_t offset, int columns, T* to) {
         for (int c = 0; c < columns; c++) to[c] = 0;
         for (int group = 0; group < groups; group++) {
-            const T* from = all_sums + group * sums_size + event_row(event) * pitch + offset;
+            const T* from = sums_of(group).*part + offset;
             for (int c = 0; c < columns; c++) to[c] += from[c];
         }
     };
-    for (int i = 0; i < n.inputs; i++) add_up(i, 0, n.hidden, grad.w_in + (int64_t)i * n.hidden);
+    const int pitch = row_pitch<T>(layout), hp = layout.hidden_pitch, op = readout_lanes(layout);
+    for (int i = 0; i < n.inputs; i++)
+        add_up(&Sums<T>::events, event_row(i) * pitch, n.hidden, grad.w_in + (int64_t)i * n.hidden);
     for (int i = 0; i < n.hidden; i++) {
-        add_up(n.inputs + i, 0, n.hidden, grad.w_rec + (int64_t)i * n.hidden);
-        add_up(n.inputs + i, layout.hidden_pitch, n.classes, grad.w_out + (int64_t)i * n.classes);
+        const int64_t row = event_row(n.inputs + i) * pitch;
+        if (net.w_rec) add_up(&Sums<T>::events, row, n.hidden, grad.w_rec + (int64_t)i * n.hidden);
+        if (n.classes) add_up(&Sums<T>::events, row + hp, n.classes, grad.w_out + (int64_t)i * n.classes);
+    }
+    for (int r = 0; r < 3 && learned; r++) {
+        add_up(&Sums<T>::hidden_dynamics, r * hp, n.hidden, grad.dynamics + r * n.hidden);
+        add_up(&Sums<T>::readout_dynamics, r * op, n.classes, grad.dynamics + 3 * n.hidden + r * n.classes);
     }
 }
 

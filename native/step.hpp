@@ -1,5 +1,8 @@
-// The CUBA-LIF step and its adjoint, on one vector of neurons: the only place where these equations stand in C++.
+// The CUBA-LIF step and its adjoint, on the vectors of one layer: the only place where these equations stand in C++.
 // They are those of neurotact/neurons.py, in the same order of operations, so that spikes agree to the last bit.
+//
+// Membrane and reset are values of the run: a branch that always goes one way costs next to nothing, and one
+// compiled kernel a pair of them cost most of the build.
 #pragma once
 
 #include "kernels.hpp"
@@ -10,18 +13,23 @@ namespace neurotact::NT_ISA {
 // U[t+1] from U[t], I[t], I[t+1] and which neurons were above threshold at t:
 //   eq4 beta (U[t] + I[t]),  delayed beta U[t] + I[t],  immediate beta U[t] + I[t+1];
 //   zero multiplies the sum by (1 - s[t]), subtract takes threshold s[t] off it, hard sets U[t] to 0 before it.
-template <class S, Membrane M, Reset R>
-NT_INLINE typename S::V membrane_step(typename S::V membrane, typename S::V current_before, typename S::V current,
-                                      typename S::Mask fired, typename S::V beta, typename S::V threshold) {
-    using V = typename S::V;
-    const V carried = R == Reset::hard ? S::clear(fired, membrane) : membrane;
-    V sum;
-    if constexpr (M == Membrane::eq4) sum = beta * (carried + current_before);
-    if constexpr (M == Membrane::delayed) sum = beta * carried + current_before;
-    if constexpr (M == Membrane::immediate) sum = beta * carried + current;
-    if constexpr (R == Reset::zero) return S::clear(fired, sum);
-    if constexpr (R == Reset::subtract) return sum - S::only(fired, threshold);
-    return sum;
+// `beta` and `threshold` are Vectors, or Same where all neurons share a value.
+template <class S, int N, class Values>
+NT_INLINE void membrane_step(Neuron neuron, Vectors<S, N>& membrane, const Vectors<S, N>& current_before,
+                             const Vectors<S, N>& current, const typename S::Mask (&fired)[N], const Values& beta,
+                             const Values& threshold) {
+    if (neuron.reset == Reset::hard)
+        for (int q = 0; q < N; q++) membrane[q] = S::clear(fired[q], membrane[q]);
+    if (neuron.membrane == Membrane::eq4)
+        for (int q = 0; q < N; q++) membrane[q] = beta[q] * (membrane[q] + current_before[q]);
+    else if (neuron.membrane == Membrane::delayed)
+        for (int q = 0; q < N; q++) membrane[q] = beta[q] * membrane[q] + current_before[q];
+    else
+        for (int q = 0; q < N; q++) membrane[q] = beta[q] * membrane[q] + current[q];
+    if (neuron.reset == Reset::zero)
+        for (int q = 0; q < N; q++) membrane[q] = S::clear(fired[q], membrane[q]);
+    else if (neuron.reset == Reset::subtract)
+        for (int q = 0; q < N; q++) membrane[q] = membrane[q] - S::only(fired[q], threshold[q]);
 }
 
 // The surrogate derivative 1 / (1 + scale |U - threshold|)^2 (texture paper, Eq. 7).
@@ -31,31 +39,59 @@ NT_INLINE typename S::V surrogate_slope(typename S::V membrane, typename S::V th
     return (typename S::V{} + 1) / (wide * wide);
 }
 
-// What flows back through one step, for one vector of neurons.
-template <class S>
+// What flows back through one step, for the vectors of a layer.
+template <class S, int N>
 struct Adjoint {
-    typename S::V current{};   // dL/dI[t+1], as far as later steps made it
-    typename S::V membrane{};  // dL/dU[t+1], likewise
+    Vectors<S, N> current{};   // dL/dI[t+1], as far as later steps made it
+    Vectors<S, N> membrane{};  // dL/dU[t+1], likewise
 };
 
-// Step t backwards. `slope_gradient` is slope(U[t+1]) dL/ds[t+1], `fired` the reset of step t (U[t] > threshold).
-// Returns the complete dL/dI[t+1] and leaves in `adjoint` the share of I[t] and U[t]; `sum_gradient` receives
-// dL/d(sum) of membrane_step, from which beta's gradient comes.
-template <class S, Membrane M, Reset R>
-NT_INLINE typename S::V step_back(Adjoint<S>& adjoint, typename S::V slope_gradient, typename S::Mask fired,
-                                  typename S::V alpha, typename S::V beta, typename S::V& sum_gradient) {
-    using V = typename S::V;
-    V through = adjoint.membrane + slope_gradient;
-    if constexpr (R == Reset::zero) through = S::clear(fired, through);
-    sum_gradient = through;
-    const V decayed = beta * through;
-    adjoint.membrane = R == Reset::hard ? S::clear(fired, decayed) : decayed;
-    V current = adjoint.current;
-    if constexpr (M == Membrane::immediate) current = current + through;
-    adjoint.current = alpha * current;
-    if constexpr (M == Membrane::eq4) adjoint.current = adjoint.current + decayed;
-    if constexpr (M == Membrane::delayed) adjoint.current = adjoint.current + through;
-    return current;
+// What one step gives to the gradients.
+template <class S, int N>
+struct StepGradient {
+    Vectors<S, N> current;  // the complete dL/dI[t+1]
+    Vectors<S, N> sum;      // dL/d(sum) of membrane_step, from which beta's gradient comes
+};
+
+// Step t backwards. `sloped` is slope(U[t+1]) dL/ds[t+1], `fired` the reset of step t (U[t] > threshold). Leaves in
+// `adjoint` the share of I[t] and U[t].
+template <class S, int N, class Values>
+NT_INLINE StepGradient<S, N> step_back(Neuron neuron, Adjoint<S, N>& adjoint, const Vectors<S, N>& sloped,
+                                       const typename S::Mask (&fired)[N], const Values& alpha, const Values& beta) {
+    StepGradient<S, N> to;
+    for (int q = 0; q < N; q++) to.sum[q] = adjoint.membrane[q] + sloped[q];
+    if (neuron.reset == Reset::zero)
+        for (int q = 0; q < N; q++) to.sum[q] = S::clear(fired[q], to.sum[q]);
+    to.current = adjoint.current;
+    if (neuron.membrane == Membrane::immediate)
+        for (int q = 0; q < N; q++) to.current[q] = to.current[q] + to.sum[q];
+    for (int q = 0; q < N; q++) {
+        adjoint.membrane[q] = beta[q] * to.sum[q];
+        adjoint.current[q] = alpha[q] * to.current[q];
+    }
+    if (neuron.membrane == Membrane::eq4)
+        for (int q = 0; q < N; q++) adjoint.current[q] = adjoint.current[q] + adjoint.membrane[q];
+    else if (neuron.membrane == Membrane::delayed)
+        for (int q = 0; q < N; q++) adjoint.current[q] = adjoint.current[q] + to.sum[q];
+    if (neuron.reset == Reset::hard)
+        for (int q = 0; q < N; q++) adjoint.membrane[q] = S::clear(fired[q], adjoint.membrane[q]);
+    return to;
+}
+
+// Adds what one step gives to the gradients of alpha, beta and threshold, three rows of `pitch` neurons; `before` and
+// `current_before` are U[t] and I[t].
+template <class S, int N, class T>
+NT_INLINE void add_dynamics(Neuron neuron, const StepGradient<S, N>& gradient, const Vectors<S, N>& sloped,
+                            const Vectors<S, N>& before, const Vectors<S, N>& current_before,
+                            const typename S::Mask (&fired)[N], T* sums, int64_t pitch) {
+    for (int q = 0; q < N; q++) {
+        T *alpha = sums + q * S::lanes, *beta = alpha + pitch, *threshold = beta + pitch;
+        auto carried = neuron.reset == Reset::hard ? S::clear(fired[q], before[q]) : before[q];
+        if (neuron.membrane == Membrane::eq4) carried = carried + current_before[q];
+        store(alpha, load<S>(alpha) + gradient.current[q] * current_before[q]);
+        store(beta, load<S>(beta) + gradient.sum[q] * carried);
+        store(threshold, load<S>(threshold) - sloped[q]);
+    }
 }
 
 }  // namespace neurotact::NT_ISA

@@ -16,89 +16,105 @@ constexpr int kTileVectors = kVectorBytes == 64 ? 3 : 2;
 
 // ---- forward -------------------------------------------------------------------------------------------------------
 
-// The moving state of one trial.
+// One layer of one trial: its state where no tape takes it, its counts and spikes.
 template <class T>
-struct TrialState {
-    T *current, *membrane, *readout_current, *readout_membrane;
-    uint64_t *inputs, *decided;
-    SpikeHistory spikes;
-    uint32_t *rows, *counts, *readout_counts;
-    int hidden_pitch, readout_pitch;
+struct ForwardLayer {
+    T *current, *membrane, *counts;
+    int neurons, pitch;
 
-    TrialState(const Sizes& n, const Layout& layout, Carver& carver)
-        : spikes(n.hidden, carver), hidden_pitch(layout.hidden_pitch), readout_pitch(layout.readout_pitch) {
-        current = carver.take<T>(hidden_pitch);
-        membrane = carver.take<T>(hidden_pitch);
-        readout_current = carver.take<T>(readout_pitch);
-        readout_membrane = carver.take<T>(readout_pitch);
-        inputs = carver.take<uint64_t>(words(n.inputs));
-        decided = carver.take<uint64_t>(words(n.classes) + 1);
-        rows = carver.take<uint32_t>(n.inputs + n.hidden);
-        counts = carver.take<uint32_t>(n.hidden);
-        readout_counts = carver.take<uint32_t>(n.classes);
+    ForwardLayer(int neurons, int pitch, Carver& carver)
+        : current(carver.take<T>(pitch)), membrane(carver.take<T>(pitch)), counts(carver.take<T>(pitch)),
+          neurons(neurons), pitch(pitch) {}
+    void clear() {
+        std::memset(current, 0, pitch * sizeof(T));
+        std::memset(membrane, 0, pitch * sizeof(T));
+        std::memset(counts, 0, pitch * sizeof(T));
     }
-    void reset(const Sizes& n) {
-        std::memset(current, 0, hidden_pitch * sizeof(T));
-        std::memset(membrane, 0, hidden_pitch * sizeof(T));
-        std::memset(readout_current, 0, readout_pitch * sizeof(T));
-        std::memset(readout_membrane, 0, readout_pitch * sizeof(T));
-        spikes.clear(n.hidden);
-        std::memset(decided, 0, (words(n.classes) + 1) * 8);
-        std::memset(counts, 0, n.hidden * 4);
-        std::memset(readout_counts, 0, n.classes * 4);
+    // The state at step t, in the tape but for its first step: rows of the trial's tape, null where it has none.
+    NT_INLINE LayerState<T> at(int64_t t, T* tape_membrane, T* tape_current) const {
+        LayerState<T> state{current, membrane, current, membrane, counts};
+        if (tape_membrane) {
+            if (t) state.membrane = tape_membrane + (t - 1) * pitch;
+            state.next_membrane = tape_membrane + t * pitch;
+        }
+        if (tape_current) {
+            if (t) state.current = tape_current + (t - 1) * pitch;
+            state.next_current = tape_current + t * pitch;
+        }
+        return state;
+    }
+    // Counts of the spikes that were sent: all, or all but the last ones.
+    void write(const uint64_t* but, T* to) const {
+        for (int i = 0; i < neurons; i++) to[i] = counts[i] - (but ? (T)(but[i / 64] >> (i % 64) & 1) : T(0));
     }
 };
 
-NT_INLINE void count_bits(const uint64_t* bits, int64_t n_words, uint32_t* counts) {
-    for (int64_t k = 0; k < n_words; k++)
-        for (uint64_t m = bits[k]; m; m &= m - 1) counts[64 * k + lowest(m)]++;
+template <class T>
+struct TrialState {
+    ForwardLayer<T> hidden, readout;
+    SpikeHistory spikes;
+    uint64_t *inputs, *decided;
+    uint32_t *rows, *sent;
+
+    TrialState(const Sizes& n, const Layout& layout, Carver& carver)
+        : hidden(n.hidden, layout.hidden_pitch, carver), readout(n.classes, layout.readout_pitch, carver),
+          spikes(n.hidden, carver), inputs(carver.take<uint64_t>(words(n.inputs))),
+          decided(carver.take<uint64_t>(words(n.classes) + 1)), rows(carver.take<uint32_t>(n.inputs + n.hidden)),
+          sent(carver.take<uint32_t>(n.hidden)) {}
+    void clear() {
+        hidden.clear();
+        readout.clear();
+        spikes.clear(hidden.neurons);
+    }
+};
+
+// Whether the spikes of a step that come back to the layer are those that it sends out: one list of events serves both.
+template <class T>
+bool returns_what_it_sends(const Net<T>& net) {
+    return net.w_rec && !net.neuron.emits_at_once() && !net.neuron.recurrent_delay;
 }
 
-template <class T, Membrane M, Reset R>
+template <class T>
 bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState<T>& s, int64_t trial,
                    const Outputs<T>& out, const Tape<T>* tape) {
     const Sizes& n = net.sizes;
+    const Neuron neuron = net.neuron;
     const int64_t in_words = words(n.inputs), hid_words = words(n.hidden);
+    const bool at_once = neuron.emits_at_once(), one_list = returns_what_it_sends(net);
+    const auto row_of = [&](T* part, int pitch) { return part ? part + trial * n.steps * pitch : nullptr; };
+    T* membrane = row_of(tape ? tape->membrane : nullptr, s.hidden.pitch);
+    T* current = row_of(tape ? tape->current : nullptr, s.hidden.pitch);
+    T* readout_membrane = row_of(tape ? tape->readout_membrane : nullptr, s.readout.pitch);
+    T* readout_current = row_of(tape ? tape->readout_current : nullptr, s.readout.pitch);
     bool binary = true;
-    s.reset(n);
+    s.clear();
     for (int64_t t = 0; t < n.steps; t++) {
         const int64_t row = trial * n.steps + t;
-        binary &= pack_step(net.spikes, trial, t, n.inputs, s.inputs);
-        int n_rows = list_rows(s.inputs, in_words, 0, s.rows, 0);
-        if (net.w_rec)
-            n_rows = list_rows(s.spikes.recurrent(net.recurrent_delay), hid_words, n.inputs, s.rows, n_rows);
-        advance_layer<T, M, R>(tables.hidden, tables.table, s.rows, n_rows, s.current, s.membrane, s.spikes.next);
-        const uint64_t* emitted = M == Membrane::immediate ? s.spikes.next : s.spikes.now;
-        count_bits(emitted, hid_words, s.counts);
+        uint64_t* inputs = tape ? tape->inputs + row * in_words : s.inputs;
+        binary &= pack_step(net.spikes, trial, t, n.inputs, inputs);
+        const int n_in = list_rows(inputs, in_words, 0, s.rows, 0);
+        const int n_rows = !net.w_rec ? n_in
+                                      : list_rows(s.spikes.recurrent(neuron.recurrent_delay), hid_words, n.inputs,
+                                                  s.rows, n_in);
+        advance_layer(neuron, tables.hidden, {tables.table, s.rows, n_rows, 0}, s.hidden.at(t, membrane, current),
+                      s.spikes.next);
+        const uint64_t* emitted = at_once ? s.spikes.next : s.spikes.now;
         if (out.raster) {
             T* line = out.raster + row * n.hidden;
             for (int i = 0; i < n.hidden; i++) line[i] = (T)(emitted[i / 64] >> (i % 64) & 1);
         }
         if (n.classes) {
-            if (M != Membrane::immediate) count_bits(s.decided, words(n.classes), s.readout_counts);
-            n_rows = list_rows(emitted, hid_words, 0, s.rows, 0);
-            advance_layer<T, M, R>(tables.readout, tables.readout_table, s.rows, n_rows, s.readout_current,
-                                   s.readout_membrane, s.decided);
-            if (M == Membrane::immediate) count_bits(s.decided, words(n.classes), s.readout_counts);
+            EventRows<T> sent{tables.readout_table, s.rows + n_in, n_rows - n_in, (uint32_t)n.inputs};
+            if (!one_list) sent = {tables.readout_table, s.sent, list_rows(emitted, hid_words, 0, s.sent, 0), 0};
+            advance_layer(neuron, tables.readout, sent, s.readout.at(t, readout_membrane, readout_current), s.decided);
         }
-        if (tape) {
-            std::memcpy(tape->membrane + row * s.hidden_pitch, s.membrane, s.hidden_pitch * sizeof(T));
-            std::memcpy(tape->inputs + row * in_words, s.inputs, in_words * 8);
-            std::memcpy(tape->spikes + row * hid_words, s.spikes.next, hid_words * 8);
-            if (tape->current) std::memcpy(tape->current + row * s.hidden_pitch, s.current, s.hidden_pitch * sizeof(T));
-            if (n.classes)
-                std::memcpy(tape->readout_membrane + row * s.readout_pitch, s.readout_membrane,
-                            s.readout_pitch * sizeof(T));
-            if (n.classes && tape->current)
-                std::memcpy(tape->readout_current + row * s.readout_pitch, s.readout_current,
-                            s.readout_pitch * sizeof(T));
-        }
+        if (tape)
+            for (int64_t k = 0; k < hid_words; k++) tape->spikes[row * hid_words + k] = s.spikes.next[k];
         s.spikes.step();
     }
-    if (out.hidden)
-        for (int i = 0; i < n.hidden; i++) out.hidden[trial * n.hidden + i] = (T)s.counts[i];
-    if (out.readout)
-        for (int i = 0; i < n.classes; i++) out.readout[trial * n.classes + i] = (T)s.readout_counts[i];
+    const bool all_sent = at_once || n.steps == 0;
+    if (out.hidden) s.hidden.write(all_sent ? nullptr : s.spikes.now, out.hidden + trial * n.hidden);
+    if (out.readout) s.readout.write(all_sent ? nullptr : s.decided, out.readout + trial * n.classes);
     return binary;
 }
 
@@ -214,17 +230,14 @@ NT_INLINE void gather_panel(const uint16_t* slots, int count, const T* history, 
 // sums[j] += dL/dI of every slot at which neuron j had spiked
 template <class T>
 void gather(const EventLists& events, const T* history, int pitch, T* sums) {
-    constexpr int L = kWide<T>;
     for (int j = 0; j < events.neurons; j++) {
         const int count = (int)events.counts[j];
         if (count == 0) continue;
         const uint16_t* slots = events.slots + (int64_t)j * kChunk * kBlock;
         T* sum = sums + (int64_t)j * pitch;
-        int at = 0;
-        for (; at + kPanel * L <= pitch; at += kPanel * L)
-            gather_panel<T, kPanel>(slots, count, history + at, pitch, sum + at);
-        for (; at + 2 * L <= pitch; at += 2 * L) gather_panel<T, 2>(slots, count, history + at, pitch, sum + at);
-        for (; at < pitch; at += L) gather_panel<T, 1>(slots, count, history + at, pitch, sum + at);
+        each_panel<T>(pitch, [&](int at, auto N) __attribute__((always_inline)) {
+            gather_panel<T, N.value>(slots, count, history + at, pitch, sum + at);
+        });
     }
 }
 
@@ -264,7 +277,9 @@ struct BlockState {
     T *current, *membrane, *emitted;                  // adjoints (trial, pitch): of I, of U and of s
     T *readout_current, *readout_membrane;
     T *history, *readout_history;                     // complete dL/dI[t+1], (slot, pitch)
-    T *input_gradient, *class_gradient;
+    T *count_gradient, *class_gradient;               // dL/d(counts) of the two layers, (trial, pitch)
+    T* unheard;                                       // dL/ds of a readout spike that comes too late
+    T* input_gradient;
     uint64_t* silent;                                 // the spikes before the first step
     EventLists inputs, recurrent, sent;
 
@@ -276,153 +291,199 @@ struct BlockState {
           readout_membrane(carver.take<T>(kBlock * layout.readout_pitch)),
           history(carver.take<T>((int64_t)kChunk * kBlock * layout.hidden_pitch)),
           readout_history(carver.take<T>((int64_t)kChunk * kBlock * layout.readout_pitch)),
+          count_gradient(carver.take<T>(kBlock * layout.hidden_pitch)),
+          class_gradient(carver.take<T>(kBlock * layout.readout_pitch)),
+          unheard(carver.take<T>(layout.readout_pitch)),
           input_gradient(carver.take<T>(kBlock * round_up(net.sizes.inputs, 16))),
-          class_gradient(carver.take<T>(layout.readout_pitch)),
           silent(carver.take<uint64_t>(words(net.sizes.hidden))),
           inputs(net.sizes.inputs, carver),
           recurrent(net.w_rec ? net.sizes.hidden : 0, carver),
           sent(net.sizes.classes ? net.sizes.hidden : 0, carver) {}
 };
 
-// Step t of one layer of one trial, backwards; leaves dL/dI[t+1] in `complete`. `tape_*` point at row t of the trial.
-template <class T, Membrane M, Reset R>
-NT_INLINE void layer_back(const LayerTables<T>& layer, T scale, bool first, const T* tape_membrane,
-                          const T* tape_current, const T* spike_gradient, T* adjoint_current, T* adjoint_membrane,
-                          T* complete, T* sums) {
+// Where one layer of one trial stands: row t of its tape, and its part of the block's state.
+template <class T>
+struct LayerRow {
+    const T *membrane, *current;  // of the tape; current is null where no dynamics are learned
+    const T* spike_gradient;      // dL/ds[t+1]
+    T *adjoint_current, *adjoint_membrane;
+    T* complete;                  // dL/dI[t+1] goes there
+};
+
+template <class T, int N>
+NT_INLINE void panel_back(Neuron neuron, const LayerTables<T>& layer, const LayerRow<T>& row, bool first, int at, T* sums) {
     using S = Simd<T, kWide<T>>;
-    using V = typename S::V;
-    const V wide_scale = all<S>(scale);
-    for (int at = 0; at < layer.pitch; at += S::lanes) {
-        const V threshold = load<S>(layer.threshold + at), after = load<S>(tape_membrane + at);
-        const V before = first ? V{} : load<S>(tape_membrane - layer.pitch + at);
-        const typename S::Mask fired = S::greater(before, threshold);
-        Adjoint<S> adjoint{load<S>(adjoint_current + at), load<S>(adjoint_membrane + at)};
-        const V sloped = surrogate_slope<S>(after, threshold, wide_scale) * load<S>(spike_gradient + at);
-        V through;
-        const V current =
-            step_back<S, M, R>(adjoint, sloped, fired, load<S>(layer.alpha + at), load<S>(layer.beta + at), through);
-        store(adjoint_current + at, adjoint.current);
-        store(adjoint_membrane + at, adjoint.membrane);
-        store(complete + at, current);
-        if (sums) {
-            T *alpha = sums + at, *beta = alpha + layer.pitch, *theta = beta + layer.pitch;
-            const V current_before = first || !tape_current ? V{} : load<S>(tape_current - layer.pitch + at);
-            V carried = R == Reset::hard ? S::clear(fired, before) : before;
-            if (M == Membrane::eq4) carried = carried + current_before;
-            store(alpha, load<S>(alpha) + current * current_before);
-            store(beta, load<S>(beta) + through * carried);
-            store(theta, load<S>(theta) - sloped);
-        }
+    const auto threshold = load_all<S, N>(layer.threshold + at), after = load_all<S, N>(row.membrane + at);
+    const auto spike_gradient = load_all<S, N>(row.spike_gradient + at);
+    const auto scale = all<S>(layer.scale);
+    Vectors<S, N> before{}, sloped;
+    if (!first) before = load_all<S, N>(row.membrane - layer.pitch + at);
+    typename S::Mask fired[N];
+    for (int q = 0; q < N; q++) {
+        fired[q] = S::greater(before[q], threshold[q]);
+        sloped[q] = surrogate_slope<S>(after[q], threshold[q], scale) * spike_gradient[q];
     }
+    Adjoint<S, N> adjoint{load_all<S, N>(row.adjoint_current + at), load_all<S, N>(row.adjoint_membrane + at)};
+    const auto gradient = step_back(neuron, adjoint, sloped, fired, load_all<S, N>(layer.alpha + at),
+                                    load_all<S, N>(layer.beta + at));
+    store_all(row.adjoint_current + at, adjoint.current);
+    store_all(row.adjoint_membrane + at, adjoint.membrane);
+    store_all(row.complete + at, gradient.current);
+    if (!sums) return;
+    Vectors<S, N> current_before{};
+    if (!first && row.current) current_before = load_all<S, N>(row.current - layer.pitch + at);
+    add_dynamics(neuron, gradient, sloped, before, current_before, fired, sums + at, layer.pitch);
 }
 
-template <class T, Membrane M, Reset R>
-void backward_block(const Net<T>& net, const BackwardTables<T>& tables, const Tape<T>& tape, const Gradients<T>& grad,
-                    BlockState<T>& s, Sums<T>& sums, int64_t first_trial, int trials) {
-    const Sizes& n = net.sizes;
-    const int pitch = tables.hidden.pitch, readout_pitch = tables.readout.pitch;
-    const int64_t in_words = words(n.inputs), hid_words = words(n.hidden);
-    const bool learned = grad.dynamics != nullptr;
-    const auto clear = [](T* at, int64_t count) { std::memset(at, 0, count * sizeof(T)); };
-    clear(s.current, (int64_t)trials * pitch);
-    clear(s.membrane, (int64_t)trials * pitch);
-    clear(s.emitted, (int64_t)trials * pitch);
-    clear(s.readout_current, (int64_t)trials * readout_pitch);
-    clear(s.readout_membrane, (int64_t)trials * readout_pitch);
-    std::memset(s.silent, 0, hid_words * sizeof(uint64_t));
-    // dL/ds through what the layer sends out at step t
-    const auto add_emission = [&](int64_t t, const T* readout_history) {
-        for (int m = 0; m < trials; m++) {
-            const int64_t trial = first_trial + m;
-            const T* from = grad.hidden ? grad.hidden + trial * n.hidden : nullptr;
-            T* to = s.emitted + (int64_t)m * pitch;
-            if (from)
-                for (int i = 0; i < n.hidden; i++) to[i] += from[i];
-            if (grad.raster)
-                for (int i = 0; i < n.hidden; i++) to[i] += grad.raster[(trial * n.steps + t) * n.hidden + i];
-        }
-        if (n.classes) add_product(readout_history, readout_pitch, tables.out, s.emitted, trials);
-    };
-    int filled = 0;  // steps in the history
-    const T* later = nullptr;  // the history of step t+1
-    s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
-    for (int64_t t = n.steps - 1; t >= 0; t--) {
-        T* history = s.history + (int64_t)filled * kBlock * pitch;
-        T* readout_history = s.readout_history + (int64_t)filled * kBlock * readout_pitch;
-        if (n.classes) {
-            for (int m = 0; m < trials; m++) {
-                const int64_t trial = first_trial + m, row = trial * n.steps + t;
-                const bool heard = M == Membrane::immediate || t + 1 < n.steps;
-                for (int c = 0; c < readout_pitch; c++)
-                    s.class_gradient[c] = heard && grad.readout && c < n.classes ? grad.readout[trial * n.classes + c] : T(0);
-                layer_back<T, M, R>(tables.readout, net.scale, t == 0, tape.readout_membrane + row * readout_pitch,
-                                    tape.readout_current ? tape.readout_current + row * readout_pitch : nullptr,
-                                    s.class_gradient, s.readout_current + (int64_t)m * readout_pitch,
-                                    s.readout_membrane + (int64_t)m * readout_pitch,
-                                    readout_history + (int64_t)m * readout_pitch,
-                                    learned ? sums.readout_dynamics : nullptr);
-            }
-        }
-        if (M == Membrane::immediate) add_emission(t, readout_history);
-        for (int m = 0; m < trials; m++) {
-            const int64_t trial = first_trial + m, row = trial * n.steps + t;
-            const int64_t at = (int64_t)m * pitch;
-            layer_back<T, M, R>(tables.hidden, net.scale, t == 0, tape.membrane + row * pitch,
-                                tape.current ? tape.current + row * pitch : nullptr, s.emitted + at, s.current + at,
-                                s.membrane + at, history + at, learned ? sums.hidden_dynamics : nullptr);
-            const int slot = filled * kBlock + m;
-            const auto spikes_of = [&](int64_t step) { // s[step]
-                return step > 0 ? tape.spikes + (row - t + step - 1) * hid_words : s.silent;
-            };
-            const uint64_t* spikes = spikes_of(t);
-            s.inputs.add(tape.inputs + row * in_words, slot);
-            if (net.w_rec) s.recurrent.add(spikes_of(t - net.recurrent_delay), slot);
-            if (n.classes) s.sent.add(M == Membrane::immediate ? tape.spikes + row * hid_words : spikes, slot);
-        }
-        clear(s.emitted, (int64_t)trials * pitch);
-        // dL/ds[t] through what comes back to the layer: in I[t+1+d]
-        const T* returning = net.recurrent_delay ? later : history;
-        if (net.w_rec && returning) add_product(returning, pitch, tables.recurrent, s.emitted, trials);
-        later = history;
-        if (M != Membrane::immediate) add_emission(t, readout_history);
-        if (grad.spikes) {
-            clear(s.input_gradient, (int64_t)trials * tables.in.pitch);
-            add_product(history, pitch, tables.in, s.input_gradient, trials);
-            for (int m = 0; m < trials; m++)
-                std::memcpy(grad.spikes + ((first_trial + m) * n.steps + t) * n.inputs,
-                            s.input_gradient + (int64_t)m * tables.in.pitch, n.inputs * sizeof(T));
-        }
-        if (++filled == kChunk || t == 0) {
-            gather(s.inputs, s.history, pitch, sums.w_in);
-            if (net.w_rec) gather(s.recurrent, s.history, pitch, sums.w_rec);
-            if (n.classes) gather(s.sent, s.readout_history, readout_pitch, sums.w_out);
-            s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
-            filled = 0;
+// Step t of one layer of one trial, backwards.
+template <class T>
+NT_INLINE void layer_back(Neuron neuron, const LayerTables<T>& layer, const LayerRow<T>& row, bool first, T* sums) {
+    constexpr int L = kWide<T>;
+    int at = 0;
+    for (; at + 2 * L <= layer.pitch; at += 2 * L) panel_back<T, 2>(neuron, layer, row, first, at, sums);
+    for (; at < layer.pitch; at += L) panel_back<T, 1>(neuron, layer, row, first, at, sums);
+}
+
+// The gradients of one block of trials, step by step from the last.
+template <class T>
+class BlockBack {
+public:
+    BlockBack(const Net<T>& net, const BackwardTables<T>& tables, const Tape<T>& tape, const Gradients<T>& grad,
+              BlockState<T>& state, Sums<T>& sums, int64_t first_trial, int trials)
+        : net(net), n(net.sizes), tables(tables), tape(tape), grad(grad), s(state), sums(sums),
+          first_trial(first_trial), trials(trials), pitch(tables.hidden.pitch), readout_pitch(tables.readout.pitch),
+          in_words(words(n.inputs)), hid_words(words(n.hidden)), one_list(returns_what_it_sends(net)) {}
+
+    void run() {
+        start();
+        for (int64_t t = n.steps - 1; t >= 0; t--) {
+            T* history = s.history + (int64_t)filled * kBlock * pitch;
+            T* readout_history = s.readout_history + (int64_t)filled * kBlock * readout_pitch;
+            if (n.classes) readout_back(t, readout_history);
+            if (net.neuron.emits_at_once()) add_emission(t, readout_history);
+            hidden_back(t, history);
+            start_spike_gradient();
+            // dL/ds[t] through what comes back to the layer: in I[t+1+d]
+            const T* returning = net.neuron.recurrent_delay ? later : history;
+            if (net.w_rec && returning) add_product(returning, pitch, tables.recurrent, s.emitted, trials);
+            later = history;
+            if (!net.neuron.emits_at_once()) add_emission(t, readout_history);
+            if (grad.spikes) write_input_gradient(t, history);
+            if (++filled == kChunk || t == 0) gather_weights();
         }
     }
-}
+
+private:
+    const Net<T>& net;
+    const Sizes& n;
+    const BackwardTables<T>& tables;
+    const Tape<T>& tape;
+    const Gradients<T>& grad;
+    BlockState<T>& s;
+    Sums<T>& sums;
+    const int64_t first_trial;
+    const int trials, pitch, readout_pitch;
+    const int64_t in_words, hid_words;
+    const bool one_list;
+    int filled = 0;            // steps in the history
+    const T* later = nullptr;  // the history of step t+1
+
+    static void clear(T* at, int64_t count) { std::memset(at, 0, count * sizeof(T)); }
+    static void copy_rows(const T* from, int rows, int columns, T* to, int pitch) {
+        clear(to, (int64_t)rows * pitch);
+        if (!from) return;
+        for (int m = 0; m < rows; m++)
+            std::memcpy(to + (int64_t)m * pitch, from + (int64_t)m * columns, columns * sizeof(T));
+    }
+    void start() {
+        clear(s.current, (int64_t)trials * pitch);
+        clear(s.membrane, (int64_t)trials * pitch);
+        clear(s.readout_current, (int64_t)trials * readout_pitch);
+        clear(s.readout_membrane, (int64_t)trials * readout_pitch);
+        clear(s.unheard, readout_pitch);
+        std::memset(s.silent, 0, hid_words * sizeof(uint64_t));
+        copy_rows(grad.hidden ? grad.hidden + first_trial * n.hidden : nullptr, trials, n.hidden, s.count_gradient, pitch);
+        copy_rows(grad.readout ? grad.readout + first_trial * n.classes : nullptr, trials, n.classes, s.class_gradient,
+                  readout_pitch);
+        // s[T] is sent only where step T-1 emits it.
+        if (net.neuron.emits_at_once()) start_spike_gradient();
+        else clear(s.emitted, (int64_t)trials * pitch);
+        s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
+    }
+    // dL/ds through what the layer sends out: its share of the counts
+    void start_spike_gradient() { std::memcpy(s.emitted, s.count_gradient, (int64_t)trials * pitch * sizeof(T)); }
+    // and of the raster and of the readout's input at step t
+    void add_emission(int64_t t, const T* readout_history) {
+        if (grad.raster)
+            for (int m = 0; m < trials; m++) {
+                const T* from = grad.raster + ((first_trial + m) * n.steps + t) * n.hidden;
+                T* to = s.emitted + (int64_t)m * pitch;
+                for (int i = 0; i < n.hidden; i++) to[i] += from[i];
+            }
+        if (n.classes) add_product(readout_history, readout_pitch, tables.out, s.emitted, trials);
+    }
+    void readout_back(int64_t t, T* history) {
+        const bool heard = net.neuron.emits_at_once() || t + 1 < n.steps;
+        for (int m = 0; m < trials; m++) {
+            const int64_t row = ((first_trial + m) * n.steps + t) * readout_pitch, at = (int64_t)m * readout_pitch;
+            layer_back(net.neuron, tables.readout,
+                       {tape.readout_membrane + row, tape.readout_current ? tape.readout_current + row : nullptr,
+                        heard ? s.class_gradient + at : s.unheard, s.readout_current + at, s.readout_membrane + at,
+                        history + at},
+                       t == 0, grad.dynamics ? sums.readout_dynamics : nullptr);
+        }
+    }
+    const uint64_t* spikes_of(int64_t trial, int64_t step) const {  // s[step]
+        return step > 0 ? tape.spikes + (trial * n.steps + step - 1) * hid_words : s.silent;
+    }
+    void hidden_back(int64_t t, T* history) {
+        for (int m = 0; m < trials; m++) {
+            const int64_t trial = first_trial + m, row = trial * n.steps + t, at = (int64_t)m * pitch;
+            layer_back(net.neuron, tables.hidden,
+                       {tape.membrane + row * pitch, tape.current ? tape.current + row * pitch : nullptr, s.emitted + at,
+                        s.current + at, s.membrane + at, history + at},
+                       t == 0, grad.dynamics ? sums.hidden_dynamics : nullptr);
+            const int slot = filled * kBlock + m;
+            s.inputs.add(tape.inputs + row * in_words, slot);
+            if (net.w_rec) s.recurrent.add(spikes_of(trial, t - net.neuron.recurrent_delay), slot);
+            if (n.classes && !one_list) s.sent.add(spikes_of(trial, t + net.neuron.emits_at_once()), slot);
+        }
+    }
+    void write_input_gradient(int64_t t, const T* history) {
+        clear(s.input_gradient, (int64_t)trials * tables.in.pitch);
+        add_product(history, pitch, tables.in, s.input_gradient, trials);
+        for (int m = 0; m < trials; m++)
+            std::memcpy(grad.spikes + ((first_trial + m) * n.steps + t) * n.inputs,
+                        s.input_gradient + (int64_t)m * tables.in.pitch, n.inputs * sizeof(T));
+    }
+    void gather_weights() {
+        gather(s.inputs, s.history, pitch, sums.w_in);
+        if (net.w_rec) gather(s.recurrent, s.history, pitch, sums.w_rec);
+        if (n.classes) gather(one_list ? s.recurrent : s.sent, s.readout_history, readout_pitch, sums.w_out);
+        s.inputs.clear(), s.recurrent.clear(), s.sent.clear();
+        filled = 0;
+    }
+};
 
 }  // namespace
 
 template <class T>
 bool wide_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& out, const Tape<T>* tape) {
     Carver measure, thread_measure;
-    ForwardTables<T>(net, layout, measure);
+    ForwardTables<T>(net, measure);
     TrialState<T>(net.sizes, layout, thread_measure);
     Block block(measure.bytes() + net.threads * thread_measure.bytes());
     Carver carver(block.data());
-    const ForwardTables<T> tables(net, layout, carver);
+    const ForwardTables<T> tables(net, carver);
     char* thread_memory = block.data() + measure.bytes();
     int others = 0;
 #pragma omp parallel num_threads(net.threads) reduction(+ : others)
     {
         Carver mine(thread_memory + omp_get_thread_num() * thread_measure.bytes());
         TrialState<T> state(net.sizes, layout, mine);
-        with_variant(net.membrane, net.reset, [&](auto M, auto R) {
 #pragma omp for schedule(dynamic, 4)
-            for (int64_t trial = 0; trial < net.sizes.trials; trial++)
-                others += !forward_trial<T, M.value, R.value>(net, tables, state, trial, out, tape);
-        });
+        for (int64_t trial = 0; trial < net.sizes.trials; trial++)
+            others += !forward_trial(net, tables, state, trial, out, tape);
     }
     return others == 0;
 }
@@ -449,18 +510,15 @@ void wide_backward(const Net<T>& net, const Layout& layout, const Tape<T>& tape,
     {
         Carver mine(thread_memory + omp_get_thread_num() * thread_measure.bytes());
         BlockState<T> state(net, layout, mine);
-        with_variant(net.membrane, net.reset, [&](auto M, auto R) {
 #pragma omp for schedule(dynamic, 1)
-            for (int group = 0; group < groups; group++) {
-                Sums<T> sums = sums_of(group);
-                std::memset(sums_memory + group * sums_measure.bytes(), 0, sums_measure.bytes());
-                for (int64_t k = blocks * group / groups; k < blocks * (group + 1) / groups; k++) {
-                    const int64_t first = k * kBlock, left = n.trials - first;
-                    backward_block<T, M.value, R.value>(net, tables, tape, grad, state, sums, first,
-                                                        left < kBlock ? (int)left : kBlock);
-                }
+        for (int group = 0; group < groups; group++) {
+            Sums<T> sums = sums_of(group);
+            std::memset(sums_memory + group * sums_measure.bytes(), 0, sums_measure.bytes());
+            for (int64_t k = blocks * group / groups; k < blocks * (group + 1) / groups; k++) {
+                const int64_t first = k * kBlock, left = n.trials - first;
+                BlockBack<T>(net, tables, tape, grad, state, sums, first, left < kBlock ? (int)left : kBlock).run();
             }
-        });
+        }
         // The parts of each parameter, added group after group.
         const auto add_up = [&](T* Sums<T>::*part, int pitch, int rows, int columns, T* to) {
             if (to == nullptr) return;

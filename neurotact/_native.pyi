@@ -6,6 +6,7 @@ class Shape:
     """Sizes, neuron and layout of a network, made once and used for every call."""
 
 def make_shape(
+    *,
     inputs: int,
     hidden: int,
     classes: int,
@@ -13,17 +14,19 @@ def make_shape(
     reset: int,
     recurrent_delay: int,
     scale: float,
+    readout_scale: float,
+    is_double: bool,
     recurrent: bool,
     per_neuron: bool,
     keep_currents: bool,
     with_inputs: bool,
-    /,
+    with_raster: bool,
 ) -> Shape: ...
-def tape_bytes(shape: Shape, is_double: bool, trials: int, steps: int, /) -> int: ...
-def new_tape(shape: Shape, is_double: bool, trials: int, steps: int, /) -> Tensor: ...
+def tape_bytes(shape: Shape, *, trials: int, steps: int) -> int: ...
+def new_tape(shape: Shape, *, trials: int, steps: int) -> Tensor: ...
 def forward(
     shape: Shape,
-    is_double: bool,
+    *,
     trials: int,
     steps: int,
     spikes: int,
@@ -41,11 +44,10 @@ def forward(
     hidden: int,
     raster: int,
     threads: int,
-    /,
 ) -> bool: ...
 def backward(
     shape: Shape,
-    is_double: bool,
+    *,
     trials: int,
     steps: int,
     tape: int,
@@ -64,11 +66,10 @@ def backward(
     g_spikes: int,
     g_dynamics: int,
     threads: int,
-    /,
 ) -> None: ...
 def infer(
     shape: Shape,
-    is_double: bool,
+    *,
     trials: int,
     steps: int,
     spikes: int,
@@ -81,17 +82,19 @@ def infer(
     alpha: int,
     beta: int,
     threshold: int,
+    bias: int,
     patience: int,
     from_first_spike: bool,
     labels: int,
-    steps_out: int,
+    steps_run: int,
     input_spikes: int,
     hidden_spikes: int,
-    readout: int,
+    counts: int,
+    sums: int,
     threads: int,
-    /,
 ) -> bool: ...
 def encode(
+    *,
     is_double: bool,
     trials: int,
     steps: int,
@@ -115,7 +118,6 @@ def encode(
     has_last: bool,
     spikes: int,
     threads: int,
-    /,
 ) -> None: ...
 def free_spare_blocks() -> None: ...
 def isa() -> str: ...

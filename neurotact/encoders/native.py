@@ -44,12 +44,15 @@ def encode(
         if array.shape != (n_trials, n_taxels):
             raise InputError(f"state: has shape {array.shape} where (trial, taxel) is {(n_trials, n_taxels)}")
     itemsize = signal.itemsize
+    v_rest, v_reset, v_threshold = _levels(sa1)
     native.encode(  # pyright: ignore[reportOptionalMemberAccess]
-        signal.dtype == np.float64, n_trials, n_steps, n_taxels,
-        _at(signal), signal.strides[0] // itemsize, signal.strides[1] // itemsize,
-        *gains, sa1.decay, *_levels(sa1), sa1.refractory_steps, ra1.refractory_steps,
-        _at(membranes[0]), _at(membranes[1]), _at(latest), _at(silent[0]), _at(silent[1]),
-        last is not None, _at(out), torch.get_num_threads(),
+        is_double=signal.dtype == np.float64, trials=n_trials, steps=n_steps, taxels=n_taxels, signal=_at(signal),
+        trial_stride=signal.strides[0] // itemsize, time_stride=signal.strides[1] // itemsize,
+        sa_gain=gains[0], ra_gain=gains[1], decay=sa1.decay, v_rest=v_rest, v_reset=v_reset, v_threshold=v_threshold,
+        sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps,
+        sa_membrane=_at(membranes[0]), ra_membrane=_at(membranes[1]), last=_at(latest),
+        sa_silent_left=_at(silent[0]), ra_silent_left=_at(silent[1]), has_last=last is not None,
+        spikes=_at(out), threads=torch.get_num_threads(),
     )  # fmt: skip
     following = tuple(LIFState(*parts) for parts in zip(membranes, silent, strict=True))
     return out, (following[0], following[1]), last if n_steps == 0 else latest

@@ -1,7 +1,7 @@
 """The native kernels as autograd functions; what they compute is defined in `reference.py`.
 
-Tensors go to the extension as addresses, checked here, because handing them over as objects costs more than a small
-network's step.
+Tensors go to the extension as addresses, by name and checked here (`_at`), because handing them over as objects costs
+more than a small network's step.
 """
 
 from functools import lru_cache
@@ -18,8 +18,8 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.neurons import CubaLIF, Decay, Membrane, Reset
 
 _KINDS = {torch.uint8: 1, torch.bool: 1, torch.float32: 4, torch.float64: 8}
-Weights = tuple[Tensor, Tensor | None, Tensor]
-"""Into, among and out of the hidden neurons."""
+Weights = tuple[Tensor, Tensor | None, Tensor | None]
+"""Into, among and out of the hidden neurons; a single layer has none out."""
 _GRADED = (
     "spikes: hold values other than 0 and 1, which the native kernels do not take; "
     "use backend='reference' for graded input"
@@ -46,9 +46,9 @@ class Network(Protocol):
     @property
     def threshold(self) -> Tensor: ...
     @property
-    def n_inputs(self) -> int: ...
-    @property
     def n_classes(self) -> int: ...
+    @property
+    def level(self) -> Tensor | None: ...
 
 
 def rsnn_counts(spikes: Tensor, network: Network) -> tuple[Tensor, Tensor]:
@@ -62,11 +62,7 @@ def rsnn_counts(spikes: Tensor, network: Network) -> tuple[Tensor, Tensor]:
     spikes = _readable(spikes, network.w_in)
     learns = [t is not None and t.requires_grad for t in (*weights, *dynamics, spikes)]
     training = torch.is_grad_enabled() and any(learns)
-    shape = _shape(
-        network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spec.surrogate_scale,
-        recurrent=network.spec.recurrent, per_neuron=False,
-        keep_currents=training and any(learns[3:6]), with_inputs=training and learns[6],
-    )  # fmt: skip
+    shape = _shape_of(network, keep_currents=training and any(learns[3:6]), with_inputs=training and learns[6])
     if training:
         return _Counts.apply(spikes, *weights, *dynamics, shape)  # pyright: ignore[reportReturnType]
     return _counts(spikes, weights, dynamics, shape, tape=None)
@@ -75,19 +71,11 @@ def rsnn_counts(spikes: Tensor, network: Network) -> tuple[Tensor, Tensor]:
 def _counts(
     spikes: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None
 ) -> tuple[Tensor, Tensor]:
-    w_in, w_rec, w_out = weights
-    alpha, beta, threshold = dynamics
-    n_trials, n_steps, _ = spikes.shape
+    w_in, _, w_out = weights
+    assert w_out is not None  # only a single layer has no readout, and `_layer` runs it
+    n_trials = spikes.shape[0]
     readout, hidden = w_out.new_empty(n_trials, w_out.shape[1]), w_in.new_empty(n_trials, w_in.shape[1])
-    binary = native.forward(
-        shape, w_in.dtype is torch.float64, n_trials, n_steps,
-        spikes.data_ptr(), _KINDS[spikes.dtype], spikes.stride(0), spikes.stride(1),
-        w_in.data_ptr(), _at(w_rec), w_out.data_ptr(),
-        alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-        0 if tape is None else tape.data_ptr(), readout.data_ptr(), hidden.data_ptr(), 0, torch.get_num_threads(),
-    )  # fmt: skip
-    if not binary:
-        raise InputError(_GRADED)
+    _forward(spikes, weights, dynamics, shape, tape, readout=readout.data_ptr(), hidden=hidden.data_ptr(), raster=0)
     return readout, hidden
 
 
@@ -96,7 +84,7 @@ class _Counts(torch.autograd.Function):
     def forward(ctx, spikes, w_in, w_rec, w_out, alpha, beta, threshold, shape):  # pyright: ignore
         n_trials, n_steps, _ = spikes.shape
         # Saved as a tensor, so that autograd gives the memory back to the pool the moment backward is through.
-        tape = native.new_tape(shape, w_in.dtype is torch.float64, n_trials, n_steps)
+        tape = native.new_tape(shape, trials=n_trials, steps=n_steps)
         readout, hidden = _counts(spikes, (w_in, w_rec, w_out), (alpha, beta, threshold), shape, tape)
         ctx.save_for_backward(tape, w_in, w_rec, w_out, alpha, beta, threshold)
         ctx.shape, ctx.window = shape, (n_trials, n_steps)
@@ -106,21 +94,16 @@ class _Counts(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, g_readout, g_hidden):  # pyright: ignore[reportIncompatibleMethodOverride]
-        tape, w_in, w_rec, w_out, alpha, beta, threshold = ctx.saved_tensors
-        n_trials, n_steps = ctx.window
-        g_in, g_out = torch.empty_like(w_in), torch.empty_like(w_out)
-        g_rec = None if w_rec is None else torch.empty_like(w_rec)
-        learned = any(ctx.needs_input_grad[4:7])
+        tape, w_in, w_rec, w_out, *dynamics = ctx.saved_tensors
+        n_trials, _ = ctx.window
         n_hidden, n_classes = w_out.shape
-        g_spikes = w_in.new_empty(n_trials, n_steps, w_in.shape[0]) if ctx.needs_input_grad[0] else None
-        g_dynamics = w_in.new_empty(3 * (n_hidden + n_classes)) if learned else None
-        g_readout, g_hidden = _dense(g_readout), _dense(g_hidden)
-        native.backward(
-            ctx.shape, w_in.dtype is torch.float64, n_trials, n_steps, tape.data_ptr(),
-            w_in.data_ptr(), _at(w_rec), w_out.data_ptr(),
-            alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-            _at(g_readout), _at(g_hidden), 0, g_in.data_ptr(), _at(g_rec), g_out.data_ptr(),
-            _at(g_spikes), _at(g_dynamics), torch.get_num_threads(),
+        g_out = torch.empty_like(w_out)
+        g_readout, g_hidden = _dense(g_readout), _dense(g_hidden)  # held here: an address alone keeps no tensor
+        g_dynamics = w_in.new_empty(3 * (n_hidden + n_classes)) if any(ctx.needs_input_grad[4:7]) else None
+        g_spikes, g_in, g_rec = _backward(
+            ctx, tape, (w_in, w_rec, w_out), tuple(dynamics),
+            g_readout=_at(g_readout, n_trials, n_classes), g_hidden=_at(g_hidden, n_trials, n_hidden),
+            g_raster=0, g_w_out=g_out.data_ptr(), g_dynamics=_at(g_dynamics),
         )  # fmt: skip
         if g_dynamics is None:
             return g_spikes, g_in, g_rec, g_out, None, None, None, None
@@ -129,31 +112,59 @@ class _Counts(torch.autograd.Function):
         return g_spikes, g_in, g_rec, g_out, g_alpha, g_beta, g_threshold, None
 
 
+def _forward(
+    spikes: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None, **outputs: int
+) -> None:
+    """Run a window; `outputs` are addresses."""
+    n_trials, n_steps, _ = spikes.shape
+    window = {"trials": n_trials, "steps": n_steps}
+    binary = native.forward(
+        shape, **window, **_spikes_at(spikes, weights), **_parameters(weights, dynamics),
+        tape=0 if tape is None else _at(tape, native.tape_bytes(shape, **window)),
+        **outputs, threads=torch.get_num_threads(),
+    )  # fmt: skip
+    if not binary:
+        raise InputError(_GRADED)
+
+
+def _backward(
+    ctx: Any, tape: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], **gradients: int
+) -> tuple[Tensor | None, Tensor, Tensor | None]:
+    """dL/d of the spikes, where it is wanted, of w_in and of w_rec; `gradients` are addresses of the others."""
+    w_in, w_rec, _ = weights
+    n_trials, n_steps = ctx.window
+    window = {"trials": n_trials, "steps": n_steps}
+    g_in, g_rec = torch.empty_like(w_in), None if w_rec is None else torch.empty_like(w_rec)
+    g_spikes = w_in.new_empty(n_trials, n_steps, w_in.shape[0]) if ctx.needs_input_grad[0] else None
+    native.backward(
+        ctx.shape, **window, **_parameters(weights, dynamics), tape=_at(tape, native.tape_bytes(ctx.shape, **window)),
+        **gradients, g_w_in=g_in.data_ptr(), g_w_rec=_at(g_rec), g_spikes=_at(g_spikes),
+        threads=torch.get_num_threads(),
+    )  # fmt: skip
+    return g_spikes, g_in, g_rec
+
+
 def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Labels, steps, input spikes, hidden spikes and readout spikes of each trial, as `rsnn.Inference` says.
+    """Labels, steps, input spikes, hidden spikes and readout of each trial, as `rsnn.Inference` says.
 
     A trial stops where `rule` says so; memory does not grow with the window.
     """
-    w_in, w_rec, w_out = _weights(network)
-    if w_rec is None:  # the kernel that infers reads recurrent weights; without recurrence they add nothing
-        w_rec = w_in.new_zeros(network.spec.hidden, network.spec.hidden)
-    alpha, beta, threshold = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
-    spikes = _readable(spikes, w_in)
+    weights = _weights(network)
+    dynamics = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
+    spikes = _readable(spikes, weights[0])
     n_trials, n_steps, _ = spikes.shape
-    shape = _shape(
-        network.n_inputs, network.spec.hidden, network.n_classes, network.neuron, network.spec.surrogate_scale,
-        recurrent=True, per_neuron=False, keep_currents=False, with_inputs=False,
-    )  # fmt: skip
+    n_classes, level = network.n_classes, network.level
     labels, steps, input_spikes, hidden_spikes = torch.empty(4, n_trials, dtype=torch.int64).unbind()
-    readout = torch.empty(n_trials, network.n_classes, dtype=torch.int64)
+    readout = torch.empty(n_trials, n_classes, dtype=torch.int64 if level is None else torch.float64)
+    integrates = level is not None
     binary = native.infer(
-        shape, w_in.dtype is torch.float64, n_trials, n_steps,
-        spikes.data_ptr(), _KINDS[spikes.dtype], spikes.stride(0), spikes.stride(1),
-        w_in.data_ptr(), w_rec.data_ptr(), w_out.data_ptr(),
-        alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-        -1 if rule.patience is None else rule.patience, rule.from_first_spike,
-        labels.data_ptr(), steps.data_ptr(), input_spikes.data_ptr(), hidden_spikes.data_ptr(), readout.data_ptr(),
-        torch.get_num_threads(),
+        _shape_of(network, keep_currents=False, with_inputs=False), trials=n_trials, steps=n_steps,
+        **_spikes_at(spikes, weights), **_parameters(weights, dynamics), bias=_at(level, n_classes),
+        patience=-1 if rule.patience is None else rule.patience, from_first_spike=rule.from_first_spike,
+        labels=labels.data_ptr(), steps_run=steps.data_ptr(),
+        input_spikes=input_spikes.data_ptr(), hidden_spikes=hidden_spikes.data_ptr(),
+        counts=0 if integrates else readout.data_ptr(), sums=readout.data_ptr() if integrates else 0,
+        threads=torch.get_num_threads(),
     )  # fmt: skip
     if not binary:
         raise InputError(_GRADED)
@@ -164,58 +175,47 @@ def layer_spikes(
     x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
 ) -> Tensor:
     """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`."""
-    x, weights, dynamics, shape, training = _prepared(x, w, v, alpha, beta, threshold, neuron, scale)
-    if training:
-        return _Layer.apply(x, *weights, *dynamics, shape, False)  # pyright: ignore[reportReturnType]
-    return _layer(x, *weights, dynamics, shape, tape=None, counted=False)
+    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, counted=False)
 
 
 def layer_counts(
     x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
 ) -> Tensor:
     """Spike counts of one layer over the window, `(trial, postsynaptic)`; otherwise as `layer_spikes`."""
-    x, weights, dynamics, shape, training = _prepared(x, w, v, alpha, beta, threshold, neuron, scale)
-    if training:
-        return _Layer.apply(x, *weights, *dynamics, shape, True)  # pyright: ignore[reportReturnType]
-    return _layer(x, *weights, dynamics, shape, tape=None, counted=True)
+    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, counted=True)
 
 
-def _prepared(
-    x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
-) -> tuple[Tensor, tuple[Tensor, Tensor | None], tuple[Tensor, ...], Any, bool]:
-    """Spikes, weights and dynamics as the kernels read them, the layer's shape, and whether a gradient is wanted."""
-    weights = _same_kind(w) if v is None else _same_kind(w, v)
-    dynamics = tuple(
-        # Autograd adds the gradients of the neurons that share a value.
-        torch.as_tensor(value, dtype=w.dtype, device=w.device).reshape(-1).expand(w.shape[1]).contiguous()
-        for value in (alpha, beta, threshold)
-    )
+def _layer_sends(
+    x: Tensor, w: Tensor, v: Tensor | None, values: tuple[Decay, ...], neuron: CubaLIF, scale: float, counted: bool
+) -> Tensor:
+    """The raster of a layer or, where they are `counted`, its spikes per window."""
+    w, *rest = _same_kind(w) if v is None else _same_kind(w, v)
+    v = rest[0] if rest else None
+    dynamics = tuple(torch.as_tensor(value, dtype=w.dtype, device=w.device).reshape(-1) for value in values)
+    per_neuron = any(len(value) > 1 for value in dynamics)
+    # Autograd adds the gradients of the neurons that share a value.
+    dynamics = tuple(value.expand(w.shape[1] if per_neuron else 1).contiguous() for value in dynamics)
     x = _readable(x, w)
     learns = [t.requires_grad for t in (x, *dynamics)]
-    training = torch.is_grad_enabled() and (any(learns) or any(t.requires_grad for t in weights))
+    training = torch.is_grad_enabled() and (any(learns) or any(t.requires_grad for t in (w, *rest)))
     shape = _shape(
-        w.shape[0], w.shape[1], 0, neuron, scale, recurrent=v is not None, per_neuron=True,
-        keep_currents=training and any(learns[1:]), with_inputs=training and learns[0],
+        w.shape[0], w.shape[1], 0, neuron, scale, scale, is_double=w.dtype is torch.float64, recurrent=v is not None,
+        per_neuron=per_neuron, keep_currents=training and any(learns[1:]), with_inputs=training and learns[0],
+        with_raster=not counted,
     )  # fmt: skip
-    return x, (weights[0], weights[1] if len(weights) == 2 else None), dynamics, shape, training
+    if training:
+        return _Layer.apply(x, w, v, *dynamics, shape, counted)  # pyright: ignore[reportReturnType]
+    return _layer(x, (w, v, None), dynamics, shape, None, counted)
 
 
 def _layer(
-    x: Tensor, w: Tensor, v: Tensor | None, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None, counted: bool
+    x: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], shape: Any, tape: Tensor | None, counted: bool
 ) -> Tensor:
-    """The raster of a layer or, where they are `counted`, its spikes per window."""
-    alpha, beta, threshold = dynamics
+    w = weights[0]
     n_trials, n_steps, _ = x.shape
     sent = w.new_empty(n_trials, w.shape[1]) if counted else w.new_empty(n_trials, n_steps, w.shape[1])
     hidden, raster = (sent.data_ptr(), 0) if counted else (0, sent.data_ptr())
-    binary = native.forward(
-        shape, w.dtype is torch.float64, n_trials, n_steps,
-        x.data_ptr(), _KINDS[x.dtype], x.stride(0), x.stride(1), w.data_ptr(), _at(v), 0,
-        alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-        _at(tape), 0, hidden, raster, torch.get_num_threads(),
-    )  # fmt: skip
-    if not binary:
-        raise InputError(_GRADED)
+    _forward(x, weights, dynamics, shape, tape, readout=0, hidden=hidden, raster=raster)
     return sent
 
 
@@ -223,8 +223,8 @@ class _Layer(torch.autograd.Function):
     @staticmethod
     def forward(ctx, x, w, v, alpha, beta, threshold, shape, counted):  # pyright: ignore
         n_trials, n_steps, _ = x.shape
-        tape = native.new_tape(shape, w.dtype is torch.float64, n_trials, n_steps)
-        sent = _layer(x, w, v, (alpha, beta, threshold), shape, tape, counted)
+        tape = native.new_tape(shape, trials=n_trials, steps=n_steps)
+        sent = _layer(x, (w, v, None), (alpha, beta, threshold), shape, tape, counted)
         ctx.save_for_backward(tape, w, v, alpha, beta, threshold)
         ctx.shape, ctx.window, ctx.counted = shape, (n_trials, n_steps), counted
         return sent
@@ -232,19 +232,21 @@ class _Layer(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx, g_sent):  # pyright: ignore[reportIncompatibleMethodOverride]
-        tape, w, v, alpha, beta, threshold = ctx.saved_tensors
-        n_trials, n_steps = ctx.window
-        g_w, g_v = torch.empty_like(w), None if v is None else torch.empty_like(v)
-        g_x = w.new_empty(n_trials, n_steps, w.shape[0]) if ctx.needs_input_grad[0] else None
-        g_dynamics = w.new_empty(3, w.shape[1]) if any(ctx.needs_input_grad[3:6]) else None
+        tape, w, v, *dynamics = ctx.saved_tensors
+        n_hidden = w.shape[1]
+        g_dynamics = w.new_empty(3, n_hidden) if any(ctx.needs_input_grad[3:6]) else None
         g_sent = g_sent.contiguous()
-        g_hidden, g_raster = (g_sent.data_ptr(), 0) if ctx.counted else (0, g_sent.data_ptr())
-        native.backward(
-            ctx.shape, w.dtype is torch.float64, n_trials, n_steps, tape.data_ptr(),
-            w.data_ptr(), _at(v), 0, alpha.data_ptr(), beta.data_ptr(), threshold.data_ptr(),
-            0, g_hidden, g_raster, g_w.data_ptr(), _at(g_v), 0, _at(g_x), _at(g_dynamics), torch.get_num_threads(),
+        at = _at(g_sent, ctx.window[0], *(() if ctx.counted else ctx.window[1:]), n_hidden)
+        g_hidden, g_raster = (at, 0) if ctx.counted else (0, at)
+        g_x, g_w, g_v = _backward(
+            ctx, tape, (w, v, None), tuple(dynamics),
+            g_readout=0, g_hidden=g_hidden, g_raster=g_raster, g_w_out=0, g_dynamics=_at(g_dynamics),
         )  # fmt: skip
-        return g_x, g_w, g_v, *((None,) * 3 if g_dynamics is None else g_dynamics), None, None
+        if g_dynamics is None:
+            return g_x, g_w, g_v, None, None, None, None, None
+        if len(dynamics[0]) < n_hidden:  # all neurons share a value
+            g_dynamics = g_dynamics.sum(dim=1, keepdim=True)
+        return g_x, g_w, g_v, *g_dynamics, None, None
 
 
 def set_isa(name: str) -> None:
@@ -258,15 +260,48 @@ def isas() -> tuple[str, ...]:
     return known[: known.index(native.widest_isa()) + 1]
 
 
+def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> Any:
+    spec = network.spec
+    return _shape(
+        *network.w_in.shape, network.n_classes, network.neuron,
+        spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale,
+        is_double=network.w_in.dtype is torch.float64, recurrent=network.w_rec is not None, per_neuron=False,
+        keep_currents=keep_currents, with_inputs=with_inputs, with_raster=False,
+    )  # fmt: skip
+
+
 @lru_cache(maxsize=256)
 def _shape(
-    n_inputs: int, n_hidden: int, n_classes: int, neuron: CubaLIF, scale: float,
-    *, recurrent: bool, per_neuron: bool, keep_currents: bool, with_inputs: bool,
-) -> Any:  # fmt: skip
+    n_inputs: int, n_hidden: int, n_classes: int, neuron: CubaLIF, scale: float, readout_scale: float, **more: bool
+) -> Any:
     return native.make_shape(
-        n_inputs, n_hidden, n_classes, get_args(Membrane).index(neuron.membrane), get_args(Reset).index(neuron.reset),
-        neuron.recurrent_delay_steps, scale, recurrent, per_neuron, keep_currents, with_inputs,
+        inputs=n_inputs, hidden=n_hidden, classes=n_classes,
+        membrane=get_args(Membrane).index(neuron.membrane), reset=get_args(Reset).index(neuron.reset),
+        recurrent_delay=neuron.recurrent_delay_steps, scale=scale, readout_scale=readout_scale, **more,
     )  # fmt: skip
+
+
+def _spikes_at(spikes: Tensor, weights: Weights) -> dict[str, int]:
+    if spikes.shape[2] != weights[0].shape[0]:
+        raise InputError(f"spikes: have {spikes.shape[2]} neurons where the weights have {weights[0].shape[0]}")
+    return {
+        "spikes": spikes.data_ptr(), "spike_kind": _KINDS[spikes.dtype],
+        "trial_stride": spikes.stride(0), "time_stride": spikes.stride(1),
+    }  # fmt: skip
+
+
+def _parameters(weights: Weights, dynamics: tuple[Tensor, ...]) -> dict[str, int]:
+    """Addresses of weights and dynamics, their shapes checked against those of `w_in` and `w_out`."""
+    w_in, w_rec, w_out = weights
+    n_inputs, n_hidden = w_in.shape
+    # One value a layer in a network; in a single layer one for all its neurons, or one each.
+    n_values = 2 if w_out is not None else 1 if len(dynamics[0]) == 1 else n_hidden
+    alpha, beta, threshold = (_at(values, n_values) for values in dynamics)
+    return {
+        "w_in": _at(w_in, n_inputs, n_hidden), "w_rec": _at(w_rec, n_hidden, n_hidden),
+        "w_out": 0 if w_out is None else _at(w_out, n_hidden, w_out.shape[1]),
+        "alpha": alpha, "beta": beta, "threshold": threshold,
+    }  # fmt: skip
 
 
 def _readable(spikes: Tensor, like: Tensor) -> Tensor:
@@ -300,5 +335,10 @@ def _dense(grad: Tensor | None) -> Tensor | None:
     return None if grad is None else grad.contiguous()
 
 
-def _at(tensor: Tensor | None) -> int:
-    return 0 if tensor is None else tensor.data_ptr()
+def _at(tensor: Tensor | None, *shape: int) -> int:
+    """Where a tensor without gaps lies, 0 for none; InputError unless it has the shape that the kernels will read."""
+    if tensor is None:
+        return 0
+    if shape and tensor.shape != shape:
+        raise InputError(f"weights: have shape {tuple(tensor.shape)} where {shape} is expected")
+    return tensor.data_ptr()

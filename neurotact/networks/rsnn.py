@@ -22,7 +22,7 @@ from neurotact.neurons import CubaLIF, SpikeFunction, cuba_lif_start, decay_per_
 from neurotact.spec import build, override
 
 RASTER_VALUES = 2**25
-"""Of an integrator's early exit, spikes and sums that are kept at once."""
+"""Of an integrator's early exit in the reference, spikes and sums that are kept at once."""
 
 
 class Counts(NamedTuple):
@@ -135,6 +135,16 @@ class RSNN(nn.Module):
     def n_classes(self) -> int:
         return self.w_out.shape[1]
 
+    def spike_of(self, layer: int) -> SpikeFunction:
+        """The spike function of the hidden layer (0) or of the readout (1), with its surrogate.
+
+        A `spike` that was put in place of the spec's holds for both.
+        """
+        readout_scale = self.spec.readout_surrogate_scale
+        if layer == 0 or readout_scale is None or self.spike != FastSigmoid(self.spec.surrogate_scale):
+            return self.spike
+        return FastSigmoid(readout_scale)
+
     @property
     def level(self) -> Tensor | None:
         """Where an integrator begins, its bias in float64 `(class,)`; None where readout spikes are counted."""
@@ -186,15 +196,15 @@ class RSNN(nn.Module):
     def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
         """Decide each trial, stopping its simulation where `rule` says so.
 
-        With an integrator whole windows are simulated, and what lies behind the exit is left out of the result.
+        The reference simulates whole windows of an integrator, and leaves what lies behind the exit out of the result.
         """
         self._check(spikes)
+        if self._native():
+            return Inference(*native.rsnn_infer(spikes, self, rule))
         if self.bias is not None:
             n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
             parts = spikes.split(max(1, RASTER_VALUES // max(1, n_values)))
             return Inference(*map(torch.cat, zip(*(self._infer_sums(part, rule) for part in parts), strict=True)))
-        if self._native():
-            return Inference(*native.rsnn_infer(spikes, self, rule))
         return self._infer_by_steps(spikes, rule)
 
     def _infer_sums(self, spikes: Tensor, rule: ExitRule) -> Inference:
@@ -208,7 +218,7 @@ class RSNN(nn.Module):
             return Inference(sums.argmax(dim=1), steps, sent, heard, sums)
         hidden, gained = self.simulate(spikes)
         leader = Leader.start(n_trials, self.n_classes, spikes.device, self.level)
-        labels, sums, running = leader.index.clone(), leader.counts.clone(), steps > 0
+        labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
         for t in range(n_steps):
             leader = leader.after(gained[:, t])
             stops = running & (leader.exits(rule) | (t + 1 == n_steps))
@@ -249,12 +259,14 @@ class RSNN(nn.Module):
     def _layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int, ordered: bool, state=None):
         return reference.cuba_lif_layer(
             x, w, v, alpha=self.alpha[layer], beta=self.beta[layer], threshold=self.threshold[layer],
-            neuron=self.neuron, spike=self.spike, state=state, ordered=ordered,
+            neuron=self.neuron, spike=self.spike_of(layer), state=state, ordered=ordered,
         )  # fmt: skip
 
     def _native_layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int) -> Tensor:
         dynamics = (self.alpha[layer], self.beta[layer], self.threshold[layer])
-        return native.layer_spikes(x, w, v, *dynamics, self.neuron, self.spec.surrogate_scale)
+        spike = self.spike_of(layer)
+        assert isinstance(spike, FastSigmoid)
+        return native.layer_spikes(x, w, v, *dynamics, self.neuron, spike.scale)
 
     def _native(self) -> bool:
         # The kernels know the fast sigmoid alone; any other surrogate runs in the reference.

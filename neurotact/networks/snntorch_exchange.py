@@ -103,10 +103,10 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)
-    spike = network.spike
-    slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
 
     def dynamics(layer: int) -> dict:
+        spike = network.spike_of(layer)
+        slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
         values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
         learned = {f"learn_{name}": name in network.spec.learn for name in values}
         return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
@@ -147,7 +147,7 @@ def from_snntorch(
 
     Raises InputError where neurotact's network has no place for something: a bias that is not zero, decays that
     differ from neuron to neuron or lie outside [0, 1], another reset, inhibition, quantised states, graded spikes.
-    A surrogate that is a fast sigmoid becomes that of the spec; any other is kept as it is, for the reference.
+    Surrogates that are fast sigmoids become those of the spec; any other is kept as it is, for the reference.
     The spec's time constants are the hidden layer's; `alpha` and `beta` hold both layers' exactly. What one layer
     learns, both learn.
 
@@ -177,9 +177,12 @@ def from_snntorch(
         torch.stack([_one(getattr(neuron, name), name) for neuron in (hidden, readout)]) for name in DYNAMICS
     )
     _check_decays(alpha, beta)
-    scale = _fast_sigmoid_scale(hidden.spike_grad)
-    if scale != _fast_sigmoid_scale(readout.spike_grad):
-        raise InputError("spike_grad: the hidden layer and the readout have two surrogates; give both the same")
+    scale, readout_scale = (_fast_sigmoid_scale(neuron.spike_grad) for neuron in (hidden, readout))
+    if (scale is None) != (readout_scale is None):
+        raise InputError(
+            "spike_grad: the hidden layer and the readout have two surrogates, not both of them fast sigmoids; "
+            "give both the same"
+        )
     table = {
         "hidden": fc_in.out_features,
         "membrane": "immediate",
@@ -188,6 +191,7 @@ def from_snntorch(
         "tau_syn_ms": _tau_ms(float(alpha[0]), sampling_rate_Hz),
         "learn": [name for name in DYNAMICS if _learned(name, hidden, readout)],
         **({} if scale is None else {"surrogate_scale": scale}),
+        **({} if scale == readout_scale else {"readout_surrogate_scale": readout_scale}),
     }
     spec = build(RSNNSpec, table, source="snnTorch network")
     network = RSNN(

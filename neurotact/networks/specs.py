@@ -11,7 +11,7 @@ LATER_TRAINING_KEYS = (
     "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
     "readout_dropout",
 )  # fmt: skip
-LATER_KEYS = ("recurrent_delay_steps", "readout", "input_deviation", "recipe")
+LATER_KEYS = ("recurrent_delay_steps", "readout_surrogate_scale", "readout", "input_deviation", "recipe")
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
 
 
@@ -72,6 +72,8 @@ class RSNNSpec(Spec):
     tau_syn_ms: float = Field(default=10.0, gt=0)
     surrogate_scale: float = Field(default=10.0, gt=0)
     """lambda of the fast sigmoid."""
+    readout_surrogate_scale: float | None = Field(default=None, gt=0)
+    """lambda of the readout neurons, where it is another; an integrator has no use for it."""
     forward_weight_scale: float = Field(default=1.0, gt=0)
     """g: w ~ N(0, (g / sqrt(fan-in))^2)."""
     recurrent_weight_scale: float = Field(default=0.1, ge=0)

@@ -7,6 +7,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks import checkpoint, kernels
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
@@ -71,10 +72,11 @@ def test_the_batch_moves_no_sum(backend):
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 999), patience=st.integers(1, STEPS), from_first=st.booleans())
-def test_early_exit_is_the_definition_step_by_step(seed, patience, from_first):
-    net, given_spikes = network(seed), spikes(seed)
+@each_backend
+def test_early_exit_is_the_definition_step_by_step(backend, seed, patience, from_first):
+    net, given_spikes = network(seed, backend), spikes(seed)
     found = net.infer(given_spikes, ExitRule(patience, from_first))
-    rasters = net.simulate(given_spikes)
+    rasters = net.simulate(given_spikes, ordered=backend == "native")
     for trial in range(len(given_spikes)):
         total, leader, standing, heard = net.level.clone(), 0, 0, False
         for t in range(STEPS):
@@ -91,10 +93,47 @@ def test_early_exit_is_the_definition_step_by_step(seed, patience, from_first):
         torch.testing.assert_close(found.readout[trial], total)
 
 
+@pytest.mark.skipif(kernels.native is None, reason="no kernels")
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 999),
+    patience=st.one_of(st.none(), st.integers(1, STEPS)),
+    from_first=st.booleans(),
+    membrane=st.sampled_from(["eq4", "delayed", "immediate"]),
+    delay=st.integers(0, 1),
+    hidden=st.sampled_from([7, 64, 65, 130]),
+    model=st.sampled_from(["rsnn", "snn"]),
+    n_steps=st.sampled_from([0, 1, STEPS]),
+)
+def test_the_kernel_that_stops_decides_as_the_simulation_of_whole_windows(
+    seed, patience, from_first, membrane, delay, hidden, model, n_steps
+):
+    table = {"membrane": membrane, "recurrent_delay_steps": delay, "hidden": hidden, "model": model}
+    ours, theirs = (network(seed, backend, torch.float64, **table) for backend in ("native", "reference"))
+    rule = ExitRule(patience, from_first)
+    found, wanted = (net.infer(spikes(seed, n_steps=n_steps), rule) for net in (ours, theirs))
+    assert all(map(torch.equal, found[:4], wanted[:4]))
+    torch.testing.assert_close(found.readout, wanted.readout, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.skipif(kernels.native is None, reason="no kernels")
+def test_an_early_exit_reads_no_step_behind_it():
+    """Graded input is refused where the kernel reads it: behind the exit it does not."""
+    net, rule = network(backend="native"), ExitRule(4)
+    x = spikes(n_trials=1).float()
+    exit_step = int(net.infer(x, rule).steps)
+    assert exit_step < STEPS
+    x[:, exit_step:] = 0.5
+    assert int(net.infer(x, rule).steps) == exit_step
+    with pytest.raises(InputError, match="other than 0 and 1"):
+        net.infer(x)
+
+
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 999))
-def test_a_patience_that_never_ends_is_the_full_window(seed):
-    net = network(seed)
+@each_backend
+def test_a_patience_that_never_ends_is_the_full_window(backend, seed):
+    net = network(seed, backend)
     full, patient = net.infer(spikes(seed), FULL_WINDOW), net.infer(spikes(seed), ExitRule(STEPS))
     for one, other in zip(full[:4], patient[:4], strict=True):
         assert torch.equal(one, other)
@@ -103,8 +142,9 @@ def test_a_patience_that_never_ends_is_the_full_window(seed):
 
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 999), patience=st.integers(1, STEPS))
-def test_all_patiences_at_once_are_each_by_itself(seed, patience):
-    net = network(seed)
+@each_backend
+def test_all_patiences_at_once_are_each_by_itself(backend, seed, patience):
+    net = network(seed, backend)
     curve = exits(net.simulate(spikes(seed)).readout, level=net.level)
     alone = net.infer(spikes(seed), ExitRule(patience, from_first_spike=True))
     assert torch.equal(curve.steps[:, patience - 1], alone.steps)

@@ -116,7 +116,9 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
 
 @each_variant
 @given(
-    sizes=st.tuples(st.integers(1, 80), st.integers(1, 80), st.integers(1, 20)),
+    sizes=st.tuples(st.integers(1, 80), st.integers(1, 80), st.one_of(st.integers(1, 20), st.integers(17, 70))),
+    model=st.sampled_from(["rsnn", "rsnn", "snn"]),
+    readout_scale=st.sampled_from([None, 3.0]),
     window=st.tuples(st.integers(0, 5), st.integers(0, 25)),
     density=st.sampled_from([0.0, 0.05, 0.3, 1.0]),
     dtype=dtypes,
@@ -129,14 +131,52 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
 )
 @settings(max_examples=18)
 def test_counts_and_gradients_are_the_reference_s(
-    membrane, reset, sizes, window, density, dtype, isa, n_threads, learns, with_inputs, delay, seed
+    membrane,
+    reset,
+    sizes,
+    model,
+    readout_scale,
+    window,
+    density,
+    dtype,
+    isa,
+    n_threads,
+    learns,
+    with_inputs,
+    delay,
+    seed,
 ):
     n_in, hidden, classes = sizes
-    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
+    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "model": model}
+    variant["readout_surrogate_scale"] = readout_scale
     net = network(n_in, hidden, classes, seed, dtype, **variant, learn=LEARNED if learns else ())
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
     compare(net, spikes(*window, n_in, density, seed), with_inputs)
+
+
+@pytest.mark.parametrize("model", ["rsnn", "snn"])
+@pytest.mark.parametrize(("hidden", "classes"), [(n, c) for n in (16, 30, 48, 64) for c in (8, 9, 17, 33, 65)])
+@pytest.mark.parametrize("learn", [(), LEARNED])
+def test_every_form_of_the_register_kernel_and_its_neighbours_agree(model, hidden, classes, learn):
+    """Each pair of padded widths is compiled apart."""
+    for isa in native.isas():
+        native.set_isa(isa)
+        compare(network(20, hidden, classes, model=model, learn=learn), spikes(5, 20, 20, 0.1))
+
+
+@each_variant
+@pytest.mark.parametrize("learn", [(), LEARNED])
+@pytest.mark.parametrize("hidden", [20, 64, 70])
+def test_what_an_integrator_hears_agrees(membrane, reset, learn, hidden):
+    """Hidden counts without a spiking readout, one value of each constant for the layer."""
+    net, x = network(6, hidden, membrane=membrane, reset=reset, learn=learn, readout="integrator"), spikes(5, 20, 6)
+    wanted = net.simulate(x, ordered=True).hidden.sum(dim=1)
+    counts = net(x).hidden
+    assert torch.equal(counts, wanted)
+    parameters = [net.w_in, net.w_rec, *(getattr(net, name) for name in learn)]
+    pairs = zip(gradients((counts,), parameters), gradients((wanted,), parameters), strict=True)
+    assert all(farthest(a, b) <= limit(b) for a, b in pairs)
 
 
 @pytest.mark.parametrize("hidden", [64, 65, 128, 200])
@@ -243,11 +283,62 @@ def test_a_retained_graph_gives_its_gradient_again():
 
 def test_the_tape_is_what_the_docs_say():
     net = network(70, 20, 4)
-    shape = native._shape(
-        70, 20, 4, net.neuron, 10.0, recurrent=True, per_neuron=False, keep_currents=False, with_inputs=False
-    )
+    shape = native._shape_of(net, keep_currents=False, with_inputs=False)
     # A membrane for each of 32 + 8 padded neurons, two words of input and one of hidden spikes, a trial and step.
-    assert native.native.tape_bytes(shape, False, 128, 300) == 128 * 300 * (4 * (32 + 8) + 8 * (2 + 1))
+    assert native.native.tape_bytes(shape, trials=128, steps=300) == 128 * 300 * (4 * (32 + 8) + 8 * (2 + 1))
+
+
+# --- what is handed over -----------------------------------------------------------------------------
+
+
+def handed_over(monkeypatch, name: str) -> tuple[tuple, dict]:
+    """What the extension's `name` is called with in a training step or an inference."""
+    called = {}
+    original = getattr(native.native, name)
+
+    def kept(*args, **named):
+        called[name] = args, named
+        return original(*args, **named)
+
+    monkeypatch.setattr(native.native, name, kept)
+    net, x = network(learn=LEARNED), spikes()
+    net(x).readout.sum().backward()
+    net.infer(x)
+    monkeypatch.undo()
+    return called[name]
+
+
+@pytest.mark.parametrize("name", ["forward", "backward", "infer"])
+def test_addresses_are_handed_over_by_name_and_no_other_way(monkeypatch, name):
+    (shape,), named = handed_over(monkeypatch, name)
+    function = getattr(native.native, name)
+    with pytest.raises(TypeError):
+        function(shape, *named.values())
+    for key in named:
+        others = {k: v for k, v in named.items() if k != key}
+        with pytest.raises(TypeError):
+            function(shape, **others)
+        with pytest.raises(TypeError):
+            function(shape, **others, **{key + "_": named[key]})
+        with pytest.raises(TypeError):
+            function(shape, **named, **{key + "_": named[key]})
+
+
+@pytest.mark.parametrize("name", ["make_shape", "encode"])
+def test_nothing_is_handed_over_by_position(name):
+    with pytest.raises(TypeError):
+        getattr(native.native, name)(*[1] * 23)
+
+
+@pytest.mark.parametrize("name", ["w_in", "w_rec", "w_out", "alpha", "beta", "threshold"])
+@pytest.mark.parametrize("use", ["count", "train", "infer"])
+def test_a_parameter_of_another_shape_is_refused(name, use):
+    net, x = network(), spikes()
+    given = getattr(net, name)
+    shape = [given.shape[0] + 1, *given.shape[1:]]
+    setattr(net, name, torch.nn.Parameter(torch.zeros(shape)))
+    with pytest.raises(InputError, match=r"shape|neurons"), torch.set_grad_enabled(use == "train"):
+        net.infer(x) if use == "infer" else net(x)
 
 
 @pytest.mark.parametrize("membrane", get_args(Membrane))
