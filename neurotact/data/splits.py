@@ -1,30 +1,87 @@
-"""Stratified splits of trials into training, validation and test."""
+"""Splits of trials into training, validation and test: at random, by group, by condition, in order, by folds.
 
-from collections.abc import Iterable
-from typing import NamedTuple
+No trial, and where groups are named no group, stands on two sides. Windows follow their trial.
+"""
+
+import warnings
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, model_validator
-from sklearn.model_selection import train_test_split
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
-from neurotact.data.recordings import LABEL
-from neurotact.errors import InputError
-from neurotact.spec import Spec
+from neurotact.data.recordings import LABEL, select_conditions
+from neurotact.errors import InputError, nearest
+from neurotact.spec import Spec, without_defaults
+
+AS_RECORDED = "trial"
+"""The value of `order` that takes the trials as they stand in the file, where no condition has this name."""
+LATER_KEYS = ("group", "test_where", "order", "folds", "fold")
+"""Keys that came after networks had been trained: without them a split is written as it was then."""
 
 
 class SplitSpec(Spec):
-    """How trials are divided (70/15/15 in the texture paper)."""
+    """How trials are divided (70/15/15 at random in the texture paper)."""
 
     validation: float = Field(default=0.15, gt=0, lt=1)
+    """Share of all trials; with `test_where` or `folds`, which say themselves what is tested, of the other trials."""
     test: float = Field(default=0.15, gt=0, lt=1)
+    """Share of all trials; `test_where` and `folds` do without it."""
     seed: int = Field(default=0, ge=0)
+    group: tuple[str, ...] = ()
+    """Conditions that name a group, such as `subject`: trials that agree in them stand on one side."""
+    test_where: dict[str, Any] = {}
+    """Test on the trials with these conditions and train on the others: `{ speed = 450, force_N = [3, 6] }`. A trial is
+    tested when each condition has the value, or one of the values."""
+    order: str | None = None
+    """Test on the last trials of each class and validate on those before them, in the order of this condition;
+    `trial`: as they stand in the file."""
+    folds: int | None = Field(default=None, ge=2)
+    """Divide the trials into so many folds, and test on one of them."""
+    fold: int = Field(default=0, ge=0)
+    """The fold that is tested, from 0."""
+
+    @field_validator("group", mode="before")
+    @classmethod
+    def _one_name_is_a_group(cls, group: Any) -> Any:
+        return (group,) if isinstance(group, str) else group
+
+    @field_validator("test_where", mode="before")
+    @classmethod
+    def _holds_plain_values(cls, where: Any) -> Any:
+        """Arrays and NumPy's numbers as Python's own, which every file can hold."""
+        if not isinstance(where, Mapping):
+            return where
+        plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in where.items()}
+        for name, value in plain.items():
+            values = value if isinstance(value, (list, tuple)) else [value]
+            if not values or not all(isinstance(each, (str, int, float)) for each in values):
+                raise ValueError(f"{name} must be a value or a list of values; got {value!r}")
+        return plain
 
     @model_validator(mode="after")
     def _leaves_training_trials(self) -> "SplitSpec":
         if self.validation + self.test >= 1:
             raise ValueError("validation + test must be below 1, so that trials are left for training")
         return self
+
+    @model_validator(mode="after")
+    def _is_one_way_to_choose_test_trials(self) -> "SplitSpec":
+        ways = [name for name in ("test_where", "order", "folds") if getattr(self, name)]
+        if len(ways) > 1:
+            raise ValueError(f"{ways[0]} and {ways[1]} each say which trials are tested; give one of them")
+        if self.order is not None and self.group:
+            raise ValueError("order divides the trials of each class and may part a group; give order or group")
+        if self.fold >= (self.folds or 1):
+            hint = f"be 0 to {self.folds - 1}" if self.folds else "have folds beside it, the number of folds"
+            raise ValueError(f"fold must {hint}; got {self.fold}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), LATER_KEYS)
 
 
 class Split(NamedTuple):
@@ -73,12 +130,190 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
 
 
 def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec) -> Split:
-    """Split trials, balanced over the class and the `stratify` columns."""
+    """Split trials as `spec` says, balanced over the class and the `stratify` columns.
+
+    Training trials hold every class. Raises InputError, which names the class or the group, where that cannot be.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 8, "speed": [300, 300, 450, 450] * 4})
+    >>> split = split_conditions(table, (), SplitSpec(test_where={"speed": 450}))
+    >>> split.test.tolist()
+    [2, 3, 6, 7, 10, 11, 14, 15]
+    >>> len(split.train), len(split.validation)
+    (6, 2)
+    """
+    strata = _strata(conditions, stratify)
+    if spec.order is not None:
+        return _in_order(strata, _ranks(conditions, spec.order), spec)
+    groups = _groups(conditions, spec.group)
+    if groups is None and not spec.test_where and spec.folds is None:
+        return split_trials(strata, spec)
+    trials = _Trials(conditions[LABEL].astype(str).to_numpy(dtype=str), strata, groups, spec)
+    if spec.test_where:
+        test = _where(conditions, spec.test_where)
+        trials.check_whole_groups(test)
+    elif spec.folds is not None:
+        test = trials.fold(spec.folds, spec.fold)
+    else:
+        test = trials.share(np.arange(len(conditions)), spec.test, spec.seed)
+    rest = np.setdiff1d(np.arange(len(conditions)), test)
+    is_share_of_rest = bool(spec.test_where) or spec.folds is not None
+    share = spec.validation if is_share_of_rest else spec.validation / (1 - spec.test)
+    validation = trials.share(rest, share, spec.seed + 1)
+    return Split(np.setdiff1d(rest, validation), validation, test)
+
+
+class _Trials(NamedTuple):
+    """Trials with their classes, what is balanced (class and conditions), and their groups; None: each its own."""
+
+    labels: np.ndarray
+    strata: np.ndarray
+    groups: np.ndarray | None
+    spec: SplitSpec
+
+    def share(self, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
+        """About this share of `trials`, drawn at random, whole groups alone; the others keep every class."""
+        if self.groups is None:
+            return self._random_share(trials, share, seed)
+        n_groups = len(np.unique(self.groups[trials]))
+        self._check_groups(n_groups, 2)
+        wanted = min(max(2, round(1 / share)), n_groups)
+        found = self._best(self._folds_of(trials, wanted, seed), trials)
+        self._check_trained(np.setdiff1d(trials, found))
+        return np.sort(found)
+
+    def fold(self, n_folds: int, fold: int) -> np.ndarray:
+        """One of the folds of all trials, whole groups alone; the others keep every class."""
+        every = np.arange(len(self.labels))
+        if self.groups is None:
+            values, counts = np.unique(self.labels, return_counts=True)
+            if counts.min() < n_folds:
+                raise InputError(
+                    f"split.folds: class '{values[counts.argmin()]}' has {counts.min()} trial(s), fewer than the "
+                    f"{n_folds} folds; ask for fewer folds"
+                )
+        else:
+            self._check_groups(len(np.unique(self.groups)), n_folds)
+        found = self._folds_of(every, n_folds, self.spec.seed)[fold]
+        if not len(found):
+            raise InputError(f"split.fold: fold {fold} of {n_folds} holds no group; ask for fewer folds")
+        self._check_trained(np.setdiff1d(every, found))
+        return np.sort(found)
+
+    def check_whole_groups(self, test: np.ndarray) -> None:
+        """Refuse test trials that part a group."""
+        if self.groups is None:
+            return
+        parted = np.intersect1d(self.groups[test], np.delete(self.groups, test))
+        if len(parted):
+            raise InputError(
+                f"split.test_where: the group {parted[0]} ({', '.join(self.spec.group)}) has trials on both sides; "
+                "drop the group, or test on conditions that keep it whole"
+            )
+
+    def _random_share(self, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
+        strata = self.strata[trials]
+        values, counts = np.unique(strata, return_counts=True)
+        self._check_trained(trials)
+        n_found = max(len(values), round(share * len(trials)))
+        if counts.min() < 2 or n_found + len(values) > len(trials):
+            rarest = values[counts.argmin()]
+            raise InputError(
+                f"split: class '{rarest}' has {counts.min()} trial(s) that are not tested, too few to train and "
+                "validate on; add trials"
+            )
+        _, found = train_test_split(trials, test_size=n_found, stratify=strata, random_state=seed)
+        self._check_trained(np.setdiff1d(trials, found))
+        return np.sort(found)
+
+    def _folds_of(self, trials: np.ndarray, n_folds: int, seed: int) -> list[np.ndarray]:
+        kind = StratifiedKFold if self.groups is None else StratifiedGroupKFold
+        folds = kind(n_folds, shuffle=True, random_state=seed)
+        groups = None if self.groups is None else self.groups[trials]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a condition with fewer trials than folds is not balanced
+            try:
+                found = list(folds.split(trials, self.strata[trials], groups))
+            except ValueError:  # every class and condition is rarer than the folds: balance the classes alone
+                found = list(folds.split(trials, np.zeros(len(trials)), groups))
+        return [trials[test] for _, test in found]
+
+    def _best(self, folds: list[np.ndarray], trials: np.ndarray) -> np.ndarray:
+        """The first fold that holds most classes among those that leave every class to the others."""
+
+        def merit(fold: np.ndarray) -> tuple[int, int]:
+            left = np.setdiff1d(trials, fold)
+            return len(np.unique(self.labels[left])), len(np.unique(self.labels[fold]))
+
+        return max((fold for fold in folds if len(fold)), key=merit)
+
+    def _check_trained(self, training: np.ndarray) -> None:
+        """Refuse training trials that lack a class."""
+        absent = np.setdiff1d(self.labels, self.labels[training])
+        if len(absent):
+            raise InputError(
+                f"split: no training trial of class '{absent[0]}' is left; split otherwise or drop the class"
+            )
+
+    def _check_groups(self, n_groups: int, wanted: int) -> None:
+        if n_groups < wanted:
+            raise InputError(
+                f"split.group: {', '.join(self.spec.group)} makes {n_groups} group(s) where {wanted} are needed; "
+                "group by another condition, or ask for fewer folds"
+            )
+
+
+def _in_order(strata: np.ndarray, ranks: np.ndarray, spec: SplitSpec) -> Split:
+    """Within each stratum the first trials are for training, then come those for validation, then those for test."""
+    sides: list[list[np.ndarray]] = [[], [], []]
+    for value in np.unique(strata):
+        trials = np.flatnonzero(strata == value)
+        trials = trials[np.argsort(ranks[trials], kind="stable")]
+        n_validation, n_test = (max(1, round(share * len(trials))) for share in (spec.validation, spec.test))
+        n_train = len(trials) - n_validation - n_test
+        if n_train < 1:
+            raise InputError(
+                f"split: class '{value}' has {len(trials)} trial(s), too few to train, validate and test on; add trials"
+            )
+        for side, part in zip(sides, np.split(trials, (n_train, n_train + n_validation)), strict=True):
+            side.append(part)
+    return Split(*(np.sort(np.concatenate(side)) for side in sides))
+
+
+def _ranks(conditions: pd.DataFrame, order: str) -> np.ndarray:
+    """The place of each trial in the order of a condition."""
+    if order == AS_RECORDED and order not in conditions:
+        return np.arange(len(conditions))
+    column = conditions[_known(conditions, order, "split.order")]
+    if column.isna().any():
+        raise InputError(f"split.order: trial {int(column.isna().argmax())} has no '{order}'; order by another column")
+    values = column if column.dtype.kind in "iufbM" else column.astype(str)
+    return values.rank(method="first").to_numpy()
+
+
+def _where(conditions: pd.DataFrame, where: Mapping[str, Any]) -> np.ndarray:
+    """The trials with the given conditions; every single value must be one that a trial has."""
+    source = "split.test_where"
+    for column, wanted in where.items():
+        for value in wanted if isinstance(wanted, (list, tuple)) else [wanted]:
+            select_conditions(conditions, {column: value}, source)
+    return np.flatnonzero(select_conditions(conditions, where, source))
+
+
+def _strata(conditions: pd.DataFrame, stratify: Iterable[str]) -> np.ndarray:
     strata = conditions[LABEL].astype(str)
     for column in stratify:
-        if column not in conditions:
-            raise InputError(
-                f"dataset.stratify: there is no condition '{column}'; known: {', '.join(conditions.columns)}"
-            )
-        strata = strata + " " + conditions[column].astype(str)
-    return split_trials(strata.to_numpy(dtype=str), spec)
+        strata = strata + " " + conditions[_known(conditions, column, "dataset.stratify")].astype(str)
+    return strata.to_numpy(dtype=str)
+
+
+def _groups(conditions: pd.DataFrame, group: Iterable[str]) -> np.ndarray | None:
+    """The name of each trial's group; None where no group is asked for."""
+    columns = [conditions[_known(conditions, column, "split.group")].astype(str) for column in group]
+    return None if not columns else np.array([", ".join(values) for values in zip(*columns, strict=True)])
+
+
+def _known(conditions: pd.DataFrame, column: str, key: str) -> str:
+    if column not in conditions:
+        known = list(map(str, conditions.columns))
+        raise InputError(f"{key}: there is no condition '{column}'; {nearest(column, known)}")
+    return column

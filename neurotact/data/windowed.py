@@ -1,14 +1,15 @@
 """Windows of spike trains as arrays that an estimator takes: X, y and the trial that each window comes from."""
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
-from neurotact.data.windows import WindowSpec, cut
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.spec import build
 
@@ -76,15 +77,32 @@ class WindowedSpikes:
         return WindowedSpikes(X, self.y[keep], self.groups[keep], self.start_steps[keep], self.trains)
 
     def split(
-        self, seed: int = 0, *, validation: float = 0.15, test: float = 0.15, stratify: Sequence[str] = ()
+        self,
+        seed: int = 0,
+        *,
+        validation: float = 0.15,
+        test: float = 0.15,
+        stratify: Sequence[str] = (),
+        group: str | Sequence[str] = (),
+        test_where: Mapping[str, Any] | None = None,
+        order: str | None = None,
+        folds: int | None = None,
+        fold: int = 0,
     ) -> "WindowedSplit":
         """Training, validation and test windows. Trials are split, so no trial stands on two sides.
 
         seed: random seed of the split. validation, test: shares of the trials.
         stratify: conditions that are balanced over the sides, besides the class.
-        Raises InputError when a class has too few trials.
+        group: conditions that name a group, such as "subject"; its trials stand on one side.
+        test_where: test on the trials with these conditions, `{"speed": 450}`, and train on the others.
+        order: test on the last trials of each class by this condition; "trial": as they stand in the file.
+        folds, fold: divide the trials into so many folds, and test on one of them, from 0; repeat with other seeds.
+        Raises InputError when a class has too few trials, or where training trials would lack one.
         """
-        table = {"seed": seed, "validation": validation, "test": test}
+        table = {
+            "seed": seed, "validation": validation, "test": test, "test_where": dict(test_where or {}), "order": order,
+            "group": group if isinstance(group, str) else list(group), "folds": folds, "fold": fold,
+        }  # fmt: skip
         spec = build(SplitSpec, table, source="split")
         sides = split_conditions(self.trains.conditions, stratify, spec)
         return WindowedSplit(*(self.select(np.isin(self.groups, side)) for side in sides))
@@ -112,12 +130,16 @@ def windows(
     *,
     hop_ms: float | None = None,
     per_trial: int | None = None,
+    align: Literal["trial", "onset"] = "trial",
+    onset: Mapping[str, float] | None = None,
 ) -> WindowedSpikes:
     """Cut the trials of spike trains into windows.
 
     length_ms: length of a window. start_ms: skipped at the beginning of each trial.
     hop_ms: from one window's start to the next; the window's length when None.
     per_trial: at most so many windows per trial; all that fit when None.
+    align: "onset" makes `start_ms` count from the onset of contact, which `data.contact.OnsetSpec` defines.
+    onset: keys of that rule: rest_ms, bin_ms, deviations. Warns of trials that never leave their rest.
     Raises InputError when a trial holds no window, or for values out of range.
 
     >>> import pandas as pd
@@ -128,8 +150,14 @@ def windows(
     """
     if not isinstance(spikes, SpikeTrains):
         raise InputError(f"spikes: must be spike trains, as nt.encode returns them; got {type(spikes).__name__}")
-    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
-    found = cut(spikes.trial_steps, spikes.sampling_rate_Hz, build(WindowSpec, table, source="windows"))
+    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    if onset:
+        table["onset"] = dict(onset)
+    spec = build(WindowSpec, table, source="windows")
+    complaint = spikes.onset_complaint(spec)
+    if complaint:
+        warnings.warn(complaint, stacklevel=2)
+    found = spikes.cut(spec)
     X = SpikeArray.of(spikes.raster(found), spikes.sampling_rate_Hz)
     names = spikes.conditions["label"].to_numpy(dtype=str)
     return WindowedSpikes(X, names[found.trial], found.trial, found.start, spikes)

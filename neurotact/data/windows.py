@@ -1,13 +1,15 @@
 """Windows of a trial, which remember the trial that they come from."""
 
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
+from neurotact.data.contact import OnsetSpec
 from neurotact.errors import InputError
 from neurotact.files import check_size
-from neurotact.spec import Spec
+from neurotact.spec import Spec, without_defaults
 
 LONGEST_STEPS = 2**40
 """Of a trial or a window: at 1 MHz twelve days. What is longer is a damaged number, and would overflow."""
@@ -25,6 +27,13 @@ class WindowSpec(Spec):
     """From one window's start to the next; the window's length when absent."""
     per_trial: int | None = Field(default=None, ge=1)
     """At most so many windows of a trial, the first ones; all that fit when absent."""
+    align: Literal["trial", "onset"] = "trial"
+    """What `start_ms` counts from: the trial's beginning, or the onset of contact."""
+    onset: OnsetSpec = OnsetSpec()
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), ("align", "onset"))
 
 
 @dataclass(frozen=True)
@@ -40,32 +49,43 @@ class Windows:
 
 
 def cut(
-    trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec, trials: np.ndarray | None = None
+    trial_steps: np.ndarray,
+    sampling_rate_Hz: float,
+    spec: WindowSpec,
+    trials: np.ndarray | None = None,
+    onsets: np.ndarray | None = None,
 ) -> Windows:
     """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none, or too many.
 
     trials: numbers that name the trials; 0, 1, ... when absent.
+    onsets: the step of each trial that `start_ms` counts from; 0 when absent. Where no window fits after it, the one
+    window of a trial is the last that fits.
 
     >>> windows = cut(np.array([10, 7]), 1000.0, WindowSpec(length_ms=3, start_ms=1))
     >>> windows.trial.tolist(), windows.start.tolist()
     ([0, 0, 0, 1, 1], [1, 4, 7, 1, 4])
+    >>> cut(np.array([10, 7]), 1000.0, WindowSpec(length_ms=3), onsets=np.array([2, 5])).start.tolist()
+    [2, 5, 4]
     """
     trials = np.arange(len(trial_steps)) if trials is None else trials
     length, first, hop = steps_of(spec, sampling_rate_Hz)
-    fitting = (np.asarray(trial_steps) - first - length) // hop + 1
-    if (fitting < 1).any():
-        short = int(np.argmin(fitting))
+    shortest = int(np.argmin(trial_steps)) if len(trial_steps) else 0
+    if len(trial_steps) and trial_steps[shortest] < first + length:
+        steps = trial_steps[shortest]
         raise InputError(
-            f"window: trial {trials[short]} lasts {trial_steps[short] / sampling_rate_Hz:.3f} s, less than the "
+            f"window: trial {trials[shortest]} lasts {steps / sampling_rate_Hz:.3f} s, less than the "
             f"{(spec.start_ms + spec.length_ms) / 1e3:.3f} s of start_ms + length_ms; shorten the window"
         )
+    last = np.asarray(trial_steps) - length
+    begin = np.full(len(last), first) if onsets is None else np.minimum(first + onsets, last)
+    fitting = (last - begin) // hop + 1
     if spec.per_trial is not None:
         fitting = np.minimum(fitting, spec.per_trial)
     n_windows = sum(fitting.tolist())
     check_size(f"the cut into {n_windows} windows", BYTES_PER_WINDOW * n_windows)
     trial = np.repeat(np.arange(len(fitting)), fitting)
     rank = np.arange(len(trial)) - np.repeat(np.cumsum(fitting) - fitting, fitting)
-    return Windows(trials[trial], first + rank * hop, length)
+    return Windows(trials[trial], begin[trial] + rank * hop, length)
 
 
 def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:

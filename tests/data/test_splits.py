@@ -1,11 +1,13 @@
 """Splits: every trial on one side, every class on every side, the same for the same seed."""
 
 import numpy as np
+import pandas as pd
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from neurotact.data.splits import SplitSpec, split_trials
+from neurotact.data.recordings import select_conditions
+from neurotact.data.splits import SplitSpec, split_conditions, split_trials
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -20,10 +22,10 @@ BALANCED = st.builds(
 )  # fmt: skip
 
 
-def attempt(labels, spec):
+def attempt(labels, spec, split=split_trials):
     """The split, or None and why there is none."""
     try:
-        return split_trials(labels, spec), ""
+        return split(labels, spec), ""
     except InputError as error:
         return None, str(error)
 
@@ -94,3 +96,152 @@ def test_more_shares_than_trials_are_refused():
 def test_shares_that_leave_nothing_are_no_spec(table):
     with pytest.raises(InputError, match=r"study\.toml"):
         build(SplitSpec, table, "study.toml")
+
+
+TABLES = st.builds(
+    lambda n, random: pd.DataFrame(
+        {
+            "label": [random.choice(["felt", "silk", "jute"]) for _ in range(n)],
+            "subject": [random.choice(["ann", "bob", "cem", "dea", "eva"]) for _ in range(n)],
+            "speed": [random.choice([100, 300, 450]) for _ in range(n)],
+            "day": [random.random() for _ in range(n)],
+        }
+    ),
+    st.integers(1, 120), st.randoms(use_true_random=False),
+)  # fmt: skip
+PLACES = [{"speed": 450}, {"speed": [100, 450]}, {"speed": 300, "subject": ["ann", "bob"]}]
+WAYS = st.one_of(
+    st.fixed_dictionaries({"group": st.sampled_from([("subject",), ("subject", "speed"), ("label", "subject")])}),
+    st.fixed_dictionaries({"test_where": st.sampled_from(PLACES)}),
+    st.builds(lambda who: {"group": ("subject",), "test_where": {"subject": who}}, st.sampled_from(["ann", "bob"])),
+    st.builds(
+        lambda n, group: {"folds": n, "fold": n // 2, "group": group},
+        st.integers(2, 6), st.sampled_from([(), ("subject",)]),
+    ),
+    st.fixed_dictionaries({"order": st.sampled_from(["trial", "day", "subject"])}),
+)  # fmt: skip
+
+
+@settings(max_examples=150)
+@given(TABLES, WAYS, st.integers(0, 2**31), st.sampled_from([(), ("speed",)]))
+def test_no_trial_and_no_group_stands_on_two_sides(table, way, seed, stratify):
+    """Whatever is asked, the sides are all trials, each once; training knows every class; groups stay whole."""
+    spec = SplitSpec(seed=seed, **way)
+    split, refusal = attempt(table, spec, lambda table, spec: split_conditions(table, stratify, spec))
+    if split is None:
+        assert "\n" not in refusal
+        assert refusal.startswith(("split", "dataset.stratify"))
+        return
+    assert sorted(np.concatenate(split)) == list(range(len(table)))
+    assert all(len(side) and (np.diff(side) > 0).all() for side in split)
+    assert set(table.label[split.train]) == set(table.label)
+    if spec.group:
+        groups = [set(table.iloc[side][list(spec.group)].itertuples(index=False, name=None)) for side in split]
+        assert sum(map(len, groups)) == len(set.union(*groups))
+    if spec.test_where:
+        np.testing.assert_array_equal(split.test, np.flatnonzero(select_conditions(table, spec.test_where)))
+    if spec.order == "day":
+        for _, rows in table.groupby(["label", *stratify]):
+            of_side = [rows.loc[rows.index.isin(side), "day"] for side in split]
+            assert of_side[0].max() <= of_side[1].min() <= of_side[1].max() <= of_side[2].min()
+    for one, other in zip(split, split_conditions(table, stratify, spec), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def table_of(n_each: int = 20, n_subjects: int = 5) -> pd.DataFrame:
+    """Two classes, each by every subject, n_each times."""
+    rows = [
+        (label, f"s{subject}", i) for label in ("felt", "silk") for subject in range(n_subjects) for i in range(n_each)
+    ]
+    return pd.DataFrame(rows, columns=["label", "subject", "repetition"])
+
+
+@pytest.mark.parametrize("group", [(), ("subject",)])
+def test_the_folds_are_all_trials_each_tested_once(group):
+    table = table_of()
+    tests = [split_conditions(table, (), SplitSpec(folds=5, fold=fold, group=group, seed=3)).test for fold in range(5)]
+    assert sorted(np.concatenate(tests)) == list(range(len(table)))
+    for test in tests:  # equal subjects, so that folds are equal too
+        assert np.bincount(table.label[test] == "felt").tolist() == [20, 20]
+        assert not group or table.subject[test].nunique() == 1
+
+
+def test_another_seed_draws_other_folds():
+    first = {tuple(split_conditions(table_of(), (), SplitSpec(folds=5, seed=seed)).test) for seed in range(10)}
+    assert len(first) == 10
+
+
+def test_groups_make_about_the_asked_shares():
+    split = split_conditions(table_of(n_each=4, n_subjects=40), (), SplitSpec(group=("subject",), seed=1))
+    shares = [len(side) / 320 for side in split]
+    np.testing.assert_allclose(shares, [0.7, 0.15, 0.15], atol=0.03)
+
+
+def test_validation_is_a_share_of_what_is_not_tested():
+    table = table_of()
+    split = split_conditions(table, (), SplitSpec(test_where={"subject": ["s0", "s1", "s2"]}, validation=0.25))
+    assert [len(side) for side in split] == [60, 20, 120]
+    assert not set(table.subject[np.concatenate(split[:2])]) & {"s0", "s1", "s2"}
+
+
+def test_the_last_trials_as_recorded_are_tested():
+    table = table_of(n_each=10, n_subjects=1)
+    split = split_conditions(table, (), SplitSpec(order="trial", validation=0.2, test=0.3))
+    assert split.test.tolist() == [7, 8, 9, 17, 18, 19]
+    assert split.validation.tolist() == [5, 6, 15, 16]
+    by_condition = split_conditions(table.assign(repetition=-table.repetition), (), SplitSpec(order="repetition"))
+    assert by_condition.test.tolist() == [0, 1, 10, 11]
+
+
+def test_a_class_of_one_group_is_never_taken_from_training():
+    """Only ann touched jute, so that the groups of the others are tested, whatever the seed."""
+    table = pd.DataFrame({"subject": ["ann", "ann", "bob", "bob", "cem", "cem"] * 3, "label": ["felt", "silk"] * 9})
+    table = pd.concat([table, pd.DataFrame({"subject": ["ann"] * 3, "label": ["jute"] * 3})], ignore_index=True)
+    for seed in range(20):
+        split = split_conditions(table, (), SplitSpec(group=("subject",), seed=seed))
+        assert set(table.subject[split.train]) == {"ann"}
+
+
+@pytest.mark.parametrize(
+    ("way", "complaint"),
+    [
+        (
+            {"test_where": {"speed": 450}},
+            r"split\.test_where: there is no condition 'speed'; known: label, subject, rep",
+        ),
+        ({"test_where": {"subject": ["s1", "s9"]}}, r"no trial has subject = s9; subject is s0, s1, s2, s3, s4$"),
+        ({"test_where": {"label": "felt"}}, "no training trial of class 'felt' is left"),
+        (
+            {"test_where": {"repetition": 3}, "group": ("subject",)},
+            r"the group s0 \(subject\) has trials on both sides",
+        ),
+        ({"group": ("label",)}, "no training trial of class 'silk' is left"),
+        ({"group": ("subjekt",)}, r"split\.group: there is no condition 'subjekt'; did you mean 'subject'\?"),
+        ({"group": ("subject",), "folds": 6}, "subject makes 5 group.s. where 6 are needed"),
+        ({"folds": 101}, r"class 'felt' has 100 trial\(s\), fewer than the 101 folds"),
+        ({"order": "when"}, r"split\.order: there is no condition 'when'"),
+    ],
+)
+def test_what_cannot_be_split_is_named(way, complaint):
+    with pytest.raises(InputError, match=complaint):
+        split_conditions(table_of(), (), SplitSpec(**way))
+
+
+@pytest.mark.parametrize(
+    ("way", "complaint"),
+    [
+        ({"folds": 3, "test_where": {"speed": 1}}, "test_where and folds each say which trials are tested"),
+        ({"order": "trial", "group": ["subject"]}, "may part a group"),
+        ({"folds": 3, "fold": 3}, "fold must be 0 to 2; got 3"),
+        ({"fold": 1}, "fold must have folds beside it"),
+    ],
+)
+def test_contradictory_ways_are_no_spec(way, complaint):
+    with pytest.raises(InputError, match=complaint):
+        build(SplitSpec, way, "study.toml")
+
+
+def test_a_split_without_new_keys_is_written_as_before():
+    assert SplitSpec().model_dump() == {"validation": 0.15, "test": 0.15, "seed": 0}
+    again = SplitSpec.model_validate(SplitSpec(test_where={"speed": [1, 2]}, group=("a",)).model_dump(mode="json"))
+    assert again == SplitSpec(test_where={"speed": [1, 2]}, group=("a",))

@@ -1,0 +1,53 @@
+"""When contact begins in a trial of spikes: the first time that the spike count leaves its rest."""
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from neurotact.errors import InputError
+from neurotact.spec import Spec
+
+
+class OnsetSpec(Spec):
+    """The rule for the onset of contact; it knows the past alone.
+
+    c(t) is the number of spikes of all afferents in the last `bin_ms`. A trial begins at rest: m and s are the mean and
+    the deviation of c over its first `rest_ms`. The onset is the first step after them at which c > m + deviations s;
+    s is at least sqrt(m), the deviation of a Poisson count, and at least one spike, so that a silent rest serves too.
+    """
+
+    rest_ms: float = Field(default=50.0, gt=0)
+    bin_ms: float = Field(default=10.0, gt=0)
+    deviations: float = Field(default=3.0, gt=0)
+
+    @model_validator(mode="after")
+    def _rests_for_a_bin(self) -> "OnsetSpec":
+        if self.bin_ms > self.rest_ms:
+            raise ValueError(f"bin_ms must not exceed rest_ms; got {self.bin_ms} and {self.rest_ms}")
+        return self
+
+
+def onset_of(steps: np.ndarray, sampling_rate_Hz: float, spec: OnsetSpec) -> int | None:
+    """The step of a trial at which contact begins; None where the spike count never leaves its rest.
+
+    steps: of every spike of the trial, ascending. Raises InputError where a bin is shorter than one step.
+
+    >>> silent_then_four_a_step = np.repeat(np.arange(70, 100), 4)
+    >>> onset_of(silent_then_four_a_step, 1000.0, OnsetSpec())
+    70
+    """
+    rest, width = (round(ms * 1e-3 * sampling_rate_Hz) for ms in (spec.rest_ms, spec.bin_ms))
+    if width < 1:
+        raise InputError(
+            f"window.onset.bin_ms: {spec.bin_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
+        )
+    at_rest = _counts(steps, np.arange(width - 1, rest), width)
+    mean = at_rest.mean()
+    level = mean + spec.deviations * max(at_rest.std(), np.sqrt(mean), 1.0)
+    later = np.concatenate([[rest], steps[np.searchsorted(steps, rest) :]])  # a count rises at a spike alone
+    above = later[_counts(steps, later, width) > level]
+    return int(above[0]) if len(above) else None
+
+
+def _counts(steps: np.ndarray, at: np.ndarray, width: int) -> np.ndarray:
+    """Spikes in the `width` steps that end with each step of `at`."""
+    return np.searchsorted(steps, at, "right") - np.searchsorted(steps, at - width, "right")

@@ -1,0 +1,60 @@
+"""Cross-validation and repeated splits: every trial is tested once, and the mean is that of the trainings."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.data import hdf5
+from neurotact.data.spikes import from_rasters
+from neurotact.data.splits import SplitSpec
+from neurotact.data.windows import WindowSpec
+from neurotact.errors import InputError
+from neurotact.files import read_json
+from neurotact.networks import repeated, trained
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.trained import Task
+
+SMALL = RSNNSpec(hidden=4, training=TrainingSpec(epochs=1))
+
+
+@pytest.fixture
+def spikes(tmp_path):
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame({"label": ["felt", "silk"] * 9})
+    rasters = [rng.random((60, 2)) < (0.1 if label == "felt" else 0.5) for label in table["label"]]
+    hdf5.save_spikes(from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), table), tmp_path / "spikes.h5")
+    return tmp_path / "spikes.h5"
+
+
+def task_of(**split) -> Task:
+    return Task(window=WindowSpec(length_ms=60), split=SplitSpec(**split))
+
+
+def test_every_trial_is_tested_once_in_each_repetition(spikes, tmp_path):
+    tasks = repeated.tasks_of(task_of(folds=3, seed=4), every_fold=True, repeats=2)
+    found = repeated.run(spikes, tmp_path / "run", SMALL, tasks)
+    trains = hdf5.load_spikes(spikes)
+    tested = [trained.test_trials(trained.restore(tmp_path / "run" / name), trains) for name in tasks]
+    assert sorted(np.concatenate(tested[:3])) == sorted(np.concatenate(tested[3:])) == list(range(18))
+    assert [tuple(trials) for trials in tested[:3]] != [tuple(trials) for trials in tested[3:]]
+    rows = [read_json(tmp_path / "run" / name / "result.json")["row"]["accuracy_test"] for name in tasks]
+    assert found.table["accuracy_test"].tolist() == rows
+    assert found.table["split_seed"].tolist() == [4, 4, 4, 5, 5, 5]
+    assert found.accuracy.mean == pytest.approx(np.mean(rows))
+    assert found.accuracy.low <= found.accuracy.mean <= found.accuracy.high
+
+
+def test_what_is_done_is_not_done_again(spikes, tmp_path):
+    tasks = repeated.tasks_of(task_of(), every_fold=False, repeats=2)
+    first = repeated.run(spikes, tmp_path / "run", SMALL, tasks)
+    before = (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns
+    with pytest.raises(InputError, match=r"splits\.csv: already exists"):
+        repeated.run(spikes, tmp_path / "run", SMALL, tasks)
+    again = repeated.run(spikes, tmp_path / "run", SMALL, tasks, resume=True)
+    assert again.table.equals(first.table)
+    assert (tmp_path / "run/seed-0/weights.safetensors").stat().st_mtime_ns == before
+
+
+def test_seeds_that_would_test_the_same_trials_are_refused():
+    with pytest.raises(InputError, match=r"--repeats: the test trials of --test-where and --order are the same"):
+        repeated.tasks_of(task_of(test_where={"speed": 450}), every_fold=False, repeats=2)
