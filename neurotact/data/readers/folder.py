@@ -1,37 +1,61 @@
-"""A plain folder of recordings: one sub-folder per class, CSV or NPZ files in it."""
+"""A plain folder of recordings: CSV or NPZ files, their conditions in sub-folders, in their names or in a table."""
 
 import logging
-import re
-import unicodedata
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
+from neurotact.data.readers import clock
 from neurotact.data.readers.archives import as_signal, read_arrays
-from neurotact.data.readers.tables import cells, check_width, is_value, numbers, read_text
+from neurotact.data.readers.layout import LayoutSpec, Table, is_text, read_table
+from neurotact.data.readers.naming import SUFFIXES, NamingSpec, conditions_of
 from neurotact.data.recordings import Recordings, check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.files import below, check_size, existing, is_hidden
+from neurotact.spec import build
 
-SUFFIXES = (".csv", ".npz")
-TIME_COLUMN = re.compile(r"(time|timestamp|t)(?![a-z0-9])", re.IGNORECASE)
 MOST_NAMED = 5
 """Ignored files that a warning names; the others are counted."""
+RATES_DIFFER = 0.1
+"""Share by which a file's sampling rate may differ from that of all before a warning names it."""
 
 log = logging.getLogger("neurotact")
 
 
-def read(folder: str | Path, sampling_rate_Hz: float, unit: str) -> Recordings:
-    """The recordings in `folder/<label>/*.csv` and `*.npz`, at any depth, in the order of their paths.
+class _Trial(NamedTuple):
+    """What one trial holds: its file, its channels' names (none without a header), samples and their stamps."""
 
-    The label is the first sub-folder; deeper ones are read as well. CSV: commas between columns, decimal points, one
-    row per sample, one column per taxel and no time column; a first row without a single number names the taxels. NPZ:
-    each array is one trial, (time, channel). All trials have the same number of channels, all header rows the same
-    names. Conditions: label, file (its path in the folder; of an array `file.npz:key`).
+    file: str
+    names: tuple[str, ...]
+    signal: np.ndarray
+    stamps: clock.Stamps | None
 
-    Hidden files and other kinds of file are ignored, and named in a warning. A CSV or NPZ file beside the sub-folders
-    has no label and is refused.
+
+def read(
+    folder: str | Path,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
+    *,
+    naming: Mapping[str, Any] | None = None,
+    layout: Mapping[str, Any] | None = None,
+) -> Recordings:
+    """The recordings in a folder of CSV and NPZ files, at any depth, in the order of their paths.
+
+    naming: keys of `naming.NamingSpec`: where the class and the conditions of each file are written; the first
+    sub-folder is the label when absent.
+    layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, how numbers are written; all
+    columns are taxels when absent.
+
+    CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
+    names the columns. With a time column the sampling rate is that of the stamps, unless it is given, and samples that
+    are not regular are interpolated onto a regular clock, which a warning tells of. NPZ: each array is one trial,
+    (time, channel). All trials have the same taxels. Conditions: label, those of `naming`, file (its path in the
+    folder; of an array `file.npz:key`).
+
+    Hidden files and other kinds of file are ignored, and named in a warning.
 
     Raises InputError, which names the file, the line and column, and the fix.
 
@@ -44,38 +68,116 @@ def read(folder: str | Path, sampling_rate_Hz: float, unit: str) -> Recordings:
     ((2, 2), ('left', 'right'), ('felt',))
     """
     folder = existing(folder, "folder")
-    check_sampling_rate(sampling_rate_Hz, str(folder))
+    names, table = build(NamingSpec, naming or {}, "import folder"), build(LayoutSpec, layout or {}, "import folder")
+    if sampling_rate_Hz is not None:
+        check_sampling_rate(sampling_rate_Hz, str(folder))
+    elif table.time_column is None:
+        raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     if not unit.strip():
         raise InputError(f"{folder}: the unit of the signals is empty; give one, such as mV")
-    signals: dict[str, np.ndarray] = {}
-    headers: dict[str, tuple[str, ...]] = {}
+    paths = _data_files(folder, names)
+    files = [path.relative_to(folder).as_posix() for path in paths]
+    of_files = conditions_of(files, names, folder)
+    trials: list[_Trial] = []
+    row_of = []
     n_bytes = 0
-    for path in _data_files(folder):
-        file = path.relative_to(folder).as_posix()
-        if path.suffix.lower() == ".csv":
-            headers[file], signals[file] = _read_csv(path)
-            n_bytes += signals[file].nbytes
-        else:
-            for key, array in read_arrays(path).items():
-                signals[f"{file}:{key}"] = as_signal(array, f"{path}, key '{key}'")
-                n_bytes += signals[f"{file}:{key}"].nbytes
+    for row, path in enumerate(paths):
+        found = _trials_of(path, files[row], table)
+        trials += found
+        row_of += [row] * len(found)
+        n_bytes += sum(trial.signal.nbytes for trial in found)
         check_size(folder, n_bytes)
-    _check_same_channels(signals, folder)
-    names = _same_names({file: names for file, names in headers.items() if names}, folder)
-    conditions = pd.DataFrame({"label": [file.split("/")[0] for file in signals], "file": list(signals)})
-    return Recordings(list(signals.values()), float(sampling_rate_Hz), unit, conditions, names, f"folder {folder.name}")
+    _check_same_channels({trial.file: trial.signal for trial in trials}, folder)
+    channels = _same_names({trial.file: trial.names for trial in trials if trial.names}, folder)
+    rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, folder)
+    conditions = of_files.iloc[row_of].reset_index(drop=True)
+    conditions["file"] = [trial.file for trial in trials]
+    return Recordings(signals, rate_Hz, unit, conditions, channels, f"folder {folder.name}")
 
 
-def _data_files(folder: Path) -> list[Path]:
+def _trials_of(path: Path, file: str, layout: LayoutSpec) -> list[_Trial]:
+    if path.suffix.lower() == ".csv":
+        table = read_table(path, layout)
+        return [_stamped(table, file, path, layout)]
+    if layout.time_column is not None or layout.columns:
+        raise InputError(f"{path}: --columns and --time-column are for CSV files; save the chosen columns, or as CSV")
+    arrays = read_arrays(path).items()
+    return [_Trial(f"{file}:{key}", (), as_signal(array, f"{path}, key '{key}'"), None) for key, array in arrays]
+
+
+def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
+    if table.time is None:
+        return _Trial(file, table.names, table.signal, None)
+    stamps = clock.stamps_of(table.time, layout.time_unit, str(path), table.first_line, layout.max_gap_ms)
+    dropped = len(table.time) - len(stamps.time_s)
+    if dropped:
+        log.warning("%s: %d rows repeat the time stamp of the row before them and are left out", path, dropped)
+    return _Trial(file, table.names, table.signal[stamps.keep], stamps)
+
+
+def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path) -> tuple[float, list[np.ndarray]]:
+    """The sampling rate of all trials, given or that of their stamps, and the samples on it."""
+    stamps = [trial.stamps for trial in trials if trial.stamps is not None]
+    if not stamps:
+        assert given_Hz is not None
+        return float(given_Hz), [trial.signal for trial in trials]
+    rate_Hz = clock.rate_of(stamps) if given_Hz is None else float(given_Hz)
+    n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
+    check_size(f"{folder} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
+    signals = [
+        trial.signal if trial.stamps is None else clock.on_clock(trial.signal, trial.stamps, rate_Hz)
+        for trial in trials
+    ]
+    n_moved = sum(signal is not trial.signal for signal, trial in zip(signals, trials, strict=True))
+    if n_moved:
+        jitter_ms = [1e3 * each.jitter_s for each in stamps]
+        worst_ms = 1e3 * max(float(np.diff(each.time_s).max()) for each in stamps)
+        log.warning(
+            "%s: the time stamps jitter by %.3g ms (standard deviation of the intervals; the longest is %.4g ms): %d "
+            "of %d trials are interpolated onto a regular clock of %g Hz",
+            folder, float(np.median(jitter_ms)), worst_ms, n_moved, len(trials), rate_Hz,
+        )  # fmt: skip
+    _warn_of_other_rates(trials, rate_Hz, folder)
+    return rate_Hz, signals
+
+
+def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, folder: Path) -> None:
+    rates_Hz = {trial.file: 1 / trial.stamps.interval_s for trial in trials if trial.stamps is not None}
+    odd = [file for file, each_Hz in rates_Hz.items() if abs(each_Hz / rate_Hz - 1) > RATES_DIFFER]
+    if odd:
+        log.warning(
+            "%s: %d files are sampled at another rate than %g Hz; the first is %s at %.4g Hz",
+            folder, len(odd), rate_Hz, odd[0], rates_Hz[odd[0]],
+        )  # fmt: skip
+
+
+def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     """The files to read; those that are ignored are said, and a folder or file that would be lost is refused."""
     found, ignored = [], []
+    table = None if naming.table is None else os.path.realpath(naming.table)
     for path in below(folder):
         is_data = path.suffix.lower() in SUFFIXES and not is_hidden(path.name)
-        (found if is_data else ignored).append(path.relative_to(folder))
+        if table is None or os.path.realpath(path) != table:
+            (found if is_data else ignored).append(path.relative_to(folder))
+    if naming.is_label_by_folder:
+        _check_label_folders(folder, found)
+    elif not found:
+        raise InputError(f"{folder}: holds no .csv or .npz file; add one")
+    for inside in found:
+        if not is_text(str(inside)):
+            raise InputError(f"{folder}: the name {str(inside)!a} is no text; rename that file or folder")
+    if ignored:
+        names = ", ".join(map(str, ignored[:MOST_NAMED])) + (", ..." if len(ignored) > MOST_NAMED else "")
+        log.warning("%s: %d ignored, being hidden or no .csv or .npz file: %s", folder, len(ignored), names)
+    return [folder / inside for inside in found]
+
+
+def _check_label_folders(folder: Path, found: Sequence[Path]) -> None:
     labels = {place.name for place in folder.iterdir() if place.is_dir() and not is_hidden(place.name)}
     if not labels:
         raise InputError(
-            f"{folder}: holds no sub-folder; put the files of each class in a sub-folder named by its label"
+            f"{folder}: holds no sub-folder; put the files of each class in a sub-folder named by its label, or say "
+            "where the label is with --pattern or --conditions"
         )
     for inside in found:
         if len(inside.parts) == 1:
@@ -83,51 +185,9 @@ def _data_files(folder: Path) -> list[Path]:
                 f"{folder / inside}: lies beside the sub-folders and has no label; put it in the sub-folder of its "
                 "class or move it away"
             )
-        if not _is_text(str(inside)):
-            raise InputError(f"{folder}: the name {str(inside)!a} is no text; rename that file or folder")
     empty = sorted(labels - {inside.parts[0] for inside in found})
     if empty:
         raise InputError(f"{folder / empty[0]}: holds no .csv or .npz file; add one or remove the sub-folder")
-    if ignored:
-        names = ", ".join(map(str, ignored[:MOST_NAMED])) + (", ..." if len(ignored) > MOST_NAMED else "")
-        log.warning("%s: %d ignored, being hidden or no .csv or .npz file: %s", folder, len(ignored), names)
-    return [folder / inside for inside in found]
-
-
-def _is_text(name: str) -> bool:
-    """Whether a name is UTF-8 and holds no control character, which no table or figure can show."""
-    return not any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in name)
-
-
-def _read_csv(path: Path) -> tuple[tuple[str, ...], np.ndarray]:
-    """The taxels' names (none without a header row) and the `(time, channel)` signal."""
-    text = read_text(path)
-    head, _, body = text.partition("\n")
-    first = cells(head)
-    if not first or any(not cell or is_value(cell) for cell in first):
-        _check_not_numbered(first, path)
-        return (), numbers(text, path).astype(np.float32)
-    check_width(path, len(first))
-    seen: set[str] = set()
-    for column, name in enumerate(first, 1):
-        if TIME_COLUMN.match(name):
-            raise InputError(
-                f"{path}: column {column} is '{name[:40]}', but every column is a taxel; remove the column"
-            )
-        if name in seen:
-            raise InputError(f"{path}: two columns are named '{name[:40]}'; give each taxel its own name")
-        if not _is_text(name):
-            raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
-        seen.add(name)
-    return tuple(first), numbers(body, path, first_line=2, names=first).astype(np.float32)
-
-
-def _check_not_numbered(first: list[str], path: Path) -> None:
-    if len(first) > 2 and first == [str(i) for i in range(len(first))]:
-        raise InputError(
-            f"{path}: line 1 counts 0 to {len(first) - 1}, which looks like column numbers, not a sample; "
-            "name the taxels or remove the line (pandas: to_csv(header=False))"
-        )
 
 
 def _check_same_channels(signals: dict[str, np.ndarray], folder: Path) -> None:

@@ -57,13 +57,21 @@ def is_value(cell: str) -> bool:
 
 
 def numbers(
-    text: str, path: str | Path, *, separator: str = ",", first_line: int = 1, names: Sequence[str] = ()
+    text: str,
+    path: str | Path,
+    *,
+    separator: str = ",",
+    first_line: int = 1,
+    names: Sequence[str] = (),
+    width: int = 0,
+    columns: Sequence[int] | None = None,
 ) -> np.ndarray:
     """The `(row, column)` float64 table in `text`, each value finite and within the range of float32.
 
-    first_line: the file's line on which `text` begins. names: of the columns; none given, the first row says
-    how many there are. Empty lines are allowed at the end only. InputError names `path`, line and column, and
-    refuses a table that is too wide or takes too much memory.
+    first_line: the file's line on which `text` begins. names: of the columns. width: how many there are; as many as
+    names when 0, and as in the first row where there are none. columns: those that are read, by their places; what
+    the others hold is no matter, and they are 0. Empty lines are allowed at the end only. InputError names `path`,
+    line and column, and refuses a table that is too wide or takes too much memory.
 
     >>> numbers("1,2\\n3,4\\n", "a.csv")
     array([[1., 2.],
@@ -79,9 +87,10 @@ def numbers(
     check_width(path, body.count(separator, 0, first_end) + 1)
     files.check_size(path, 8 * (body.count(separator) + body.count("\n") + 1))
     values = _parse_at_once(body, separator)
-    right_width = values is not None and len(names) in (0, values.shape[1])
+    width = width or len(names)
+    right_width = values is not None and width in (0, values.shape[1])
     if values is None or not right_width or not (np.abs(values) <= FLOAT32_MAX).all():
-        return _parse_by_cell(body, path, separator, first_line, names)
+        return _parse_by_cell(body, path, separator, first_line, names, width, columns)
     return values
 
 
@@ -114,10 +123,19 @@ def _parse_at_once(body: str, separator: str) -> np.ndarray | None:
     return table.to_numpy()
 
 
-def _parse_by_cell(body: str, path: str | Path, separator: str, first_line: int, names: Sequence[str]) -> np.ndarray:
+def _parse_by_cell(
+    body: str,
+    path: str | Path,
+    separator: str,
+    first_line: int,
+    names: Sequence[str],
+    width: int = 0,
+    columns: Sequence[int] | None = None,
+) -> np.ndarray:
     """What a valid table is; `_parse_at_once` is the same, faster, for tables without a fault."""
     values = array("d")
-    width = len(names)
+    width = width or len(names)
+    is_read = None if columns is None else set(columns)
     for line_number, line in enumerate(_lines(body), first_line):
         row = cells(line, separator)
         width = width or len(row)
@@ -129,7 +147,9 @@ def _parse_by_cell(body: str, path: str | Path, separator: str, first_line: int,
                 "give every line the same columns or drop the file"
             )
         for column, cell in enumerate(row):
-            if not (NUMBER.fullmatch(cell) and abs(float(cell)) <= FLOAT32_MAX):
+            if is_read is not None and column not in is_read:
+                row[column] = "0"
+            elif not (NUMBER.fullmatch(cell) and abs(float(cell)) <= FLOAT32_MAX):
                 name = f" ({names[column]})" if names else ""
                 raise InputError(f"{path}: line {line_number}, column {column + 1}{name} {_fault(cell)}")
         values.extend(map(float, row))

@@ -1,0 +1,102 @@
+"""Time stamps of samples: the sampling rate that they show, and the samples on a regular clock."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from neurotact.errors import InputError
+
+UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+GAP = 5.0
+"""An interval of so many usual ones is a gap, unless the user says how long one is."""
+REGULAR = 0.01
+"""Intervals that deviate by less than this share of the usual one are regular."""
+MOST_DECIMALS = 9
+
+
+class Stamps(NamedTuple):
+    """When the samples of one file were taken.
+
+    time_s: from the first sample on, `(time,)`, ascending, each once. keep: the rows of the file that it is of.
+    interval_s: the mean interval, gaps left out. jitter_s: standard deviation of the intervals, and the largest one.
+    resolution_s: of the clock that wrote the stamps; deviations up to it are rounding.
+    """
+
+    time_s: np.ndarray
+    keep: np.ndarray
+    interval_s: float
+    jitter_s: float
+    resolution_s: float
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether intervals differ by no more than rounding, or than nothing to speak of."""
+        intervals = np.diff(self.time_s)
+        allowed = max(1.001 * self.resolution_s, REGULAR * self.interval_s)
+        return bool(np.abs(intervals - self.interval_s).max() <= allowed)
+
+
+def stamps_of(time: np.ndarray, unit: str, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:
+    """The stamps of a file; rows that repeat the stamp before them are left out.
+
+    first_line: the line of the first sample. max_gap_ms: the longest interval; five usual ones when None.
+    Raises InputError, which begins with `where`, for stamps that go back, for a gap and for less than two moments.
+    """
+    time_s = (time - time[0]) * UNIT_S[unit]
+    keep = np.concatenate([[True], np.diff(time_s) != 0])
+    lines = np.flatnonzero(keep) + first_line
+    time_s = time_s[keep]
+    if len(time_s) < 2:
+        raise InputError(f"{where}: holds one moment only, and a sampling rate needs two; drop the file")
+    intervals = np.diff(time_s)
+    if (intervals < 0).any():
+        line = lines[int(np.argmax(intervals < 0)) + 1]
+        raise InputError(f"{where}: line {line} is earlier than the line before it; sort the rows or drop the file")
+    usual = float(np.median(intervals))
+    most = GAP * usual if max_gap_ms is None else max_gap_ms * 1e-3
+    if intervals.max() > most:
+        at = int(np.argmax(intervals > most))
+        raise InputError(
+            f"{where}: line {lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the line before it, where "
+            f"{1e3 * usual:.4g} ms is usual; cut the file there, or allow such gaps with --max-gap-ms"
+        )
+    without_gaps = intervals[intervals <= GAP * usual]
+    return Stamps(time_s, keep, float(without_gaps.mean()), float(without_gaps.std()), _resolution(time) * UNIT_S[unit])
+
+
+def rate_of(stamps: Sequence[Stamps]) -> float:
+    """Samples per second of all files: of their median interval, rounded to four digits or to 0.01 Hz.
+
+    >>> rate_of([Stamps(np.arange(3) * 0.01075, np.ones(3, bool), 0.01075, 0.0, 0.0)])
+    93.02
+    """
+    rate_Hz = 1 / float(np.median([each.interval_s for each in stamps]))
+    return float(f"{rate_Hz:.4g}") if rate_Hz < 10 else round(rate_Hz, 2)
+
+
+def on_clock(signal: np.ndarray, stamps: Stamps, sampling_rate_Hz: float) -> np.ndarray:
+    """The samples at the ticks of a regular clock that starts with the first one, by linear interpolation.
+
+    signal: `(time, channel)`, one row per stamp. Samples that are regular already, and on this clock, stay as they are.
+
+    >>> jittered = Stamps(np.array([0.0, 0.9, 2.1, 3.0]), np.ones(4, bool), 1.0, 0.1, 0.01)
+    >>> on_clock(np.array([[0.0], [9.0], [21.0], [30.0]]), jittered, 1.0)[:, 0].round(6).tolist()
+    [0.0, 10.0, 20.0, 30.0]
+    """
+    duration_s = stamps.time_s[-1]
+    drift_s = abs(duration_s - (len(signal) - 1) / sampling_rate_Hz)
+    if stamps.is_regular and drift_s <= 0.5 / sampling_rate_Hz:
+        return signal
+    n_ticks = int(np.floor(duration_s * sampling_rate_Hz + 1e-6)) + 1
+    ticks = np.arange(n_ticks) / sampling_rate_Hz
+    columns = [np.interp(ticks, stamps.time_s, column) for column in signal.T]
+    return np.stack(columns, axis=1).astype(signal.dtype)
+
+
+def _resolution(time: np.ndarray) -> float:
+    """The unit of the last digit that the stamps use: 1 for whole numbers, 0.1 for one decimal."""
+    for decimals in range(MOST_DECIMALS):
+        if np.allclose(time, np.round(time, decimals), rtol=0, atol=1e-3 * 10.0**-decimals):
+            return 10.0**-decimals
+    return 10.0**-MOST_DECIMALS

@@ -1,0 +1,193 @@
+"""How the columns of a text file are laid out, and one file read by it: taxels, and time stamps where it has them."""
+
+import re
+import unicodedata
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from neurotact.data.readers.tables import cells, check_width, is_value, numbers, read_text
+from neurotact.errors import InputError, nearest
+from neurotact.spec import Spec
+
+TIME_COLUMN = re.compile(r"(time|timestamp|t)(?![a-z0-9])", re.IGNORECASE)
+SEPARATORS = (";", "\t", ",")
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
+
+
+class LayoutSpec(Spec):
+    """The columns of each file; columns are counted from 1, the time column too."""
+
+    columns: tuple[str, ...] = ()
+    """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
+    time_column: str | None = None
+    """The name or the number of the column of time stamps."""
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    max_gap_ms: float | None = Field(default=None, gt=0)
+    """The longest interval between stamps; five usual ones when absent."""
+    decimal: Literal[".", ","] = "."
+    header_lines: int | None = Field(default=None, ge=0, le=10_000)
+    """Lines before the first sample; the last of them names the columns where it has as many cells. Found out when
+    absent: lines that begin with `#`, and a first line without a single number."""
+
+    @field_validator("columns", mode="before")
+    @classmethod
+    def _apart(cls, columns: Any) -> Any:
+        return tuple(part.strip() for part in columns.split(",")) if isinstance(columns, str) else columns
+
+
+class Table(NamedTuple):
+    """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line."""
+
+    names: tuple[str, ...]
+    signal: np.ndarray
+    time: np.ndarray | None
+    first_line: int
+
+
+class _Columns(NamedTuple):
+    """The columns of a file: all their names (none without a header), the taxels' places, and that of the time."""
+
+    names: tuple[str, ...]
+    taxels: list[int]
+    time: int | None
+
+
+def read_table(path: Path, layout: LayoutSpec) -> Table:
+    """The samples of a CSV file and, where the layout names a time column, their stamps.
+
+    Columns are parted by `;`, by tabs or by commas, whichever the first line has; a separator at the end of each line
+    is left out. Raises InputError, which names the file, the line and column, and the fix.
+    """
+    text = read_text(path)
+    head, body, first_line = _parted(text, path, layout)
+    if not body.strip("\n"):
+        raise InputError(f"{path}: holds no row of numbers; record it again or drop the file")
+    first_row = body.partition("\n")[0]
+    separator = next((each for each in SEPARATORS if each in first_row), ",")
+    if layout.decimal == "," and separator == ",":
+        raise InputError(f"{path}: has commas between its columns, so that none can be a decimal comma; drop --decimal")
+    header = cells(head.rstrip("\n"), separator) if head else []
+    first = cells(first_row, separator)
+    if layout.header_lines is not None and len(_named(header)) != len(_named(first)):
+        header = []
+    n_columns = len(_named(header or first))
+    check_width(path, n_columns)
+    if len(first) == n_columns + 1 and not first[-1]:
+        body = re.sub(rf"{separator}[ \t]*$" if separator != "\t" else r"\t *$", "", body, flags=re.MULTILINE)
+    names = tuple(header[:n_columns]) if all(header[:n_columns]) else ()
+    columns = _columns_of(names, n_columns, layout, path)
+    if layout.decimal == ",":
+        _check_points(body, path)
+        body = body.replace(",", ".")
+    elif separator != "," and DECIMAL_COMMA.fullmatch(next((c for c in first if DECIMAL_COMMA.fullmatch(c)), "")):
+        raise InputError(f"{path}: line {first_line} has decimal commas; pass --decimal , or write decimal points")
+    chosen = [*columns.taxels, *([] if columns.time is None else [columns.time])]
+    values = numbers(
+        body, path, separator=separator, first_line=first_line, names=names, width=n_columns,
+        columns=None if sorted(chosen) == list(range(n_columns)) else chosen,
+    )  # fmt: skip
+    time = None if columns.time is None else values[:, columns.time]
+    taxels = tuple(names[i] for i in columns.taxels) if names else ()
+    return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line)
+
+
+def is_text(name: str) -> bool:
+    """Whether a name is UTF-8 and holds no control character, which no table or figure can show."""
+    return not any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in name)
+
+
+def _parted(text: str, path: Path, layout: LayoutSpec) -> tuple[str, str, int]:
+    """The line that names the columns (empty where none does), the lines of samples, and the number of their first."""
+    if layout.header_lines is not None:
+        before, body = _skip(text, layout.header_lines)
+        head = before.rstrip("\n").rpartition("\n")[2]
+        return head, body, layout.header_lines + 1
+    n_comments = 0
+    while text.startswith("#"):
+        text = text.partition("\n")[2]
+        n_comments += 1
+    head, _, body = text.partition("\n")
+    separator = next((each for each in SEPARATORS if each in head), ",")
+    row = cells(head, separator)
+    filled = _named(row)
+    is_header = all(cell and not is_value(cell) and not DECIMAL_COMMA.fullmatch(cell) for cell in filled)
+    if is_header:
+        return head, body, n_comments + 2
+    _check_not_numbered(filled, path)
+    return "", text, n_comments + 1
+
+
+def _skip(text: str, n_lines: int) -> tuple[str, str]:
+    at = 0
+    for _ in range(n_lines):
+        end = text.find("\n", at)
+        if end < 0:
+            return text, ""
+        at = end + 1
+    return text[:at], text[at:]
+
+
+def _named(row: list[str]) -> list[str]:
+    """The cells of a row; a separator at its end makes no cell."""
+    return row[:-1] if len(row) > 1 and not row[-1] else row
+
+
+def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path: Path) -> _Columns:
+    seen: set[str] = set()
+    for column, name in enumerate(names, 1):
+        if name in seen:
+            raise InputError(f"{path}: two columns are named '{name[:40]}'; give each taxel its own name")
+        if not is_text(name):
+            raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
+        seen.add(name)
+    time = None
+    if layout.time_column is not None:
+        (time,) = _places(layout.time_column, names, n_columns, "--time-column", path) or [None]
+    taxels = [place for asked in layout.columns for place in _places(asked, names, n_columns, "--columns", path)] or [
+        place for place in range(n_columns) if place != time
+    ]
+    if len(set(taxels)) < len(taxels) or time in taxels:
+        raise InputError(f"{path}: --columns and --time-column name a column twice; name each once")
+    if not taxels:
+        raise InputError(f"{path}: has no column besides the time; record at least one taxel")
+    stamp = next((place for place in taxels if names and TIME_COLUMN.match(names[place])), None)
+    if stamp is not None and not layout.columns:
+        raise InputError(
+            f"{path}: column {stamp + 1} is '{names[stamp][:40]}', but every column is a taxel; "
+            f"pass --time-column {names[stamp][:40]}, choose the taxels with --columns, or remove the column"
+        )
+    return _Columns(names, taxels, time)
+
+
+def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
+    """The columns that a name, a number or a range of numbers stands for."""
+    if asked in names:
+        return [names.index(asked)]
+    match = RANGE.fullmatch(asked)
+    if match is None:
+        hint = nearest(asked, list(names)) if names else "the file names no columns, so give a number"
+        raise InputError(f"{path}: {option}: there is no column '{asked[:40]}'; {hint}")
+    first = int(match[1])
+    last = int(match[2] or first)
+    if not 1 <= first <= last <= n_columns or (option == "--time-column" and last > first):
+        raise InputError(f"{path}: {option} {asked}: the columns are numbered 1 to {n_columns}; give these")
+    return list(range(first - 1, last))
+
+
+def _check_points(body: str, path: Path) -> None:
+    at = body.find(".")
+    if at >= 0:
+        line = body.count("\n", 0, at) + 1
+        raise InputError(f"{path}: sample {line} holds a point where commas are decimal; write numbers one way")
+
+
+def _check_not_numbered(first: list[str], path: Path) -> None:
+    if len(first) > 2 and first == [str(i) for i in range(len(first))]:
+        raise InputError(
+            f"{path}: line 1 counts 0 to {len(first) - 1}, which looks like column numbers, not a sample; "
+            "name the taxels or remove the line (pandas: to_csv(header=False))"
+        )

@@ -1,0 +1,178 @@
+"""The class and the conditions of a file: from its sub-folders, a pattern of its name, or a table of conditions."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+import pandas as pd
+from pydantic import Field, field_validator, model_validator
+
+from neurotact.data.readers.tables import NUMBER, cells, read_text
+from neurotact.data.recordings import LABEL
+from neurotact.errors import InputError, nearest
+from neurotact.spec import Spec
+
+FILE = "file"
+FIELD = re.compile(r"\{([^{}]*)\}")
+SUFFIXES = (".csv", ".npz")
+
+
+class NamingSpec(Spec):
+    """Where the class and the conditions of a file are written.
+
+    A pattern holds names in braces, `{label}_F{force}_{repetition}.csv`; each stands for one character or more, as few
+    as fit. Values that are numbers in every file become numbers; `label` stays text.
+    """
+
+    levels: tuple[str, ...] = ()
+    """Of the sub-folders, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
+    read too. `label` alone where neither pattern nor table gives the label."""
+    pattern: str | None = None
+    """Of the file's name; of the end of its path where it holds a `/`."""
+    table: str | None = Field(default=None)
+    """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
+
+    @field_validator("levels", mode="before")
+    @classmethod
+    def _apart(cls, levels: object) -> object:
+        return tuple(level.strip() for level in levels.split(",")) if isinstance(levels, str) else levels
+
+    @model_validator(mode="after")
+    def _names_each_condition_once(self) -> "NamingSpec":
+        if self.pattern is not None and not FIELD.search(self.pattern):
+            raise ValueError(f"pattern must hold a name in braces, such as {{label}}; got {self.pattern!r}")
+        patterns = [*self.levels, *([] if self.pattern is None else [self.pattern])]
+        names = [name for pattern in patterns for name in _fields(pattern)]
+        wrong = [name for name in names if not name.isidentifier()]
+        twice = [name for name in names if names.count(name) > 1]
+        if wrong:
+            raise ValueError(f"a condition is a word of letters, digits and _; got {wrong[0]!r}")
+        if twice or FILE in names:
+            raise ValueError(f"{(twice or [FILE])[0]!r} is named twice; give each condition one place")
+        return self
+
+    @property
+    def is_label_by_folder(self) -> bool:
+        """Whether the label is that of the first sub-folder because nothing else is said of it."""
+        return not self.levels and self.table is None and LABEL not in _fields(self.pattern or "")
+
+
+def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.DataFrame:
+    """One row per file (paths within `folder`): label, the other conditions, file.
+
+    Raises InputError for a file that a level, the pattern or the table does not fit, and where no label is given.
+
+    >>> naming = NamingSpec(levels="label", pattern="F{force}_{repetition}.csv")
+    >>> conditions_of(["felt/F3_0.csv", "felt/F6_0.csv"], naming, Path("my-data")).values.tolist()
+    [['felt', 3, 0, 'felt/F3_0.csv'], ['felt', 6, 0, 'felt/F6_0.csv']]
+    """
+    table = _read_table(naming.table, files) if naming.table is not None else {file: {} for file in files}
+    levels = (LABEL,) if naming.is_label_by_folder else naming.levels
+    rows = []
+    for file in files:
+        parts = [_of_levels(file, levels, folder), _of_pattern(file, naming.pattern, folder), table[file]]
+        names = [name for part in parts for name in part]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise InputError(f"{naming.table}: the condition '{twice[0]}' is given by the file's place or name too")
+        rows.append({name: value for part in parts for name, value in part.items()})
+    found = pd.DataFrame(rows)
+    if LABEL not in found:
+        known = ", ".join(map(str, found.columns))
+        raise InputError(
+            f"{folder}: no condition is called label, the class; name one so in --levels, --pattern or --conditions "
+            f"(found: {known})"
+        )
+    for name in found.columns.drop(LABEL):
+        found[name] = _as_numbers(found[name])
+    found = found[[LABEL, *found.columns.drop(LABEL)]]
+    found[FILE] = list(files)
+    return found
+
+
+def _fields(pattern: str) -> list[str]:
+    """The names in a pattern; a level without braces is a name."""
+    return FIELD.findall(pattern) if "{" in pattern else [pattern]
+
+
+def _compiled(pattern: str) -> re.Pattern[str]:
+    """A pattern with names in braces as a regular expression of named groups."""
+    parts = FIELD.split(pattern)  # text, name, text, ...
+    return re.compile("".join(re.escape(part) if i % 2 == 0 else f"(?P<{part}>[^/]+?)" for i, part in enumerate(parts)))
+
+
+def _of_levels(file: str, levels: Sequence[str], folder: Path) -> dict[str, str]:
+    above = PurePosixPath(file).parts[:-1]
+    if len(above) < len(levels):
+        raise InputError(
+            f"{folder / file}: lies {len(above)} sub-folders deep where --levels names {len(levels)} "
+            f"({', '.join(levels)}); move it, or name fewer levels"
+        )
+    found = {}
+    for level, place in zip(levels, above, strict=False):
+        if "{" not in level:
+            found[level] = place
+            continue
+        match = _compiled(level).fullmatch(place)
+        if match is None:
+            raise InputError(
+                f"{folder / file}: the folder '{place}' does not fit the level {level}; rename one of them"
+            )
+        found |= match.groupdict()
+    return found
+
+
+def _of_pattern(file: str, pattern: str | None, folder: Path) -> dict[str, str]:
+    if pattern is None:
+        return {}
+    path = PurePosixPath(file)
+    if not pattern.lower().endswith(SUFFIXES):
+        path = path.with_suffix("")
+    depth = pattern.count("/") + 1
+    match = _compiled(pattern).fullmatch("/".join(path.parts[-depth:]))
+    if match is None:
+        raise InputError(f"{folder / file}: its name does not fit the pattern {pattern}; rename it or move it away")
+    return match.groupdict()
+
+
+def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
+    """The conditions of each file, by the table in `path`."""
+    lines = [line for line in read_text(path).split("\n") if line.strip(" ,;\t")]
+    separator = max(",;\t", key=lines[0].count) if lines else ","
+    rows = [cells(line, separator) for line in lines]
+    header = rows[0] if rows else []
+    if FILE not in header:
+        raise InputError(f"{path}: has no column 'file', the path of each file; {nearest(FILE, header)}")
+    twice = [name for name in header if header.count(name) > 1]
+    if twice or "" in header:
+        raise InputError(
+            f"{path}: line 1 names {twice[0] if twice else 'a column'!r} {'twice' if twice else 'nothing'}"
+        )
+    by_name: dict[str, list[str]] = {}
+    for file in files:
+        by_name.setdefault(PurePosixPath(file).name, []).append(file)
+    found: dict[str, dict[str, str]] = {}
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(header):
+            raise InputError(f"{path}: line {number} has {len(row)} columns where {len(header)} are expected")
+        given = dict(zip(header, row, strict=True))
+        name = given.pop(FILE)
+        fitting = [name] if name in files else by_name.get(name, [])
+        if len(fitting) != 1:
+            why = "is no CSV or NPZ file of the folder" if not fitting else f"is the name of {len(fitting)} files"
+            raise InputError(f"{path}: line {number}: '{name[:80]}' {why}; give its path within the folder")
+        if fitting[0] in found:
+            raise InputError(f"{path}: line {number}: '{name[:80]}' has a line above already; drop one of them")
+        found[fitting[0]] = given
+    absent = [file for file in files if file not in found]
+    if absent:
+        raise InputError(f"{path}: has no line for {absent[0]} ({len(absent)} in all); add it or move the file away")
+    return found
+
+
+def _as_numbers(values: pd.Series) -> pd.Series:
+    """Texts as numbers where all of them are; a leading zero, as in 007, makes a name."""
+    texts = values.astype(str)
+    if not all(NUMBER.fullmatch(text) and not re.match(r"[+-]?0\d", text) for text in texts):
+        return values
+    return pd.to_numeric(texts)

@@ -1,0 +1,206 @@
+"""Folders of other makers: conditions in places, names and tables; time stamps; separators, headers, chosen columns."""
+
+import logging
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import neurotact as nt
+from neurotact.data.readers import clock
+from neurotact.data.readers.naming import NamingSpec, conditions_of
+from neurotact.errors import InputError
+from neurotact.spec import build
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(text.encode())
+
+
+def stamped(n: int = 60, rate_Hz: float = 93.0, jitter_ms: float = 1.2, seed: int = 0):
+    """Stamps in ms, ascending, and five taxels that are straight lines of time: interpolation is exact on them."""
+    time_ms = np.cumsum(np.random.default_rng(seed).normal(1e3 / rate_Hz, jitter_ms, n))
+    return time_ms, 100 + np.outer(time_ms - time_ms[0], np.arange(1, 6))
+
+
+def test_a_folder_that_was_never_seen_is_read_in_one_call(tmp_path, caplog):
+    """5 taxels, 93 Hz with jittered stamps, nested by class and speed, a header, trailing commas, CRLF."""
+    for i, place in enumerate(("cork/150", "cork/300", "felt/150", "felt/300/deeper")):
+        time_ms, signal = stamped(seed=i)
+        rows = [
+            ",".join(map(repr, [time, *row])) + "," for time, row in zip(time_ms.tolist(), signal.tolist(), strict=True)
+        ]
+        write(tmp_path / place / "touch.csv", "\r\n".join(["t_ms,ch1,ch2,ch3,ch4,ch5,", *rows]) + "\r\n")
+    with caplog.at_level(logging.WARNING):
+        found = nt.read_folder(tmp_path, unit="count", levels="label,speed", time_column="t_ms", time_unit="ms")
+    assert found.channels == ("ch1", "ch2", "ch3", "ch4", "ch5")
+    assert found.conditions[["label", "speed"]].values.tolist() == [
+        ["cork", 150],
+        ["cork", 300],
+        ["felt", 150],
+        ["felt", 300],
+    ]
+    assert found.sampling_rate_Hz == pytest.approx(93.0, rel=0.02)
+    assert "jitter by 1." in caplog.text
+    assert "4 of 4 trials are interpolated" in caplog.text
+    for signal in found.signals:
+        time_ms = 1e3 * np.arange(len(signal)) / found.sampling_rate_Hz
+        np.testing.assert_allclose(signal, 100 + np.outer(time_ms, np.arange(1, 6)), rtol=1e-4)
+
+
+@given(st.floats(5, 5000), st.floats(0, 0.3), st.integers(10, 80), st.integers(0, 2**31))
+@settings(deadline=None)
+def test_samples_on_a_clock_are_those_of_a_straight_line(rate_Hz, jitter, n, seed):
+    """Wherever the stamps fall, a line through time stays that line, and the clock ends within the recording."""
+    gaps = 1 + jitter * np.random.default_rng(seed).uniform(-1, 1, n)
+    time = np.concatenate([[0], np.cumsum(gaps)]) / rate_Hz
+    stamps = clock.stamps_of(time, "s", "a.csv", 1, None)
+    found = clock.on_clock(np.outer(time, [1.0, -2.0]), stamps, rate_Hz)
+    ticks = np.arange(len(found)) / rate_Hz
+    if not stamps.is_regular:
+        np.testing.assert_allclose(found, np.outer(ticks, [1.0, -2.0]), atol=1e-9 + 1e-6 * time[-1])
+    assert abs(len(found) - (time[-1] * rate_Hz + 1)) <= 1.5
+
+
+def test_rounded_stamps_are_regular(caplog):
+    """Whole milliseconds of a 93 Hz clock are 10 or 11 apart, which is rounding and no jitter."""
+    time = np.round(np.arange(200) * 1e3 / 93)
+    stamps = clock.stamps_of(time, "ms", "a.csv", 1, None)
+    assert stamps.is_regular
+    assert clock.rate_of([stamps]) == pytest.approx(93.0, abs=0.05)
+    signal = np.arange(200.0)[:, None]
+    assert clock.on_clock(signal, stamps, 93.0) is signal
+
+
+@pytest.mark.parametrize(
+    ("times", "gap", "message"),
+    [
+        (
+            [0, 1, 2, 8, 9],
+            None,
+            r"line 5 comes 6000 ms after the line before it, where 1000 ms is usual; .*--max-gap-ms",
+        ),
+        ([0, 1, 2, 5, 6], 2500.0, "line 5 comes 3000 ms"),
+        ([0, 1, 3, 2, 4], None, "line 5 is earlier than the line before it"),
+        ([4, 4, 4], None, "holds one moment only"),
+    ],
+)
+def test_stamps_that_make_no_clock_are_refused(times, gap, message):
+    with pytest.raises(InputError, match=message):
+        clock.stamps_of(np.array(times, float), "s", "a.csv", 2, gap)
+    clock.stamps_of(np.array([0, 1, 2, 8, 9.0]), "s", "a.csv", 2, 6000.0)
+
+
+def test_conditions_stand_in_names(tmp_path):
+    for label, force, speed in (("Linen", 3, -50), ("Denim", 6, 120)):
+        for repetition in ("00", "01"):
+            write(tmp_path / "flat" / f"{label}_F{force}_V{speed}mmps_{repetition}.csv", "1,2\n3,4\n")
+    found = nt.read_folder(tmp_path, 100, "mV", pattern="{label}_F{force}_V{speed}mmps_{repetition}")
+    assert found.conditions.iloc[0].tolist() == ["Denim", 6, 120, "00", "flat/Denim_F6_V120mmps_00.csv"]
+    assert found.conditions["speed"].tolist() == [120, 120, -50, -50]
+    with pytest.raises(InputError, match=r"Denim_F6_V120mmps_00\.csv: its name does not fit the pattern \{label\}-"):
+        nt.read_folder(tmp_path, 100, "mV", pattern="{label}-{force}.csv")
+
+
+def test_conditions_stand_in_a_table(tmp_path):
+    for name in ("a/1.csv", "a/2.csv", "b/1.csv"):
+        write(tmp_path / name, "1,2\n3,4\n")
+    table = tmp_path / "conditions.csv"
+    table.write_text("file;label;force\na/1.csv;felt;3\n2.csv;silk;6\nb/1.csv;felt;0.5\n")
+    found = nt.read_folder(tmp_path, 100, "mV", conditions=table)
+    assert found.conditions["label"].tolist() == ["felt", "silk", "felt"]
+    assert found.conditions["force"].tolist() == [3, 6, 0.5]
+    for text, message in (
+        ("file,label\na/1.csv,felt\n1.csv,felt\n", "line 3: '1.csv' is the name of 2 files"),
+        ("file,label\na/1.csv,felt\n", r"has no line for a/2\.csv \(2 in all\)"),
+        ("file,label\nc.csv,felt\n", "line 2: 'c.csv' is no CSV or NPZ file of the folder"),
+        ("file,label\na/1.csv,x\na/1.csv,y\n", "line 3: 'a/1.csv' has a line above already"),
+        ("file,label\na/1.csv,x,3\n", "line 2 has 3 columns where 2 are expected"),
+        ("path,label\na/1.csv,x\n", "has no column 'file'"),
+        ("file,force\na/1.csv,3\n2.csv,3\nb/1.csv,3\n", "no condition is called label"),
+    ):
+        table.write_text(text)
+        with pytest.raises(InputError, match=message):
+            nt.read_folder(tmp_path, 100, "mV", conditions=table)
+
+
+FILES = st.lists(
+    st.tuples(st.sampled_from(["felt", "silk", "3"]), st.integers(0, 99), st.integers(-9, 9), st.integers(0, 9)),
+    min_size=1, max_size=8, unique=True,
+)  # fmt: skip
+
+
+@given(FILES)
+def test_what_names_say_is_read_back(tmp_path_factory, trials):
+    files = [f"{label}/{speed}mm/F{force}_{repetition}.csv" for label, speed, force, repetition in trials]
+    naming = NamingSpec(levels="label,{speed}mm", pattern="F{force}_{repetition}.csv")
+    found = conditions_of(files, naming, tmp_path_factory.getbasetemp())
+    assert found[["label", "speed", "force", "repetition"]].values.tolist() == [list(trial) for trial in trials]
+    assert found["file"].tolist() == files
+
+
+@pytest.mark.parametrize(
+    ("text", "options"),
+    [
+        ("1;2;3\n4;5;6\n", {}),
+        ("1\t2\t3\n4\t5\t6\n", {}),
+        ("1;2;3;\n4;5;6;\n", {}),
+        ("# made by a rig\n# on a day\na,b,c\n1,2,3\n4,5,6\n", {}),
+        ("rig 7\n\na,b,c\n1,2,3\n4,5,6\n", {"header_lines": 3}),
+        ("rig 7\n1,2,3\n4,5,6\n", {"header_lines": 1}),
+        ("n,state,a,b,c,\n0,on,1,2,3,\n1,off,4,5,6,\n", {"columns": "3-5"}),
+        ("n,state,a,b,c\n0,on,1,2,3\n1,,4,5,6\n", {"columns": ["a", "b", "c"]}),
+        ("c,b,a\n3,2,1\n6,5,4\n", {"columns": "a,b,c"}),
+        ("1,0;2,0;3,0\n4,0;5,0;6,0\n", {"decimal": ","}),
+        ("a;b;c\n1,0;2,0;3,0\n4,0;5,0;6,0\n", {"decimal": ","}),
+        ("1,2,0,3\n4,5,1,6\n", {"columns": "1,2,4", "time_column": "3", "sampling_rate_Hz": 1.0}),
+    ],
+)
+def test_one_table_in_many_forms(tmp_path, text, options):
+    write(tmp_path / "felt" / "a.csv", text)
+    found = nt.read_folder(tmp_path, **{"sampling_rate_Hz": 100, "unit": "mV", **options})
+    np.testing.assert_array_equal(found.signals[0], [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("1;2,5\n", {}, "line 1 has decimal commas; pass --decimal ,"),
+        ("1,2\n", {"decimal": ","}, "has commas between its columns"),
+        ("1,5;2.5\n", {"decimal": ","}, "sample 1 holds a point where commas are decimal"),
+        ("a,b\n1,2\n", {"columns": "3"}, "--columns 3: the columns are numbered 1 to 2"),
+        ("a,b\n1,2\n", {"columns": "left"}, r"--columns: there is no column 'left'; known: a, b"),
+        ("a,b\n1,2\n", {"columns": "1,a"}, "--columns and --time-column name a column twice"),
+        ("a\n1\n2\n", {"time_column": "a"}, "has no column besides the time"),
+        ("t,a\n0,x\n1,2\n", {"time_column": "t"}, r"line 2, column 2 \(a\) is 'x', not a number"),
+        ("a,b,\n1,2,\n1,,\n", {}, r"line 3, column 2 \(b\) is empty"),
+        ("a,b\n", {"header_lines": 1}, "holds no row of numbers"),
+    ],
+)
+def test_a_layout_that_does_not_fit_is_named(tmp_path, text, options, message):
+    write(tmp_path / "felt" / "a.csv", text)
+    with pytest.raises(InputError, match=message):
+        nt.read_folder(tmp_path, 100, "mV", **options)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"pattern": "touch.csv"}, "pattern must hold a name in braces"),
+        ({"pattern": "{label}_{label}.csv"}, "'label' is named twice"),
+        ({"levels": "label,my speed"}, "a condition is a word"),
+        ({"levels": "label,file"}, "'file' is named twice"),
+        ({"pattern": "{}.csv"}, "a condition is a word"),
+    ],
+)
+def test_a_naming_that_cannot_be_is_refused(table, message):
+    with pytest.raises(InputError, match=message):
+        build(NamingSpec, table, "import folder")
+
+
+def test_folders_less_deep_than_the_levels_are_named(tmp_path):
+    write(tmp_path / "felt" / "a.csv", "1,2\n")
+    with pytest.raises(InputError, match=r"a\.csv: lies 1 sub-folders deep where --levels names 2 \(label, speed\)"):
+        nt.read_folder(tmp_path, 100, "mV", levels="label,speed")
