@@ -6,6 +6,7 @@ Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, 
 """
 
 import json
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -17,8 +18,10 @@ import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.hdf5_input import Declared, attribute, names, opened, table
+from neurotact.data import heidelberg
+from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
 from neurotact.data.hdf5_output import Output, create
+from neurotact.data.readers.events import EventSpec
 from neurotact.data.recordings import (
     Recordings,
     Trials,
@@ -32,6 +35,8 @@ from neurotact.data.recordings import (
 from neurotact.data.spikes import SpikeTrains, TrialSpikes
 from neurotact.errors import InputError
 from neurotact.files import check_size, whole
+
+log = logging.getLogger("neurotact")
 
 FLUSHED_SPIKES, FLUSHED_TRIALS = 100_000, 1000
 """So many spikes or trials are gathered before they are written."""
@@ -270,14 +275,23 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
 
 def load(path: str | Path) -> Recordings | SpikeTrains:
     """Read recordings or spike trains, whichever the file says that it holds; InputError as of either."""
-    with opened(path, "recordings", "spikes") as (file, kind):
-        return (_spikes if kind == "spikes" else _recordings)(Declared(file, path))
+    read = {"recordings": _recordings, "spikes": _spikes, EVENTS: _events}
+    with opened(path, *read) as (file, kind):
+        return read[kind](Declared(file, path))
 
 
 def load_spikes(path: str | Path) -> SpikeTrains:
-    """Read spike trains; InputError for a file that is truncated, not HDF5, of another kind or too large."""
-    with opened(path, "spikes") as (file, _):
-        return _spikes(Declared(file, path))
+    """Read spike trains; InputError for a file that is truncated, not HDF5, of another kind or too large.
+
+    A file in the layout of the Spiking Heidelberg Digits is read as it is published, on a clock of 1 ms.
+    """
+    with opened(path, "spikes", EVENTS) as (file, kind):
+        return (_spikes if kind == "spikes" else _events)(Declared(file, path))
+
+
+def _events(declared: Declared) -> SpikeTrains:
+    log.warning("%s: its events are put on a clock of 1 ms; neurotact import events chooses another", declared.path)
+    return heidelberg.read(declared, EventSpec())
 
 
 def _spikes(declared: Declared) -> SpikeTrains:

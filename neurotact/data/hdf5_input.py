@@ -33,7 +33,9 @@ STREAMED_RATIO = 50
 """What is read in pieces may be larger than the limit on one input, but not so many times larger than its file."""
 CACHE_BYTES = 32_000_000
 """Of the chunks side by side that one piece of a dataset needs."""
-MADE_BY = {"recordings": "simulate or import", "spikes": "encode"}
+EVENTS = "events"
+"""The kind of a file that says none and holds spikes with labels, as the Heidelberg Digits do."""
+MADE_BY = {"recordings": "simulate or import", "spikes": "encode", EVENTS: "import events"}
 """Kinds of files, and the commands that write them."""
 TEXT_BYTES = 200
 """What a short text takes in memory, in a table that is copied twice."""
@@ -110,10 +112,11 @@ def opened(path: str | Path, *kinds: str) -> Iterator[tuple[h5py.File, str]]:
     Raises InputError for a file that is truncated, not HDF5 or of another kind. Whatever reading it raises within the
     block is reported as a damaged file.
     """
-    what, command = " or ".join(kinds), f"neurotact {MADE_BY[kinds[0]]}"
+    what, command = " or ".join([kind for kind in kinds if kind != EVENTS] or kinds), f"neurotact {MADE_BY[kinds[0]]}"
     try:
         with _open(path) as file:
-            found = attribute(file, "kind", path) if "kind" in file.attrs else ""
+            unsaid = EVENTS if "spikes" in file and "labels" in file else ""
+            found = attribute(file, "kind", path) if "kind" in file.attrs else unsaid
             if found not in kinds:
                 raise InputError(
                     f"{path}: holds {_shown(found) or 'something else'}, not {what}; make one with {command}"

@@ -1,7 +1,7 @@
 """Recordings: trials of taxel signals, with their sampling rate, unit and conditions."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,8 @@ from neurotact.data.notebook import html_of
 from neurotact.errors import InputError, nearest
 
 LABEL = "label"
+MOST_NAMED = 12
+"""Values of a condition that an error lists."""
 
 
 class Trials(ABC):
@@ -212,10 +214,23 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
         if column not in table:
             raise InputError(f"{source}: there is no condition '{column}'; {nearest(column, list(table.columns))}")
         values = list(wanted) if isinstance(wanted, (list, tuple)) else [wanted]
-        keep &= table[column].isin(values).to_numpy()
+        found = table[column]
+        if found.dtype.kind not in "iufb":  # a class may be called 3
+            found, values = found.astype(str), list(map(str, values))
+        keep &= found.isin(values).to_numpy()
     if not keep.any():
-        raise InputError(f"{source}: no trial has {dict(where)}; see the table of conditions")
+        asked = ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
+        raise InputError(f"{source}: no trial has {asked}; {_values_of(table, where)}")
     return keep
+
+
+def _values_of(table: pd.DataFrame, columns: Iterable[str]) -> str:
+    """What the trials have in each column, for a person who asked for something else."""
+    parts = []
+    for column in columns:
+        values = [str(value) for value in table[column].drop_duplicates().sort_values()[: MOST_NAMED + 1]]
+        parts.append(f"{column} is {', '.join(values[:MOST_NAMED])}{', ...' if len(values) > MOST_NAMED else ''}")
+    return "; ".join(parts)
 
 
 def check_sampling_rate(rate_Hz: float, where: str) -> None:

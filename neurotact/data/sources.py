@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 from neurotact import plugins, spec
 from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
 from neurotact.spec import Spec
 
 Progress = Callable[[int, int], None]
@@ -35,11 +37,13 @@ class Reader(NamedTuple):
     """A format that recordings are published in (entry point group `neurotact.readers`).
 
     about: which recordings, in one line.
-    read: called as `read(path)`.
+    read: called as `read(path)`; as `read(path, step_ms)` where `step_ms` is given, and returns spikes then.
+    step_ms: of a reader of events: the clock on which they become spikes, unless the user names another.
     """
 
     about: str
-    read: Callable[[Path], Recordings]
+    read: Callable[..., Recordings | SpikeTrains]
+    step_ms: float | None = None
 
 
 def simulator(name: str) -> Simulator:
@@ -50,6 +54,14 @@ def simulator(name: str) -> Simulator:
 def reader(name: str) -> Reader:
     """The reader of that name; InputError when there is none."""
     return plugins.load("readers", name)
+
+
+def read_recordings(name: str, path: Path) -> Recordings:
+    """The recordings that the reader of that name finds; InputError where it finds spikes, which need no encoder."""
+    found = reader(name).read(path)
+    if not isinstance(found, Recordings):
+        raise InputError(f"{path}: '{name}' reads spikes, not recordings; train on them with neurotact train")
+    return found
 
 
 def expand(path: str) -> Path:

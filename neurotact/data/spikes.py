@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.data.contact import onset_of
 from neurotact.data.notebook import html_of
 from neurotact.data.recordings import check_conditions, check_sampling_rate, class_indices, class_names
-from neurotact.data.windows import LONGEST_STEPS, Windows
+from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.files import check_size
 
@@ -108,6 +109,16 @@ class SpikeTrains:
         """Which afferents are slowly adapting, `(afferent,)` boolean."""
         return np.array([name.startswith("SA") for name in self.afferents])
 
+    @property
+    def populations(self) -> dict[str, np.ndarray]:
+        """The afferents of each population, `(afferent,)` int64 indices, in the order of their first afferents.
+
+        The first word of an afferent's name is its population, as in "SA-I taxel1" and "ON left"; afferents with a
+        name of one word make a single population, "afferents".
+        """
+        kinds = np.array([name.partition(" ")[0] if " " in name else "afferents" for name in self.afferents])
+        return {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
+
     def trials(self) -> Iterator[TrialSpikes]:
         """One trial after the other."""
         digests = self.trial_digests or [""] * len(self)
@@ -124,6 +135,39 @@ class SpikeTrains:
             conditions=self.conditions.iloc[index].reset_index(drop=True),
             trial_digests=tuple(self.trial_digests[i] for i in index.tolist()) if self.trial_digests else (),
         )
+
+    def cut(self, spec: WindowSpec, trials: np.ndarray | None = None) -> Windows:
+        """The windows of some trials (of all when absent), which name trials of these spike trains.
+
+        Raises InputError when a trial holds no window, or too many.
+        """
+        trials = np.arange(len(self)) if trials is None else np.asarray(trials)
+        begin = None
+        if spec.align == "onset":
+            found = [onset_of(self.steps[trial], self.sampling_rate_Hz, spec.onset) for trial in trials.tolist()]
+            begin = np.array([onset or 0 for onset in found], np.int64)
+        return cut(self.trial_steps[trials], self.sampling_rate_Hz, spec, trials, begin)
+
+    def onset_complaint(self, spec: WindowSpec) -> str | None:
+        """What to say of trials whose windows do not start at the onset of contact as asked; None where all do."""
+        if spec.align != "onset" or not len(self):
+            return None
+        onsets = [onset_of(steps, self.sampling_rate_Hz, spec.onset) for steps in self.steps]
+        never = [trial for trial, onset in enumerate(onsets) if onset is None]
+        wanted = np.array([onset or 0 for onset in onsets]) + round(spec.start_ms * 1e-3 * self.sampling_rate_Hz)
+        late = np.flatnonzero(wanted + round(spec.length_ms * 1e-3 * self.sampling_rate_Hz) > self.trial_steps)
+        parts = []
+        if never:
+            parts.append(
+                f"{len(never)} of {len(self)} trials have no onset of contact (the first is trial {never[0]}): their "
+                "windows start at the trial's beginning"
+            )
+        if len(late):
+            parts.append(
+                f"{len(late)} end too soon after it for a window (the first is trial {late[0]}): theirs is the last "
+                "that fits"
+            )
+        return f"window.align: {'; '.join(parts)}" if parts else None
 
     def raster(self, windows: Windows) -> np.ndarray:
         """Spikes in the given windows, `(window, time, afferent)` uint8; InputError where that is too large."""

@@ -12,9 +12,11 @@ from matplotlib.figure import Figure
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.figures.columns import in_unit
-from neurotact.figures.style import RA, SA, new_figure, printed, save
+from neurotact.figures.style import INK, RA, SA, TOTAL, new_figure, printed, save
 from neurotact.tables import write_table
 
+PALETTE = (SA, RA, TOTAL, "#CC79A7", "#56B4E9", INK)
+"""Of populations, in their order."""
 ROW_in = 0.15
 MOST_NAMED = 64
 
@@ -27,7 +29,7 @@ def draw_raster(
     start_s: float = 0.0,
     stop_s: float | None = None,
 ) -> Figure:
-    """The spikes of one trial, SA-I and RA-I in two colours, under the signal that drove them (texture paper, Fig. 12).
+    """The spikes of one trial, each population in its colour, under the signal that drove it (texture, Fig. 12).
 
     signal: `(time, taxel)`, its sampling rate in Hz and its unit.
     start_s, stop_s: what is shown; to the trial's end when `stop_s` is None.
@@ -89,13 +91,30 @@ def write_events(trains: SpikeTrains, path: str | Path, trials: Iterable[int] | 
     write_table(table, path)
 
 
+def painted_populations(trains: SpikeTrains) -> list[tuple[str, str, np.ndarray]]:
+    """Each population with its colour and its afferents: SA-I blue, RA-I orange, the others in the palette's order.
+
+    >>> from neurotact.data.spikes import from_rasters
+    >>> felt = from_rasters(np.zeros((1, 2, 2)), 1000.0, ("ON a", "OFF a"), pd.DataFrame({"label": ["felt"]}))
+    >>> [kind for kind, _, _ in painted_populations(felt)]
+    ['ON', 'OFF']
+    """
+    populations = trains.populations
+    own = {name: colour for name, colour in (("SA-I", SA), ("RA-I", RA)) if name in populations}
+    free = [colour for colour in PALETTE if colour not in own.values()]
+    others = [name for name in populations if name not in own]
+    colours = own | {name: free[i % len(free)] for i, name in enumerate(others)}
+    return [(name, colours[name], rows) for name, rows in populations.items()]
+
+
 def paint_events(axes: Axes, trains: SpikeTrains, trial: int, start_s: float, stop_s: float) -> None:
     """Each spike between the two times as a tick in its afferent's row, the first afferent on top."""
     times = np.asarray(trains.steps[trial]) / trains.sampling_rate_Hz
     inside = (times >= start_s) & (times < stop_s)
     times, units = times[inside], np.asarray(trains.units[trial], np.int64)[inside]
-    for kind, colour, is_kind in (("SA-I", SA, trains.is_sa), ("RA-I", RA, ~trains.is_sa)):
-        x, y = times[is_kind[units]], units[is_kind[units]]
+    for kind, colour, rows in painted_populations(trains):
+        is_kind = np.isin(units, rows)
+        x, y = times[is_kind], units[is_kind]
         # One path of separate strokes: an SVG of ten thousand lines would be ten times the size.
         strokes = np.stack([y - 0.4, y + 0.4, np.full(len(y), np.nan)], axis=1)
         axes.plot(np.repeat(x, 3), strokes.ravel(), color=colour, lw=0.7, solid_capstyle="butt", label=kind, gid=kind)
@@ -104,21 +123,20 @@ def paint_events(axes: Axes, trains: SpikeTrains, trial: int, start_s: float, st
 
 def name_afferents(axes: Axes, trains: SpikeTrains) -> None:
     """Taxels' names as ticks in their population's colour; the populations alone where there are too many."""
-    is_sa = trains.is_sa
-    if len(is_sa) > MOST_NAMED:
+    if len(trains.afferents) > MOST_NAMED:
         name_populations(axes, trains)
         return
     names = [name.partition(" ")[2] or name for name in trains.afferents]
     axes.set_yticks(range(len(names)), [name.removeprefix("taxel") for name in names], fontsize=6.5)
-    for label, is_slow in zip(axes.get_yticklabels(), is_sa, strict=True):
-        label.set_color(SA if is_slow else RA)
+    colour_of = {row: colour for _, colour, rows in painted_populations(trains) for row in rows.tolist()}
+    for row, label in enumerate(axes.get_yticklabels()):
+        label.set_color(colour_of[row])
     axes.tick_params(axis="y", length=0)
 
 
 def name_populations(axes: Axes, trains: SpikeTrains) -> None:
     """One tick a population, in its colour, amid its rows."""
-    kinds = [(kind, c, np.flatnonzero(m)) for kind, c, m in (("SA-I", SA, trains.is_sa), ("RA-I", RA, ~trains.is_sa))]
-    kinds = [(kind, colour, rows) for kind, colour, rows in kinds if len(rows)]
+    kinds = painted_populations(trains)
     axes.set_yticks([rows.mean() for _, _, rows in kinds], [kind for kind, _, _ in kinds])
     for label, (_, colour, _) in zip(axes.get_yticklabels(), kinds, strict=True):
         label.set(color=colour, fontweight="bold")

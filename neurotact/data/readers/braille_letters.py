@@ -14,8 +14,10 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.archives import read_arrays
+from neurotact.data.readers.events import one_trial
 from neurotact.data.readers.plain_objects import read_plain
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.sources import Reader
+from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 
@@ -63,15 +65,9 @@ def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
     if last_s * 1e3 / step_ms >= LONGEST_STEPS:
         raise InputError(f"{path}: an event at {last_s:g} s is beyond any clock of {step_ms:g} ms; check the file")
     n_steps = int(last_s * 1e3 / step_ms + 1e-9) + 1
-    trials = (_binned(letter, n_steps, step_ms) for letter in letters)
+    trials = (one_trial(letter.times_s, letter.units, step_ms, n_steps, len(AFFERENTS)) for letter in letters)
     conditions = pd.DataFrame({"label": [letter.letter for letter in letters]})
     return from_trials(trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
-
-
-def _binned(letter: Letter, n_steps: int, step_ms: float) -> TrialSpikes:
-    steps = (letter.times_s * 1e3 / step_ms + 1e-9).astype(np.int64)
-    spikes = np.unique(steps * len(AFFERENTS) + letter.units)
-    return TrialSpikes(spikes // len(AFFERENTS), (spikes % len(AFFERENTS)).astype(np.uint16), n_steps)
 
 
 def _from_archive(path: Path) -> Iterator[Letter]:
@@ -131,3 +127,8 @@ def _check(path: Path, name: str, values: np.ndarray, n: int) -> None:
 def _check_times(where: str | Path, times_s: np.ndarray) -> None:
     if times_s.dtype.kind not in "iuf" or not (np.isfinite(times_s) & (times_s >= 0)).all():
         raise InputError(f"{where}: times of events must be numbers of seconds >= 0; copy the file again")
+
+
+READER = Reader(
+    "27 Braille letters under an event-based fingertip (Zenodo 6556273): the published file, to spikes.", read, STEP_MS
+)
