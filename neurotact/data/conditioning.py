@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings, Trials, unit_factor
@@ -24,6 +24,12 @@ PIECE_VALUES = 1_000_000
 """Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
 FINEST_CLOCK = 1000
 """Steps of an encoder's clock for each sample of a recording, at most: finer ones take time and add no information."""
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("must not be 0")
+    return value
 
 
 class ConditioningSpec(Spec):
@@ -43,8 +49,8 @@ class ConditioningSpec(Spec):
     """Cut-off of the baseline `high-pass`."""
     offset: tuple[float, ...] | None = None
     """Standardisation, a taxel each: subtracted first (fitted on training trials by `neurotact calibrate`)."""
-    scale: tuple[Annotated[float, Field(gt=0)], ...] | None = None
-    """Standardisation, a taxel each: divided by afterwards."""
+    scale: tuple[Annotated[float, AfterValidator(_not_zero)], ...] | None = None
+    """Standardisation, a taxel each: divided by afterwards. Negative for a sensor whose signal falls on contact."""
     rectify: bool = False
     """Take the absolute value at the end."""
 

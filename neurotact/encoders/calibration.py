@@ -127,6 +127,9 @@ def calibrate(
     spec: AfferentSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
+    *,
+    inverted: bool = False,
+    tell: bool = True,
 ) -> Calibration:
     """Fit standardisation and gains of `spec` on training trials as recorded, of any unit and rate.
 
@@ -136,6 +139,8 @@ def calibrate(
     same trials, spec and rule give the same encoder.
 
     progress: called with 1 and a note at each of the `rule.candidates` steps.
+    inverted: SA-I feels the signal's fall and not its rise: the scales are negative.
+    tell: log the notes, too.
     Raises InputError for less than two classes, for signals that never move, and where no gain keeps both limits.
 
     >>> from neurotact.data.recordings import Recordings
@@ -159,7 +164,7 @@ def calibrate(
     drawn = recordings.select(_draw(recordings.labels, rule.trials_per_class, rng))
     clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = _excerpts(drawn, conditioning, rule.excerpt_s, rng)
-    offset, scale, quiet = _standardisation(drawn, excerpts, conditioning.baseline)
+    offset, scale, quiet = _standardisation(drawn, excerpts, conditioning.baseline, inverted)
     conditioning = conditioning.model_copy(update={"offset": offset, "scale": scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
     standardised = Spool(_standardised(excerpts, conditioning))
@@ -177,7 +182,7 @@ def calibrate(
             notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
     if quiet:
         notes.append(f"{', '.join(quiet)}: move less than a tenth of the liveliest taxel and are scaled as if a tenth")
-    for note in notes:
+    for note in notes if tell else ():
         log.warning("%s: %s", _source(recordings), note)
     return Calibration(fitted.model_copy(update=chosen), table, isi, tuple(notes))
 
@@ -283,7 +288,7 @@ def _standardised(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec
 
 
 def _standardisation(
-    recorded: Trials, excerpts: Spool, baseline: Baseline
+    recorded: Trials, excerpts: Spool, baseline: Baseline, inverted: bool
 ) -> tuple[tuple[float, ...] | None, tuple[float, ...], tuple[str, ...]]:
     """`(offset, scale, quiet taxels)` of the excerpts; a quiet taxel's noise is not blown up to full size.
 
@@ -301,7 +306,7 @@ def _standardisation(
         )
     liveliest = scale[~still].max()
     quiet = still | (scale < QUIET * liveliest)
-    scale = np.where(quiet, QUIET * liveliest, scale)
+    scale = np.where(quiet, QUIET * liveliest, scale) * (-1 if inverted else 1)
     offset = _short(np.where(quiet, mean, mean - REST_SD * scale)) if baseline == "none" else None
     return offset, _short(scale), tuple(np.array(recorded.channels)[quiet].tolist())
 

@@ -1,0 +1,108 @@
+"""Baselines, polarities and rectification compared by what calibration measures: how far ISIs separate classes."""
+
+from collections.abc import Callable
+from itertools import product
+from typing import Literal, NamedTuple
+
+import pandas as pd
+
+from neurotact.data.conditioning import ACAUSAL, Baseline
+from neurotact.data.recordings import Trials
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.calibration import Calibration, CalibrationRule, Progress, calibrate
+from neurotact.errors import InputError
+
+BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
+Polarity = Literal["rising", "falling", "both"]
+POLARITIES: tuple[Polarity, ...] = ("rising", "falling", "both")
+"""What SA-I feels of the signal: its rise above the baseline, its fall below, or both (rectified)."""
+COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles": 4}
+"""Of the comparison's rule: the range of the full search in half as many steps, on fewer trials."""
+
+
+class Compared(NamedTuple):
+    """Each alternative, the best first, and the calibration of the one that was chosen.
+
+    table: baseline, polarity, separation_sa and separation_ra (bit, at the chosen gains), acausal (whether a window
+    knows what comes after it), chosen, and why_not (empty where it could be calibrated).
+    """
+
+    table: pd.DataFrame
+    best: Calibration
+
+
+def n_steps(rule: CalibrationRule) -> int:
+    """How often `compare` calls `progress`."""
+    return len(BASELINES) * len(POLARITIES) * COARSE["candidates"] + rule.candidates
+
+
+def compare(
+    recordings: Trials,
+    spec: AfferentSpec,
+    progress: Progress | None = None,
+    rule: CalibrationRule = CalibrationRule(),
+) -> Compared:
+    """Calibrate with each baseline and polarity, and fully with the best of those that know the past alone.
+
+    The best lets SA-I separate the classes best. RA-I feels changes of either sign, so that polarity is the same to it.
+    Raises InputError where no alternative can be calibrated.
+    """
+    coarse = rule.model_copy(update=COARSE)
+    rows = []
+    for baseline, polarity in product(BASELINES, POLARITIES):
+        row = {"baseline": baseline, "polarity": polarity, "acausal": baseline in ACAUSAL, "why_not": ""}
+        counted = _Counted(progress, f"{baseline}, {polarity}")
+        try:
+            found = _with(recordings, spec, baseline, polarity, counted.advance, coarse, tell=False)
+            row |= {f"separation_{kind}": _separation(found, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
+        except InputError as error:
+            row |= {"separation_sa": float("nan"), "separation_ra": float("nan"), "why_not": str(error)}
+        counted.finish(coarse.candidates)
+        rows.append(row)
+    table = pd.DataFrame(rows).sort_values("separation_sa", ascending=False, kind="stable", ignore_index=True)
+    causal = table[~table["acausal"] & table["separation_sa"].notna()]
+    if causal.empty:
+        raise InputError(str(table["why_not"].iloc[0]) or "recordings: no baseline that knows the past alone serves")
+    best = causal.index[0]
+    table["chosen"] = table.index == best
+    first = table.loc[best]
+    return Compared(table, _with(recordings, spec, first["baseline"], first["polarity"], progress, rule))
+
+
+def _with(
+    recordings: Trials,
+    spec: AfferentSpec,
+    baseline: Baseline,
+    polarity: Polarity,
+    progress: Progress | None,
+    rule: CalibrationRule,
+    *,
+    tell: bool = True,
+) -> Calibration:
+    conditioning = spec.conditioning.model_copy(update={"baseline": baseline, "rectify": polarity == "both"})
+    changed = spec.model_copy(update={"conditioning": conditioning})
+    return calibrate(recordings, changed, progress, rule, inverted=polarity == "falling", tell=tell)
+
+
+def _separation(found: Calibration, afferent: str) -> float:
+    table = found.table
+    return float(table.separation[table.chosen & (table.afferent == afferent)].iloc[0])
+
+
+class _Counted:
+    """Progress of one alternative, which always comes to the same number of steps."""
+
+    def __init__(self, progress: Progress | None, note: str) -> None:
+        self._progress: Callable[[int, str], None] = progress or (lambda n, note: None)
+        self._note, self._done = note, 0
+
+    def advance(self, n: int, note: str) -> None:
+        """A step of the search is done."""
+        del note
+        self._done += n
+        self._progress(n, self._note)
+
+    def finish(self, n: int) -> None:
+        """Count the steps that were left out, as where it cannot be calibrated."""
+        if n > self._done:
+            self._progress(n - self._done, self._note)

@@ -1,0 +1,77 @@
+"""Which afferents fire at rest, before contact: spikes that cost operations and tell nothing."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.conditioning import condition_pieces
+from neurotact.data.recordings import Trials
+from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode
+
+REST_MS, SEEN_MS = 100.0, 2000.0
+"""A trial's first stretch, which is taken for its rest, and how much of it is looked at."""
+MOST_TRIALS = 128
+RESTLESS = 0.5
+"""An afferent that fires at rest with this share of its rate afterwards, or more, is no witness of touch."""
+LEAST_Hz = 1.0
+MOST_NAMED = 4
+
+
+def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_MS) -> pd.DataFrame:
+    """What each afferent sends in the first `rest_ms` of trials and after it, until `SEEN_MS`.
+
+    Columns: afferent, rest_Hz, later_Hz, rest_share (of its spikes, on the resting part), share (of all spikes of all
+    afferents), restless. At most `MOST_TRIALS` trials are encoded, evenly taken.
+    """
+    chosen = np.unique(np.linspace(0, len(recordings) - 1, min(len(recordings), MOST_TRIALS)).round().astype(int))
+    n_afferents = 2 * recordings.n_channels
+    counts, steps = np.zeros((2, n_afferents)), np.zeros(2)
+    for raster, n_rest in _encoded(recordings.select(chosen), spec, rest_ms):
+        for i, part in enumerate((raster[:n_rest], raster[n_rest:])):
+            counts[i] += part.sum(axis=0)
+            steps[i] += len(part)
+    clock_Hz = spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
+    rest_Hz, later_Hz = (counts[i] / max(1.0, steps[i]) * clock_Hz for i in (0, 1))
+    total = counts.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rest_share, share = np.nan_to_num(counts[0] / total), total / max(1.0, total.sum())
+    return pd.DataFrame(
+        {
+            "afferent": afferent_names(recordings.channels), "rest_Hz": rest_Hz, "later_Hz": later_Hz,
+            "rest_share": rest_share, "share": share,
+            "restless": (rest_Hz >= LEAST_Hz) & (rest_Hz >= RESTLESS * later_Hz),
+        }
+    )  # fmt: skip
+
+
+def complaint(table: pd.DataFrame, rest_ms: float = REST_MS) -> str | None:
+    """What to say of afferents that fire at rest, with the remedy; None where none does."""
+    restless = table[table["restless"]].sort_values("share", ascending=False)
+    if restless.empty:
+        return None
+    shown = ", ".join(
+        f"{name} ({rest_Hz:.0f} Hz at rest, {later_Hz:.0f} Hz later, {100 * share:.1f} % of all spikes)"
+        for name, rest_Hz, later_Hz, _, share, _ in restless.head(MOST_NAMED).itertuples(index=False)
+    )
+    more = f" and {len(restless) - MOST_NAMED} more" if len(restless) > MOST_NAMED else ""
+    if len(restless) > 0.5 * len(table):
+        remedy = "if trials begin in contact this is touch; else take the baseline off (conditioning.baseline=start)"
+    else:
+        remedy = "leave these taxels out (import --columns), smooth them (conditioning.ema_cutoff_Hz) or lower the gain"
+    return f"fire in the first {rest_ms:g} ms of trials nearly as afterwards: {shown}{more}; {remedy}"
+
+
+def _encoded(recordings: Trials, spec: AfferentSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
+    """The raster `(time, afferent)` of the beginning of each trial, and how many of its steps are rest."""
+    clock_Hz = spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
+    n_rest, n_seen = (max(1, round(ms * 1e-3 * clock_Hz)) for ms in (rest_ms, SEEN_MS))
+    for trial in range(len(recordings)):
+        parts, n = [], 0
+        for piece in condition_pieces(recordings, trial, spec.conditioning, spec.unit):
+            parts.append(piece[: n_seen - n].copy())
+            n += len(piece)
+            if n >= n_seen:
+                break
+        raster, _ = encode(np.concatenate(parts)[None], clock_Hz, spec)
+        yield raster[0], n_rest

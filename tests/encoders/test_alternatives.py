@@ -1,0 +1,95 @@
+"""Alternatives of conditioning, and afferents that fire at rest: each found where it was put."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.data.recordings import Recordings
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.alternatives import compare
+from neurotact.encoders.calibration import CalibrationRule, calibrate
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.resting import complaint, resting_table
+from neurotact.errors import InputError
+from neurotact.spec import build
+
+START = build(AfferentSpec, {"sa1": {"gain": 1}, "ra1": {"gain": 1}}, "an example")
+RULE = CalibrationRule(shuffles=2)
+
+
+def presses(sign: float, n: int = 8, noisy: bool = False) -> Recordings:
+    """Two taxels at rest for 0.2 s, then pressed: lightly or firmly, by the class, from a level of its own."""
+    rng, signals = np.random.default_rng(0), []
+    for trial in range(2 * n):
+        depth = (0.5, 2.0)[trial % 2]
+        pressed = depth * (1 + 0.3 * np.sin(2 * np.pi * 30e-3 * np.arange(400)))
+        signal = np.concatenate([np.zeros(200), pressed])[:, None] * sign + rng.normal(0, 0.02, (600, 2))
+        signals.append(signal + 10)
+        if noisy:
+            signals[-1][:, 1] = 10 + rng.normal(0, 1, 600)
+    return Recordings(signals, 1000.0, "count", pd.DataFrame({"label": ["light", "firm"] * n}))
+
+
+@pytest.mark.parametrize(("sign", "loses"), [(1.0, "falling"), (-1.0, "rising")])
+def test_the_polarity_of_the_sensor_is_found(sign, loses):
+    """Taken from its own start, a signal that falls on contact tells nothing by its rise, and the other way round."""
+    found = compare(presses(sign), START, rule=RULE)
+    table = found.table.set_index(["baseline", "polarity"])
+    right = "rising" if sign > 0 else "falling"
+    other = table.separation_sa.get(("start", loses))
+    assert not other > 0.5 * table.separation_sa["start", right]
+    chosen = found.table[found.table.chosen].iloc[0]
+    assert chosen.polarity != loses
+    assert not chosen.acausal
+    assert len(found.table) == 15
+    spikes = encode_recordings(presses(sign), found.best.encoder)
+    assert all(len(steps) for steps in spikes.steps)
+
+
+def test_an_inverted_encoder_of_a_falling_signal_is_the_plain_one_of_a_rising_one():
+    rising, falling = presses(1.0), presses(1.0)
+    falling = Recordings([-signal for signal in falling.signals], 1000.0, "count", falling.conditions)
+    baseline = {"conditioning": START.conditioning.model_copy(update={"baseline": "start"})}
+    spec = START.model_copy(update=baseline)
+    plain, inverted = calibrate(rising, spec, rule=RULE), calibrate(falling, spec, rule=RULE, inverted=True)
+    pd.testing.assert_frame_equal(plain.table, inverted.table)
+    assert [-value for value in plain.encoder.conditioning.scale] == list(inverted.encoder.conditioning.scale)
+
+
+def test_a_taxel_of_noise_is_named_with_the_remedy():
+    noisy = presses(1.0, noisy=True)
+    spec = build(
+        AfferentSpec,
+        {"unit": "count", "conditioning": {"baseline": "start", "scale": [1.0, 0.1]},
+         "sa1": {"gain": 30}, "ra1": {"gain": 30}},
+        "an example",
+    )  # fmt: skip
+    table = resting_table(noisy, spec)
+    assert table[table.restless].afferent.str.contains("taxel2").all()
+    assert table.restless.any()
+    assert table.share.sum() == pytest.approx(1.0)
+    said = complaint(table)
+    assert "SA-I taxel2" in said
+    assert "import --columns" in said
+    assert complaint(table.assign(restless=False)) is None
+
+
+def test_resting_shares_are_counted_by_hand():
+    """One afferent of a constant drive fires alike at rest and later: its share at rest is that of the time."""
+    steady = Recordings([np.full((400, 1), 40.0)], 1000.0, "mV", pd.DataFrame({"label": ["felt"]}))
+    table = resting_table(steady, START, rest_ms=100).set_index("afferent")
+    spikes = encode_recordings(steady, START).steps[0]
+    assert table.rest_share["SA-I taxel1"] == pytest.approx((spikes < 100).mean())
+    assert table.rest_Hz["SA-I taxel1"] == pytest.approx((spikes < 100).sum() / 0.1)
+    assert table.later_Hz["SA-I taxel1"] == pytest.approx((spikes >= 100).sum() / 0.3)
+
+
+def test_where_nothing_can_be_calibrated_the_reason_is_given():
+    still = Recordings(np.ones((8, 300, 2)), 1000.0, "count", pd.DataFrame({"label": ["a", "b"] * 4}))
+    with pytest.raises(InputError, match="never move"):
+        compare(still, START, rule=RULE)
+
+
+def test_a_scale_of_zero_is_refused():
+    with pytest.raises(InputError, match="must not be 0"):
+        build(AfferentSpec, {"conditioning": {"scale": [0.0]}, "sa1": {"gain": 1}, "ra1": {"gain": 1}}, "x.toml")
