@@ -1,0 +1,165 @@
+"""Public tactile data sets: what they are, under which licence, and how they come to this machine.
+
+A set is downloaded where its files and their hashes are known; the others are fetched by hand, and what is to be put
+where is said. Files that are there already, whole, are not downloaded again.
+"""
+
+import hashlib
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from neurotact.errors import InputError, nearest
+
+REGISTRY = Path(__file__).parent / "registry"
+
+
+class PublicSet(NamedTuple):
+    """A public data set.
+
+    about, licence, size, citation, page: for a person. reader: the `neurotact import` command that reads it; empty
+    where there is none. base_url: of the files in the registry of its name; None where it is fetched by hand, by the
+    words of `by_hand`. folder: where the files lie below the set's own folder. opens: the file that the reader takes.
+    """
+
+    about: str
+    licence: str
+    size: str
+    citation: str
+    page: str
+    reader: str
+    by_hand: str
+    base_url: str | None = None
+    folder: str = ""
+    opens: str = ""
+
+
+SETS = {
+    "fabricslide": PublicSet(
+        about="7 fabrics under a 16-taxel finger, sliding at several pressures and speeds",
+        licence="MIT",
+        size="644 CSV files (repetitions 0 and 1)",
+        citation="S. A. Wang, A. Albini, P. Maiolino, F. Mastrogiovanni, G. Cannata: Fabric Classification Using a "
+        "Finger-Shaped Tactile Sensor via Robotic Sliding. Frontiers in Neurorobotics 16:808222 (2022), "
+        "doi 10.3389/fnbot.2022.808222",
+        page="https://github.com/wngfra/FabricSlide",
+        reader="fabricslide",
+        by_hand="download the repository and copy the CSV files of its folder data/fabric",
+        base_url="https://raw.githubusercontent.com/wngfra/FabricSlide/HEAD/data/fabric/",
+        folder="fabric",
+    ),
+    "pvdf-hardness": PublicSet(
+        about="a patch of 8 P(VDF-TrFE) taxels pressed on five cubes of different hardness",
+        licence="none is stated: ask the authors before you pass it on",
+        size="not known here",
+        citation="University of Genoa, COSMIC lab: Tactile_Heatmaps",
+        page="https://github.com/cosmiclabunige/Tactile_Heatmaps",
+        reader="pvdf-hardness",
+        by_hand="download the repository and copy its folder dataset (Cube<c>/Seq<s>.../Hardness_*.lvm)",
+    ),
+    "braille-letters": PublicSet(
+        about="27 Braille letters under an event-based fingertip of 12 taxels",
+        licence="that of the Zenodo record; read it there",
+        size="not known here",
+        citation="S. F. Müller-Cleve et al.: Braille letter reading: A benchmark for spatio-temporal pattern "
+        "recognition on neuromorphic hardware. Frontiers in Neuroscience 16:951164 (2022), "
+        "doi 10.3389/fnins.2022.951164",
+        page="https://zenodo.org/record/7050094 (events at threshold 10: https://zenodo.org/record/6556273)",
+        reader="braille-letters",
+        by_hand="download the record and copy data_braille_letters_th10",
+        opens="data_braille_letters_th10",
+    ),
+    "st-mnist": PublicSet(
+        about="handwritten digits on a 10 x 10 neuromorphic tactile array",
+        licence="that of the form on the page; read it there",
+        size="not known here",
+        citation="H. H. See et al.: ST-MNIST - The Spiking Tactile MNIST Neuromorphic Dataset (2020), arXiv 2005.04319",
+        page="https://scholarbank.nus.edu.sg/bitstream/10635/168106/2/"
+        "STMNIST%20dataset%20NUS%20Tee%20Research%20Group.zip",
+        reader="",
+        by_hand="fill in the form for the archive, save its MATLAB files as x, y, t, p arrays (.npy, one per sample, a "
+        "folder per digit), which neurotact import events reads, and copy these",
+    ),
+    "touch-modality": PublicSet(
+        about="70 people who slide, brush and roll over a 4 x 4 piezoelectric array",
+        licence="that of the Mendeley record; read it there",
+        size="not known here",
+        citation="M. Alameh et al., University of Genoa, COSMIC lab: Mendeley Data dmcdp33ctt, version 2",
+        page="https://data.mendeley.com/datasets/dmcdp33ctt/2",
+        reader="touch-modality",
+        by_hand="download the record and unpack it",
+    ),
+}
+"""By the names that `neurotact fetch` takes."""
+
+
+def public_set(name: str) -> PublicSet:
+    """The set of that name; InputError names the nearest where there is none."""
+    if name not in SETS:
+        raise InputError(f"fetch: there is no set '{name}'; {nearest(name, list(SETS))}")
+    return SETS[name]
+
+
+def registry_of(name: str) -> dict[str, str]:
+    """The files of a set and their hashes (`sha256:...`), as pooch takes them; none where they are not known."""
+    path = REGISTRY / f"{name}.txt"
+    if not path.is_file():
+        return {}
+    return dict(line.split() for line in path.read_text(encoding="utf-8").splitlines())
+
+
+def missing(name: str, folder: Path) -> list[str]:
+    """The files of a set that are not in `folder`, or are damaged there."""
+    place = folder / public_set(name).folder
+    return [file for file, known in registry_of(name).items() if not _is_whole(place / file, known)]
+
+
+def fetch(
+    name: str, folder: Path, progress: Callable[[int, str], None] | None = None, *, base_url: str | None = None
+) -> int:
+    """Download what is missing of a set into `folder`; how many files that were.
+
+    progress: called with 1 and its name after each file. base_url: in place of the set's own, for a mirror.
+    Raises InputError, with what to do by hand, for a set that is not downloaded, where nothing can be reached, and for
+    a file that is not the one that was published.
+    """
+    about = public_set(name)
+    url, wanted = base_url or about.base_url, missing(name, folder)
+    if url is None:
+        raise InputError(f"{name}: {by_hand(name, folder)}")
+    place = folder / about.folder
+    for file in wanted:
+        _download(name, url + file, file, place, folder)
+        if progress:
+            progress(1, file)
+    return len(wanted)
+
+
+def by_hand(name: str, folder: Path) -> str:
+    """What a person does where a set is not downloaded."""
+    about = public_set(name)
+    then = f"; then run neurotact import {about.reader} {folder / about.opens} -o {name}.h5" if about.reader else ""
+    return f"{about.by_hand} from {about.page} to {folder / about.folder}{then}"
+
+
+def _download(name: str, url: str, file: str, place: Path, folder: Path) -> None:
+    """One file, whole or not at all: pooch loads it beside its place, checks the hash and renames it."""
+    try:
+        import pooch
+    except ImportError as error:
+        raise InputError("fetch: the package pooch is not installed; pip install pooch") from error
+    pooch.get_logger().setLevel(logging.ERROR)
+    try:
+        pooch.retrieve(url, registry_of(name)[file], fname=file, path=place)
+    except ValueError as error:
+        raise InputError(
+            f"{name}: {url} is not the file that was published (its hash differs); {by_hand(name, folder)}"
+        ) from error
+    except OSError as error:  # what requests and the disk raise
+        why = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise InputError(f"{name}: {url} cannot be downloaded ({why}); {by_hand(name, folder)}") from error
+
+
+def _is_whole(path: Path, known: str) -> bool:
+    return path.is_file() and f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" == known
