@@ -6,6 +6,7 @@ from .api import load as load
 from .api import load_network as load_network
 from .api import plot_raster as plot_raster
 from .api import read as read
+from .api import read_events as read_events
 from .api import read_folder as read_folder
 from .api import report_study as report_study
 from .api import run_study as run_study

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from neurotact import files, spec
 from neurotact.data import hdf5, sources
-from neurotact.data.readers import folder
+from neurotact.data.readers import event_files, folder
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -53,17 +53,59 @@ def simulate(
     return found.simulate(found.build({**parameters, **(settings or {})}, f"simulate {name}"), progress)
 
 
-def read(name: str, path: str | Path) -> Recordings:
-    """Read recordings as they were published; `name` is a reader's, such as "fabricslide"."""
+def read(name: str, path: str | Path) -> Recordings | SpikeTrains:
+    """Read recordings, or spikes, as they were published; `name` is a reader's, such as "fabricslide"."""
     return sources.reader(_text("name", name)).read(Path(path))
 
 
-def read_folder(path: str | Path, sampling_rate_Hz: float, unit: str) -> Recordings:
-    """Read a folder of CSV or NPZ files, one sub-folder per class, one row per sample and one column per taxel.
+def read_folder(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
+    *,
+    levels: str | Sequence[str] = (),
+    pattern: str | None = None,
+    conditions: str | Path | None = None,
+    columns: str | Sequence[str] = (),
+    time_column: str | None = None,
+    time_unit: str = "s",
+    max_gap_ms: float | None = None,
+    decimal: str = ".",
+    header_lines: int | None = None,
+) -> Recordings:
+    """Read a folder of CSV or NPZ files, one row per sample and one column per taxel: `neurotact import folder`.
 
-    sampling_rate_Hz: samples per second. unit: of the signals, such as "mV" or "count".
+    sampling_rate_Hz: samples per second; found from the time stamps when None. unit: of the signals, such as "count".
+    levels: what the sub-folders are, from the top, such as "label,speed"; "label" when nothing else gives the label.
+    pattern: conditions in the file names, such as "{label}_F{force}_{repetition}.csv".
+    conditions: a CSV file with the column `file` and one column per condition.
+    columns: the taxels, by numbers from 1 or by names, such as "1-5"; all but the time column when empty.
+    time_column, time_unit ("s", "ms", "us", "ns"), max_gap_ms: the stamps, and their longest interval.
+    decimal: "." or ",". header_lines: lines before the first sample; found out when None.
+    Raises InputError, which names the file, the line and the fix.
     """
-    return folder.read(path, sampling_rate_Hz, unit)
+    naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
+    layout = {
+        "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "decimal": decimal, "header_lines": header_lines,
+    }  # fmt: skip
+    return folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+
+
+def read_events(
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    naming: Settings | None = None,
+) -> SpikeTrains:
+    """Spike trains from a file of events (CSV, NPZ, NPY, HDF5) or a folder of one file per trial.
+
+    settings: step_ms, time_unit, origin, duration_ms, polarity, polarities, channels, n_channels, sensor.
+    names: what the file calls time, channel, population, trial and label. naming: of a folder: levels, pattern, table.
+    Raises InputError, which names the file and the place.
+    """
+    return event_files.read(path, settings, names=names, naming=naming)
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:
@@ -115,18 +157,20 @@ def calibrate(
     *,
     split_seed: int = 0,
     stratify: Sequence[str] = (),
+    split: Settings | None = None,
 ) -> AfferentSpec:
     """An encoder with gains for a sensor, from the training trials of the split with that random seed.
 
+    split: how else trials are divided, as for `train`; the gains know nothing of its validation and test trials.
     settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
     past alone, unless `settings` name `conditioning.baseline`.
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
-    split = split_conditions(recordings.conditions, stratify, SplitSpec(seed=split_seed))
+    sides = split_conditions(recordings.conditions, stratify, spec.build(SplitSpec, _split(split_seed, split), "split"))
     start = encoder if isinstance(encoder, AfferentSpec) else spec.load(AfferentSpec, encoder)
     changed = _changed(start, settings)
     fit, _ = calibration.way_of(changed, settings or ())
-    return fit(recordings.select(split.train), changed).encoder
+    return fit(recordings.select(sides.train), changed).encoder
 
 
 def plot_raster(
@@ -157,8 +201,11 @@ def train(
     start_ms: float = 0.0,
     hop_ms: float | None = None,
     per_trial: int | None = None,
+    align: str = "trial",
+    onset: Settings | None = None,
     stratify: Sequence[str] = (),
     split_seed: int = 0,
+    split: Settings | None = None,
     exit_tolerance: float = 0.01,
     seed: int = 0,
     device: str = "cpu",
@@ -168,12 +215,16 @@ def train(
     """Train a network on windows of a file of spikes and save it in `folder`, as `neurotact train` does; its result.
 
     network: a spec, or the name or path of one. settings: changes of it, dotted keys.
-    length_ms, start_ms, hop_ms, per_trial: as for `windows`. stratify: conditions that are balanced in the split.
+    length_ms, start_ms, hop_ms, per_trial, align, onset: as for `windows`.
+    stratify: conditions that are balanced in the split.
+    split: how else trials are divided: group, test_where, order, folds, fold, validation and test, as for the method
+    `split` of `windows`, such as `{"test_where": {"speed": 450}}`.
     exit_tolerance: validation accuracy that early exit may lose.
     force: replace a training that is in the folder. resume: go on with one that was interrupted.
     Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys.
     """
-    task = trained.task_of("train", (length_ms, start_ms, hop_ms, per_trial), split_seed, stratify, exit_tolerance)
+    window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    task = trained.task_of("train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance)
     what, place = _network(network, settings), Path(folder)
     train_run.run(Path(spikes), place, what, task, seed=seed, device=device, force=force, resume=resume)
     return files.read_json(place / train_run.RESULT)["row"]
@@ -249,17 +300,21 @@ def tune(
     start_ms: float = 0.0,
     hop_ms: float | None = None,
     per_trial: int | None = None,
+    align: str = "trial",
+    onset: Settings | None = None,
     stratify: Sequence[str] = (),
     split_seed: int = 0,
+    split: Settings | None = None,
     workers: int = 2,
 ) -> pd.DataFrame:
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
     space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
     objective: "accuracy", or "accuracy-sops". The journal, tables, figure, `best.toml` and the best network are
-    saved in `folder`; given the same folder again, the search goes on there.
+    saved in `folder`; given the same folder again, the search goes on there. Windows and split: as for `train`.
     """
-    task = trained.task_of("tune", (length_ms, start_ms, hop_ms, per_trial), split_seed, stratify)
+    window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    task = trained.task_of("tune", _window(window, onset), _split(split_seed, split), stratify)
     table = {
         "space": tuning.load_space(space) if isinstance(space, str) else space,
         "trials": trials,
@@ -326,6 +381,14 @@ def _reported(folder: Path) -> pd.DataFrame:
 
 def _network(network: str | Path | RSNNSpec, settings: Settings | None) -> RSNNSpec:
     return spec.load(RSNNSpec, network, settings) if isinstance(network, (str, Path)) else _changed(network, settings)
+
+
+def _window(window: dict[str, Any], onset: Settings | None) -> dict[str, Any]:
+    return window | ({"onset": dict(onset)} if onset else {})
+
+
+def _split(seed: int, settings: Settings | None) -> dict[str, Any]:
+    return {"seed": seed, **(settings or {})}
 
 
 def _encoder(encoder: str | Path | EncoderSpec, settings: Settings | None) -> Any:

@@ -191,13 +191,32 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
     return parsed
 
 
-def _value_of(text: str, assignment: str) -> Any:
+def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
+    """`["speed=300,450", "subject=ann"]` as the values of each condition; one that is named twice has both values.
+
+    >>> parse_where(["speed=300,450", "subject=ann", "subject=bob"], "--test-where")
+    {'speed': [300, 450], 'subject': ['ann', 'bob']}
+    """
+    found: dict[str, list[Any]] = {}
+    for assignment in assignments:
+        column, equals, text = assignment.partition("=")
+        if not equals or not column.strip() or not text.strip():
+            raise InputError(f"{option} {assignment}: must read CONDITION=VALUE, as in speed=450")
+        whole = _value_of(text, assignment, option)
+        if isinstance(whole, str) and whole == text.strip():  # no quotes, so that a comma parts values
+            whole = [_value_of(part, assignment, option) for part in text.split(",") if part.strip()]
+        values = _plain(whole if isinstance(whole, list) else [whole], option, column.strip())
+        found.setdefault(column.strip(), []).extend(values)
+    return found
+
+
+def _value_of(text: str, assignment: str, option: str = "--set") -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         return text.strip()
     except (ValueError, RecursionError) as error:  # more digits or brackets than Python reads
-        raise InputError(f"--set {assignment[:40]}...: cannot be read ({error}); write a simpler value") from error
+        raise InputError(f"{option} {assignment[:40]}...: cannot be read ({error}); write a simpler value") from error
 
 
 def to_toml(table: Mapping[str, Any]) -> str:

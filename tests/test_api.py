@@ -123,7 +123,8 @@ def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved,
     words = ["--trials", "2", "--window-ms", "100", "--workers", "1", "--set", "training.epochs=1"]
     command = ["tune", str(saved), "--space", str(tmp_path / "space.toml"), *words, "-o", str(tmp_path / "theirs")]
     monkeypatch.setattr(sys, "argv", ["neurotact", *command])
-    cli.main()
+    with pytest.raises(SystemExit, match="0"):
+        cli.main()
     left = {path.relative_to(tmp_path / "theirs") for path in (tmp_path / "theirs").rglob("*") if path.is_file()}
     assert {path.relative_to(tmp_path / "mine") for path in (tmp_path / "mine").rglob("*") if path.is_file()} == left
     for path in left:
@@ -185,3 +186,37 @@ def test_what_is_shown_is_short_and_says_sizes_rates_and_units(touches, spikes):
 def test_calibrate_leaves_a_baseline_that_knows_the_future(touches):
     assert nt.calibrate(touches).conditioning.baseline in ("none", "start")
     assert nt.calibrate(touches, settings={"conditioning.baseline": "mean"}).conditioning.baseline == "mean"
+
+
+@pytest.mark.filterwarnings("ignore:window.align")
+def test_a_condition_is_tested_alike_from_python_and_the_command_line(saved, tmp_path):
+    """All trials at one force are tested, no other is, and the network remembers them as its test trials."""
+    force = sorted(nt.load(saved).conditions["force_N"].unique())[-1]
+    nt.train(saved, tmp_path / "mine", "rsnn", QUICK, split={"test_where": {"force_N": force}}, align="onset")
+    changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
+    command = ["train", str(saved), "--network", "rsnn", *changes, "-o", str(tmp_path / "theirs")]
+    where = ["--test-where", f"force_N={force}", "--align", "onset"]
+    subprocess.run([sys.executable, "-m", "neurotact", *command, *where], check=True, capture_output=True)
+    assert (tmp_path / "mine/weights.safetensors").read_bytes() == (
+        tmp_path / "theirs/weights.safetensors"
+    ).read_bytes()
+    trains = nt.load(saved)
+    found = nt.infer(tmp_path / "theirs", trains)
+    tested = found["trial"][found["side"] == "test"].unique()
+    np.testing.assert_array_equal(tested, np.flatnonzero(trains.conditions["force_N"] == force))
+
+
+def test_gains_know_nothing_of_the_condition_that_is_tested(touches):
+    """Calibrated for one force held out, an encoder is the same whatever was recorded at that force."""
+    table = touches.conditions
+    force = float(table["force_N"].max())
+    wild = [
+        signal * (3 if held_out else 1)
+        for signal, held_out in zip(touches.signals, table["force_N"] == force, strict=True)
+    ]
+    other = nt.Recordings(wild, touches.sampling_rate_Hz, touches.unit, table, touches.channels)
+    split = {"test_where": {"force_N": force}}
+    changes = {"conditioning.baseline": "start"}
+    mine, theirs = (nt.calibrate(each, settings=changes, split=split) for each in (touches, other))
+    assert mine == theirs
+    assert nt.calibrate(other, settings=changes) != nt.calibrate(touches, settings=changes)

@@ -247,7 +247,7 @@ def test_a_value_where_a_table_belongs_is_refused(value):
             "conditioning.baseline",
             "max",
         ),
-        ("conditioning.scale.1: must be > 0; got 0", "conditioning.scale", [1.0, 0.0]),
+        ("conditioning.scale.1: must not be 0; got 0", "conditioning.scale", [1.0, 0.0]),
     ],
 )
 def test_a_refusal_says_what_a_value_must_be(message, key, value):

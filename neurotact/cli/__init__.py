@@ -30,6 +30,7 @@ COMMANDS = {
     "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
     "copy": Place("specs", "copy", "Copy a spec here, to be edited and given by its path."),
     "simulate": Place("simulate", "app", "Simulate an experiment."),
+    "fetch": Place("fetch", "fetch", "Download a public tactile data set."),
     "import": Place("recordings", "app", "Read recordings as they were published into one HDF5 file."),
     "calibrate": Place("encoding", "calibrate", "Find an encoder's gains for a sensor, from its training trials."),
     "encode": Place("encoding", "encode", "Turn whole trials into the spikes of SA-I and RA-I afferents."),

@@ -1,20 +1,35 @@
 """The commands from recordings to spikes: calibrate, encode, raster."""
 
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated
 
 import numpy as np
 import typer
 
 from neurotact import files, spec
-from neurotact.cli.options import MOST_SPLITS, EncoderOption, Force, OutFile, SetOption, Spikes, Stratify
+from neurotact.cli.options import (
+    MOST_SPLITS,
+    EncoderOption,
+    Fold,
+    Folds,
+    Force,
+    Group,
+    Order,
+    OutFile,
+    SetOption,
+    Spikes,
+    Stratify,
+    TestWhere,
+    split_table,
+)
 from neurotact.cli.options import Recordings as RecordingsFile
-from neurotact.cli.output import print_line
+from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
-from neurotact.encoders import calibration, firing
+from neurotact.encoders import alternatives, calibration, firing, resting
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_file
@@ -23,6 +38,9 @@ from neurotact.figures import raster as rasters
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save as save_figure
 from neurotact.progress import say, track
+
+COMPARED = ["baseline", "polarity", "separation_sa", "separation_ra", "acausal", "chosen"]
+"""What is shown of alternatives."""
 
 
 def calibrate(
@@ -34,27 +52,51 @@ def calibrate(
         int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split; only its training trials are used.")
     ] = 0,
     stratify: Stratify = None,
+    test_where: TestWhere = None,
+    group: Group = None,
+    order: Order = None,
+    folds: Folds = None,
+    fold: Fold = 0,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Compare baselines and polarities first, and take the best causal one.")
+    ] = False,
+    rest_ms: Annotated[
+        float, typer.Option("--rest-ms", min=1, help="The first stretch of trials, in which afferents should rest.")
+    ] = resting.REST_MS,
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
     force: Force = False,
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials.
 
     No classifier is used. A baseline that knows the whole trial gives way to one that knows the past alone, unless
-    it is given with --set.
+    it is given with --set. Afferents that fire at rest are named, with the remedy.
     """
+    began = perf_counter()
     _check_outputs([out, figure], force, [recordings, encoder])
+    asked = split_table(split_seed, test_where, group, order, folds, fold)
     rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
     start = spec.load(AfferentSpec, encoder, changes)
     fit, times = calibration.way_of(start, changes)
-    with hdf5.open_recordings(recordings) as data, track("calibrate", times * rule.candidates) as advance:
-        split = split_conditions(data.conditions, stratify or (), SplitSpec(seed=split_seed))
-        found = fit(data.select(split.train), start, advance, rule)
+    n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
+    with hdf5.open_recordings(recordings) as data, track("calibrate", n_steps) as advance:
+        split = split_conditions(data.conditions, stratify or (), spec.build(SplitSpec, asked, source="calibrate"))
+        training = data.select(split.train)
+        compared = alternatives.compare(training, start, advance, rule) if compare else None
+        found = fit(training, start, advance, rule) if compared is None else compared.best
+        complaint = resting.complaint(resting.resting_table(training, found.encoder, rest_ms), rest_ms)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
     if figure:
         save_figure(draw_calibration(found.table, found.isi), figure)
-    print(f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}")
+    if compared is not None:
+        print_table(compared.table[COMPARED])
+    print(
+        f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}, from {len(split.train)} "
+        f"training trials in {perf_counter() - began:.1f} s"
+    )
+    if complaint:
+        say(f"{recordings}: {complaint}")
 
 
 def encode(

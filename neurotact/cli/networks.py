@@ -12,14 +12,22 @@ import typer
 from neurotact import files, spec
 from neurotact.cli.options import (
     MOST_WORKERS,
+    Align,
     DeviceOption,
+    Fold,
+    FoldOrAll,
+    Folds,
     Force,
+    Group,
     HopMs,
     Json,
+    OnsetDeviations,
+    Order,
     OtherEncoder,
     OutFile,
     OutFolder,
     PerTrial,
+    RestMs,
     RunFolder,
     Seed,
     SetOption,
@@ -27,8 +35,11 @@ from neurotact.cli.options import (
     SplitSeed,
     StartMs,
     Stratify,
+    TestWhere,
     Tolerance,
     WindowMs,
+    split_table,
+    window_table,
 )
 from neurotact.cli.output import print_line, print_row, print_table
 from neurotact.data import hdf5
@@ -36,7 +47,7 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import comparison, ledger, search, train_run, trained, tuning
+from neurotact.networks import comparison, ledger, repeated, search, train_run, trained, tuning
 from neurotact.networks.outcome import Outcome
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
@@ -62,6 +73,20 @@ def train_command(
     start_ms: StartMs = 0.0,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
+    align: Align = "trial",
+    rest_ms: RestMs = 50.0,
+    onset_deviations: OnsetDeviations = 3.0,
+    test_where: TestWhere = None,
+    group: Group = None,
+    order: Order = None,
+    folds: Folds = None,
+    fold: FoldOrAll = None,
+    repeats: Annotated[
+        int,
+        typer.Option(
+            "--repeats", min=1, max=1000, help="Train on so many splits, drawn by seeds from --split-seed on."
+        ),
+    ] = 1,
     stratify: Stratify = None,
     split_seed: SplitSeed = 0,
     tolerance: Tolerance = 0.01,
@@ -76,15 +101,22 @@ def train_command(
     """Train a network on windows of spike trains.
 
     The best epoch on validation windows is saved. After an interruption, the same command with --resume
-    goes on and leaves the same files.
+    goes on and leaves the same files. With --folds, or with --repeats, one network is trained for each split, in a
+    folder of its own, and their mean is printed.
     """
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
-    task = trained.task_of("train", (window_ms, start_ms, hop_ms, per_trial), split_seed, stratify, tolerance)
+    window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    split = split_table(split_seed, test_where, group, order, folds, fold or 0)
+    task = trained.task_of("train", window, split, stratify, tolerance)
+    every_fold = folds is not None and fold is None
+    options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
+    options["tell"] = lambda line: None if as_json else print(line)
     try:
-        done = train_run.run(
-            spikes, out, what, task, seed=seed, device=_device(device), force=force, resume=resume,
-            tell=lambda line: None if as_json else print(line),
-        )  # fmt: skip
+        if every_fold or repeats > 1:
+            tasks = repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
+            _print_repeated(out, repeated.run(spikes, out, what, tasks, **options), as_json=as_json)
+            return
+        done = train_run.run(spikes, out, what, task, **options)
     except train_run.Interrupted as interrupted:
         say(_how_to_go_on(interrupted.epochs))
         sys.exit(INTERRUPTED)
@@ -117,6 +149,14 @@ def _print_next(run: Path, spikes: Path) -> None:
     print(f"      neurotact sops {where} -o sops.csv")
 
 
+def _print_repeated(out: Path, found: repeated.Repeated, *, as_json: bool) -> None:
+    if as_json:
+        print(to_json(found.table))
+        return
+    print_table(found.table[["folder", "accuracy_validation", "accuracy_test", "linear", "sops_total", "exit_steps"]])
+    print(f"{out / repeated.TABLE}: {repeated.line(found)}")
+
+
 def _how_to_go_on(epochs: int) -> str:
     """What an interrupted training says, with the command that goes on."""
     if epochs == 0:
@@ -147,6 +187,14 @@ def tune(
     start_ms: StartMs = 0.0,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
+    align: Align = "trial",
+    rest_ms: RestMs = 50.0,
+    onset_deviations: OnsetDeviations = 3.0,
+    test_where: TestWhere = None,
+    group: Group = None,
+    order: Order = None,
+    folds: Folds = None,
+    fold: Fold = 0,
     stratify: Stratify = None,
     split_seed: SplitSeed = 0,
     tolerance: Tolerance = 0.01,
@@ -170,7 +218,9 @@ def tune(
         "assessor": assessor,
         "start_epoch": start_epoch,
     }
-    task = trained.task_of("tune", (window_ms, start_ms, hop_ms, per_trial), split_seed, stratify, tolerance)
+    window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    split = split_table(split_seed, test_where, group, order, folds, fold)
+    task = trained.task_of("tune", window, split, stratify, tolerance)
     problem = search.problem_of(
         hdf5.load_spikes(spikes),
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),

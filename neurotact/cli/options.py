@@ -1,9 +1,11 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
+
+from neurotact.spec import parse_where
 
 MOST_SEEDS = 2**63 - 2
 """Of a training, which draws its order from the next seed."""
@@ -43,6 +45,42 @@ Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance
 SplitSeed = Annotated[
     int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split into training, validation and test.")
 ]
+TestWhere = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--test-where",
+        metavar="CONDITION=VALUE",
+        help="Test on these trials and train on the others, as in speed=450 or speed=300,450; may be repeated.",
+    ),
+]
+Group = Annotated[
+    list[str] | None,
+    typer.Option("--group", metavar="CONDITION", help="Trials that agree in it stand on one side; may be repeated."),
+]
+Order = Annotated[
+    str | None,
+    typer.Option(
+        "--order",
+        metavar="CONDITION",
+        help="Test on each class's last trials by it; 'trial': as they stand in the file.",
+    ),
+]
+Folds = Annotated[int | None, typer.Option("--folds", min=2, help="Divide the trials into so many folds; test on one.")]
+Fold = Annotated[int, typer.Option("--fold", min=0, help="The fold that is tested, from 0.")]
+FoldOrAll = Annotated[
+    int | None, typer.Option("--fold", min=0, show_default="each in turn", help="The fold that is tested, from 0.")
+]
+Align = Annotated[
+    Literal["trial", "onset"],
+    typer.Option(help="What --start-ms counts from: the trial's beginning, or the onset of contact."),
+]
+RestMs = Annotated[
+    float, typer.Option("--rest-ms", help="With --align onset: the trial's first stretch, which is at rest.")
+]
+OnsetDeviations = Annotated[
+    float,
+    typer.Option("--onset-deviations", help="With --align onset: contact begins so many deviations above the rest."),
+]
 Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
 OtherEncoder = Annotated[
     bool, typer.Option("--allow-other-encoder", help="Take spikes that are encoded otherwise than in training.")
@@ -53,3 +91,31 @@ Spikes = Annotated[Path, typer.Argument(help="An HDF5 file of spikes, as encode 
 RunFolder = Annotated[Path, typer.Argument(help="The folder of a trained network.")]
 StudyFolder = Annotated[Path, typer.Argument(help="The folder of a study.")]
 Source = Annotated[Path, typer.Argument(help="The folder or file to read.")]
+
+
+def split_table(
+    seed: int,
+    test_where: list[str] | None,
+    group: list[str] | None,
+    order: str | None,
+    folds: int | None,
+    fold: int,
+) -> dict[str, Any]:
+    """The options that say how trials are divided, as the table of a split."""
+    where = parse_where(test_where or [], "--test-where")
+    return {"seed": seed, "test_where": where, "group": group or [], "order": order, "folds": folds, "fold": fold}
+
+
+def window_table(
+    length_ms: float,
+    start_ms: float,
+    hop_ms: float | None,
+    per_trial: int | None,
+    align: str,
+    rest_ms: float,
+    deviations: float,
+) -> dict[str, Any]:
+    """The options that say what windows there are, as the table of a window."""
+    onset = {"rest_ms": rest_ms, "bin_ms": min(10.0, rest_ms), "deviations": deviations}
+    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    return table | ({"onset": onset} if align == "onset" else {})

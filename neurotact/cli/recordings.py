@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,10 +11,13 @@ from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Source
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
-from neurotact.data.readers import braille_letters, folder
+from neurotact.data.readers import event_files, folder
+from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
 
-IMPORTED = (".csv", ".npz", ".lvm")
+IMPORTED = (".csv", ".npz", ".npy", ".lvm", ".h5", ".hdf5", ".txt", ".tsv")
 """Files of recordings as they were published."""
 
 app = new_app("Read recordings as they were published into one HDF5 file.")
@@ -24,42 +27,147 @@ app = new_app("Read recordings as they were published into one HDF5 file.")
 def import_folder(
     source: Source,
     out: OutFile,
-    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples per second.")],
     unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
+    sampling_rate_hz: Annotated[
+        float | None,
+        typer.Option("--sampling-rate-Hz", help="Samples per second; found from --time-column when absent."),
+    ] = None,
+    levels: Annotated[
+        str | None,
+        typer.Option(help="What the sub-folders are, from the top, as in label,speed.", show_default="label"),
+    ] = None,
+    pattern: Annotated[
+        str | None, typer.Option(help="Conditions in the file names, as in {label}_F{force}_{repetition}.csv.")
+    ] = None,
+    conditions: Annotated[
+        Path | None, typer.Option(help="A CSV file with the column file and one column per condition.")
+    ] = None,
+    columns: Annotated[
+        str | None, typer.Option(help="The taxels' columns, by numbers from 1 or by names, as in 1-5 or left,right.")
+    ] = None,
+    time_column: Annotated[str | None, typer.Option("--time-column", help="The column of time stamps.")] = None,
+    time_unit: Annotated[Literal["s", "ms", "us", "ns"], typer.Option("--time-unit", help="Of the time stamps.")] = "s",
+    max_gap_ms: Annotated[
+        float | None,
+        typer.Option("--max-gap-ms", help="The longest interval of time stamps.", show_default="five usual ones"),
+    ] = None,
+    decimal: Annotated[Literal[".", ","], typer.Option(help="What parts the decimals.")] = ".",
+    header_lines: Annotated[
+        int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="found out")
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Any recordings: one sub-folder per class with CSV or NPZ files, one row per sample and one column per taxel."""
-    _check_import(source, out, force)
-    save_recordings(folder.read(source, sampling_rate_hz, unit), out)
+    """Any recordings: a folder of CSV or NPZ files, one row per sample and one column per taxel.
+
+    One sub-folder per class, unless --levels, --pattern or --conditions say where the class and the conditions are.
+    Time stamps that jitter are interpolated onto a regular clock.
+    """
+    _check_import(source, out, force, conditions)
+    naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
+    layout = {
+        "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "decimal": decimal, "header_lines": header_lines,
+    }  # fmt: skip
+    _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out)
 
 
-@app.command("braille-letters")
-def import_braille_letters(
+@app.command("events")
+def import_events(
     source: Source,
     out: OutFile,
-    step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = 5.0,
+    step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = 1.0,
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns"] | None,
+        typer.Option("--time-unit", help="Of the times.", show_default="as the file says, else s; us for x, y, t, p"),
+    ] = None,
+    origin: Annotated[
+        Literal["zero", "first"], typer.Option(help="A trial begins at time zero, or with its first event.")
+    ] = "zero",
+    duration_ms: Annotated[
+        float | None, typer.Option("--duration-ms", help="Length of every trial.", show_default="to the last event")
+    ] = None,
+    polarity: Annotated[
+        Literal["separate", "merge", "on", "off"],
+        typer.Option(help="Each polarity a population, both one, or the events of one alone."),
+    ] = "separate",
+    polarities: Annotated[str, typer.Option(help="Names of the polarities, from the lowest value.")] = "OFF,ON",
+    channels: Annotated[str | None, typer.Option(help="Names of the channels, from channel 0.")] = None,
+    n_channels: Annotated[
+        int | None, typer.Option("--n-channels", help="Numbered channels.", show_default="to the last that sends")
+    ] = None,
+    sensor: Annotated[str | None, typer.Option(help="Grid of x, y, t, p events, as in 34x34.")] = None,
+    names: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--names", metavar="WHAT=NAME",
+            help="What the file calls time, channel, population, trial or label; may be repeated.",
+        ),
+    ] = None,
+    levels: Annotated[str | None, typer.Option(help="Of a folder: what sub-folders are, as in label,speed.")] = None,
+    pattern: Annotated[str | None, typer.Option(help="Of a folder: conditions in the file names.")] = None,
+    conditions: Annotated[Path | None, typer.Option(help="Of a folder: a CSV file of conditions.")] = None,
     force: Force = False,
-) -> None:
-    """27 Braille letters under an event-based fingertip (Zenodo 6556273): the published file, to spikes."""
-    files.check_new(out, force=force, inputs=[source])
-    trains = braille_letters.read(source, step_ms)
-    hdf5.save_spikes(trains, out)
-    print(
-        f"{out}: {len(trains)} trials of {len(trains.classes)} classes, {sum(map(len, trains.steps))} spikes of "
-        f"{len(trains.afferents)} afferents, {trains.trial_steps[0]} steps at {trains.sampling_rate_Hz:g} Hz"
-    )
+) -> None:  # fmt: skip
+    """Spikes of any sensor that sends events: CSV, NPZ or NPY, HDF5 as the Heidelberg Digits, or a folder of such.
+
+    The file says which populations there are, such as ON and OFF. Events of a channel within one step are one spike.
+    """
+    _check_import(source, out, force, conditions)
+    spec = {
+        "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
+        "polarities": polarities, "channels": channels or (), "n_channels": n_channels, "sensor": sensor,
+    }  # fmt: skip
+    naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
+    _save(event_files.read(source, spec, names=_names(names or []), naming=naming), out)
+
+
+def _names(assignments: list[str]) -> dict[str, str]:
+    pairs = [assignment.partition("=") for assignment in assignments]
+    wrong = [what + equals for what, equals, name in pairs if what not in event_files.ALIASES or not name]
+    if wrong:
+        known = ", ".join(event_files.ALIASES)
+        raise InputError(f"--names {wrong[0]}: must read WHAT=NAME, where WHAT is one of {known}")
+    return {what: name for what, _, name in pairs}
 
 
 def _command(name: str, form: Reader) -> Callable[..., None]:
     def run(source: Source, out: OutFile, force: Force = False) -> None:
         _check_import(source, out, force)
-        save_recordings(form.read(source), out)
+        _save(form.read(source), out)
 
-    return run
+    def run_on_clock(
+        source: Source,
+        out: OutFile,
+        step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = (
+            form.step_ms or 1.0
+        ),
+        force: Force = False,
+    ) -> None:
+        _check_import(source, out, force)
+        _save(form.read(source, step_ms), out)
+
+    return run if form.step_ms is None else run_on_clock
 
 
 add_plugins(app, "readers", _command)
 
 
-def _check_import(source: Path, out: Path, force: bool) -> None:
-    files.check_new(out, force=force, inputs=[p for p in files.below(source) if p.suffix.lower() in IMPORTED])
+def _check_import(source: Path, out: Path, force: bool, table: Path | None = None) -> None:
+    found = files.below(source) if files.existing(source, "file or folder").is_dir() else []
+    inputs = [path for path in found if path.suffix.lower() in IMPORTED]
+    files.check_new(out, force=force, inputs=[source, *inputs, table])
+
+
+def _save(found: Recordings | SpikeTrains, out: Path) -> None:
+    if isinstance(found, Recordings):
+        save_recordings(found, out)
+        return
+    hdf5.save_spikes(found, out)
+    populations = found.populations
+    told = (
+        f" ({', '.join(f'{len(rows)} {name}' for name, rows in populations.items())})" if len(populations) > 1 else ""
+    )
+    print(
+        f"{out}: {len(found)} trials of {len(found.classes)} classes, {sum(map(len, found.steps))} spikes of "
+        f"{len(found.afferents)} afferents{told}, {found.trial_steps[0]} steps at {found.sampling_rate_Hz:g} Hz"
+    )

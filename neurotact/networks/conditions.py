@@ -9,7 +9,7 @@ from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.trained import Task, examples_of, synops_of
+from neurotact.networks.trained import Task, examples_of, spikes_column, synops_of
 from neurotact.tables import records
 
 
@@ -38,8 +38,7 @@ def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[st
                     "n_test": len(examples.labels),
                     "accuracy_test": float((inference.labels.cpu() == examples.labels).double().mean()),
                     **{f"sops_{name}": float(each.mean()) for name, each in cost._asdict().items()},
-                    "spikes_sa": float(sent[trains.is_sa].sum()),
-                    "spikes_ra": float(sent[~trains.is_sa].sum()),
+                    **{spikes_column(name): float(sent[its].sum()) for name, its in trains.populations.items()},
                 }
             )
     return records(pd.DataFrame(rows))

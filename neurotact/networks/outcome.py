@@ -37,7 +37,7 @@ class Outcome(NamedTuple):
 
 def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -> Outcome:
     """Measure a trained network on its test windows."""
-    result = trained.measure(fitted, sides.test, trains.is_sa)
+    result = trained.measure(fitted, sides.test, trains.populations)
     parts = trained.trials_of(trains, task)
     compared = compare(result["row"]["accuracy_test"], sides, len(parts.test), len(trains.classes))
     return Outcome(

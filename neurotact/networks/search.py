@@ -113,6 +113,7 @@ def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task:
     """
     tuning.check(search.space, network, source="search.space")
     trained.trials_of(trains, task)
+    trained.warn_of_onsets(trains, task.window)
     return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains))
 
 

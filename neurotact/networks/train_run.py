@@ -91,6 +91,7 @@ def run(
         _check_place(folder, force=force, resume=resume)
         trains = hdf5.load_spikes(spikes)
         seen = trained.seen(trains, task)
+        trained.warn_of_onsets(trains, task.window)
         asked = Asked(
             spikes=os.path.relpath(spikes, folder),
             spikes_sha256=files.sha256(spikes),

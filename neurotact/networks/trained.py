@@ -1,6 +1,7 @@
 """A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
 
 import os
+import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,14 +18,14 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions
-from neurotact.data.windows import Windows, WindowSpec, cut
+from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks import checkpoint, recipe
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit_choice import oracle_exit, validated_rule
 from neurotact.networks.kernels import Backend
-from neurotact.networks.provenance import Provenance, first_difference, provenance_of
+from neurotact.networks.provenance import SIDES, Provenance, first_difference, provenance_of
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Checkpoint, Epoch, Examples, Training, train
@@ -55,17 +56,16 @@ class Task(Spec):
 
 def task_of(
     source: str,
-    window: tuple[float, float, float | None, int | None],
-    split_seed: int,
+    window: Mapping[str, Any],
+    split: Mapping[str, Any],
     stratify: Sequence[str] | None,
     exit_tolerance: float = 0.01,
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
-    window: the values of `WindowSpec`: length_ms, start_ms, hop_ms, per_trial.
+    window, split: keys of `WindowSpec` and of `SplitSpec`.
     """
-    cuts, split = dict(zip(WindowSpec.model_fields, window, strict=True)), {"seed": split_seed}
-    table = {"window": cuts, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
+    table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
     return build(Task, table, source=source)
 
 
@@ -103,6 +103,9 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
     split = split or split_conditions(trains.conditions, task.stratify, task.split)
     sides = Split(*(np.intersect1d(side, inside) for side in split))
+    empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
+    if empty:
+        raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
     names = trains.classes  # gathered from all trials at every call
     known = [names[label] for label in np.unique(trains.labels[sides.train])]
     if len(known) < 2:
@@ -114,7 +117,7 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
 
 def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
     """The windows of some trials, which keep the classes of all; the windows name trials of `trains`."""
-    windows = cut(trains.trial_steps[trials], trains.sampling_rate_Hz, window, trials)
+    windows = trains.cut(window, trials)
     labels = torch.from_numpy(trains.labels[windows.trial])
     return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
 
@@ -123,6 +126,13 @@ def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
     """What a recipe looks at of the training windows."""
     training, _ = examples_of(trains, trials_of(trains, task).train, task.training_window)
     return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
+
+
+def warn_of_onsets(trains: SpikeTrains, window: WindowSpec) -> None:
+    """Warn where windows were to start at the onset of contact and some do not."""
+    complaint = trains.onset_complaint(window)
+    if complaint:
+        warnings.warn(complaint, stacklevel=3)
 
 
 def fit(
@@ -311,6 +321,7 @@ def infer(
     known = recall(restored)
     sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
     trials = _tested(trains, known) if test_only else np.arange(len(trains))
+    warn_of_onsets(trains.select(trials), restored.task.window)
     examples, windows = examples_of(trains, trials, restored.task.window)
     network = restored.network
     result = network.infer(examples.spikes.to(network.w_in.device), restored.rule if early_exit else FULL_WINDOW)
@@ -370,10 +381,10 @@ def load_spikes_of(restored: Restored) -> SpikeTrains:
     return hdf5.load_spikes(restored.spikes_path)
 
 
-def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, Any]:
+def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Accuracy, SOPs and early exit on the test windows, and the confusion matrix.
 
-    SOPs, spikes and steps are means over windows.
+    populations: the afferents of each, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
     """
     network = trained.network
     spikes = test.spikes.to(network.w_in.device)
@@ -385,8 +396,7 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
         "accuracy_validation": trained.training.best.validation_accuracy,
         "accuracy_test": accuracy_of(full, test),
         **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
-        "spikes_sa": float(sent[is_sa].sum()),
-        "spikes_ra": float(sent[~is_sa].sum()),
+        **{spikes_column(name): float(sent[its].sum()) for name, its in populations.items()},
         "exit_steps": float(steps.mean()),
         "exit_accuracy": accuracy_of(early, test),
         "exit_sops_total": float(exit_cost.total.mean()),
@@ -399,6 +409,15 @@ def measure(trained: Trained, test: Examples, is_sa: np.ndarray) -> dict[str, An
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     return {"row": row, "confusion": matrix.tolist()}
+
+
+def spikes_column(population: str) -> str:
+    """The column of results that holds the spikes of a population per window.
+
+    >>> [spikes_column(name) for name in ("SA-I", "RA-I", "PC", "ON")]
+    ['spikes_sa', 'spikes_ra', 'spikes_pc', 'spikes_on']
+    """
+    return f"spikes_{re.sub('[^a-z0-9]+', '_', population.removesuffix('-I').lower()).strip('_') or 'afferents'}"
 
 
 def mean_sops(network: RSNN, examples: Examples) -> float:

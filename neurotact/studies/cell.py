@@ -36,7 +36,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files
         fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
     else:
         fitted, sides = searched.fitted, searched.sides
-    result = trained.measure(fitted, sides.test, trains.is_sa) | _tables(cell, fitted, sides, trains, task)
+    result = trained.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
     result["row"] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,

@@ -11,10 +11,10 @@ import pandas as pd
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import LABEL, Recordings, select_conditions
-from neurotact.data.sources import expand, reader, simulator
+from neurotact.data.sources import expand, read_recordings, simulator
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, split_conditions
-from neurotact.data.windows import Windows, cut
+from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import way_of
 from neurotact.encoders.encoding import encode_recordings
@@ -42,7 +42,7 @@ def load_dataset(spec: DatasetSpec) -> Recordings:
         return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)
     if spec.file is not None:
         return hdf5.load_recordings(spec.file)
-    return reader(spec.read or "").read(expand(spec.path or ""))
+    return read_recordings(spec.read or "", expand(spec.path or ""))
 
 
 def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
@@ -82,7 +82,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     if "baseline.csv" in table_flaws:
         subsets = {cell.dataset: cell.subset for cell in cells}
         trains = hdf5.load_spikes(folder / cells[0].given)
-        windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cells[0].window)
+        windows = trains.cut(cells[0].window)
         features = linear_features(recordings, windows, trains.sampling_rate_Hz)
         parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
         table = baseline_table(recordings, windows, features, parts, subsets)
@@ -102,7 +102,7 @@ def _baselines_table(folder: Path, recordings: Recordings, dataset: DatasetSpec,
     with track("baselines", len(encoded)) as advance:
         for cell in encoded:  # one encoder's spikes at a time are in memory
             trains, is_first = hdf5.load_spikes(folder / cell.given), cell is encoded[0]
-            windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cells[0].window)
+            windows = trains.cut(cells[0].window)
             pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
             for name, where in subsets.items():
                 cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
@@ -190,7 +190,7 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
         stretch = f"from {cell.window.start_ms:g} ms to the trial's end"
         table = _firing(trains, touch, whole, columns)
     else:
-        windows = cut(trains.trial_steps, trains.sampling_rate_Hz, cell.window)
+        windows = trains.cut(cell.window)
         stretch = f"windows of {cell.window.length_ms:g} ms from {cell.window.start_ms:g} ms on"
         of_touch = _firing(trains, touch, whole, columns).drop(columns=columns).add_prefix(TOUCH)
         table = _firing(trains, windowed_spikes(trains, windows), windows.trial, columns).join(of_touch)

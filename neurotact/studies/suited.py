@@ -44,7 +44,8 @@ def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path |
     """
     table = _with_file(table, overrides, data, path)
     dataset, notes = table["dataset"], []
-    is_open = table.get("window") == AUTO or table.get("sweep", {}).get("seed") == AUTO
+    sweep = table.get("sweep", {})
+    is_open = table.get("window") == AUTO or (isinstance(sweep, dict) and sweep.get("seed") == AUTO)
     if not is_open:
         return table
     file = dataset.get("file")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import h5py
 import mutations
 import numpy as np
 import typer
@@ -105,9 +106,85 @@ def make_folders(base: Path) -> None:
             head = "\t".join("abcdefgh"[:columns])
             rows = "".join("\t".join(map(str, row)) + "\n" for row in rng.random((50, columns)).round(4).tolist())
             _write(base / "presses" / f"Hardness_{kind}_Seq1_Sp300_Cube{cube}_t1.lvm", f"{head}\n{rows}".encode())
+    make_events(base, rng)
+    for label in ("rough", "smooth"):
+        for speed in ("150", "300"):
+            stamps = np.cumsum(rng.normal(10.7, 1.0, 60)).round(2)
+            rows = (f"{stamp},{','.join(map(str, rng.integers(0, 900, 5)))},\n" for stamp in stamps)
+            _write(base / "stamped" / label / speed / "touch_F3.csv", ("t_ms,a,b,c,d,e,\n" + "".join(rows)).encode())
     row = "\t".join(["1.65"] * 17) + "\n"
     for label in ("brushing", "rolling", "sliding"):
         _write(base / "modality" / label / "1.lvm", (row * 30_000).encode())
+
+
+def make_events(base: Path, rng: np.random.Generator) -> None:
+    """Events in each layout that can be imported."""
+    n = 80
+    trial, time_ms = np.sort(rng.integers(0, 4, n)), rng.integers(0, 300, n)
+    channel, polarity = rng.integers(0, 5, n), rng.integers(0, 2, n)
+    labels = np.array(["rough", "smooth"])
+    rows = zip(trial, labels[trial % 2], time_ms, channel, polarity, strict=True)
+    table = "trial,label,time_ms,channel,polarity\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    _write(base / "events.csv", table.encode())
+    arrays = {"event_trial": trial, "event_time_ms": time_ms, "event_channel": channel, "event_polarity": polarity}
+    _write(base / "events.npz", mutations.archive_of({**arrays, "label": labels[np.arange(4) % 2]}))
+    kind = np.dtype([("x", "<i2"), ("y", "<i2"), ("t", "<i8"), ("p", "?")])
+    for label in labels:
+        one = np.zeros(40, kind)
+        one["x"], one["t"], one["p"] = (
+            rng.integers(0, 4, 40),
+            np.sort(rng.integers(0, 90_000, 40)),
+            rng.random(40) < 0.5,
+        )
+        _write(base / "grid" / label / "0.npz", mutations.archive_of({"events": one}))
+    with h5py.File(base / "digits.h5", "w") as file:
+        times = file.create_dataset("spikes/times", (4,), h5py.vlen_dtype(np.float16))
+        units = file.create_dataset("spikes/units", (4,), h5py.vlen_dtype(np.uint16))
+        for i in range(4):
+            times[i], units[i] = np.sort(rng.random(15)).astype(np.float16), rng.integers(0, 9, 15).astype(np.uint16)
+        file["labels"] = np.array([0, 1, 0, 1], np.uint8)
+        file["extra/keys"], file["extra/speaker"] = np.array([b"zero", b"one"]), np.arange(4)
+
+
+EVENT_OPTIONS = [
+    [], [], ["--step-ms", "5"], ["--origin", "first"], ["--polarity", "merge"], ["--polarity", "on"],
+    ["--duration-ms", "100"], ["--n-channels", "9"], ["--channels", "a,b,c,d,e"], ["--time-unit", "us"],
+    ["--sensor", "4x1"], ["--names", "label=trial"], ["--polarities", "a,b,c"], ["--levels", "label"],
+]  # fmt: skip
+LAYOUT_OPTIONS = [
+    [], ["--levels", "label,speed"], ["--levels", "speed,label"], ["--levels", "a,b,label"], ["--columns", "2-4"],
+    ["--columns", "a,b"], ["--columns", "9"], ["--pattern", "{label}_F{force}.csv"], ["--pattern", "touch_F{force}"],
+    ["--time-unit", "us"], ["--max-gap-ms", "15"], ["--decimal", ","], ["--header-lines", "1"], ["--header-lines", "3"],
+    ["--sampling-rate-Hz", "50"], ["--sampling-rate-Hz", "1e9"],
+]  # fmt: skip
+
+
+def events(rng: random.Random, place: Path, base: Path) -> Case:
+    """Files of events, damaged or not, with any options of their import; a Heidelberg file is also loaded as it is."""
+    name = rng.choice(["events.csv", "events.npz", "grid", "digits.h5"])
+    fetch(base, place, name)
+    if rng.random() < 0.85:
+        some = (
+            [place / name] if (place / name).is_file() else sorted(p for p in (place / name).rglob("*") if p.is_file())
+        )
+        mutations.spoil_file(rng.choice(some), rng)
+    if name == "digits.h5" and rng.random() < 0.3:
+        return Case("events", ["train", name, *NETWORK, "-o", "out"], out="out")
+    return Case("events", ["import", "events", name, *rng.choice(EVENT_OPTIONS), "-o", "out.h5"], out="out.h5")
+
+
+def layouts(rng: random.Random, place: Path, base: Path) -> Case:
+    """A folder with time stamps, damaged or not, with any options of its import."""
+    fetch(base, place, "stamped")
+    if rng.random() < 0.5:
+        mutations.spoil_file(rng.choice(sorted(p for p in (place / "stamped").rglob("*") if p.is_file())), rng)
+    elif rng.random() < 0.6:
+        mutations.spoil_folder(place / "stamped", rng)
+    words = [*rng.choice(LAYOUT_OPTIONS), *rng.choice(LAYOUT_OPTIONS)]
+    stamps = ["--time-column", rng.choice(["t_ms", "t_ms", "t_ms", "1", "a", "7", ""]), "--time-unit", "ms"]
+    return Case(
+        "layouts", ["import", "folder", "stamped", "--unit", "count", *stamps, *words, "-o", "out.h5"], out="out.h5"
+    )
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -415,7 +492,8 @@ def _read_only(folder: Path) -> None:
 
 KINDS: dict[Kind, float] = {
     options: 16, sets: 9, encoder: 6, network: 5, space: 2, study_spec: 10, tiny_study: 1.5, recordings: 11, spikes: 11,
-    archives: 6, tables: 9, folders: 8, checkpoint: 8, run_folder: 5, journal: 1.5, names: 4, outputs: 5,
+    events: 8, layouts: 6, archives: 6, tables: 9, folders: 8, checkpoint: 8, run_folder: 5, journal: 1.5, names: 4,
+    outputs: 5,
 }  # fmt: skip
 """Each kind and its share."""
 

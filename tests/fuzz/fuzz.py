@@ -47,6 +47,8 @@ class Done(NamedTuple):
 
 def main() -> int:
     asked = _arguments()
+    if asked.kind:
+        cases.KINDS = {kind: share for kind, share in cases.KINDS.items() if kind.__name__ in asked.kind}
     work = asked.keep or Path(tempfile.mkdtemp(prefix="neurotact-fuzz-"))
     work.mkdir(parents=True, exist_ok=True)
     base = work / "base"
@@ -68,6 +70,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--start", type=int, default=0, help="number of the first case")
     parser.add_argument("--case", type=int, help="run this case alone")
+    parser.add_argument("--kind", action="append", help="draw cases of this kind alone; may be repeated")
     parser.add_argument("--keep", type=Path, help="keep every case's folder and streams in this folder")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seconds", type=float, default=20.0, help="that a case may take; more on a busy machine")

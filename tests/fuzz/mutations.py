@@ -345,7 +345,7 @@ def _a_group(file: h5py.File, name: str, old: np.ndarray, rng: random.Random) ->
 
 def _extra(file: h5py.File, name: str, old: np.ndarray, rng: random.Random) -> None:
     file[name] = np.arange(5)
-    file[f"{rng.choice(['conditions/', 'spikes/', ''])}{rng.choice(['extra', '$x$', 'ä', 'x' * 300])}"] = np.arange(
+    file[f"{rng.choice(['conditions/', 'spikes/', ''])}{rng.choice(['further', '$x$', 'ä', 'x' * 300])}"] = np.arange(
         rng.choice([0, 5])
     )
 
@@ -410,7 +410,9 @@ def spoil_npz(path: Path, rng: random.Random) -> None:
 
 
 def _odd_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
-    broken = array.astype("f8")
+    if array.dtype.names:
+        array = array[array.dtype.names[0]]
+    broken = array.astype("f8") if array.dtype.kind in "iufb" else np.zeros(max(1, len(array)))
     broken.reshape(-1)[:1] = rng.choice([np.nan, np.inf, 1e300])
     kinds = ["f2", "f8", ">f4", "i1", "?", "c8", "U3", "S2", "M8[s]", "V4", "u8", "g"]
     with np.errstate(all="ignore"):

@@ -32,6 +32,7 @@ RATE_Hz, STEPS, HIDDEN, CLASSES = 1000.0, 10, 2, 3
 WHOLE = {"rsnn": (6, 12, 18, 36, 24), "snn": (6, 0, 18, 24, 24)}
 """Input, recurrent, readout, total and total without recurrence."""
 NAMES = ("input", "recurrent", "readout", "total", "total_feedforward")
+POPULATIONS = {"SA-I": np.array([True]), "RA-I": np.array([False])}
 
 
 def wired(model):
@@ -80,7 +81,7 @@ def test_every_way_of_counting_agrees_with_paper(model):
     trains = from_rasters(window(60).spikes.numpy(), RATE_Hz, ("SA-I taxel1",), table)
     task = trained.Task(window=WindowSpec(length_ms=STEPS), split=SplitSpec(), stratify=("force_N",))
     (under,) = conditions.by_condition(network, trains, task)
-    row = trained.measure(fitted(network, patience=STEPS), test, np.array([True]))["row"]
+    row = trained.measure(fitted(network, patience=STEPS), test, POPULATIONS)["row"]
     for found in (cut, under, row):
         assert {name: found[name] for name in whole} == whole
 
@@ -97,7 +98,7 @@ def test_an_early_exit_counts_the_steps_that_were_simulated_alone(model):
     Until then: 2 input spikes, 4 hidden ones.
     """
     network = wired(model)
-    row = trained.measure(fitted(network, patience=1), window(), np.array([True]))["row"]
+    row = trained.measure(fitted(network, patience=1), window(), POPULATIONS)["row"]
     recurrent = 8 if model == "rsnn" else 0
     assert row["exit_steps"] == 6
     found = tuple(row[f"exit_sops_{name}"] for name in NAMES)
@@ -114,7 +115,7 @@ def test_the_papers_exit_counts_the_steps_that_were_simulated_alone(model, monke
     """Algorithm 1 with a patience of 1 stops within the window, and pays for the steps until then."""
     monkeypatch.setattr(trained, "ORACLE_PATIENCE", 1)
     network = wired(model)
-    row = trained.measure(fitted(network, patience=STEPS), window(), np.array([True]))["row"]
+    row = trained.measure(fitted(network, patience=STEPS), window(), POPULATIONS)["row"]
     steps = int(row["oracle_steps"])
     assert 0 < steps < 6
     sent, heard = sum(t < steps for t in (0, 3, 6)), HIDDEN * sum(t < steps for t in (2, 5, 8))

@@ -31,6 +31,7 @@ ENCODER = {"model": "lif", "sa1": {"gain": 3.2, "t_ref_ms": 1.0}, "ra1": {"gain"
 SPEC = RSNNSpec(hidden=2, tau_syn_ms=0.01)
 EPOCHS = (Epoch(1, 0.7, 0.5, 0.6, 0.9), Epoch(2, 0.6, 0.6, 0.65, 0.95), Epoch(3, 0.5, 0.7, 0.8, 0.4))
 RULE = ExitRule(3, from_first_spike=True)
+POPULATIONS = {"SA-I": np.array([True, False]), "RA-I": np.array([False, True])}
 
 
 def wired(backend="reference", spec=SPEC) -> RSNN:
@@ -96,7 +97,7 @@ def test_test_windows_are_measured_as_by_hand():
     Early exit: the readout first spikes at step 4, class 0 has stood 4 steps at step 7, so that 8 steps are simulated,
     with 4 input spikes (0, 2, 4, 6) and 3 hidden ones (2, 4, 6): 8 + 6 + 6. The silent window costs nothing.
     """
-    found = trained.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), np.array([True, False]))
+    found = trained.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)
     row = found["row"]
     assert (row["accuracy_test"], row["exit_accuracy"]) == (0.5, 0.5)
     assert [row[f"sops_{n}"] for n in ("input", "recurrent", "readout", "total", "total_feedforward")] == [
@@ -116,13 +117,13 @@ def test_the_oracle_pays_for_the_steps_that_it_simulates(monkeypatch):
     The silent window is never right: the full window, at no cost.
     """
     monkeypatch.setattr(trained, "ORACLE_PATIENCE", 3)
-    row = trained.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), np.array([True, False]))["row"]
+    row = trained.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)["row"]
     assert (row["oracle_steps"], row["oracle_accuracy"], row["oracle_sops_total"]) == (17, 0.5, 4)
 
 
 def test_a_feed_forward_network_has_no_recurrent_operations():
     alone = fitted()._replace(network=wired(spec=SPEC.model_copy(update={"model": "snn"})))
-    row = trained.measure(alone, examples((STEADY, 0)), np.array([True, False]))["row"]
+    row = trained.measure(alone, examples((STEADY, 0)), POPULATIONS)["row"]
     assert (row["sops_recurrent"], row["exit_sops_recurrent"]) == (0, 0)
     assert row["sops_total"] == row["sops_total_feedforward"] == 58
     assert row["exit_sops_total"] == row["exit_sops_total_feedforward"] == 14
@@ -132,7 +133,7 @@ def test_a_feed_forward_network_has_no_recurrent_operations():
 
 @pytest.mark.parametrize("best", range(3))
 def test_validation_accuracy_is_that_of_the_epoch_whose_weights_were_kept(best):
-    row = trained.measure(fitted(best=best), examples((STEADY, 0)), np.array([True, False]))["row"]
+    row = trained.measure(fitted(best=best), examples((STEADY, 0)), POPULATIONS)["row"]
     assert row["accuracy_validation"] == EPOCHS[best].validation_accuracy
     assert row["epochs"] == 3
 

@@ -9,6 +9,7 @@ from itertools import cycle
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
@@ -17,6 +18,7 @@ from toy import bring
 
 from neurotact import files
 from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.networks import search
 from neurotact.spec import shipped
@@ -296,7 +298,11 @@ def test_other_versions_are_told_and_not_written_over(run, monkeypatch, capsys):
 @pytest.mark.parametrize("path", shipped("studies"), ids=lambda path: path.stem)
 def test_a_study_is_known_again_from_its_file(path, tmp_path, patched):
     patched.undo()
-    what = loading.resolve(path)
+    data = tmp_path / "touches.h5" if path.stem == "own-recordings" else None
+    if data:
+        touches = [np.zeros((500, 2), np.float32)] * 4
+        hdf5.save_recordings(Recordings(touches, 500.0, "mV", pd.DataFrame({"label": ["felt", "silk"] * 2})), data)
+    what = loading.resolve(path, data=data)
     files.write_text(tmp_path / "study.toml", study.to_toml(what))
     assert runner._made_from(loading.read_back(tmp_path / "study.toml")) == runner._made_from(what)
 

@@ -97,7 +97,7 @@ def test_a_split_is_balanced_over_the_conditions_it_is_told():
     for side in split_conditions(table, ["force_N"], CELL.split):
         counts = table.iloc[side].value_counts()
         assert counts.max() == counts.min()
-    with pytest.raises(InputError, match="there is no condition 'force'; known: label, force_N"):
+    with pytest.raises(InputError, match="there is no condition 'force'; did you mean 'force_N'"):
         split_conditions(table, ["force"], CELL.split)
 
 

@@ -7,7 +7,7 @@ validation patterns; of settings that err equally the one with the fewest units 
 
 from collections.abc import Callable, Iterable, Iterator
 from itertools import combinations
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,7 @@ from neurotact.studies.protocol import Arrays, View
 
 SETUPS = {"A": PATTERN, "B": tuple(c for c in PATTERN if c != "force_N"), "C": PATTERN[2:]}
 """Features of each problem set-up (Sec. IV-A)."""
-SHARES = {"validation": 1 / 6, "test": 1 / 3}
+SHARES: dict[str, Any] = {"validation": 1 / 6, "test": 1 / 3}
 SHOWN = {"frequency_Hz": 30.0, "set_force_N": 0.4, "trial": 0}
 """Of the trials whose waveforms the report shows, where the data have them."""
 

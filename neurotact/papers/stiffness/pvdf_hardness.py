@@ -216,7 +216,7 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
     pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
     networks = [trained.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
     fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
-    found: dict[str, Any] = trained.measure(fitted, sides.test, trains.is_sa)["row"]
+    found: dict[str, Any] = trained.measure(fitted, sides.test, trains.populations)["row"]
     for chain, accuracy, prefix, steps in (
         ("RSNN", "accuracy_test", "sops", found["window_steps"]),
         (EARLY, "exit_accuracy", "exit_sops", found["exit_steps"]),

@@ -395,7 +395,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
         spec = parameters.network.model_copy(update=changes)
         tried.append(trained.fit(trains, spec, task, (seed, seed + 1)))
     fitted, sides = max(tried, key=lambda pair: pair[0].training.best.validation_accuracy)
-    row, spec = trained.measure(fitted, sides.test, trains.is_sa)["row"], fitted.network.spec
+    row, spec = trained.measure(fitted, sides.test, trains.populations)["row"], fitted.network.spec
     sizes = len(trains.afferents), len(trains.classes)
     chosen = f"tau = {spec.tau_mem_ms:g} ms"
     for decision, start, accuracy, steps in (

@@ -99,7 +99,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     encoder = build(AfferentSpec, dict(trains.encoder), source="quantisation")
     chain = chain_of((encoder, done.network), length_ms=task.window.length_ms)._replace(rule=done.rule)
     ranges = formats.record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
-    measured = trained.measure(done, sides.test, np.arange(len(trains.afferents)) < chain.n_taxels)["row"]
+    measured = trained.measure(done, sides.test, trains.populations)["row"]
     test = skin.select(split.test)
     first = round(task.window.start_ms * 1e-3 * chain.clock_Hz)
     columns = ("accuracy_test", "exit_accuracy", "exit_steps", "exit_sops_total")
