@@ -50,7 +50,8 @@ def test_what_was_written_is_read_back_whether_the_disk_took_it_or_not(tmp_path,
             model[place : place + len(data)] = data
         output.seek(0)
         assert output.read(len(model)) == model
-        assert (output.error is None) == (path.read_bytes() == bytes(model))
+        # What the disk did not take may by chance be the zeros that the file was lengthened by.
+        assert output.error is not None or path.read_bytes() == bytes(model)
         if output.error is not None:
             with pytest.raises(OSError, match="No space left"):
                 output.check()
