@@ -64,7 +64,7 @@ def sequences(X: ArrayLike, axes: str, dtype: DTypeLike) -> np.ndarray:
 
 
 def trial_labels(y: ArrayLike, n_trials: int) -> np.ndarray:
-    """y `(trial,)`; InputError for another shape."""
+    """Labels `(trial,)` as an array; InputError for another shape."""
     labels = np.asarray(y)
     if labels.shape != (n_trials,):
         raise InputError(f"y: has the shape {labels.shape} where X has {n_trials} trials; give a label a trial")

@@ -125,6 +125,6 @@ def test_a_module_says_what_it_is(path):
 
 
 def test_no_two_test_files_have_one_name():
-    """pytest imports them by their base name."""
+    """Pytest imports them by their base name."""
     names = [path.name for path in Path(__file__).parent.rglob("test_*.py")]
     assert len(names) == len(set(names))

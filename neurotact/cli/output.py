@@ -33,11 +33,13 @@ def save_recordings(recordings: Recordings, out: Path) -> None:
 
 
 def print_line(line: str | None) -> None:
+    """Print a line, where there is one."""
     if line:
         print(line)
 
 
 def print_table(frame: pd.DataFrame, title: str | None = None) -> None:
+    """Print a table without rules, a row per row of `frame`."""
     table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
     for row in frame.itertuples(index=False):
         table.add_row(*map(_shown, row))

@@ -160,7 +160,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
 
     def decision_function(self, X: ArrayLike) -> np.ndarray:
         """Readout of each window `(window, class)`: spike counts, or the sums of an integrator; for two classes their
-        difference `(window,)`."""
+        difference `(window,)`.
+        """
         counts = self._infer(X, FULL_WINDOW).readout.cpu().numpy()
         return counts[:, 1] - counts[:, 0] if len(self.classes_) == 2 else counts
 

@@ -442,6 +442,7 @@ def as_cell(value: Any) -> Any:
 
 
 def value_words(search: SearchSpec) -> str:
+    """What the search maximises, in words."""
     if search.objective == "accuracy":
         return "validation accuracy"
     return f"validation accuracy - {search.sops_weight:g} log10(SOPs)"

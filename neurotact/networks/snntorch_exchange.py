@@ -163,12 +163,7 @@ def from_snntorch(
     recurrent = getattr(hidden, "recurrent", None)
     if not isinstance(recurrent, nn.Linear):
         raise InputError("hidden: its recurrence is not all-to-all over a vector; build it with linear_features")
-    for name, linear in (("input", fc_in), ("recurrent", recurrent), ("readout", fc_out)):
-        if linear.bias is not None and linear.bias.any():
-            raise InputError(f"{name}: the projection has a bias that is not zero; train it with bias=False")
-        if linear.weight.dtype != torch.float32:
-            raise InputError(f"{name}: weights must be float32; got {linear.weight.dtype}")
-    _check_widths(fc_in, recurrent, fc_out)
+    _check_projections(fc_in, recurrent, fc_out)
     for name, neuron in (("hidden", hidden), ("readout", readout)):
         _check_neuron(name, neuron)
     if hidden.reset_mechanism != readout.reset_mechanism:
@@ -238,7 +233,12 @@ def _layers(module: nn.Module) -> Iterator[nn.Module]:
         yield from _layers(child)
 
 
-def _check_widths(fc_in: nn.Linear, recurrent: nn.Linear, fc_out: nn.Linear) -> None:
+def _check_projections(fc_in: nn.Linear, recurrent: nn.Linear, fc_out: nn.Linear) -> None:
+    for name, linear in (("input", fc_in), ("recurrent", recurrent), ("readout", fc_out)):
+        if linear.bias is not None and linear.bias.any():
+            raise InputError(f"{name}: the projection has a bias that is not zero; train it with bias=False")
+        if linear.weight.dtype != torch.float32:
+            raise InputError(f"{name}: weights must be float32; got {linear.weight.dtype}")
     n_hidden = fc_in.out_features
     if (recurrent.in_features, recurrent.out_features, fc_out.in_features) != (n_hidden,) * 3:
         raise InputError(

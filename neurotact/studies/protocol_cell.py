@@ -20,6 +20,7 @@ from neurotact.studies.store import RESULT, TIMING, Files
 
 
 def arrays_path(folder: Path, cell: ProtocolCell) -> Path:
+    """The file of the arrays that a cell shares with others."""
     return folder / cell.given
 
 

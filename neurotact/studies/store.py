@@ -97,4 +97,5 @@ def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
 
 
 def cell_folder(folder: Path, cell: AnyCell) -> Path:
+    """The folder of what a cell leaves."""
     return folder / "cells" / cell.digest()

@@ -39,7 +39,7 @@ def edit_cost(a: np.ndarray, b: np.ndarray, cost: float) -> float:
 
 
 def integrated(a: np.ndarray, b: np.ndarray, tau_s: float) -> float:
-    """van Rossum's squared distance by a fine sum over time, scaled so that a lone spike is at 1."""
+    """Van Rossum's squared distance by a fine sum over time, scaled so that a lone spike is at 1."""
     dt = 1e-5
     t = np.arange(0, 0.04 + 12 * tau_s, dt)
     traces = [sum((np.exp(-(t - s) / tau_s) * (t >= s) for s in train), np.zeros_like(t)) for train in (a, b)]

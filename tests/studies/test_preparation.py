@@ -149,7 +149,8 @@ def test_the_linear_baseline_sees_the_windows_of_the_networks():
 @pytest.fixture
 def told():
     """A window a trial whose one feature tells its class: rightly for training and validation at 3 N, the other way
-    round for test trials and at 6 N. Recordings, windows, features and the sides."""
+    round for test trials and at 6 N. Recordings, windows, features and the sides.
+    """
     table = pd.DataFrame({"label": ["felt", "silk"] * 12, "force_N": [3, 3, 6, 6] * 6})
     recordings = Recordings(np.zeros((24, 10, 1)), 1000.0, "mV", table)
     trials = np.arange(24)

@@ -57,7 +57,8 @@ class Events(NamedTuple):
     """Events, in no order: the time in s, the channel (a number or a name), the polarity or the name of a population
     (None where there is none) and the trial of each, `(event,)`; and one row of conditions per trial, with `label`.
 
-    is_grid: channels are places of a sensor's grid, `ROW * y + x`."""
+    is_grid: channels are places of a sensor's grid, `ROW * y + x`.
+    """
 
     time_s: np.ndarray
     channel: np.ndarray

@@ -72,6 +72,7 @@ def facts_of(measured: Measured) -> list[Fact]:
 
 
 def movement_facts(measured: Measured) -> list[Fact]:
+    """The facts of jaw and force."""
     spec, force_N = measured.spec, measured.force_N
     turn_s = spec.peak / spec.sampling_rate_Hz
     first = np.quantile(force_N[:, 0], [0, 0.5, 1])
@@ -109,6 +110,7 @@ def movement_facts(measured: Measured) -> list[Fact]:
 
 
 def curve_facts(measured: Measured) -> list[Fact]:
+    """The facts of the moments over time."""
     spec, rate_Hz = measured.spec, measured.spec.sampling_rate_Hz
     m00 = measured.curves[:, :, [CHANNELS.index("finger M00"), CHANNELS.index("palm M00")]]
     smooth = m00[:, : m00.shape[1] // SMOOTHED * SMOOTHED].reshape(len(m00), -1, SMOOTHED, 2).mean(axis=2)
@@ -175,6 +177,7 @@ def stiffness_facts(largest: np.ndarray) -> list[Fact]:
 
 
 def sensor_facts(measured: Measured) -> list[Fact]:
+    """The facts of finger and palm."""
     spec = measured.spec
     long_mm, wide_mm = (n * spec.finger.pitch_mm for n in (spec.finger.rows, spec.finger.columns))
     return [

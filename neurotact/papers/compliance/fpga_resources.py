@@ -65,7 +65,7 @@ def resource_share(used: Mapping[str, float]) -> float:
 
 
 def figure_of_merit(accuracy: float, inputs: int, bits: int, used: Mapping[str, float]) -> Merit:
-    """f = accuracy / (inputs x bits x r) (compliance paper, Eq. 2).
+    """The figure of merit, accuracy / (inputs x bits x r) (compliance paper, Eq. 2).
 
     inputs: of the classifier, over all sensors and moments; the number of components where PCA is applied.
     Raises InputError when nothing is used or inputs or bits are below 1.

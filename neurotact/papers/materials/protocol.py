@@ -81,8 +81,8 @@ GRIDS = {
 
 
 def load(data: ContactMaterialsSpec) -> Arrays:
-    """features `(pattern, 4)` in the order of `PATTERN`, labels `(pattern,)`, set_force_N `(pattern,)`; and for the
-    report waveforms `(material, time, channel)` in V, their materials, frequency and sampling rate.
+    """The arrays of a cell: features `(pattern, 4)` in the order of `PATTERN`, labels and set_force_N `(pattern,)`; and
+    for the report waveforms `(material, time, channel)` in V, their materials, frequency and sampling rate.
     """
     recordings = simulate(data)
     conditions = recordings.conditions

@@ -313,7 +313,7 @@ Chosen = tuple[float, float, str, list[Layer]]
 
 
 def knn(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Chosen:
-    """k nearest neighbours; the smallest of the best k."""
+    """The k nearest neighbours vote; the smallest of the best k."""
     train, validation, test = split
     fitted = KNeighborsClassifier(NEIGHBOURS[-1], algorithm="brute").fit(features[train], labels[train])
     near = {side: fitted.kneighbors(features[part])[1] for side, part in (("v", validation), ("t", test))}
@@ -360,7 +360,7 @@ FAMILIES: Mapping[str, Callable[[np.ndarray, np.ndarray, Split, int], Chosen]] =
 
 
 def nearest_trains(name: str, seen: Seen, window_ms: float) -> Decided:
-    """k nearest neighbours by a distance between spike trains; its parameter and k are chosen together."""
+    """The k nearest neighbours by a distance between spike trains; its parameter and k are chosen together."""
     distance, key, values = DISTANCES[name]
     train, validation, test = (select(seen.events, part) for part in seen.split)
     known, wanted = seen.labels[seen.split.train], seen.labels[seen.split.validation]

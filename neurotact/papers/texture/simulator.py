@@ -153,7 +153,8 @@ class GratingsSpec(Spec):
 
 class Slide(NamedTuple):
     """One trial as it really went: `gains` is `(taxel,)`, `start_mm` the place of the first taxel at its first sample,
-    from the middle of the plate's first ridge."""
+    from the middle of the plate's first ridge.
+    """
 
     pitch_mm: float
     force_N: float
@@ -217,7 +218,8 @@ def draw_slide(
     spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, start: str, rng: np.random.Generator
 ) -> Slide:
     """What varies from trial to trial: start, speed, force and gains (normal, within 3 deviations; a random start is
-    uniform over the plate)."""
+    uniform over the plate).
+    """
     anywhere_mm = PLATE_mm * rng.random()
     late, speed, force, *gains = np.clip(rng.standard_normal(3 + len(spec.taxel_gains)), -3.0, 3.0)
     real_mm_per_s = spec.speed_factor * speed_mm_per_s * (1.0 + spec.jitter_speed * speed)
