@@ -28,6 +28,7 @@ from neurotact.errors import InputError
 from neurotact.figures.raster import draw_raster
 from neurotact.figures.search import save_found
 from neurotact.networks import checkpoint, search, train_run, trained, tuning
+from neurotact.networks.outcome import summary_of
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.report import report
@@ -212,7 +213,11 @@ def train(
     force: bool = False,
     resume: bool = False,
 ) -> dict[str, Any]:
-    """Train a network on windows of a file of spikes and save it in `folder`, as `neurotact train` does; its result.
+    """Train a network on windows of a file of spikes and save it in `folder`, as `neurotact train` does.
+
+    Returns what it came to: `accuracy_test` with its 95 % interval (`low`, `high`, over `trials` test trials);
+    `chance`, `commonest` and `linear` to compare it with; SOPs and steps, also with early exit (`exit_...`); and
+    `cautions`, the list of what may be wrong.
 
     network: a spec, or the name or path of one. settings: changes of it, dotted keys.
     length_ms, start_ms, hop_ms, per_trial, align, onset: as for `windows`.
@@ -227,7 +232,7 @@ def train(
     task = trained.task_of("train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance)
     what, place = _network(network, settings), Path(folder)
     train_run.run(Path(spikes), place, what, task, seed=seed, device=device, force=force, resume=resume)
-    return files.read_json(place / train_run.RESULT)["row"]
+    return summary_of(files.read_json(place / train_run.RESULT))
 
 
 def infer(

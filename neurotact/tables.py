@@ -133,9 +133,12 @@ def to_json(table: pd.DataFrame) -> str:
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The rows as JSON holds them: plain numbers and text, None for what is missing."""
-    rows = table.to_dict("records")
-    return [{str(key): None if pd.isna(value) else value for key, value in row.items()} for row in rows]
+    """The rows as JSON holds them: plain numbers, text and lists of them; None for what is missing."""
+    return [{str(key): _or_none(value) for key, value in row.items()} for row in table.to_dict("records")]
+
+
+def _or_none(value: Any) -> Any:
+    return None if pd.api.types.is_scalar(value) and pd.isna(value) else value
 
 
 def to_markdown(table: pd.DataFrame) -> str:

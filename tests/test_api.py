@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -99,7 +100,20 @@ def test_train_does_what_the_command_line_does(saved, tmp_path):
     subprocess.run([sys.executable, "-m", "neurotact", *command], check=True, capture_output=True)
     for name in ("result.json", "weights.safetensors"):
         assert (tmp_path / "mine" / name).read_bytes() == (tmp_path / "theirs" / name).read_bytes()
-    assert 0 <= row["accuracy_test"] <= 1
+    assert 0 <= row["low"] <= row["accuracy_test"] <= row["high"] <= 1
+    assert row["chance"] == 1 / 8
+    assert 0 <= row["linear"] <= 1
+    assert any("epochs" in caution for caution in row["cautions"])
+
+
+def test_the_command_line_prints_as_json_what_train_returns(saved, tmp_path):
+    row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, length_ms=100.0)
+    changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
+    command = ["train", str(saved), "--network", "rsnn", "--window-ms", "100", *changes, "--json"]
+    done = subprocess.run(
+        [sys.executable, "-m", "neurotact", *command, "-o", str(tmp_path / "theirs")], check=True, capture_output=True
+    )
+    assert json.loads(done.stdout) == [row]
 
 
 def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):

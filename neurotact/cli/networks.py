@@ -48,7 +48,7 @@ from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks import comparison, ledger, repeated, search, train_run, trained, tuning
-from neurotact.networks.outcome import Outcome
+from neurotact.networks.outcome import Outcome, summary_of
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
@@ -124,7 +124,7 @@ def train_command(
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
     else:
         if as_json:
-            print_row("", done.row, as_json=True)
+            print_row("", summary_of(done.as_json()), as_json=True)
         else:
             _print_outcome(done)
             _print_next(out, spikes)
@@ -238,7 +238,7 @@ def tune(
         outcome = search.save_best(problem, spikes, out, found)
     best = search.best_of(found)
     if as_json:
-        print_row("", outcome.row, as_json=True)
+        print_row("", summary_of(outcome.as_json()), as_json=True)
     else:
         print(
             f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s"

@@ -1,6 +1,6 @@
 """What a training came to: its result, how that compares, and what may be wrong with it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -32,7 +32,20 @@ class Outcome(NamedTuple):
 
     def as_json(self) -> dict[str, Any]:
         """As `result.json` holds it."""
-        return {"row": self.row, "confusion": self.confusion, "compared": self.compared._asdict()}
+        return {
+            "row": self.row,
+            "confusion": self.confusion,
+            "compared": self.compared._asdict(),
+            "cautions": self.cautions,
+        }
+
+
+def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
+    """What `result.json` holds, in one row: the numbers, then `low`, `high`, `trials`, `chance`, `commonest` and
+    `linear` (see `Comparison`), and `cautions`.
+    """
+    compared = {name: value for name, value in result["compared"].items() if name != "accuracy"}
+    return {**result["row"], **compared, "cautions": result.get("cautions", [])}
 
 
 def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -> Outcome:
