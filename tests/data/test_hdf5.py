@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import zlib
 
 import h5py
@@ -493,6 +494,22 @@ def test_heaps_are_found_wherever_they_begin(monkeypatch, place):
     content = bytes(place) + hdf5_input.HEAP + bytes(500) + hdf5_input.HEAP
     assert set(hdf5_input._heaps(io.BytesIO(content))) == {place, place + 508}
     assert not [*hdf5_input._heaps(io.BytesIO(content.replace(b"GCOL", b"GCOM")))]
+
+
+@pytest.mark.skipif(not hasattr(os, "SEEK_DATA"), reason="the system knows no holes")
+@pytest.mark.parametrize("place", [0, 5000, 2**38 + 4093])
+def test_a_heap_is_found_beside_holes_of_any_size_which_are_not_read(tmp_path, place):
+    path = tmp_path / "sparse.h5"
+    with path.open("wb") as file:
+        file.seek(place)
+        file.write(hdf5_input.HEAP + (8).to_bytes(8, "little"))
+        file.truncate(2**39)  # 512 GB: reading it would outlast the suite
+    hdf5_input.check_heaps(path)
+    with path.open("r+b") as file:
+        file.seek(place + 8)
+        file.write((2**20).to_bytes(8, "little"))  # its first object is a hole, of the size 0
+    with pytest.raises(OSError, match=f"the heap at byte {place} of sparse.h5 is damaged"):
+        hdf5_input.check_heaps(path)
 
 
 def test_a_file_is_opened_once(tmp_path, monkeypatch):
