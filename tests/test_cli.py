@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from neurotact import __version__, cli, spec
-from neurotact.cli import encoding
+from neurotact.cli import encoding, options
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.networks import trained
@@ -68,6 +68,16 @@ def touch(n_trials=N_TRIALS, n_taxels=N_TAXELS, seconds=SECONDS, rate_Hz=RATE_Hz
     labels = [("coarse", "fine")[i % 2] for i in range(n_trials)]
     forces_N = [(3, 6)[i // 2 % 2] for i in range(n_trials)]
     return Recordings(signals, rate_Hz, unit, pd.DataFrame({"label": labels, "force_N": forces_N}))
+
+
+def test_options_that_divide_trials_change_a_study():
+    found = options.split_changes(["speed=450"], ["subject"], None, 3, None)
+    assert found == {
+        "split.test_where": {"speed": [450]}, "split.group": ["subject"], "split.folds": 3,
+        "sweep.split.fold": [0, 1, 2],
+    }  # fmt: skip
+    assert options.split_changes(None, None, "day", None, 2) == {"split.order": "day", "sweep.split.seed": [0, 1]}
+    assert options.split_changes(None, None, None, None, None) == {}
 
 
 @pytest.fixture(scope="session")

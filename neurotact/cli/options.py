@@ -106,6 +106,25 @@ def split_table(
     return {"seed": seed, "test_where": where, "group": group or [], "order": order, "folds": folds, "fold": fold}
 
 
+def split_changes(
+    test_where: list[str] | None,
+    group: list[str] | None,
+    order: str | None,
+    folds: int | None,
+    repeats: int | None,
+) -> dict[str, Any]:
+    """The options that say how trials are divided, as changes of a study: what is not given stays as it is there."""
+    given = {"split.group": group, "split.order": order, "split.folds": folds}
+    changes = {key: value for key, value in given.items() if value}
+    if test_where:
+        changes["split.test_where"] = parse_where(test_where, "--test-where")
+    if folds:
+        changes["sweep.split.fold"] = list(range(folds))
+    if repeats:
+        changes["sweep.split.seed"] = list(range(repeats))
+    return changes
+
+
 def window_table(
     length_ms: float,
     start_ms: float,

@@ -9,7 +9,18 @@ import typer
 
 from neurotact import files, spec
 from neurotact.cli.lazy import new_app
-from neurotact.cli.options import Json, OutFolder, SchedulerOption, SetOption, StudyFolder, WorkersOption
+from neurotact.cli.options import (
+    Group,
+    Json,
+    Order,
+    OutFolder,
+    SchedulerOption,
+    SetOption,
+    StudyFolder,
+    TestWhere,
+    WorkersOption,
+    split_changes,
+)  # fmt: skip
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.progress import say
 from neurotact.report import report
@@ -30,13 +41,26 @@ def study_run(
     window_ms: Annotated[
         float | None, typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms.")
     ] = None,
+    test_where: TestWhere = None,
+    group: Group = None,
+    order: Order = None,
+    folds: Annotated[
+        int | None, typer.Option("--folds", min=2, help="Divide the trials into so many folds; test on each in turn.")
+    ] = None,
+    repeats: Annotated[
+        int | None, typer.Option("--repeats", min=2, max=1000, help="Run on so many splits, of other random seeds.")
+    ] = None,
     set_: SetOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     as_json: Json = False,
 ) -> None:
-    """Run a study: every cell of its sweep, the tables, the figures, the report."""
+    """Run a study: every cell of its sweep, the tables, the figures, the report.
+
+    With --folds or --repeats every network is trained for each split, and results are means over the splits.
+    """
     changes = spec.parse_assignments(set_ or []) | ({} if window_ms is None else {"window.length_ms": window_ms})
+    changes |= split_changes(test_where, group, order, folds, repeats)
     what = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(what, "notes", ()):
         say(note)

@@ -27,7 +27,7 @@ class Decision(NamedTuple):
 
 
 class Network(NamedTuple):
-    """One pair of refractory periods and one size; all numbers are means over seeds.
+    """One pair of refractory periods and one size; all numbers are means over seeds and splits.
 
     pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation: accuracy on validation windows.
     whole, early: decisions on the whole window and with early exit; early is None where there is none.

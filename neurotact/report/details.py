@@ -18,9 +18,9 @@ from neurotact.networks import checkpoint, trained
 from neurotact.networks.trained import Restored
 from neurotact.networks.training import Examples
 from neurotact.report import front
-from neurotact.report.tables import confusion
+from neurotact.report.tables import confusion, in_words
 from neurotact.studies.store import cell_folder, result_of
-from neurotact.studies.study import Cell
+from neurotact.studies.study import SPLIT, Cell
 from neurotact.tables import records, write_table
 
 MOST_EVENTS = 1_000_000
@@ -86,10 +86,11 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
 def cell_name(row: pd.Series) -> str:
     """What a cell is called.
 
-    >>> cell_name(pd.Series({"setting": "mixed", "pair": "1&10", "hidden": 30, "seed": 2}))
-    'mixed, t_ref 1&10 ms, N = 30, seed 2'
+    >>> cell_name(pd.Series({"setting": "mixed", "pair": "1&10", "hidden": 30, "seed": 2, "split.fold": 1}))
+    'mixed, t_ref 1&10 ms, N = 30, seed 2, split fold 1'
     """
-    return f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}, seed {row['seed']}"
+    split = "".join(f", {in_words(key)} {value}" for key, value in row.items() if str(key).startswith(SPLIT))
+    return f"{row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}, seed {row['seed']}{split}"
 
 
 def page_data(

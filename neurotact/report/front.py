@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
 from neurotact.data.conditioning import acausal_note
@@ -17,7 +18,7 @@ from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Table
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
-from neurotact.studies.study import LENGTH, Cell, StudySpec
+from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split
 from neurotact.tables import NETWORK, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
@@ -143,36 +144,38 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], dataset: 
     found = []
     if "baselines" in tables:
         table = tables["baselines"]
-        for row in table[table["dataset"] == dataset].to_dict("records"):
+        by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms"]
+        measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ"]
+        for row in means_over(table[table["dataset"] == dataset], by, measures, "splits").to_dict("records"):
             pair = "" if pd.isna(row["t_ref_ra_ms"]) else f"{row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g} ms "
             source, _, words = row["input"].partition(": ")
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
             found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"])))
     elif "baseline" in tables and "accuracy_validation" in tables["baseline"]:
-        table = tables["baseline"]
-        for row in table[table["dataset"] == dataset].to_dict("records"):
+        table, measures = tables["baseline"], ["accuracy_validation", "accuracy_test"]
+        for row in means_over(table[table["dataset"] == dataset], ["dataset"], measures, "splits").to_dict("records"):
             name = "logistic regression on signals (mean and deviation)"
             found.append(Baseline(name, row["accuracy_validation"], row["accuracy_test"], None))
     return found
 
 
-def sides_of(trains: SpikeTrains | None, cell: Cell, confusion: Sequence[Sequence[int]]) -> Sides:
-    """Of the spike trains that the cell's network was trained on; where they are gone, test windows stand for trials.
+def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int]) -> Sides:
+    """Of the spike trains that the networks were trained on; where they are gone, test windows stand for trials.
 
-    confusion: the cell's test windows by true and chosen class.
+    cells: one of each split; a trial that several of them test counts once. counts: their test windows of each class.
     """
-    tested = {str(index): sum(row) for index, row in enumerate(confusion)}
-    without = Sides(Trials(sum(tested.values()), sum(tested.values())), tested)
+    without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)})
     if trains is None:
         return without
     try:
-        parts = trained.trials_of(trains, task_of(cell))
+        parts = [trained.trials_of(trains, task_of(cell)) for cell in cells]
     except InputError:  # spikes of other trials
         return without
     labels = trains.conditions["label"].astype(str).to_numpy()
-    known, tests = Counter(labels[parts.train]), Counter(labels[parts.test])
-    return Sides(Trials(len(parts.validation), len(parts.test)), {label: tests[label] for label in sorted(known)})
+    train, validation, test = (np.unique(np.concatenate(side)) for side in zip(*parts, strict=True))
+    known, tests = Counter(labels[train]), Counter(labels[test])
+    return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)})
 
 
 def fronts(
@@ -189,12 +192,12 @@ def fronts(
     tables: `baselines` and `baseline`, as far as they are there.
     """
     for setting, rows in results.groupby("setting", sort=False):
-        cell = next((cell for cell in done if cell.dataset == rows["dataset"].iloc[0]), None)
-        if cell is None:
+        first_of_splits = [group[0] for group in by_split(c for c in done if c.dataset == rows["dataset"].iloc[0])]
+        if not first_of_splits:
             continue
-        confusion = result_of(folder, cell)["confusion"]
-        sides = sides_of(trains, cell, confusion)
-        counts = [sum(row) for row in confusion]
+        confusions = [result_of(folder, cell)["confusion"] for cell in first_of_splits]
+        counts = np.array(confusions).sum(axis=(0, 2)).tolist()
+        sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         networks = networks_of(rows)
         baselines = baselines_of(study, tables, str(rows["dataset"].iloc[0]))
@@ -231,9 +234,10 @@ def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[
         within = _with_interval(baseline.accuracy, found.trials.test)
         rows.append([baseline.name, within, "", _ms(found.best.whole), spent])
     rows.append(["guessing", answers.percent(found.guess), "", "", ""])
-    over_seeds = ", means over seeds" if max(network.seeds for network in networks) > 1 else ""
+    trainings = max(network.seeds for network in networks)
+    over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
-        f"Means over {found.trials.test} test trials{over_seeds}; energy is an estimate of the arithmetic. Of each "
+        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Of each "
         "pair the size that validation trials choose, or one that the sentence above names."
     )
     return Table(caption, HEADS, rows, n_heads=1)

@@ -25,7 +25,7 @@ from neurotact.studies import study as studies
 from neurotact.studies.preparation import read_encoding
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
-from neurotact.studies.study import Cell, StudySpec, cells, swept_columns
+from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, swept_columns
 from neurotact.tables import over_seeds, read_table, write_table
 
 ANSWER = "answer.json"
@@ -225,15 +225,22 @@ def _searches(study: StudySpec, trials: pd.DataFrame) -> Iterator[Drawn]:
 
 
 def means_table(results: pd.DataFrame) -> Table:
-    """Means over seeds ± SD of each network."""
+    """Means over seeds, and over splits where several were run, ± SD of each network."""
     measures = [measure for measure in MEASURES if measure in results]
     rows = [
         [str(row["setting"]), str(row["pair"]), str(row["hidden"]), str(row["seeds"])]
         + [_spread(measure, row[measure], row[f"{measure}_sd"]) for measure in measures]
         for _, row in over_seeds(results, measures).iterrows()
     ]
-    columns = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seeds", *(NETWORK_COLUMNS[measure] for measure in measures)]
-    return Table("Means over seeds ± SD (n - 1)", columns, rows, n_heads=3)
+    columns = [
+        "data set",
+        "t_ref RA-I & SA-I (ms)",
+        "N",
+        "trainings",
+        *(NETWORK_COLUMNS[measure] for measure in measures),
+    ]
+    over = "seeds and splits" if any(str(column).startswith(SPLIT) for column in results) else "seeds"
+    return Table(f"Means over {over} ± SD (n - 1)", columns, rows, n_heads=3)
 
 
 def networks_table(results: pd.DataFrame) -> list[list[Entry]]:

@@ -11,7 +11,7 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
-from neurotact.studies.study import Cell, StudySpec
+from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.tables import read_table
 
 EXTRA_TABLES = {
@@ -41,15 +41,15 @@ def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
     >>> with_setting(rows, ["window.length_ms", "network.training.patience"])["setting"].tolist()
     ['mixed, window length 50 ms, patience 7']
     """
-    swept = [key for key in swept if key in results]
+    swept = [key for key in swept if key in results and not key.startswith(SPLIT)]  # splits are averaged
     words = [
-        ", ".join([str(row["dataset"]), *(f"{_in_words(key)} {in_unit(key, row[key])}" for key in swept)])
+        ", ".join([str(row["dataset"]), *(f"{in_words(key)} {in_unit(key, row[key])}" for key in swept)])
         for _, row in results.iterrows()
     ]
     return results.assign(setting=words)
 
 
-def _in_words(key: str) -> str:
+def in_words(key: str) -> str:
     """A swept key as it is read, without the tables that every such key has."""
     for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
         key = key.removeprefix(table)

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from neurotact.spec import build, digest
 from neurotact.studies import baselines, manifest
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
-from neurotact.studies.study import Cell, DatasetSpec, StudySpec
+from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, split_columns, value_at
 from neurotact.tables import read_table, write_table
 
 DATA = "data.json"
@@ -84,36 +84,47 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         trains = hdf5.load_spikes(folder / cells[0].given)
         windows = trains.cut(cells[0].window)
         features = linear_features(recordings, windows, trains.sampling_rate_Hz)
-        parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
-        table = baseline_table(recordings, windows, features, parts, subsets)
+        tables = []
+        for first_of_split, *_ in by_split(cells):
+            parts = split_conditions(recordings.conditions, dataset.stratify, first_of_split.split)
+            split = {key: value_at(first_of_split, key) for key in split_columns(study)}
+            tables.append(baseline_table(recordings, windows, features, parts, subsets).assign(**split))
+        table = pd.concat(tables, ignore_index=True)
         table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
         write_table(table, folder / "baseline.csv")
     if "baselines.csv" in table_flaws:
-        write_table(_baselines_table(folder, recordings, dataset, cells), folder / "baselines.csv")
+        write_table(_baselines_table(folder, recordings, study, cells), folder / "baselines.csv")
     manifest.seal(folder, tables_of(study))
 
 
-def _baselines_table(folder: Path, recordings: Recordings, dataset: DatasetSpec, cells: Sequence[Cell]) -> pd.DataFrame:
-    """`baselines.csv`: classical classifiers on the windows that the networks see, for each subset."""
-    parts = split_conditions(recordings.conditions, dataset.stratify, cells[0].split)
-    subsets = {cell.dataset: cell.subset for cell in cells}
-    encoded = list({cell.spikes_name: cell for cell in cells}.values())
+def _baselines_table(folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]) -> pd.DataFrame:
+    """`baselines.csv`: classical classifiers on the windows that the networks see, for each subset and split."""
+    encoded = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     found = []
-    with track("baselines", len(encoded)) as advance:
-        for cell in encoded:  # one encoder's spikes at a time are in memory
-            trains, is_first = hdf5.load_spikes(folder / cell.given), cell is encoded[0]
-            windows = trains.cut(cells[0].window)
-            pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
-            for name, where in subsets.items():
-                cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
-                inputs = [
-                    *(baselines.signal_inputs(recordings, cuts) if is_first else ()),
-                    *baselines.spike_inputs(trains, pair, cuts),
-                ]
-                fitted = baselines.rows(inputs, recordings.labels[windows.trial], cuts, stronger=is_first)
-                found += [{"dataset": name, **row} for row in fitted]
-            advance(1, "")
+    with track("baselines", sum(map(len, encoded))) as advance:
+        for group in encoded:
+            for cell in group:
+                found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
+                advance(1, "")
     return pd.DataFrame(found)
+
+
+def _fitted(
+    folder: Path, recordings: Recordings, study: StudySpec, cell: Cell, cells: Sequence[Cell], *, is_first: bool
+) -> Iterator[dict[str, Any]]:
+    """Rows of `baselines.csv` on the spikes of one cell, which are in memory alone; and on signals for a first one."""
+    trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
+    parts = split_conditions(recordings.conditions, study.dataset.stratify, cell.split)
+    windows = trains.cut(cells[0].window)
+    pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
+    for name, where in {cell.dataset: cell.subset for cell in cells}.items():
+        cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
+        inputs = [
+            *(baselines.signal_inputs(recordings, cuts) if is_first else ()),
+            *baselines.spike_inputs(trains, pair, cuts),
+        ]
+        for row in baselines.rows(inputs, recordings.labels[windows.trial], cuts, stronger=is_first):
+            yield {"dataset": name, **split, **row}
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:

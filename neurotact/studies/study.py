@@ -4,7 +4,7 @@ A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study holds
 says all that was run. A cell is one combination of the swept values, with everything that decides its numbers.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -32,6 +32,8 @@ Milliseconds = Annotated[float, Field(gt=0)]
 Steps = Annotated[int, Field(ge=1)]
 SOURCE = "dataset.parameters."
 """Of the simulation; a cell holds them in its `source`."""
+SPLIT = "split."
+"""Of what a swept key of the split begins with, such as `split.fold`."""
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study whose cells measure more; each leaves a table of its own."""
 
@@ -340,6 +342,19 @@ def swept_columns(study: StudySpec) -> list[str]:
     """Swept keys that the standard columns of results.csv do not show, such as `window.length_ms`."""
     shown = {"dataset", "seed", "network.hidden", "encoder.ra1.t_ref_ms", "encoder.sa1.t_ref_ms"}
     return [key for key in sweeps.keys(study.sweep) if key not in shown]
+
+
+def split_columns(study: StudySpec) -> list[str]:
+    """Swept keys of the split, such as `split.fold`: networks differ by them as by seeds, and results are averaged."""
+    return [key for key in swept_columns(study) if key.startswith(SPLIT)]
+
+
+def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:
+    """Cells that share their split, together."""
+    groups: dict[str, list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault(cell.split.model_dump_json(), []).append(cell)
+    return list(groups.values())
 
 
 def value_at(cell: Cell, dotted: str) -> Any:

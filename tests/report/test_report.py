@@ -18,10 +18,11 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks import trained
 from neurotact.networks.specs import TrainingSpec
-from neurotact.report import networks, tables
+from neurotact.report import front, networks, tables
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.studies import study
+from neurotact.studies.cell import task_of
 from neurotact.studies.claims import Claim
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import StudySpec
@@ -220,6 +221,32 @@ def test_another_swept_key_tells_its_networks_apart(tmp_path):
     what = make_study(sweep=sweep, claims=())
     text = Page(networks.write(what, make_run(what, tmp_path, grating_conditions()))).text
     assert "v1 mix, window length 50 ms" in text
+
+
+def test_splits_are_averaged_as_seeds_are(tmp_path):
+    sweep = {"network.hidden": [20], "split.seed": [0, 1]}
+    what = make_study(sweep=sweep, claims=(), split={"seed": 0, "validation": 0.25, "test": 0.25})
+    page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(trials=5))))
+    (answer,) = read_json(tmp_path / "answer.json")["answers"]
+    (network,) = answer["networks"]
+    results = pd.read_csv(tmp_path / "results.csv")
+    assert network["seeds"] == 2
+    assert network["whole"]["accuracy"] == pytest.approx(results["accuracy_test"].mean())
+    trains = [load_spikes(tmp_path / cell.given) for cell in study.cells(what)]
+    parts = [trained.trials_of(one, task_of(cell)) for one, cell in zip(trains, study.cells(what), strict=True)]
+    tested = [part.test for part in parts]
+    assert set(tested[0]) != set(tested[1])
+    assert answer["test_trials"] == len({*tested[0], *tested[1]})
+    assert "Means over seeds and splits" in page.text
+    assert all(f"split seed {seed}" in page.json for seed in (0, 1))
+
+
+def test_a_baseline_is_the_mean_of_those_of_each_split():
+    made = {"dataset": "all", "classifier": "SVM", "input": "signals: counts", "t_ref_ra_ms": None, "t_ref_sa_ms": None}
+    shares = [{"accuracy_validation": 0.5, "accuracy_test": 0.6}, {"accuracy_validation": 0.7, "accuracy_test": 0.8}]
+    table = pd.DataFrame([{**made, "split.fold": n, **two, "energy_estimate_nJ": 2.0} for n, two in enumerate(shares)])
+    (found,) = front.baselines_of(make_study(), {"baselines": table}, "all")
+    assert found == front.Baseline("SVM on signals (counts)", 0.6, pytest.approx(0.7), 2.0)
 
 
 def test_a_folder_without_results_is_refused(tmp_path):

@@ -11,8 +11,9 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import Recordings
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
-from neurotact.studies import loading, suited
+from neurotact.studies import loading, preparation, study, suited
 from neurotact.studies.suited import Recorded
+from neurotact.tables import read_table
 
 
 def save(path, lengths, rate_Hz=500.0):
@@ -71,6 +72,27 @@ def test_the_shipped_study_takes_any_recordings(tmp_path):
     assert changed.window == WindowSpec(length_ms=300.0, per_trial=4)
     assert changed.sweep["seed"] == [5]
     assert not any(note.startswith("Seeds") for note in changed.notes)
+
+
+def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_path):
+    noise = np.random.default_rng(0)
+    signals = [noise.normal(n % 2, 1.0, (150, 2)).astype(np.float32) for n in range(24)]
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 12})
+    hdf5.save_recordings(Recordings(signals, 500.0, "mV", conditions), tmp_path / "touches.h5")
+    small = {"sweep.seed": [0], "split.folds": 3, "sweep.network.hidden": [4]}
+    pair = {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]]}
+
+    def fitted(**fold):
+        what = loading.resolve("own-recordings", {**small, **pair, **fold}, data=tmp_path / "touches.h5")
+        folder = tmp_path / f"run{len(list(tmp_path.iterdir()))}"
+        preparation.prepare(folder, what, list(study.cells(what)))
+        return read_table(folder / "baselines.csv")
+
+    both = fitted(**{"sweep.split.fold": [0, 2]})
+    for fold in (0, 2):
+        mine = both[both["split.fold"] == fold].drop(columns="split.fold").reset_index(drop=True)
+        pd.testing.assert_frame_equal(mine, fitted(**{"split.fold": fold}))
+    assert "SVM" in set(both["classifier"])
 
 
 @pytest.mark.parametrize(
