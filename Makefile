@@ -12,7 +12,7 @@ ifneq ($(shell command -v c++ || command -v g++ || command -v clang++),)
 export NEUROTACT_REQUIRE_NATIVE = 1
 endif
 
-.PHONY: study test lint bench device clean
+.PHONY: study test lint docs bench device clean
 
 study: $(VENV)/.installed
 	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
@@ -21,9 +21,14 @@ test: $(VENV)/.installed
 	$(BIN)/pytest -n 2
 
 lint: $(VENV)/.linters
-	$(BIN)/ruff check neurotact tests benchmarks
-	$(BIN)/ruff format --check neurotact tests benchmarks
+	$(BIN)/ruff check neurotact tests benchmarks docs
+	$(BIN)/ruff format --check neurotact tests benchmarks docs
 	$(BIN)/pyright
+
+# The site in build/docs; a broken link or anchor, as any warning, is an error.
+docs: $(VENV)/.site
+	$(BIN)/python -m sphinx -E -W --keep-going -q -c docs/site docs build/docs
+	@echo build/docs/index.html
 
 bench: $(VENV)/.peers
 	$(BIN)/python benchmarks/rsnn_training.py
@@ -42,6 +47,10 @@ $(VENV)/.installed: $(SOURCES)
 
 $(VENV)/.linters: $(VENV)/.installed
 	$(INSTALL) ruff pyright
+	touch $@
+
+$(VENV)/.site: $(VENV)/.installed
+	$(INSTALL) sphinx myst-nb furo
 	touch $@
 
 # Norse and SpikingJelly ask for torchvision, which they do not need here; Brian2 needs an older numpy than ours.

@@ -1,0 +1,32 @@
+"""Settings of the site that `make docs` builds: the pages of docs/, the README, and references from the program.
+
+Sphinx reads this file. The pages are plain Markdown that a code host shows too; what only the site has (navigation,
+pages that the program writes) is made here and in the modules beside this one.
+"""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import neurotact
+
+project = "neurotact"
+author = "The neurotact authors"
+project_copyright = author
+version = release = neurotact.__version__
+
+extensions = ["myst_nb", "mathml", "local", "written"]
+root_doc = "index"
+exclude_patterns = ["site"]
+
+# Anchors and math as code hosts understand them.
+myst_heading_anchors = 4
+myst_enable_extensions = ["dollarmath"]
+myst_fence_as_directive = ["math"]
+myst_dmath_allow_digits = False
+
+html_theme = "furo"
+html_title = "neurotact"
+html_copy_source = False
+html_show_sourcelink = False

@@ -1,0 +1,37 @@
+"""Pages whose text stands elsewhere, in a file at the top or in the program, and is put in when the site is built."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+TOP = Path(__file__).parents[2]
+PLACE = "<!-- written by make docs -->"
+"""Where a page takes the text that is written for it."""
+
+
+def of_the_top(name: str) -> str:
+    """A Markdown file of the top folder, with links that hold in docs/."""
+    text = (TOP / name).read_text(encoding="utf-8")
+    return re.sub(r"\]\((?!\w+:|#)(?:docs/)?", lambda found: "](" if "docs/" in found.group() else "](../", text)
+
+
+WRITTEN: dict[str, Callable[[], str]] = {
+    "index": lambda: of_the_top("README.md"),
+    "contributing": lambda: of_the_top("CONTRIBUTING.md"),
+    "changelog": lambda: of_the_top("CHANGELOG.md"),
+}
+"""What writes the text of each page."""
+
+
+def _write(_app: Sphinx, page: str, source: list[str]) -> None:
+    if page in WRITTEN:
+        before, after = source[0].split(PLACE)
+        source[0] = before + WRITTEN[page]() + after
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Write the texts as their pages are read."""
+    app.connect("source-read", _write)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
