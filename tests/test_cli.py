@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from typer.main import get_command
 
 from neurotact import __version__, cli, spec
 from neurotact.cli import encoding, options
@@ -118,6 +119,19 @@ def test_simulated_recordings_become_spikes(neurotact, tmp_path):
     assert told == f"{tmp_path}/spikes.h5: 16 trials, {n_spikes} spikes of 16 afferents in 3.2 s"
     assert acausal.startswith("acausal: the baseline is the mean of each whole trial")
     assert n_spikes > 0
+
+
+def test_every_command_is_called_as_it_is_typed():
+    """Typer's own reference of the commands takes the names from them."""
+
+    def misnamed(group) -> list[tuple[str, str]]:
+        found = [(name, group.commands[name]) for name in group.commands]
+        inner = [pair for _, command in found if hasattr(command, "commands") for pair in misnamed(command)]
+        return [(name, command.name) for name, command in found if command.name != name] + inner
+
+    root = get_command(cli.app)
+    assert {"list", "simulate", "train"} <= {*root.commands}
+    assert not misnamed(root)
 
 
 def test_a_change_within_a_nested_table_keeps_the_rest_of_it(neurotact, tmp_path):

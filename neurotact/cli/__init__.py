@@ -50,11 +50,7 @@ def _load(name: str) -> Any:
     with ending_at_once(), warnings.catch_warnings():  # torch alone takes seconds
         warnings.simplefilter("ignore")  # what other packages say of themselves while they load helps nobody
         found = getattr(import_module(f"neurotact.cli.{place.module}"), place.name)
-    if not isinstance(found, typer.Typer):
-        return command_of(found)
-    group = get_group(found)
-    group.name = name
-    return group
+    return get_group(found) if isinstance(found, typer.Typer) else command_of(found)
 
 
 Root = lazy_group(lambda: {name: place.help for name, place in COMMANDS.items()}, _load)

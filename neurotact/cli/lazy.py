@@ -42,6 +42,7 @@ class LazyCommands(MutableMapping[str, Any]):
             if name not in self._names():
                 raise KeyError(name)
             self._loaded[name] = self._load(name)
+            self._loaded[name].name = name  # as it is typed, not as its function is called
         return self._loaded[name]
 
     def __setitem__(self, name: str, command: Any) -> None:
