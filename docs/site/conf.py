@@ -16,7 +16,7 @@ author = "The neurotact authors"
 project_copyright = author
 version = release = neurotact.__version__
 
-extensions = ["myst_nb", "mathml", "local", "written"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "docstrings", "mathml", "local", "written"]
 root_doc = "index"
 exclude_patterns = ["site"]
 
@@ -25,6 +25,12 @@ myst_heading_anchors = 4
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_dmath_allow_digits = False
+
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+python_use_unqualified_type_names = True
+maximum_signature_line_length = 100
+toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"
 html_title = "neurotact"

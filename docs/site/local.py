@@ -2,9 +2,10 @@
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from sphinx.application import Sphinx
-from sphinx.util import logging
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 REQUEST = re.compile(
     r"""<(?:script|img|iframe|source|video|audio|embed)\b[^>]*\bsrc=["']?(?:https?:)?//[^\s"'>]+
@@ -25,13 +26,15 @@ def requests(folder: Path) -> list[str]:
     ]
 
 
-def _check(app: Sphinx, failure: Exception | None) -> None:
+def _check(app: "Sphinx", failure: Exception | None) -> None:
+    from sphinx.util import logging
+
     if failure is None and app.builder.format == "html":
         for request in requests(Path(app.outdir)):
             logging.getLogger(__name__).warning("asks another host: %s", request)
 
 
-def setup(app: Sphinx) -> dict[str, bool]:
+def setup(app: "Sphinx") -> dict[str, bool]:
     """Look at every page when the site is built; a warning is an error there."""
     app.connect("build-finished", _check)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -4,6 +4,9 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import command_line
+import python_reference
+import spec_reference
 from sphinx.application import Sphinx
 
 TOP = Path(__file__).parents[2]
@@ -21,6 +24,9 @@ WRITTEN: dict[str, Callable[[], str]] = {
     "index": lambda: of_the_top("README.md"),
     "contributing": lambda: of_the_top("CONTRIBUTING.md"),
     "changelog": lambda: of_the_top("CHANGELOG.md"),
+    "reference/python": python_reference.page,
+    "reference/command-line": command_line.page,
+    "reference/specs": spec_reference.page,
 }
 """What writes the text of each page."""
 

@@ -16,8 +16,11 @@ class OnsetSpec(Spec):
     """
 
     rest_ms: float = Field(default=50.0, gt=0)
+    """How long a trial is at rest at its beginning."""
     bin_ms: float = Field(default=10.0, gt=0)
+    """The stretch in which spikes are counted."""
     deviations: float = Field(default=3.0, gt=0)
+    """By how many standard deviations the count must exceed its mean at rest."""
 
     @model_validator(mode="after")
     def _rests_for_a_bin(self) -> "OnsetSpec":

@@ -30,6 +30,7 @@ class SplitSpec(Spec):
     test: float = Field(default=0.15, gt=0, lt=1)
     """Share of all trials; `test_where` and `folds` do without it."""
     seed: int = Field(default=0, ge=0)
+    """Random seed of the division."""
     group: tuple[str, ...] = ()
     """Conditions that name a group, such as `subject`: trials that agree in them stand on one side."""
     test_where: dict[str, Any] = {}

@@ -21,6 +21,7 @@ class WindowSpec(Spec):
     """Which stretches of each trial a network sees."""
 
     length_ms: float = Field(default=150.0, gt=0)
+    """Length of a window."""
     start_ms: float = Field(default=0.0, ge=0)
     """Skipped at the beginning of each trial, so that filters and membranes have settled."""
     hop_ms: float | None = Field(default=None, gt=0)

@@ -31,15 +31,22 @@ class AfferentSpec(Spec):
     folder: ClassVar[str] = "encoders"
 
     model: Literal["lif"] = "lif"
+    """Leaky integrate-and-fire neurons."""
     unit: str = "mV"
     """The unit of the recordings that the encoder takes."""
     v_rest_mV: float = -65.0
+    """Membrane potential at rest, to which it decays without drive."""
     v_reset_mV: float = -65.0
+    """Membrane potential after a spike and throughout the refractory period."""
     v_threshold_mV: float = -55.0
+    """Membrane potential at which the neuron fires."""
     tau_mem_ms: float = Field(default=10.0, gt=0)
+    """Time constant of the membrane."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: AfferentType
+    """Driven by the signal."""
     ra1: AfferentType
+    """Driven by the signal's rate of change."""
 
     @model_validator(mode="after")
     def _can_fire(self) -> "AfferentSpec":

@@ -46,6 +46,7 @@ class IzhikevichSpec(Spec):
     folder: ClassVar[str] = "encoders"
 
     model: Literal["izhikevich"] = "izhikevich"
+    """Izhikevich neurons."""
     unit: str = "mV"
     """The unit of the recordings that the encoder takes."""
     a_per_ms: float = Field(default=0.02, gt=0)
@@ -62,7 +63,9 @@ class IzhikevichSpec(Spec):
     """The longest step of the integration; a step of the clock is divided evenly."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: IzhikevichType
+    """Driven by the signal."""
     ra1: IzhikevichType
+    """Driven by the signal's rate of change."""
 
     @model_validator(mode="after")
     def _can_fire(self) -> "IzhikevichSpec":

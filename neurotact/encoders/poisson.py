@@ -36,13 +36,16 @@ class PoissonSpec(Spec):
     folder: ClassVar[str] = "encoders"
 
     model: Literal["poisson"] = "poisson"
+    """Poisson processes."""
     unit: str = "mV"
     """The unit of the recordings that the encoder takes."""
     seed: int = Field(default=0, ge=0, lt=2**63)
     """Of the spikes: the same spec and recordings give the same spikes."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: PoissonType
+    """Driven by the signal."""
     ra1: PoissonType
+    """Driven by the signal's rate of change."""
 
 
 class PoissonState(NamedTuple):

@@ -19,8 +19,11 @@ class TrainingSpec(Spec):
     """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
 
     learning_rate: float = Field(default=1e-3, gt=0)
+    """Learning rate of Adam."""
     batch: int = Field(default=128, ge=1)
+    """Windows per training step."""
     epochs: int = Field(default=100, ge=1)
+    """The most epochs of a training."""
     patience: int = Field(default=7, ge=1)
     """Epochs without a better one after which training stops."""
     rate_penalty: float = Field(default=0.0015, ge=0)
@@ -65,11 +68,17 @@ class RSNNSpec(Spec):
     hidden: int = Field(default=30, ge=1, le=1024)
     """Neurons in the hidden layer."""
     membrane: Membrane = "eq4"
+    """How current enters the membrane: `eq4` b(U[t] + I[t]), `delayed` b U[t] + I[t], `immediate` b U[t] + I[t+1],
+    with b = exp(-dt / tau_mem)."""
     reset: Reset = "zero"
+    """After a spike: `zero` makes the next membrane potential 0, `subtract` takes the threshold off it, `hard` sets
+    U[t] to 0 before the next one is formed."""
     recurrent_delay_steps: int = Field(default=0, ge=0, le=1, strict=True)
     """d of `I[t+1] = alpha I[t] + W x[t] + V s[t-d]`: by how many steps a hidden spike comes back later."""
     tau_mem_ms: float = Field(default=20.0, gt=0)
+    """Time constant of the membranes."""
     tau_syn_ms: float = Field(default=10.0, gt=0)
+    """Time constant of the synaptic currents."""
     surrogate_scale: float = Field(default=10.0, gt=0)
     """lambda of the fast sigmoid."""
     readout_surrogate_scale: float | None = Field(default=None, gt=0)

@@ -46,10 +46,13 @@ class SearchSpec(Spec):
     space: dict[str, dict[str, Any]]
     """What is searched, a table of `_type` and `_value` for each key of the network."""
     tuner: Literal["tpe", "random", "grid"] = "tpe"
+    """How the next trial is chosen: NNI's tree-structured Parzen estimator, at random, or every point of a grid."""
     trials: int = Field(default=100, ge=1)
+    """Networks to train."""
     batch: int = Field(default=8, ge=1)
     """Trials that are proposed at once, each without the others' results; proposals depend on it."""
     seed: int = Field(default=0, ge=0, lt=2**32)
+    """Random seed of the proposals."""
     objective: Literal["accuracy", "accuracy-sops"] = "accuracy"
     """Validation accuracy, or that less `sops_weight` times the decimal logarithm of the SOPs of a window."""
     sops_weight: float = Field(default=0.1, ge=0)

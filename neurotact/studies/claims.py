@@ -28,23 +28,35 @@ class Claim(Spec):
     """
 
     name: str
+    """What it is called in the report."""
     source: str
     """Table or figure of the paper."""
     published: str
     """What the paper says, as it is shown."""
     kind: Literal["value", "at_least", "at_most", "change", "order"]
+    """The rule, as above."""
     measure: str
+    """The column of the table that is judged."""
     table: Literal[
         "results", "encoding", "selection", "cut_short", "exit_curve", "conditions", "signals", "same_drive"
     ] = "results"
+    """The table that holds it."""
     where: dict[str, Any] = {}
+    """Columns and values that select rows."""
     against: dict[str, Any] = {}
+    """With `change`: what the rows of `where` are compared with."""
     best_over: tuple[str, ...] = ()
+    """Columns over which the best value is taken, such as the hidden size."""
     each: bool = False
+    """With `at_least` and `at_most`: every selected row must hold, not their mean."""
     relative: bool = False
+    """With `change`: as a share of `against`."""
     value: float | None = None
+    """The published value, or bound."""
     tolerance: float | None = None
+    """How far the measure may lie from `value`."""
     order: tuple[tuple[dict[str, Any], ...], ...] = ()
+    """With `order`: the selections, from the largest value to the smallest."""
     why: str = ""
     """One sentence, from evidence, of why the study as shipped does not reproduce it."""
 

@@ -20,7 +20,9 @@ class ProtocolStudy(Spec):
     folder: ClassVar[str] = "studies"
 
     title: str
+    """Heading of the report."""
     about: str = ""
+    """What the study asks, in a sentence or two, below the heading."""
     protocol: str
     """The name of an entry point of the group `neurotact.protocols`."""
     parameters: dict[str, Any] = {}
@@ -28,6 +30,7 @@ class ProtocolStudy(Spec):
     sweep: dict[str, list[Any]]
     """Values of each axis: a dotted key of the parameters, or several joined by ` & `."""
     claims: tuple[Claim, ...] = ()
+    """Published statements that the results are judged by."""
     as_shipped: bool = False
     """As of `StudySpec`."""
 

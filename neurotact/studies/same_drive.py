@@ -27,6 +27,7 @@ class SameDriveSpec(Spec):
     spikes: int = Field(default=38, ge=1)
     """At the first of the refractory periods; decides the strength of each drive."""
     t_ref_ms: tuple[Annotated[float, Field(ge=0)], ...] = Field(default=(1.0, 5.0, 10.0), min_length=2)
+    """Refractory periods that are compared."""
     duration_s: float = Field(default=1.0, gt=0)
     """Ours: that of the paper's other counts (Fig. 6)."""
     trials: int = Field(default=10, ge=1)

@@ -127,7 +127,9 @@ class StudySpec(Spec):
     folder: ClassVar[str] = "studies"
 
     title: str
+    """Heading of the report."""
     about: str = ""
+    """What the study asks, in a sentence or two, below the heading."""
     dataset: DatasetSpec
     notes: tuple[str, ...] = ()
     """What was chosen for the recordings, in words."""
@@ -154,6 +156,7 @@ class StudySpec(Spec):
     same_drive: SameDriveSpec | None = None
     """Also give one afferent the same drive at several refractory periods: the table same_drive.csv."""
     encoder: EncoderSpec
+    """An encoder spec: its name, its path, or the whole table."""
     network: RSNNSpec | None = None
     """Without one, cells encode and train nothing."""
     search: SearchSpec | None = None

@@ -37,8 +37,11 @@ class SkinSpec(Spec):
     """One tactile array."""
 
     rows: int = Field(ge=1)
+    """Taxels along one side."""
     columns: int = Field(ge=1)
+    """Taxels along the other side."""
     pitch_mm: float = Field(gt=0)
+    """Distance of neighbouring taxels."""
     cover_N_per_mm3: float = Field(gt=0)
     """Stiffness of the cover as an elastic foundation: modulus over thickness."""
     spread_mm: float = Field(gt=0)

@@ -38,6 +38,7 @@ class ProbeSpec(Spec):
     """A rod of one material, shaker at one end, film at the other."""
 
     density_kg_per_m3: float = Field(gt=0)
+    """Density of the rod."""
     modulus_GPa: float = Field(gt=0)
     """Young's modulus along the rod, at 1 Hz."""
     contact_modulus_GPa: float = Field(gt=0)
@@ -63,6 +64,7 @@ class FilmSpec(Spec):
     """A P(VDF-TrFE) film glued on glass, and the electrode under it."""
 
     thickness_um: float = Field(default=100.0, gt=0)
+    """Thickness of the film."""
     electrode_um: float = Field(default=500.0, gt=0)
     """Diameter of one microelectrode."""
     d33_pC_per_N: float = Field(default=38.0, gt=0)
@@ -70,13 +72,17 @@ class FilmSpec(Spec):
     d31_pC_per_N: float = Field(default=11.0, ge=0)
     """Of the free film at 1 Hz; its charge is opposite to that of d33."""
     piezoelectric_loss: float = Field(default=0.03, ge=0, lt=1)
+    """Tangent of the loss angle of d33 and d31."""
     modulus_GPa: float = Field(default=3.0, gt=0)
     """Young's modulus at 1 Hz."""
     poisson: float = Field(default=0.4, ge=0, lt=0.5)
+    """Poisson's ratio."""
     mechanical_loss: float = Field(default=0.075, ge=0, lt=1)
+    """Tangent of the loss angle of the modulus."""
     permittivity: float = Field(default=8.0, gt=0)
     """Relative, at 1 Hz."""
     dielectric_loss: float = Field(default=0.02, ge=0, lt=1)
+    """Tangent of the loss angle of the permittivity."""
     substrate_GPa: float = Field(default=75.0, gt=0)
     """E / (1 - ν²) of the glass below."""
 
@@ -85,9 +91,13 @@ class AmplifierSpec(Spec):
     """The charge amplifier, and what is recorded of it."""
 
     feedback_pF: float = Field(default=100.0, gt=0)
+    """Feedback capacitor, which sets the gain."""
     feedback_GOhm: float = Field(default=1.0, gt=0)
+    """Feedback resistor, which sets the lower corner."""
     cable_pF: float = Field(default=100.0, ge=0)
+    """Capacitance of the cable at the input."""
     gain_bandwidth_MHz: float = Field(default=1.0, gt=0)
+    """Gain-bandwidth product of the operational amplifier."""
     low_pass_Hz: float = Field(default=500.0, gt=0)
     """Corner of the filter before the converter."""
     noise_mV_rms: float = Field(default=1.0, ge=0)
@@ -97,6 +107,7 @@ class AmplifierSpec(Spec):
     hum_mV: float = Field(default=2.0, ge=0)
     """Amplitude of what the mains leave in the output."""
     mains_Hz: float = Field(default=50.0, gt=0)
+    """Frequency of the mains."""
     jitter_mains: Share = 0.001
     """Standard deviation of the mains' frequency over its nominal value."""
 
@@ -117,15 +128,19 @@ class ContactMaterialsSpec(Spec):
     forces_N: tuple[Positive, ...] = Field(default=(0.2, 0.4), min_length=1)
     """Amplitudes of the dynamic force (Sec. II-B)."""
     duration_s: float = Field(default=2.0, gt=0)
+    """Length of a recording."""
     sampling_rate_Hz: float = Field(default=2000.0, gt=0)
+    """Of force sensor and amplifier alike."""
 
     probes: dict[str, ProbeSpec] = Field(default=PROBES, min_length=1)
+    """The rod of each material."""
     film: FilmSpec = FilmSpec()
     amplifier: AmplifierSpec = AmplifierSpec()
 
     probe_diameter_mm: float = Field(default=1.0, gt=0)
     """Sec. II-B."""
     probe_length_mm: float = Field(default=20.0, gt=0)
+    """Length of the rod."""
     crown_mm: float = Field(default=100.0, gt=0)
     """Radius of curvature of the probe's end: a cut that is flat to 1.25 µm over 1 mm."""
     preload_N: float = Field(default=1.0, gt=0)

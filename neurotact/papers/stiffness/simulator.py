@@ -54,6 +54,7 @@ class StiffnessSpec(Spec):
     sampling_rate_Hz: float = Field(default=2000.0, gt=0)
     """Of the sensor's electronics (Sec. IV-A)."""
     grasp_s: float = Field(default=1.0, gt=0)
+    """How long an object is held."""
     release_s: float = Field(default=2.0, gt=0)
     """A trial is a second of grasp and two of release (Sec. IV-B)."""
 
@@ -107,11 +108,15 @@ class StiffnessSpec(Spec):
     """White noise of the electronics: that of the quiet channels of the real PVDF patch."""
 
     jitter_speed: float = Field(default=0.03, ge=0, lt=0.3)
+    """Standard deviation of the jaw's speed from grasp to grasp, over its mean."""
     jitter_force: float = Field(default=0.05, ge=0, lt=0.3)
+    """Standard deviation of the force at which the jaw stops, over its mean."""
     jitter_stiffness: float = Field(default=0.05, ge=0, lt=0.3)
     """Standard deviations from grasp to grasp, over the mean."""
     jitter_position_mm: float = Field(default=0.5, ge=0)
+    """Standard deviation of the line of contact from grasp to grasp."""
     jitter_turn_deg: float = Field(default=2.0, ge=0)
+    """Standard deviation of the angle between cylinder and patch from grasp to grasp."""
     jitter_tilt: float = Field(default=0.05, ge=0)
     """Standard deviations of a grasp about its placement."""
 

@@ -50,6 +50,7 @@ class BrushSpec(Spec):
     depth_mm: float = Field(default=3.0, gt=0)
     """Of the bundle along the stroke, standard deviation."""
     tufts: int = Field(default=14, ge=1, le=1000)
+    """Bundles of bristles along the line."""
     tuft_mm: float = Field(default=1.5, gt=0)
     """Standard deviation of a tuft's pressure."""
     catch_depth: float = Field(default=0.8, ge=0)
@@ -66,6 +67,7 @@ class WasherSpec(Spec):
     force_N: float = Field(default=0.21, gt=0)
     """Median over people and touches."""
     diameter_mm: float = Field(default=24.0, gt=0)
+    """Outer diameter."""
     thickness_mm: float = Field(default=2.5, gt=0)
     """Distance of the rim's two edges, which are the lines that touch."""
     rim_mm: float = Field(default=1.0, gt=0)
