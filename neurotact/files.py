@@ -294,7 +294,7 @@ def is_free(folder: str | Path) -> bool:
 
 
 def existing(path: str | Path, what: str = "file") -> Path:
-    """`path` as a Path; InputError when there is no such file (or folder, with `what='folder'`).
+    """`path` as a Path; InputError when there is no such file (with `what`: "folder", or "file or folder").
 
     What is neither, such as a pipe or a device, is never opened: reading it may not end. A name that is not UTF-8 is
     refused, since it becomes a label or a source, which no file can hold.
@@ -302,13 +302,12 @@ def existing(path: str | Path, what: str = "file") -> Path:
     path = Path(path)
     check_text(str(path))
     # os.path and not Path: a name that is too long, or in a folder without rights, is not there either.
-    if what == "folder" and not os.path.isdir(path):
-        raise InputError(f"{path}: there is no such folder; check the path")
-    if what == "file" and not os.path.isfile(path):
-        if os.path.exists(path) and not os.path.isdir(path):
-            raise InputError(f"{path}: is not a regular file (a pipe, a socket or a device); give a file on disk")
-        raise InputError(f"{path}: there is no such file; check the path")
-    return path
+    is_there = {"file": os.path.isfile, "folder": os.path.isdir}
+    if any(is_there[kind](path) for kind in what.split(" or ")):
+        return path
+    if "file" in what and os.path.exists(path) and not os.path.isdir(path):
+        raise InputError(f"{path}: is not a regular file (a pipe, a socket or a device); give a file on disk")
+    raise InputError(f"{path}: there is no such {what}; check the path")
 
 
 def check_text(word: str) -> None:

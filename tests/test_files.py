@@ -162,6 +162,22 @@ def test_an_input_that_cannot_be_read_is_not_blamed_on_the_output(tmp_path):
         (tmp_path / "input.txt").read_text()
 
 
+@pytest.mark.parametrize("what", ["file", "folder", "file or folder"])
+@pytest.mark.parametrize("name", ["away", "x/" * 3000, "x" * 300])
+def test_a_name_of_any_length_that_is_not_there_is_named(what, name):
+    with pytest.raises(InputError, match=f"there is no such {what}; check the path"):
+        existing(name, what)
+
+
+def test_a_file_or_a_folder_is_either(tmp_path):
+    (tmp_path / "file").touch()
+    assert existing(tmp_path, "file or folder") == tmp_path
+    assert existing(tmp_path / "file", "file or folder") == tmp_path / "file"
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="is not a regular file"):
+        existing(tmp_path / "pipe", "file or folder")
+
+
 def test_an_output_that_exists_is_refused_and_force_replaces_it(tmp_path):
     write_text(tmp_path / "a.h5", "")
     with pytest.raises(InputError, match=r"a\.h5: already exists; .*--force"):

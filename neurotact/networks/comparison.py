@@ -87,8 +87,9 @@ def costs(row: Mapping[str, Any], step_ms: float) -> str:
     >>> print(costs(row, 1.0))
     a decision costs 1,200 SOPs, 42 input spikes and 1,000 ms; with early exit 600 SOPs and 420 ms, at 90.0 %
     """
+    sent = sum(value for key, value in row.items() if key.startswith("spikes_"))  # a column for each population
     return (
-        f"a decision costs {row['sops_total']:,.0f} SOPs, {row['spikes_sa'] + row['spikes_ra']:,.0f} input spikes and "
+        f"a decision costs {row['sops_total']:,.0f} SOPs, {sent:,.0f} input spikes and "
         f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {row['exit_sops_total']:,.0f} SOPs and "
         f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %"
     )

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from neurotact.networks.comparison import compare, linear_accuracy, lines, wilson_interval
+from neurotact.networks.comparison import compare, costs, linear_accuracy, lines, wilson_interval
 from neurotact.networks.trained import Sides
 from neurotact.networks.training import Examples
 
@@ -49,3 +49,9 @@ def test_chance_and_the_commonest_class_are_told():
     told = " ".join(lines(found))
     for words in ("accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials)", "chance 33.3 %"):
         assert words in told
+
+
+def test_the_spikes_of_every_population_are_counted():
+    row = {"sops_total": 10.0, "window_steps": 100, "spikes_on": 3.0, "spikes_off": 4.0, "spikes_afferents": 5.0}
+    early = {"exit_sops_total": 5.0, "exit_steps": 50.0, "exit_accuracy": 0.5}
+    assert "12 input spikes" in costs({**row, **early}, 1.0)

@@ -54,7 +54,7 @@ def read(
     Nothing is unpickled. Raises InputError, which names the file and the place.
     """
     asked = build(EventSpec, spec or {}, "import events")
-    path = Path(path)
+    path = existing(path, "file or folder")
     if path.is_dir():
         named = build(NamingSpec, naming or {}, "import events")
         return to_trains(_of_folder(path, asked, names or {}, named), asked, str(path))
