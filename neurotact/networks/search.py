@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.inspection import permutation_importance
 
@@ -74,6 +75,7 @@ class Trial:
     value: what the tuner got.
     """
 
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
     id: int
     parameters: dict[str, Any]
     epochs: list[float]
@@ -94,6 +96,8 @@ class Job(NamedTuple):
     proposal: Proposal
     median_stop: MedianStop | None
 
+
+_TRIAL = TypeAdapter(Trial)
 
 Run = Callable[[Sequence[Job]], Iterator[Trial]]
 """Trains the trials of a batch; yields them in the order of their numbers."""
@@ -342,11 +346,17 @@ def _parse(line: bytes, number: int) -> Trial:
     """A line of the journal; ValueError or TypeError when it is not whole or not of trial `number`."""
     if not line.endswith(b"\n"):
         raise ValueError("it has no end")
-    trial = Trial(**json.loads(line))
+    try:
+        trial = _TRIAL.validate_json(line)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(": ".join([*map(str, first["loc"]), first["msg"]])) from error
     if trial.id != number:
         raise ValueError(f"it is of trial {trial.id}")
-    if not isinstance(trial.parameters, dict) or trial.outcome not in (FINISHED, STOPPED, FAILED):
-        raise ValueError("its parameters or its outcome are none")
+    if trial.outcome not in (FINISHED, STOPPED, FAILED):
+        raise ValueError("its outcome is none")
+    if trial.outcome != FAILED and None in (trial.accuracy, trial.sops, trial.value):
+        raise ValueError("its accuracy, its SOPs or its value is missing")
     if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
         raise ValueError("an accuracy is not between 0 and 1")
     ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -121,9 +122,12 @@ def test_seeds_decide_the_journal(trains, journal, tmp_path):
     [
         (lambda lines: [lines[0], "{\n", *lines[2:]], "line 2 is damaged"),
         (lambda lines: [lines[0], *lines[2:]], "line 2 is damaged .it is of trial 2"),
+        (lambda lines: [re.sub('"value": .*}', '"value": "x"}', lines[0]), *lines[1:]], "1 is damaged .value: Input"),
+        (lambda lines: [re.sub(', "value": .*}', "}", lines[0]), *lines[1:]], "its value is missing"),
+        (lambda lines: [re.sub('"sops": [^,]*', '"sops": NaN', lines[0]), *lines[1:]], "1 is damaged .sops"),
         (lambda lines: [lines[0].replace('"hidden": ', '"hidden": 1'), *lines[1:]], "trial 0 is not what this search"),
     ],
-    ids=["garbage", "gap", "other parameters"],
+    ids=["garbage", "gap", "text for a value", "no value", "not a number", "other parameters"],
 )
 def test_a_damaged_journal_is_refused(trains, whole, journal, damage, message, tmp_path):
     (tmp_path / "search.json").write_bytes((whole / "search.json").read_bytes())
