@@ -476,7 +476,8 @@ def _isi_steps(raster: np.ndarray) -> Intervals:
 
 def _n_at_floor(isi_steps: np.ndarray, neuron: LIF) -> int:
     """Intervals in which charging took one step, or no longer than FLOOR_OF_TAU of tau_mem."""
-    charging = max(1, round(-FLOOR_OF_TAU / np.log(neuron.decay)))
+    with np.errstate(divide="ignore"):  # a membrane that never leaks takes an infinite share
+        charging = np.maximum(1.0, np.round(-FLOOR_OF_TAU / np.log(neuron.decay)))
     return int((isi_steps <= neuron.refractory_steps + charging).sum())
 
 

@@ -347,3 +347,9 @@ def test_where_no_baseline_can_be_calibrated_the_reason_is_said():
     still = replace(slides(), signals=[np.ones_like(signal) for signal in slides().signals])
     with pytest.raises(InputError, match="never move"):
         calibrate_causally(still, SPEC, rule=RULE)
+
+
+def test_a_membrane_that_never_charges_is_refused():
+    spec = specs.load(AfferentSpec, "sa1-ra1-lif", {"tau_mem_ms": 2.0**62})
+    with pytest.raises(InputError, match="every gain tried leaves 100"):
+        calibrate(slides(), spec, rule=RULE)
