@@ -225,7 +225,9 @@ def _any_command(rng: random.Random) -> str:
 def _change_words(words: list[str], known: list[tuple[str, bool]], rng: random.Random, place: Path) -> None:
     how = rng.choices(["value", "option", "path", "drop", "unknown"], [5, 5, 3, 1, 1])[0]
     option, is_flag = rng.choice(known or [("--help", True)])
-    if how == "value":
+    if not words:  # changes before this one dropped them
+        words.append(option)
+    elif how == "value":
         words[rng.randrange(1, len(words)) if len(words) > 1 else 0] = mutations.text(rng)
     elif how == "option":
         words += [option] if is_flag else [option, _number(rng) if rng.random() < 0.6 else mutations.text(rng)]
