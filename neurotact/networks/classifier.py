@@ -138,7 +138,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         order = torch.Generator().manual_seed(order_seed)
         self.training_: Training = train(network, train_side, validation_side, generator=order)
         self.network_: RSNN = network
-        self.exit_rule_: ExitRule = exit_rule(network, validation_side, self.exit_tolerance)
+        self.exit_rule_: ExitRule = exit_rule(network, validation_side, self.exit_tolerance, train_side)
         self.classes_ = classes
         self.n_features_in_ = spikes.shape[2]
         self.sampling_rate_Hz_ = rate_Hz

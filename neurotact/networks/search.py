@@ -60,7 +60,12 @@ class Problem(Spec):
     def seeds_of(self, trial: Proposal) -> tuple[int, int]:
         """Seeds of a trial's initial weights and order of windows, drawn from its number and its content."""
         network = self.network_of(trial.parameters)
-        content = [self.search.seed, trial.id, network.model_dump(mode="json"), self.task.model_dump(mode="json")]
+        content = [
+            self.search.seed,
+            trial.id,
+            network.model_dump(mode="json"),
+            self.task.model_dump(mode="json", exclude={"exit_choice"}),
+        ]
         digest = spec.digest(content)
         return int(digest[:6], 16), int(digest[6:], 16)
 

@@ -5,12 +5,12 @@ import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 import torch
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from sklearn.metrics import confusion_matrix
 from torch import Tensor
 
@@ -23,13 +23,13 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks import checkpoint, recipe
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import oracle_exit, validated_rule
+from neurotact.networks.exit_choice import oracle_exit, right_of_patience, steady_rule, validated_rule
 from neurotact.networks.kernels import Backend
 from neurotact.networks.provenance import SIDES, Provenance, first_difference, provenance_of
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Checkpoint, Epoch, Examples, Training, train
-from neurotact.spec import Spec, build
+from neurotact.spec import Spec, build, without_defaults
 from neurotact.tables import write_table
 
 LOG = "training.csv"
@@ -46,6 +46,13 @@ class Task(Spec):
     training_windows: int | None = Field(default=None, ge=1)
     """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
     exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
+    exit_choice: Literal["least", "steady"] = "least"
+    """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
+    from which on all are, on validation windows and on those and the training windows together."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), ("exit_choice",))
 
     @property
     def training_window(self) -> WindowSpec:
@@ -66,7 +73,7 @@ def task_of(
     window, split: keys of `WindowSpec` and of `SplitSpec`.
     """
     table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
-    return build(Task, table, source=source)
+    return build(Task, {**table, "exit_choice": "steady"}, source=source)
 
 
 class Sides(NamedTuple):
@@ -164,7 +171,8 @@ def fit(
     network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
     network = network.to(device)
     training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
-    return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance)), sides
+    known = sides.train if task.exit_choice == "steady" else None
+    return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance, known)), sides
 
 
 def new_network(
@@ -195,11 +203,28 @@ def begin(
 
 
 @torch.no_grad()
-def exit_rule(network: RSNN, validation: Examples, tolerance: float) -> ExitRule:
-    """Early exit with the least patience whose accuracy on validation windows stays within `tolerance`."""
+def exit_rule(network: RSNN, validation: Examples, tolerance: float, training: Examples | None = None) -> ExitRule:
+    """Early exit that keeps the accuracy on validation windows within `tolerance`, with the least patience.
+
+    training: windows that are judged beside those of validation, by `steady_rule`; without them `validated_rule`.
+    """
+    if training is not None:
+        known, more = _right_of_patience(network, validation), _right_of_patience(network, training)
+        return steady_rule(known, len(validation.labels), more, len(training.labels), tolerance)
     device = network.w_in.device
     rasters = torch.cat([network.simulate(part.to(device)).readout for part in validation.spikes.split(1024)])
     return validated_rule(rasters, validation.labels.to(device), tolerance, network.level)
+
+
+def _right_of_patience(network: RSNN, examples: Examples) -> Tensor:
+    """Windows that are right with each patience, a part of them at a time."""
+    device = network.w_in.device
+    parts = zip(examples.spikes.split(256), examples.labels.split(256), strict=True)
+    found = (
+        right_of_patience(network.simulate(spikes.to(device)).readout, labels.to(device), network.level)
+        for spikes, labels in parts
+    )
+    return torch.stack([*found]).sum(dim=0).cpu()
 
 
 def save(

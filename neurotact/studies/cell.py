@@ -67,6 +67,7 @@ def task_of(cell: Cell) -> Task:
         subset=cell.subset,
         training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
+        exit_choice=cell.early_exit.choice,
     )
 
 

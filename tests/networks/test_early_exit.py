@@ -6,7 +6,14 @@ from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import exit_curve, exits, oracle_exit, validated_rule
+from neurotact.networks.exit_choice import (
+    exit_curve,
+    exits,
+    oracle_exit,
+    right_of_patience,
+    steady_rule,
+    validated_rule,
+)
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
@@ -141,6 +148,29 @@ def test_the_validated_rule_is_the_least_that_keeps_the_accuracy(raster, seed, t
     floor = right(FULL_WINDOW) - tolerance * len(raster) - 1e-9
     assert right(rule) >= floor
     assert all(right(ExitRule(p, True)) < floor for p in range(1, rule.patience))
+
+
+@given(readouts(), readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.34]))
+@settings(deadline=None)
+def test_no_patience_above_the_steady_one_loses_more_than_it_may(one, other, seed, tolerance):
+    """And it is the least of that kind, at least what `validated_rule` takes."""
+    steps, classes = (min(a, b) for a, b in zip(one.shape[1:], other.shape[1:], strict=True))
+    draw, right, sizes = np.random.default_rng(seed), [], []
+    for raster in (one[:, :steps, :classes], other[:, :steps, :classes]):
+        true = torch.from_numpy(draw.integers(0, classes, len(raster)))
+        right.append(right_of_patience(raster, true))
+        sizes.append(len(raster))
+        assert right[-1].tolist() == pytest.approx((exit_curve(raster, true).accuracy * len(raster)).tolist())
+        if len(right) == 1:
+            least = validated_rule(raster, true, tolerance)
+    patience = steady_rule(right[0], sizes[0], right[1], sizes[1], tolerance).patience
+    lost = [
+        max((w[-1] - w[p]).item() / n for w, n in ((right[0], sizes[0]), (right[0] + right[1], sum(sizes))))
+        for p in range(steps)
+    ]
+    assert all(loss <= tolerance + 1e-9 for loss in lost[patience - 1 :])
+    assert patience == 1 or lost[patience - 2] > tolerance
+    assert patience >= least.patience
 
 
 def test_the_curve_of_exits_worked_by_hand():

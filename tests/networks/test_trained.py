@@ -153,6 +153,25 @@ def test_a_rule_is_chosen_on_all_validation_windows_however_many():
     assert trained.exit_rule(wired(), many, 0.001).patience == 1
 
 
+def test_training_windows_judge_a_steady_rule_too():
+    """One validation window, which allows a patience of 1, beside training windows that do not."""
+    training = examples(*[(STEADY, 0)] * 400, *[(SWITCHING, 1)] * 100)
+    assert trained.exit_rule(wired(), examples((STEADY, 0)), 0.01).patience == 1
+    assert trained.exit_rule(wired(), examples((STEADY, 0)), 0.01, training).patience == 10
+    assert trained.exit_rule(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).patience == 10
+
+
+@pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
+def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
+    trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
+    monkeypatch.setattr(trained, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
+    monkeypatch.setattr(trained, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
+    split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
+    assert trained.fit(trains, SPEC, task, (0, 1), split=split)[0].rule.patience == patience
+    assert ("exit_choice" in task.model_dump()) == (choice == "steady")
+
+
 @pytest.mark.parametrize(("tolerance", "patience"), [(0.01, 10), (0.25, 1)])
 def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, tolerance, patience):
     """Training and test trials would have allowed a patience of 1 whatever the tolerance."""
