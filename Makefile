@@ -56,7 +56,7 @@ $(VENV)/.site: $(VENV)/.installed
 # Norse and SpikingJelly ask for torchvision, which they do not need here; Brian2 needs an older numpy than ours.
 $(VENV)/.peers: $(VENV)/.installed
 	$(INSTALL) jax
-	$(BIN)/pip install --quiet --no-deps norse nir nirtorch spikingjelly loguru
+	$(BIN)/pip install --quiet --no-deps norse spikingjelly loguru
 	$(PYTHON) -m venv $(VENV)-brian2
 	$(VENV)-brian2/bin/pip install --quiet brian2 'numpy<2' 'setuptools<82' cython
 	touch $@

@@ -20,6 +20,8 @@ from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray
 from .data.windowed import WindowedSpikes as WindowedSpikes
 from .data.windowed import windows as windows
+from .deploy.nir_exchange.exchange import from_nir as from_nir
+from .deploy.nir_exchange.exchange import to_nir as to_nir
 from .deploy.stream import Decision as Decision
 from .deploy.stream import Stream as Stream
 from .encoders.afferents import AfferentSpec as AfferentSpec

@@ -4,7 +4,7 @@ import json
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -14,6 +14,7 @@ from neurotact.cli.output import print_table
 from neurotact.data import hdf5
 from neurotact.deploy import c_export, proving, sources, targets
 from neurotact.deploy.chain import chain_of
+from neurotact.deploy.nir_exchange import exchange, execute, note
 from neurotact.deploy.sources import Frames, Noted, Rows
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.errors import INTERRUPTED, InputError
@@ -150,12 +151,23 @@ def export_command(
         int,
         typer.Option(min=0, help="Compile, run and compare with the twin on so many test trials, here and emulated."),
     ] = 0,
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Of NIR: CubaLIF and Linear alone, as snnTorch and Norse load.")
+    ] = False,
+    lower_refractory: Annotated[
+        bool, typer.Option("--lower-refractory", help="Of NIR: refractory periods as nodes.")
+    ] = False,
+    network_only: Annotated[bool, typer.Option("--network-only", help="Of NIR: without the afferents.")] = False,
+    dt_s: Annotated[
+        float | None, typer.Option("--dt-s", help="Of NIR: seconds a step; 1 / clock when absent, snnTorch has 1e-4.")
+    ] = None,
     check: Annotated[str | None, typer.Option(help="xyloaudio2, loihi2 or spinnaker2: what stands in the way.")] = None,
     force: Force = False,
 ) -> None:
-    """Write a trained chain as C, or check it against a chip's limits.
+    """Write a trained chain as C or NIR, or check it against a chip's limits.
 
-    The chain goes from a raw sample to a decision: conditioning, afferents, network and early exit.
+    The chain in C goes from a raw sample to a decision: conditioning, afferents, network and early exit. A NIR file
+    holds afferents and network as a graph, the rest as metadata.
     """
     if check is not None:
         restored = trained.restore(run)
@@ -167,8 +179,14 @@ def export_command(
         return
     if to is None or out is None:
         raise InputError("export: needs --to c (or nir) and -o, or --check TARGET")
+    if to == "nir":
+        _export_nir(
+            run, out, prove, recordings, plain=plain, lower_refractory=lower_refractory, network_only=network_only,
+            dt_s=dt_s, force=force,
+        )  # fmt: skip
+        return
     if to != "c":
-        raise InputError(f"--to {to}: is unknown; choose c")
+        raise InputError(f"--to {to}: is unknown; choose c or nir")
     chain, formats = api.export_c(
         run, out, variant=variant, recordings=recordings, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
         name=name, force=force, sampling_rate_Hz=sampling_rate_Hz, early_exit=not full_window, length_ms=window_ms,
@@ -177,3 +195,14 @@ def export_command(
     print(f"{out}: {c_export.title_of(chain, formats)}")
     if prove:
         print_table(proving.prove(run, chain, formats, prove, recordings, say=say))
+
+
+def _export_nir(run: Path, out: Path, prove: int, recordings: Path | None, **options: Any) -> None:
+    made = exchange.to_nir(run, out, **options)
+    said = note.of(made, str(out))
+    assert said is not None
+    print(f"{out}: {len(execute.flat(made)[0])} nodes, steps of {said.dt_s:g} s, {said.form}")
+    for difference in said.differences:
+        print(f"  differs: {difference}")
+    if prove:
+        print("\n".join(exchange.summary(exchange.proved(run, made, prove, recordings, say=say))))

@@ -129,15 +129,20 @@ def opened(path: str | Path, *kinds: str) -> Iterator[tuple[h5py.File, str]]:
     block is reported as a damaged file.
     """
     what, command = " or ".join([kind for kind in kinds if kind != EVENTS] or kinds), f"neurotact {MADE_BY[kinds[0]]}"
+    with reading(path, what, command) as file:
+        unsaid = EVENTS if "spikes" in file and "labels" in file else ""
+        found = attribute(file, "kind", path) if "kind" in file.attrs else unsaid
+        if found not in kinds:
+            raise InputError(f"{path}: holds {_shown(found) or 'something else'}, not {what}; make one with {command}")
+        yield file, found
+
+
+@contextmanager
+def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
+    """The file at `path`, to read from; what reading it raises becomes an InputError that names the fix."""
     try:
         with _open(path) as file:
-            unsaid = EVENTS if "spikes" in file and "labels" in file else ""
-            found = attribute(file, "kind", path) if "kind" in file.attrs else unsaid
-            if found not in kinds:
-                raise InputError(
-                    f"{path}: holds {_shown(found) or 'something else'}, not {what}; make one with {command}"
-                )
-            yield file, found
+            yield file
     except InputError:
         raise
     except (OSError, LookupError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
@@ -228,6 +233,23 @@ class Declared:
             self._reserve(4 * sum(map(len, part)))
             found.extend(_decoded(text, f"{self.path}: {name}") if isinstance(text, bytes) else text for text in part)
         return found
+
+    def value(self, name: str) -> Any:
+        """A dataset of numbers of any shape as an array, or of texts as a text or an array of them."""
+        dataset = self._dataset(name, "iufbOS", None)
+        if dataset.dtype.kind in "iufb":
+            self._reserve(dataset.size * dataset.dtype.itemsize)
+            return dataset[()]
+        if not h5py.check_string_dtype(dataset.dtype):
+            raise TypeError(f"{name} holds neither numbers nor texts")
+        self._reserve(dataset.size * (dataset.dtype.itemsize + TEXT_BYTES))
+        found = [] if dataset.ndim else [np.array(dataset[()], object)]
+        for part in self._parts(dataset) if dataset.ndim else found:
+            self._reserve(4 * sum(map(len, part.ravel())))
+            found += [part] if dataset.ndim else []
+        texts = np.concatenate(found) if dataset.ndim else found[0]
+        decoded = [_decoded(text, f"{self.path}: {name}") for text in texts.ravel()]
+        return np.array(decoded, object).reshape(dataset.shape) if dataset.ndim else decoded[0]
 
     def column(self, name: str, n_trials: int) -> list[str] | np.ndarray:
         """A dataset of texts or of numbers, one a trial."""

@@ -95,3 +95,8 @@ def _rate(restored: trained.Restored, recordings: str | Path | None) -> float | 
         return None
     with hdf5.open_recordings(recordings or trained.load_spikes_of(restored).source) as stored:
         return stored.sampling_rate_Hz
+
+
+def rate_of(restored: trained.Restored, recordings: str | Path | None = None) -> float:
+    """Samples per second of what a run was trained on."""
+    return _rate(restored, recordings) or restored.network.sampling_rate_Hz

@@ -5,9 +5,9 @@ and have a bias in every projection, which must be zero here. Weights are transp
 keeps them as (postsynaptic, presynaptic).
 
 The membranes `eq4` and `delayed` are the same neurons one step behind their input: with mem[k] = U[k+1], snnTorch's
-mem[k] = beta mem[k-1] + syn[k] is `delayed` where syn[k] = I[k], and `eq4` where syn[k] = beta I[k]. Hence input and
-hidden spikes arrive one step later, and under `eq4` all weights are multiplied by beta. The spikes are equal but for
-rounding.
+mem[k] = beta mem[k-1] + syn[k] is `delayed` where syn[k] = I[k], and `eq4` where syn[k] = beta I[k]. Hence layers
+answer input and hidden spikes two steps later, and under `eq4` all weights are multiplied by beta. The spikes are equal
+but for rounding.
 """
 
 import math
@@ -35,8 +35,8 @@ class SnnTorchNetwork(nn.Module):
     """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
 
     fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic; None in
-        place of the last where the readout is an integrator, whose bias `fc_out` holds.
-    late: steps by which the neurons lag behind what they hear: 0 for `immediate`, 1 for `eq4` and `delayed`.
+        place of the last where the readout is an integrator, which adds up what `fc_out` gives, from `level` on.
+    late: steps by which layers answer late: 0 for `immediate`, 2 for `eq4` and `delayed`.
     recurrent_delay: further steps by which a hidden spike comes back to the hidden layer.
     """
 
@@ -48,9 +48,11 @@ class SnnTorchNetwork(nn.Module):
         readout: snntorch.Synaptic | None,
         late: int = 0,
         recurrent_delay: int = 0,
+        level: nn.Parameter | None = None,
     ) -> None:
         super().__init__()
         self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
+        self.level = level
         self.late, self.recurrent_delay = late, recurrent_delay
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
@@ -58,39 +60,43 @@ class SnnTorchNetwork(nn.Module):
 
         `readout` of an integrator is its running sum after each step.
         """
-        hidden = self._hidden(spikes.float())
+        # Layers hear `(trial, 1, ...)`, and the very tensors that others sent: snnTorch's export to NIR finds the
+        # connections by them, and sees one shape.
+        sent = self._hidden(spikes.float())
+        hidden = torch.cat(sent, dim=1)
         if self.readout is None:
-            return hidden, hidden.cumsum(dim=1) @ self.fc_out.weight.t() + self.fc_out.bias
-        n_steps = hidden.shape[1]
-        nothing = hidden.new_zeros(len(hidden), self.fc_out.out_features)
+            assert self.level is not None
+            return hidden, torch.cat([self.fc_out(heard) for heard in sent], dim=1).cumsum(dim=1) + self.level
+        nothing = hidden.new_zeros(len(hidden), 1, self.fc_out.out_features)
         syn, mem, readout = nothing, nothing, [nothing] * self.late
-        for heard in [hidden.new_zeros(len(hidden), hidden.shape[2])] * self.late + [*hidden.unbind(dim=1)]:
-            if len(readout) == n_steps:
-                break
+        for heard in sent[: len(sent) - self.late]:
             decided, syn, mem = self.readout(self.fc_out(heard), syn, mem)
             readout.append(decided)
-        return hidden, torch.stack(readout, dim=1)
+        return hidden, torch.cat(readout[: len(sent)], dim=1)
 
-    def _hidden(self, spikes: Tensor) -> Tensor:
-        rows, n_steps, n_inputs = spikes.shape
-        silent = spikes.new_zeros(rows, self.fc_in.out_features)
+    def _hidden(self, spikes: Tensor) -> list[Tensor]:
+        """What each step sends, `(trial, 1, hidden)`."""
+        rows, n_steps, _ = spikes.shape
+        silent = spikes.new_zeros(rows, 1, self.fc_in.out_features)
         syn, mem, sent = silent, silent, [silent] * self.late
-        arriving = [spikes.new_zeros(rows, n_inputs)] * self.late + [*spikes.unbind(dim=1)]
-        for k in range(n_steps - self.late):
-            current = self.fc_in(arriving[k])
+        for k, arriving in enumerate(spikes.split(1, dim=1)[: n_steps - self.late]):
+            current = self.fc_in(arriving)
             if isinstance(self.hidden, snntorch.RSynaptic):
-                back = k - 1 - self.recurrent_delay  # the step whose spikes come back; step k + late is computed
+                # The step whose spikes come back; step k + late is computed.
+                back = k + self.late - max(1, self.late) - self.recurrent_delay
                 spike, syn, mem = self.hidden(current, sent[back] if back >= 0 else silent, syn, mem)
             else:
                 spike, syn, mem = self.hidden(current, syn, mem)
             sent.append(spike)
-        return torch.stack(sent, dim=1)
+        return sent[:n_steps]
 
 
 def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
     Raises InputError unless the network is float32, reset `zero` or `subtract`, alpha and beta in [0, 1].
+    `snntorch.export_nir.export_to_nir(net, torch.ones(1, 9, afferents), ignore_dims=[0, 1])` writes its layers where
+    nothing in `spec.learn` is learned, without the steps by which the wrapper delays them; `nt.to_nir` writes all.
     In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
@@ -107,7 +113,11 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     def dynamics(layer: int) -> dict:
         spike = network.spike_of(layer)
         slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
+        n = (network.spec.hidden, network.n_classes)[layer]
+        # What is learned is one value a layer. The rest is written out for each neuron: snnTorch's own export to NIR
+        # takes the size of a layer from it.
         values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
+        values = {name: each if name in network.spec.learn else each.repeat(n) for name, each in values.items()}
         learned = {f"learn_{name}": name in network.spec.learn for name in values}
         return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
 
@@ -127,11 +137,11 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
         _forget(readout)
     else:
         readout, fc_out = None, _linear(network.w_out)
-        fc_out.bias = nn.Parameter(network.bias.detach().clone())
     _forget(hidden)
-    late = int(network.spec.membrane != "immediate")
+    late = 0 if network.spec.membrane == "immediate" else 2
+    level = None if network.bias is None else nn.Parameter(network.bias.detach().clone())
     made = SnnTorchNetwork(
-        _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps
+        _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level
     )
     return made.to(network.w_in.device)
 
@@ -182,8 +192,8 @@ def from_snntorch(
         "hidden": fc_in.out_features,
         "membrane": "immediate",
         "reset": hidden.reset_mechanism,
-        "tau_mem_ms": _tau_ms(float(beta[0]), sampling_rate_Hz),
-        "tau_syn_ms": _tau_ms(float(alpha[0]), sampling_rate_Hz),
+        "tau_mem_ms": tau_ms(float(beta[0]), sampling_rate_Hz),
+        "tau_syn_ms": tau_ms(float(alpha[0]), sampling_rate_Hz),
         "learn": [name for name in DYNAMICS if _learned(name, hidden, readout)],
         **({} if scale is None else {"surrogate_scale": scale}),
         **({} if scale == readout_scale else {"readout_surrogate_scale": readout_scale}),
@@ -278,7 +288,7 @@ def _learned(name: str, *neurons: nn.Module) -> bool:
     return any(isinstance(getattr(neuron, name), nn.Parameter) for neuron in neurons)
 
 
-def _tau_ms(decay: float, sampling_rate_Hz: float) -> float:
+def tau_ms(decay: float, sampling_rate_Hz: float) -> float:
     """The time constant of a decay; for 0 and 1 one that gives them back when rounded."""
     steps = 1e-17 if decay >= 1 else 800.0 if decay <= 0 else -math.log(decay)
     return 1e3 / (steps * sampling_rate_Hz)

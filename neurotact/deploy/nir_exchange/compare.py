@@ -1,0 +1,168 @@
+"""Where two implementations of a network first differ: the spike-exactness report."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import redirect_stdout
+from io import StringIO
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import torch
+
+from neurotact.data.causal import Conditioned, Conditioner
+from neurotact.deploy.nir_exchange import graph as writing
+from neurotact.deploy.nir_exchange.execute import Interpreter
+from neurotact.deploy.nir_exchange.note import Note, of
+from neurotact.encoders import afferents
+from neurotact.errors import InputError, nearest
+from neurotact.networks.rsnn import RSNN
+
+COLUMNS = (
+    "simulator", "layer", "first_trial", "first_step", "first_neuron", "reference", "other", "spikes", "differing",
+)  # fmt: skip
+STEP_OF_SNNTORCH_S = 1e-4
+"""Which snnTorch's import takes, whatever the file says."""
+Layers = Mapping[str, np.ndarray]
+"""Rasters `(trial, time, neuron)` by the name of their layer."""
+
+
+def first_differences(reference: Layers, others: Mapping[str, Layers]) -> pd.DataFrame:
+    """A row for each layer of each simulator.
+
+    Columns: simulator, layer; first_trial, first_step, first_neuron and both values there, of the first trial that
+    differs and in it of the first step (none where all is equal); spikes of the reference; values that differ.
+
+    >>> ours, theirs = np.zeros((1, 3, 2)), np.zeros((1, 3, 2))
+    >>> theirs[0, 1, 1] = 1.0
+    >>> row = first_differences({"hidden": ours}, {"other": {"hidden": theirs}}).iloc[0]
+    >>> int(row.first_step), int(row.first_neuron), int(row.differing)
+    (1, 1, 1)
+    """
+    rows = []
+    for simulator, layers in others.items():
+        for layer, found in layers.items():
+            due = reference[layer]
+            if found.shape != due.shape:
+                raise InputError(f"{simulator}: '{layer}' is {found.shape} where {due.shape} is expected")
+            places = np.argwhere(found != due)
+            first = tuple(int(index) for index in places[0]) if len(places) else (None, None, None)
+            values = (float(due[first]), float(found[first])) if len(places) else (None, None)
+            rows.append((simulator, layer, *first, *values, int((due != 0).sum()), len(places)))
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+@torch.no_grad()
+def report(
+    network: RSNN,
+    graph: Any,
+    spikes: np.ndarray,
+    simulators: Sequence[str] = ("graph",),
+    *,
+    conditioned: np.ndarray | None = None,
+    encoder: afferents.AfferentSpec | None = None,
+) -> pd.DataFrame:
+    """The spikes of a network beside those of its graph, run by some simulators; columns as `first_differences`.
+
+    graph: without afferents it hears `spikes` `(trial, time, afferent)`; with them, `conditioned` signals
+        `(trial, time, taxel)`, and `spikes` are what `encoder` makes of these.
+    simulators: "graph" (the interpreter), "snntorch", "norse"; these two load the plain form alone.
+    """
+    found = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
+    readout = found.readout.numpy()
+    written = of(graph, "graph")
+    if network.level is not None and written is not None and written.form == "exact":
+        readout = np.cumsum(readout, axis=1) + network.level.numpy()
+    reference = {"hidden": found.hidden.numpy(), "readout": readout}
+    heard = np.asarray(spikes, np.float64)
+    if conditioned is not None:
+        assert encoder is not None
+        reference = {"afferents": np.asarray(spikes, np.float64), **reference}
+        heard = writing.signals(conditioned.astype(np.float64), network.sampling_rate_Hz)
+    others = {}
+    for name in simulators:
+        if name not in SIMULATORS:
+            raise InputError(f"simulator: '{name}' is unknown; {nearest(name, [*SIMULATORS])}")
+        layers = SIMULATORS[name](graph, heard, list(reference))
+        if network.bias is not None:
+            layers["readout"] = _settled(layers["readout"], reference["readout"])
+        others[name] = layers
+    return first_differences(reference, others)
+
+
+def conditioned_trial(signal: np.ndarray, encoder: afferents.AfferentSpec, rate_Hz: float) -> np.ndarray:
+    """What the afferents of a trial `(sample, taxel)` feel, `(1, time, taxel)`."""
+    steps, _ = Conditioner(rate_Hz, encoder.conditioning).push(np.asarray(signal, np.float32), Conditioned())
+    return steps[None]
+
+
+def _settled(sums: np.ndarray, due: np.ndarray) -> np.ndarray:
+    """Sums that are those of the reference but for rounding."""
+    return np.where(np.isclose(sums, due, rtol=1e-5, atol=1e-5), due, sums)
+
+
+def _interpreted(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+    written = of(graph, "graph")
+    dt_s = float(graph.metadata["dt"]) if written is None else written.dt_s
+    names = {layer: "output" if layer == "readout" else layer for layer in layers}
+    found = Interpreter(graph, dt_s).run(heard, tuple(names.values()))
+    return {layer: found[name] for layer, name in names.items()}
+
+
+def _by_snntorch(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+    try:
+        from snntorch.import_nir import import_from_nir
+    except ImportError as error:
+        raise InputError(f"snntorch: its import cannot be loaded ({error}); pip install nirtorch") from error
+    written = _loadable(graph, "snntorch")
+    if written is not None and not np.isclose(written.dt_s, STEP_OF_SNNTORCH_S):
+        raise InputError("snntorch: takes steps of 1e-4 s whatever a file says; write it with dt_s=1e-4 (--dt-s 1e-4)")
+    with redirect_stdout(StringIO()):  # it prints what it does
+        model = import_from_nir(graph)
+    return _stepped(model, heard, layers)
+
+
+def _by_norse(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+    try:
+        import norse.torch as norse  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise InputError(f"norse: cannot be imported ({error}); pip install --no-deps norse nirtorch") from error
+    _loadable(graph, "norse")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its own deprecated calls
+        return _stepped(norse.from_nir(graph, dt=float(graph.metadata["dt"])), heard, layers)
+
+
+def _loadable(graph: Any, simulator: str) -> Note | None:
+    kinds = {type(node).__name__ for node in graph.nodes.values()}
+    unknown = kinds - {"Input", "Output", "Linear", "CubaLIF", "LIF", "NIRGraph"}
+    if unknown:
+        raise InputError(f"{simulator}: has no {sorted(unknown)[0]}; write the plain form (--plain)")
+    return of(graph, "graph")
+
+
+@torch.no_grad()
+def _stepped(model: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+    """Rasters of a torch module that takes a step and its state, trial by trial in one batch."""
+    sent: dict[str, list[np.ndarray]] = {layer: [] for layer in layers}
+
+    def keep(layer: str) -> Callable[..., None]:
+        return lambda module, inputs, output: sent[layer].append(_first(output))
+
+    hooks = [getattr(model, layer).register_forward_hook(keep(layer)) for layer in layers if layer != "readout"]
+    state = None
+    for step in torch.from_numpy(heard.astype(np.float32)).unbind(dim=1):
+        output, state = model(step, state)
+        sent["readout"].append(_first(output))
+    for hook in hooks:
+        hook.remove()
+    return {layer: np.stack(rows, axis=1) for layer, rows in sent.items()}
+
+
+def _first(output: Any) -> np.ndarray:
+    return (output[0] if isinstance(output, tuple) else output).numpy().copy()
+
+
+SIMULATORS: dict[str, Callable[[Any, np.ndarray, Sequence[str]], dict[str, np.ndarray]]] = {
+    "graph": _interpreted, "snntorch": _by_snntorch, "norse": _by_norse,
+}  # fmt: skip

@@ -1,0 +1,152 @@
+"""To NIR and back, for users: `nt.to_nir`, `nt.from_nir`, and the proof of an export."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.deploy import export
+from neurotact.deploy.chain import build_encoder
+from neurotact.deploy.nir_exchange import compare, file, graph, note, parse
+from neurotact.deploy.nir_exchange.parse import FromNIR
+from neurotact.encoders import afferents
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+from neurotact.networks import trained
+from neurotact.networks.early_exit import FULL_WINDOW
+from neurotact.networks.kernels import Backend
+from neurotact.networks.rsnn import RSNN
+
+
+def to_nir(
+    source: str | Path | RSNN | tuple[EncoderSpec, RSNN],
+    path: str | Path | None = None,
+    *,
+    plain: bool = False,
+    lower_refractory: bool = False,
+    network_only: bool = False,
+    dt_s: float | None = None,
+    force: bool = False,
+) -> Any:
+    """The graph of a network, or of an encoder and a network, in the Neuromorphic Intermediate Representation.
+
+    source: a run folder that `train` wrote (its encoder included unless `network_only`), a network, or an encoder and
+        a network. path: a file to write (HDF5); an existing one is refused unless `force`.
+    plain: CubaLIF and Linear alone, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`,
+        and for any other the graph's note says what it does otherwise. lower_refractory: afferents' refractory periods
+        as nodes; NIR's neurons have none, and otherwise they stand in the note alone.
+    dt_s: seconds a step; 1 / clock when None. snnTorch needs 1e-4: time constants are scaled with it.
+    Raises InputError for what no graph can hold: decays of 1, encoders other than LIF afferents.
+
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
+    >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
+    ['hidden', 'input', 'late', 'late_out', 'output', 'readout', 'w_in', 'w_out']
+    """
+    rule, classes = FULL_WINDOW, None
+    if isinstance(source, RSNN):
+        encoder, network = None, source
+    elif isinstance(source, tuple):
+        encoder, network = source
+    else:
+        restored = trained.restore(source)
+        network, rule, classes = restored.network, restored.rule, restored.classes
+        encoder = build_encoder(restored, source) if restored.encoder is not None else None
+    encoder = None if network_only else encoder
+    if encoder is not None and not isinstance(encoder, AfferentSpec):
+        raise InputError(f"encoder: '{encoder.model}' has no NIR nodes here; export the network alone (--network-only)")
+    made = graph.of(
+        network, encoder, rule=rule, classes=classes, dt_s=dt_s, plain=plain, lower_refractory=lower_refractory
+    )
+    if path is not None:
+        file.write(made, path, force=force)
+    return made
+
+
+def from_nir(
+    source: str | Path | Any,
+    *,
+    dt_s: float | None = None,
+    sampling_rate_Hz: float | None = None,
+    backend: Backend = "auto",
+) -> FromNIR:
+    """The network in a NIR file or graph; of neurotact's own also the encoder, the exit rule and the classes.
+
+    dt_s: a step, of files that do not say it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, where a step of
+    another program's file stands for another time than `dt_s`; 1 / dt_s when None.
+    Raises InputError for files that are damaged or hostile, and for graphs that are not Linear, CubaLIF (recurrent or
+    not), Linear, CubaLIF, or hold what neurotact's networks lack.
+    """
+    if sampling_rate_Hz is not None and not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
+        raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
+    is_file = isinstance(source, (str, Path))
+    found = file.read(source) if is_file else source
+    return parse.parsed(found, dt_s, str(source) if is_file else "graph", sampling_rate_Hz, backend)
+
+
+def proved(
+    run: str | Path,
+    made: Any,
+    n_trials: int,
+    recordings: str | Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> pd.DataFrame:
+    """The run's network beside its graph on test trials, by the interpreter and by snnTorch and Norse where they can.
+
+    Columns as `compare.first_differences`. What cannot run it is said, with the reason.
+    """
+    restored = trained.restore(run)
+    encoder = build_encoder(restored, run)
+    if not isinstance(encoder, AfferentSpec):
+        raise InputError(f"encoder: '{encoder.model}' cannot be compared; --prove takes LIF afferents")
+    written = note.of(made, "graph")
+    begins_with_afferents = written is not None and written.encoder is not None
+    rate_Hz, signals = export.rate_of(restored, recordings), export.recorded(restored, recordings).test[:n_trials]
+    tables: list[pd.DataFrame] = []
+    for simulator in compare.SIMULATORS:
+        for trial, signal in enumerate(signals):
+            conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
+            spikes = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
+            more = {"conditioned": conditioned, "encoder": encoder} if begins_with_afferents else {}
+            try:
+                found = compare.report(restored.network, made, spikes, (simulator,), **more)
+            except InputError as error:
+                say(f"{simulator} is skipped: {error}")
+                break
+            found["first_trial"] = found["first_trial"].where(found["first_trial"].isna(), trial)
+            tables.append(found)
+    return _joined(tables)
+
+
+def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """One row for each simulator and layer: the first trial that differs, and the sums."""
+    rows = pd.concat(tables, ignore_index=True)
+    found = []
+    for _, group in rows.groupby(["simulator", "layer"], sort=False):
+        differing = group[group["differing"] > 0]
+        first = (differing if len(differing) else group).iloc[0].copy()
+        first["spikes"], first["differing"] = int(group["spikes"].sum()), int(group["differing"].sum())
+        found.append(first)
+    return pd.DataFrame(found).reset_index(drop=True)
+
+
+def summary(table: pd.DataFrame) -> list[str]:
+    """A line for each row of a proof.
+
+    >>> empty = {"first_trial": None, "first_step": None, "first_neuron": None, "reference": None, "other": None}
+    >>> summary(pd.DataFrame([{"simulator": "graph", "layer": "hidden", **empty, "spikes": 7, "differing": 0}]))
+    ['graph, hidden: equal, 7 values']
+    """
+    lines = []
+    for row in table.itertuples(index=False):
+        head = f"{row.simulator}, {row.layer}"
+        if not row.differing:
+            lines.append(f"{head}: equal, {row.spikes} values")
+            continue
+        place = f"trial {int(row.first_trial)}, step {int(row.first_step)}, neuron {int(row.first_neuron)}"
+        values = f"{np.format_float_positional(row.reference, 6)} and not {np.format_float_positional(row.other, 6)}"
+        lines.append(f"{head}: {row.differing} differ of {row.spikes} values, first at {place} ({values})")
+    return lines

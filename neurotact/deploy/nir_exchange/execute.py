@@ -1,0 +1,218 @@
+"""A small interpreter of NIR graphs: what a graph means, step by step, apart from every simulator.
+
+Float64 and forward Euler, as `nodes` says. A `Delay` gives what it heard its own time ago and nothing before. An edge
+that closes a cycle without a `Delay` gives what its node sent one step before.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from neurotact.errors import InputError
+
+LONGEST = 100_000
+"""Steps that a `Delay` may hold back, at most."""
+Step = Callable[[np.ndarray], np.ndarray]
+Flat = tuple[dict[str, Any], list[tuple[str, str]]]
+
+
+def flat(graph: Any, prefix: str = "") -> Flat:
+    """Nodes and edges without graphs inside: the nodes of `hidden` are `hidden/lif` and so on."""
+    nodes: dict[str, Any] = {}
+    edges = [(prefix + a, prefix + b) for a, b in graph.edges]
+    for name, node in graph.nodes.items():
+        if type(node).__name__ != "NIRGraph":
+            nodes[prefix + name] = node
+            continue
+        inner, within = flat(node, f"{prefix}{name}/")
+        nodes |= inner
+        ends = {kind: _end(inner, f"{prefix}{name}", kind) for kind in ("Input", "Output")}
+        whole = prefix + name
+        edges = [(ends["Output"] if a == whole else a, ends["Input"] if b == whole else b) for a, b in edges]
+        edges += within
+    return nodes, edges
+
+
+def _end(nodes: dict[str, Any], name: str, kind: str) -> str:
+    found = [
+        each for each, node in nodes.items()
+        if type(node).__name__ == kind and each.startswith(f"{name}/") and each.count("/") == name.count("/") + 1
+    ]  # fmt: skip
+    if len(found) != 1:
+        raise InputError(f"graph: '{name}' has {len(found)} {kind} nodes; give it one")
+    return found[0]
+
+
+class Interpreter:
+    """A graph that is ready to run, on a clock of `dt_s` seconds a step.
+
+    InputError for a node without a meaning here, a delay that is no whole number of steps, sizes that do not fit.
+    """
+
+    def __init__(self, graph: Any, dt_s: float) -> None:
+        self.nodes, self.edges = flat(graph)
+        self.dt_s = dt_s
+        for name, node in self.nodes.items():
+            if type(node).__name__ not in KINDS:
+                raise InputError(f"graph: '{name}' is a {type(node).__name__}, which is not interpreted")
+        self.inputs = {name: [a for a, b in self.edges if b == name] for name in self.nodes}
+        self.delays = {name: self._delayed(name) for name in self.nodes if type(self.nodes[name]).__name__ == "Delay"}
+        self.order = self._order()
+
+    def run(self, signal: np.ndarray, record: Sequence[str] = ("output",)) -> dict[str, np.ndarray]:
+        """What nodes send, `(trial, time, value)` each, for an input `(trial, time, value)` of float.
+
+        record: names of nodes; an inner graph's own name means its output.
+        """
+        n_trials, n_steps, _ = signal.shape
+        wanted = {name: name if name in self.nodes else _end(self.nodes, name, "Output") for name in record}
+        before: dict[str, np.ndarray] = {}
+        heard = {
+            name: deque([np.zeros((n_trials, len(steps)))] * int(steps.max()), maxlen=int(steps.max()))
+            for name, steps in self.delays.items()
+        }  # fmt: skip
+        state: dict[str, Step] = {
+            name: KINDS[type(node).__name__](node, self.dt_s, n_trials) for name, node in self.nodes.items()
+            if name not in self.delays
+        }  # fmt: skip
+        sent: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+        for t in range(n_steps):
+            now = {name: _held_back(heard[name], steps) for name, steps in self.delays.items()}
+            for name in self.order:
+                arriving = [now.get(a, before.get(a)) for a in self.inputs[name]] or [signal[:, t]]
+                now[name] = state[name](_sum(arriving, n_trials, self.nodes[name], name))
+            for name in self.delays:
+                arriving = [now[a] for a in self.inputs[name]]
+                heard[name].append(_sum(arriving, n_trials, self.nodes[name], name))
+            for name, node in wanted.items():
+                sent[name].append(now[node])
+            before = now
+        shape = {name: _width(self.nodes[node]) for name, node in wanted.items()}
+        return {
+            name: np.stack(rows, axis=1) if rows else np.zeros((n_trials, 0, shape[name]))
+            for name, rows in sent.items()
+        }
+
+    def _delayed(self, name: str) -> np.ndarray:
+        steps = np.asarray(self.nodes[name].delay, np.float64) / self.dt_s
+        whole = np.rint(steps)
+        if not (np.isfinite(steps).all() and (np.abs(steps - whole) < 1e-6).all() and (whole >= 1).all()):
+            raise InputError(f"graph: the delay of '{name}' is no whole number of steps of {self.dt_s:g} s, from 1 on")
+        if (whole > LONGEST).any():
+            raise InputError(f"graph: the delay of '{name}' is {whole.max():g} steps; {LONGEST:,} are held at most")
+        return whole.astype(np.int64)
+
+    def _order(self) -> list[str]:
+        """Nodes in the order in which a step computes them: depth first from the inputs, cycles being cut."""
+        following = {name: [b for a, b in self.edges if a == name] for name in self.nodes}
+        begins = [name for name in self.nodes if not self.inputs[name]] + [*self.delays]
+        seen: set[str] = set()
+        finished: list[str] = []
+        for begin in begins:
+            stack: list[tuple[str, Iterable[str]]] = []
+            if begin not in seen:
+                seen.add(begin)
+                stack.append((begin, iter(following[begin])))
+            while stack:
+                name, rest = stack[-1]
+                after = next((each for each in rest if each not in seen and each not in self.delays), None)
+                if after is None:
+                    stack.pop()
+                    finished.append(name)
+                else:
+                    seen.add(after)
+                    stack.append((after, iter(following[after])))
+        return [name for name in reversed(finished) if name not in self.delays]
+
+
+def _held_back(heard: Sequence[np.ndarray], steps: np.ndarray) -> np.ndarray:
+    """What a delay gives now, each value so many steps after it was heard; `heard` ends with the last step."""
+    now = np.empty_like(heard[-1])
+    for n in np.unique(steps):
+        now[:, steps == n] = heard[-n][:, steps == n]
+    return now
+
+
+def _sum(arriving: Sequence[np.ndarray | None], n_trials: int, node: Any, name: str) -> np.ndarray:
+    width = int(np.prod(next(iter(node.input_type.values()))))
+    total = np.zeros((n_trials, width))
+    for each in arriving:
+        if each is None:  # a cycle, before its first step
+            continue
+        if each.shape[1] != width:
+            raise InputError(f"graph: '{name}' takes {width} values and hears {each.shape[1]}")
+        total = total + each
+    return total
+
+
+def _width(node: Any) -> int:
+    return int(np.prod(next(iter(node.output_type.values()))))
+
+
+def _same(node: Any, dt_s: float, n_trials: int) -> Step:
+    return lambda x: x
+
+
+def _linear(node: Any, dt_s: float, n_trials: int) -> Step:
+    weight = np.asarray(node.weight, np.float64).T
+    bias = np.asarray(getattr(node, "bias", 0.0), np.float64)
+    return lambda x: x @ weight + bias
+
+
+def _scale(node: Any, dt_s: float, n_trials: int) -> Step:
+    return lambda x: x * node.scale
+
+
+def _threshold(node: Any, dt_s: float, n_trials: int) -> Step:
+    return lambda x: (x > node.threshold).astype(np.float64)
+
+
+class _Leaky:
+    """`v += dt/tau (v_leak - v + r x)`; with a threshold, spikes, and v_reset after them."""
+
+    def __init__(
+        self, dt_s: float, tau: np.ndarray, r: np.ndarray, v_leak: np.ndarray, n_trials: int, node: Any = None
+    ):
+        self.decay = 1.0 - dt_s / np.asarray(tau, np.float64)
+        self.gain = dt_s / np.asarray(tau, np.float64) * np.asarray(r, np.float64)
+        self.leaked = dt_s / np.asarray(tau, np.float64) * np.asarray(v_leak, np.float64)
+        self.v = np.zeros((n_trials, len(self.decay)))
+        self.node = node
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        self.v = self.decay * self.v + self.leaked + self.gain * x
+        if self.node is None:
+            return self.v
+        fired = self.v > self.node.v_threshold
+        self.v = np.where(fired, self.node.v_reset, self.v)
+        return fired.astype(np.float64)
+
+
+def _leak(node: Any, dt_s: float, n_trials: int) -> Step:
+    spiking = node if hasattr(node, "v_threshold") else None
+    return _Leaky(dt_s, node.tau, node.r, node.v_leak, n_trials, spiking)
+
+
+def _current_based(node: Any, dt_s: float, n_trials: int) -> Step:
+    synapse = _Leaky(dt_s, node.tau_syn, node.w_in, np.zeros_like(node.tau_syn), n_trials)
+    spiking = node if hasattr(node, "v_threshold") else None
+    membrane = _Leaky(dt_s, node.tau_mem, node.r, node.v_leak, n_trials, spiking)
+    return lambda x: membrane(synapse(x))
+
+
+def _integrate(node: Any, dt_s: float, n_trials: int) -> Step:
+    r = np.asarray(node.r, np.float64)
+    spiking = node if hasattr(node, "v_threshold") else None
+    adder = _Leaky(dt_s, np.full(r.shape, np.inf), r, np.zeros(r.shape), n_trials, spiking)
+    adder.gain = dt_s * r
+    return adder
+
+
+KINDS: dict[str, Callable[[Any, float, int], Step]] = {
+    "Input": _same, "Output": _same, "Linear": _linear, "Affine": _linear, "Scale": _scale, "Threshold": _threshold,
+    "Delay": _same, "LI": _leak, "LIF": _leak, "CubaLI": _current_based, "CubaLIF": _current_based, "I": _integrate,
+    "IF": _integrate,
+}  # fmt: skip
+"""Nodes that are interpreted."""

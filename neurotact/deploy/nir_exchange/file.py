@@ -1,0 +1,86 @@
+"""NIR files (HDF5): written whole, and read with every declared size, link and type checked first."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from neurotact import files
+from neurotact.data.hdf5_input import Declared, reading
+from neurotact.deploy.nir_exchange.execute import KINDS
+from neurotact.deploy.nir_exchange.package import nir
+from neurotact.errors import InputError
+
+MOST_NODES = 1000
+"""Nodes and edges of a graph, at most: checking the types of more takes the square of their number."""
+DEEPEST = 3
+"""Graphs within graphs."""
+
+
+def write(graph: Any, path: str | Path, *, force: bool = False) -> None:
+    """Write a graph; an existing file is refused unless `force`."""
+    files.check_new(path, force=force)
+    with files.whole(path) as draft:
+        nir().write(draft, graph)
+
+
+def read(path: str | Path) -> Any:
+    """The graph in a file; InputError, in one line, for a file that is damaged, hostile or of nodes unknown here."""
+    package = nir()
+    with reading(path, "NIR", "neurotact export --to nir, or what wrote it") as file:
+        declared = Declared(file, path)
+        table = _graph(declared, "node", 0, [MOST_NODES])
+        try:
+            return package.dict2NIRNode({**table, "type_check": True})
+        except AssertionError as error:
+            raise ValueError(str(error) or "its nodes do not fit together") from error
+        except RecursionError as error:
+            raise ValueError("its graphs lie too deep in one another") from error
+
+
+def _graph(declared: Declared, name: str, depth: int, left: list[int]) -> dict[str, Any]:
+    """A graph as a table; `left` counts down the nodes and edges that a file may have."""
+    if depth > DEEPEST:
+        raise ValueError(f"{name} lies deeper than {DEEPEST} graphs")
+    found = _table(declared, name, left)
+    if found.get("type") != "NIRGraph":
+        raise ValueError(f"{name} is not a graph")
+    nodes, edges = declared.group(f"{name}/nodes"), declared.value(f"{name}/edges")
+    if edges.ndim != 2 or edges.shape[1] != 2:
+        raise ValueError(f"{name}/edges are not pairs of names")
+    left[0] -= len(edges)
+    found["edges"] = [(str(a), str(b)) for a, b in edges]
+    found["nodes"] = {}
+    for key in nodes:
+        kind = declared.value(f"{name}/nodes/{key}/type")
+        if kind != "NIRGraph" and kind not in KINDS:
+            raise InputError(
+                f"{declared.path}: '{key}' is a {str(kind)[:40]!a}, which has no equal here; known: {', '.join(KINDS)}"
+            )
+        inner = f"{name}/nodes/{key}"
+        found["nodes"][key] = (
+            _graph(declared, inner, depth + 1, left) if kind == "NIRGraph" else _table(declared, inner, left)
+        )
+    return found
+
+
+def _table(declared: Declared, name: str, left: list[int]) -> dict[str, Any]:
+    """A node's fields, and its metadata; a graph's nodes and edges are left out."""
+    left[0] -= 1
+    if left[0] < 0:
+        raise InputError(f"{declared.path}: has more than {MOST_NODES} nodes and edges, more than is read")
+    group = declared.group(name)
+    if len(group) > 20:
+        raise ValueError(f"{name} has {len(group)} fields")
+    found: dict[str, Any] = {}
+    for key in group:
+        if key == "metadata":
+            notes = declared.group(f"{name}/{key}")
+            found[key] = {
+                note: declared.value(f"{name}/{key}/{note}")
+                for note in list(notes)[:20]
+                if notes.get(note, getclass=True) is h5py.Dataset
+            }
+        elif key not in ("nodes", "edges"):
+            found[key] = declared.value(f"{name}/{key}")
+    return found

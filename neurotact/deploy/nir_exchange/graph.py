@@ -1,0 +1,81 @@
+"""A network, with its encoder or without, as one NIR graph."""
+
+from typing import Any
+
+import numpy as np
+
+from neurotact.deploy.nir_exchange import afferents, layers
+from neurotact.deploy.nir_exchange.nodes import Clock, graph
+from neurotact.deploy.nir_exchange.note import Note
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.rsnn import RSNN
+
+
+def of(
+    network: RSNN,
+    encoder: AfferentSpec | None = None,
+    *,
+    rule: ExitRule = FULL_WINDOW,
+    classes: tuple[str, ...] | None = None,
+    dt_s: float | None = None,
+    plain: bool = False,
+    lower_refractory: bool = False,
+) -> Any:
+    """The graph, from afferents' spikes or, with an encoder, from their signals, to the readout.
+
+    dt_s: seconds a step in the file; 1 / clock when None. snnTorch takes 1e-4 whatever the file says.
+    plain, lower_refractory: see `layers` and `afferents`.
+    """
+    rate_Hz = network.sampling_rate_Hz
+    clock = Clock(1.0 / rate_Hz if dt_s is None else dt_s)
+    if not 1e-12 < clock.dt_s < 1e6:
+        raise InputError(f"dt_s: must be a positive number of seconds; got {clock.dt_s:g}")
+    if plain and lower_refractory:
+        raise InputError("plain: has no node for a refractory period; leave out either it or lower_refractory")
+    nodes, edges = layers.of_network(network, clock, plain=plain)
+    n_inputs, silent = network.n_inputs, None
+    if encoder is not None:
+        if n_inputs % 2:
+            raise InputError(f"network: hears {n_inputs} afferents, not an SA-I and an RA-I under each taxel")
+        front, links = afferents.of_encoder(encoder, n_inputs // 2, rate_Hz, clock, lower_refractory=lower_refractory)
+        edges = links + [("afferents" if a == "input" else a, b) for a, b in edges]
+        nodes = {**front, **nodes}
+        silent = {key: encoder.neuron(getattr(encoder, key), rate_Hz).refractory_steps for key in ("sa1", "ra1")}
+    elif lower_refractory:
+        raise InputError("lower_refractory: the graph has no afferents; export it with its encoder")
+    said = Note(
+        dt_s=clock.dt_s,
+        sampling_rate_Hz=rate_Hz,
+        form="plain" if plain else "exact",
+        differences=tuple(_differences(network, silent, plain=plain, lowered=lower_refractory)),
+        network=network.spec.model_dump(mode="json"),
+        unused=tuple(float(each[1].detach()) for each in (network.alpha, network.beta, network.threshold)),  # pyright: ignore
+        bias=None if network.bias is None else tuple(network.bias.detach().tolist()),
+        classes=classes or tuple(str(index) for index in range(network.n_classes)),
+        encoder=None if encoder is None else encoder.model_dump(mode="json", exclude_none=True),
+        refractory_steps=silent,
+        lowered=lower_refractory,
+        exit_patience=rule.patience,
+        exit_from_first_spike=rule.from_first_spike,
+    )
+    return graph(nodes, edges, n_inputs, network.n_classes, said.metadata())
+
+
+def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, lowered: bool) -> list[str]:
+    found = layers.differences(network) if plain else []
+    if silent is not None and not lowered and any(silent.values()):
+        steps = " and ".join(f"{n} steps of {name}" for name, n in silent.items())
+        found.append(f"afferents have no refractory period ({steps}); --lower-refractory makes them of nodes")
+    return found
+
+
+def signals(conditioned: np.ndarray, clock_Hz: float) -> np.ndarray:
+    """What a graph with afferents hears, `(trial, time, 2 taxel)`: the conditioned signal, then its change per ms.
+
+    >>> signals(np.array([[[1.0], [3.0]]]), 1000.0).tolist()
+    [[[1.0, 0.0], [3.0, 2.0]]]
+    """
+    change = np.abs(np.diff(conditioned, axis=1, prepend=conditioned[:, :1])) * (clock_Hz * 1e-3)
+    return np.concatenate([conditioned, change], axis=2)

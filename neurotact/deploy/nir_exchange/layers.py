@@ -1,0 +1,156 @@
+"""The layers of a network as graphs of NIR's nodes: as they are where NIR knows them, else lowered to equal sub-graphs.
+
+What NIR's CubaLIF computes step by step is membrane `immediate` with reset `hard`. The rest is lowered:
+
+- `delayed` and `eq4` are the same neuron fed two steps later (see `snntorch_exchange`), `eq4` with its current times
+  beta: a `Delay` in front of every layer and in the recurrence.
+- reset `subtract`: a leaky integrator and a `Threshold`, whose spike comes back one step later, times -threshold.
+- reset `zero`: a spike comes back one step later with such a force that the membrane fires again, whatever it hears:
+  this sets it to zero once more, and a `Threshold` takes the second spike out.
+
+A `Delay` holds back for its own time. A cycle without one comes back in the next step, as in snnTorch and Norse; only
+`immediate`, `hard` without a recurrent delay has such a cycle.
+"""
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
+from neurotact.deploy.nir_exchange.package import nir
+from neurotact.networks.rsnn import RSNN
+
+Layered = tuple[dict[str, Any], Edges]
+
+
+class Neuron(NamedTuple):
+    """A layer's decays and threshold, how its neurons work, and by how many steps they hear late."""
+
+    alpha: float
+    beta: float
+    threshold: float
+    reset: str
+    late: int
+    scale: float
+
+    @staticmethod
+    def of(network: RSNN, layer: int, *, plain: bool) -> "Neuron":
+        """The neuron of the hidden layer (0) or of the readout (1); `plain` as CubaLIF has it."""
+        alpha, beta, level = (float(each[layer].detach()) for each in (network.alpha, network.beta, network.threshold))
+        spec = network.spec
+        late = 0 if plain or spec.membrane == "immediate" else 2
+        return Neuron(
+            alpha, beta, level, "hard" if plain else spec.reset, late, beta if spec.membrane == "eq4" else 1.0
+        )
+
+    def nodes(self, clock: Clock, n: int) -> tuple[dict[str, Any], Edges, str, str]:
+        """Nodes and edges of `n` neurons, the node that hears and the node that spikes."""
+        if self.reset == "hard":
+            return {"lif": clock.cuba(self.alpha, self.beta, self.threshold, n, self.scale)}, [], "lif", "lif"
+        nodes = {"synapse": clock.leak(self.alpha, n, "alpha", self.scale)}
+        if self.reset == "subtract":
+            nodes |= {
+                "membrane": clock.leak(self.beta, n, "beta"),
+                "spike": threshold(self.threshold, n),
+                "before": clock.delay(1, n),
+                "reset": scale(-self.threshold, n),
+            }
+            edges = [("synapse", "membrane"), ("membrane", "spike"), ("spike", "before"), ("before", "reset")]
+            return nodes, [*edges, ("reset", "membrane")], "synapse", "spike"
+        nodes |= {
+            "membrane": clock.lif(self.beta, self.threshold, n, "beta"),
+            "spike": threshold(0.5, n),
+            "before": clock.delay(1, n),
+            "force": scale(FORCE, n),
+            "veto": scale(-1.0, n),
+        }
+        edges = [
+            ("synapse", "membrane"), ("membrane", "spike"), ("spike", "before"), ("before", "force"),
+            ("force", "membrane"), ("before", "veto"), ("veto", "spike"),
+        ]  # fmt: skip
+        return nodes, edges, "synapse", "spike"
+
+
+def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
+    """Nodes and edges from `input` (afferents) to `output`: readout spikes, or the running sums of an integrator.
+
+    plain: each layer as CubaLIF and Linear alone, which snnTorch and Norse load; `differences` says what is lost.
+    """
+    hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
+    nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in))}
+    edges: Edges = []
+    if hidden.late:
+        nodes["late"] = clock.delay(hidden.late, network.n_inputs)
+    nodes["hidden"] = _hidden(network, hidden, clock, plain=plain)
+    nodes["w_out"] = linear(_array(network.w_out))
+    if network.bias is not None:
+        path = ["input", *(["late"] if hidden.late else []), "w_in", "hidden", "w_out"]
+        if not plain:
+            nodes |= _integrator(network, clock)
+            path += ["sum", "level"]
+        return nodes, _chained([*path, "output"])
+    readout = Neuron.of(network, 1, plain=plain)
+    if readout.late:
+        nodes["late_out"] = clock.delay(readout.late, n_hidden)
+    parts, inner, hears, spikes = readout.nodes(clock, network.n_classes)
+    if inner:
+        nodes["readout"] = graph(
+            parts, [("input", hears), *inner, (spikes, "output")], network.n_classes, network.n_classes
+        )
+    else:
+        nodes["readout"] = parts["lif"]
+    edges += _chained(["input", *(["late"] if hidden.late else []), "w_in", "hidden"])
+    return nodes, edges + _chained(["hidden", *(["late_out"] if readout.late else []), "w_out", "readout", "output"])
+
+
+def _hidden(network: RSNN, neuron: Neuron, clock: Clock, *, plain: bool) -> Any:
+    """The hidden layer: one node, or a graph where it is recurrent or lowered."""
+    n = network.spec.hidden
+    nodes, edges, hears, spikes = neuron.nodes(clock, n)
+    edges = [("input", hears), *edges]
+    if network.w_rec is not None:
+        nodes["w_rec"] = linear(_array(network.w_rec))
+        spec = network.spec
+        # What came one step later is a cycle that simulators know; more, or a lowered neuron, has its own delay.
+        steps = 1 if plain else max(1, neuron.late) + spec.recurrent_delay_steps
+        back = [spikes, "w_rec", hears]
+        if steps > 1 or neuron.reset != "hard":
+            nodes["back"] = clock.delay(steps, n)
+            back.insert(1, "back")
+        edges += _chained(back)
+    elif not edges[1:]:
+        return nodes["lif"]
+    return graph(nodes, [*edges, (spikes, "output")], n, n)
+
+
+def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
+    assert network.bias is not None
+    bias = _array(network.bias)
+    return {"sum": clock.adder(len(bias)), "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
+
+
+def differences(network: RSNN) -> list[str]:
+    """What the plain form does otherwise than the network, in words; empty where nothing."""
+    spec, found = network.spec, []
+    if spec.reset == "zero":
+        found.append("reset zero is written as hard: a neuron may spike again in the step after its spike")
+    if spec.reset == "subtract":
+        found.append("reset subtract is written as hard: a membrane loses what it had above its threshold")
+    if spec.membrane != "immediate":
+        back = " and its recurrent spikes come back one step earlier" if spec.recurrent else ""
+        found.append(f"membrane {spec.membrane} is written as immediate: each layer answers two steps earlier{back}")
+    if spec.recurrent and spec.recurrent_delay_steps:
+        found.append("the recurrent delay of a step is left out")
+    if network.bias is not None:
+        found.append("the output is what an integrator adds in each step; add it up, from the bias on")
+    return found
+
+
+def _chained(names: list[str]) -> Edges:
+    return list(pairwise(names))
+
+
+def _array(values: torch.Tensor) -> np.ndarray:
+    return values.detach().cpu().numpy()

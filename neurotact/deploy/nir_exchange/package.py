@@ -1,0 +1,14 @@
+"""The optional package `nir`, which holds the node classes."""
+
+from typing import Any
+
+from neurotact.errors import InputError
+
+
+def nir() -> Any:
+    """The package; InputError where it is not installed."""
+    try:
+        import nir as package  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise InputError(f"nir: cannot be imported ({error}); pip install 'neurotact[nir]'") from error
+    return package
