@@ -9,18 +9,24 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from neurotact.data.conditioning import ACAUSAL
 from neurotact.errors import InputError, nearest
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 
 SOURCES = {
-    "xyloaudio2": "Bos and Muir 2022 (arXiv 2208.12991) and the simulator of Rockpool (XyloIAFNeuron: 16-bit states, "
-    "8-bit weights, 4-bit decay shifts, at most 15 input, 31 hidden and 1 output spikes a step)",
-    "loihi2": "the bit-accurate LIF of Lava (24-bit states, 12-bit decays, 17-bit threshold) and Davies et al. 2018 "
-    "(doi 10.1109/MM.2018.112130359: 8-bit weights, refractory period of 1 to 64 steps); Loihi 2 also takes microcode",
-    "spinnaker2": "SpiNNaker2 data sheet 0.03, 2021: 152 Cortex-M4F processors with 128 kB of local memory each",
+    "xyloaudio2": "rockpool.ai/devices/xylo-overview.html (16 inputs, 1000 hidden and 8 output neurons, 8-bit "
+    "weights, bit-shift decays, subtractive reset, fan-out of 32 on average) and Rockpool's syns61201/xylo_mapper.py",
+    "loihi2": "the bit-accurate LIF of Lava (lava-nc/lava, proc/lif/models.py: 12-bit decays, reset to 0 after a "
+    "spike) and the emulator brian2-loihi (refractory period of 1 to 64 steps); neurons a core and 8-bit weights after "
+    "Davies et al. 2018 (doi 10.1109/MM.2018.112130359), unverified; Loihi 2 also takes microcode",
+    "spinnaker2": "SpiNNaker2 data sheet 0.03 of 2021 (SpiNNakerManchester/SpiNNMachine/files/14848134 on GitHub): 152 "
+    "Cortex-M4F processors with 128 kB of local memory each, programmed in C: any membrane, reset and exit fits",
 }
+"""Each source was looked up; what was not found there is called unverified."""
 PROCESSOR_BYTES = 128 * 1024
+MOST_ROUNDING = 0.05
+"""Of weights, r.m.s. of what rounding changes over their mean magnitude, up to which they count as fitting."""
 
 
 class Finding(NamedTuple):
@@ -45,8 +51,8 @@ def check(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, targ
     """A row for each limit of a chip: what, here, limit, fits, cost of making it fit; empty where it fits.
 
     >>> found = check(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
-    >>> found[~found.fits]["what"].tolist()
-    ['membrane', 'reset', 'decay of the current', 'decay of the membrane', 'conditioning and afferents']
+    >>> found[~found.fits]["what"].tolist()[:4]
+    ['membrane', 'reset', 'decay of the current', 'decay of the membrane']
     """
     if target not in CHECKS:
         raise InputError(f"--check {target}: is unknown; {nearest(target, [*CHECKS])}")
@@ -75,6 +81,8 @@ def _xylo(asked: Asked) -> Iterator[Finding]:
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
         yield _shift(name, tau_ms, network.sampling_rate_Hz)
     yield from _weights(network, 8)
+    fan_out = (spec.hidden if spec.recurrent else 0) + network.n_classes
+    yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
     yield _front_end("on a microcontroller beside the chip: the first half of the C export")
     yield _exit(asked.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
 
@@ -87,13 +95,8 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
     )
     yield _is("reset", spec.reset, "hard", "train again with --set reset=hard, or microcode on Loihi 2")
     yield _is("readout", spec.readout, "count", "train again with --set readout=count, or microcode on Loihi 2")
-    yield Finding(
-        "recurrent delay",
-        f"{spec.recurrent_delay_steps} of {'immediate' if spec.membrane == 'immediate' else spec.membrane}",
-        "a spike comes back in the next step at the earliest",
-        spec.membrane != "immediate" or not spec.recurrent or spec.recurrent_delay_steps >= 0,
-        "",
-    )
+    delay = spec.recurrent_delay_steps if spec.recurrent else 0
+    yield _is("recurrent delay", str(delay), "0", "a projection with delays, or train again without a recurrent delay")
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
         steps = tau_ms * 1e-3 * network.sampling_rate_Hz
         off = abs(round(4096 * (1 - math.exp(-1 / steps))) / 4096 / (1 - math.exp(-1 / steps)) - 1)
@@ -110,12 +113,15 @@ def _spinnaker(asked: Asked) -> Iterator[Finding]:
     weights = sum(w.numel() for w in (network.w_in, network.w_rec, network.w_out) if w is not None)
     n_bytes = 4 * weights + 16 * (spec.hidden + network.n_classes) + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
-    yield Finding("membrane", spec.membrane, "any: processors are programmed in C", True, "")
-    yield Finding("reset", spec.reset, "any: processors are programmed in C", True, "")
+    encoder = asked.encoder or {}
+    model, baseline = encoder.get("model", "lif"), (encoder.get("conditioning") or {}).get("baseline", "none")
     yield Finding(
-        "conditioning and afferents", "in C", "any: the float variant of the C export runs on its Cortex-M4F", True, ""
+        "conditioning and afferents",
+        f"{model}, baseline {baseline}",
+        "what the C export takes: lif, a baseline of the past",
+        model == "lif" and baseline not in ACAUSAL,
+        "encode and train again with LIF afferents and a causal baseline",
     )
-    yield Finding("early exit", _patience(asked.rule), "any: the C export holds it", True, "")
 
 
 CHECKS = {"xyloaudio2": _xylo, "loihi2": _loihi, "spinnaker2": _spinnaker}
@@ -146,7 +152,16 @@ def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
 
 
 def _weights(network: RSNN, bits: int) -> Iterator[Finding]:
-    yield Finding("weights", "float32", f"{bits} bits", True, "")
+    """Each projection in `bits` with a step of its own, the largest weight filling them."""
+    for name, w in (("input", network.w_in), ("recurrent", network.w_rec), ("readout", network.w_out)):
+        if w is None:
+            continue
+        step = float(w.detach().abs().max()) / (2 ** (bits - 1) - 1) or 1.0
+        lost = (w.detach() - (w.detach() / step).round() * step).double().square().mean().sqrt()
+        off = float(lost / w.detach().double().abs().mean().clamp_min(1e-300))
+        cost = "a few weights dwarf the rest: train again with weights clipped, or with rounded weights"
+        limit = f"{bits} bits, to within {100 * MOST_ROUNDING:g} %"
+        yield Finding(f"{name} weights", f"rounding changes {100 * off:.2g} %", limit, off <= MOST_ROUNDING, cost)
 
 
 def _refractory(asked: Asked, most: int) -> Iterator[Finding]:

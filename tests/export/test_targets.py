@@ -3,6 +3,7 @@
 import math
 
 import pytest
+import torch
 
 from neurotact.deploy import targets
 from neurotact.errors import InputError
@@ -10,6 +11,10 @@ from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.rsnn import RSNN
 
 FITTING_TAU_ms = -1 / math.log(1 - 2.0**-4) / 2.0
+MADE_FOR_XYLO = {
+    "membrane": "immediate", "reset": "subtract", "tau_mem_ms": FITTING_TAU_ms, "tau_syn_ms": FITTING_TAU_ms,
+    "hidden": 24,
+}  # fmt: skip
 
 
 def broken(target: str, rule=FULL_WINDOW, encoder=None, n_inputs=16, n_classes=8, **spec) -> dict[str, str]:
@@ -20,28 +25,27 @@ def broken(target: str, rule=FULL_WINDOW, encoder=None, n_inputs=16, n_classes=8
 
 
 def test_a_network_made_for_xylo_fits_but_for_the_front_end():
-    made = {"membrane": "immediate", "reset": "subtract", "tau_mem_ms": FITTING_TAU_ms, "tau_syn_ms": FITTING_TAU_ms}
-    assert list(broken("xyloaudio2", **made)) == ["conditioning and afferents"]
+    assert list(broken("xyloaudio2", **MADE_FOR_XYLO)) == ["conditioning and afferents"]
 
 
 @pytest.mark.parametrize(
     ("what", "change"),
     [
         ("inputs", {"n_inputs": 18}),
-        ("hidden neurons", {"hidden": 1001}),
-        ("classes", {"n_classes": 9}),
+        ("hidden neurons", {"hidden": 1001, "model": "snn"}),
+        ("classes", {"n_classes": 9, "hidden": 23}),
         ("membrane", {"membrane": "eq4"}),
         ("reset", {"reset": "zero"}),
         ("readout", {"readout": "integrator"}),
         ("recurrent delay", {"recurrent_delay_steps": 1}),
         ("decay of the current", {"tau_syn_ms": 5.0}),
         ("decay of the membrane", {"tau_mem_ms": 5.0}),
+        ("fan-out of a hidden neuron, on average", {"hidden": 25}),
         ("early exit", {"rule": ExitRule(5)}),
     ],
 )
 def test_each_limit_of_xylo_is_checked(what, change):
-    made = {"membrane": "immediate", "reset": "subtract", "tau_mem_ms": FITTING_TAU_ms, "tau_syn_ms": FITTING_TAU_ms}
-    assert list(broken("xyloaudio2", **(made | change))) == (
+    assert list(broken("xyloaudio2", **(MADE_FOR_XYLO | change))) == (
         ["conditioning and afferents", what] if what == "early exit" else [what, "conditioning and afferents"]
     )
 
@@ -52,11 +56,32 @@ def test_loihi_wants_its_own_membrane_and_reset():
     encoder = {"sa1": {"t_ref_ms": 40.0}, "ra1": {"t_ref_ms": 1.0}}
     assert "refractory steps of sa1" in broken("loihi2", encoder=encoder)
     assert "decay of the membrane" in broken("loihi2", tau_mem_ms=9000.0)
+    assert "recurrent delay" in broken("loihi2", recurrent_delay_steps=1)
+    assert "recurrent delay" not in broken("loihi2", recurrent_delay_steps=1, model="snn")
+
+
+@pytest.mark.parametrize("target", ["xyloaudio2", "loihi2"])
+@pytest.mark.parametrize("projection", ["w_in", "w_rec", "w_out"])
+def test_a_weight_that_dwarfs_the_others_does_not_fit_eight_bits(target, projection):
+    network = RSNN(16, 8, hidden=24, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
+    weights = getattr(network, projection).data
+    weights[0, 0] = 40 * weights.std()  # a step of 0.3 deviations: rounding changes 0.09 of 0.8
+
+    def projections() -> list[str]:
+        found = targets.check(network, None, FULL_WINDOW, target)
+        return [row.what for row in found.itertuples() if not row.fits and row.what.endswith("weights")]
+
+    name = {"w_in": "input", "w_rec": "recurrent", "w_out": "readout"}[projection]
+    assert projections() == [f"{name} weights"]
+    weights[0, 0] = 0
+    assert projections() == []
 
 
 def test_spinnaker_holds_what_fits_a_processor():
     assert broken("spinnaker2", rule=ExitRule(5)) == {}
     assert list(broken("spinnaker2", hidden=300)) == ["bytes of one processor"]
+    for encoder in ({"model": "izhikevich"}, {"conditioning": {"baseline": "mean"}}):
+        assert list(broken("spinnaker2", encoder=encoder)) == ["conditioning and afferents"]
 
 
 def test_an_unknown_chip_is_refused():

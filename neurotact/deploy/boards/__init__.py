@@ -37,9 +37,17 @@ class Board(NamedTuple):
 
 
 NRF51 = Chip(
-    "nRF51822", 16e6, 4.71e-3 * 2.957, "measured on an nRF51 DK: 4.71 mA at 2.957 V (devzone.nordicsemi.com/blogs/756)"
+    "nRF51822",
+    16e6,
+    4.71e-3 * 2.957,
+    "4.71 mA at 2.957 V on an nRF51 DK, after devzone.nordicsemi.com/blogs/756 (unverified)",
 )
-NRF52 = Chip("nRF52832", 64e6, 3.7e-3 * 3.0, "nRF52832 Product Specification: 58 µA/MHz from flash with DC/DC, 3 V")
+NRF52 = Chip(
+    "nRF52832",
+    64e6,
+    3.7e-3 * 3.0,
+    "58 µA/MHz from flash with DC/DC at 3 V, as others quote the nRF52832 Product Specification (unverified)",
+)
 BOARDS = {
     "cortex-m0": Board(
         "microbit", "Cortex-M0", ("-mcpu=cortex-m0", "-mthumb"), 256 * 1024, 16 * 1024, 16e6, 1.37, NRF51
