@@ -1,6 +1,6 @@
 """What a network spec says (`networks/*.toml`)."""
 
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
@@ -9,7 +9,7 @@ from neurotact.spec import Spec, without_defaults
 
 LATER_TRAINING_KEYS = (
     "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
-    "readout_dropout",
+    "readout_dropout", "optimiser", "betas",
 )  # fmt: skip
 LATER_KEYS = ("recurrent_delay_steps", "readout_surrogate_scale", "readout", "input_deviation", "recipe")
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
@@ -18,6 +18,11 @@ LATER_KEYS = ("recurrent_delay_steps", "readout_surrogate_scale", "readout", "in
 class TrainingSpec(Spec):
     """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
 
+    optimiser: Literal["adam", "adamax"] = "adam"
+    """adamax divides each step by the largest gradient of late in place of the root of its mean square (Kingma and Ba
+    2015, Sec. 7.1)."""
+    betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (0.9, 0.999)
+    """How much of the running means of the gradient and of its square (adamax: of its largest size) stays per step."""
     learning_rate: float = Field(default=1e-3, gt=0)
     """Learning rate of Adam."""
     batch: int = Field(default=128, ge=1)

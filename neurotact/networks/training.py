@@ -1,4 +1,4 @@
-"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam, early stopping."""
+"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam or Adamax, early stopping."""
 
 import math
 import warnings
@@ -46,7 +46,7 @@ class Checkpoint:
 
     epochs: the log so far.
     weights: the network's state after the last of them; best_weights: after the best one.
-    optimiser: Adam's values of each trained parameter, named as in "w_in.exp_avg".
+    optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
     generator: the state of the generator that orders the trials.
     """
 
@@ -57,8 +57,9 @@ class Checkpoint:
     generator: Tensor
 
 
-ADAM = ("step", "exp_avg", "exp_avg_sq")
-"""What Adam keeps of each parameter: the count of its steps, and running means of the gradient and of its square."""
+STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
+"""What each optimiser keeps of each parameter: the count of its steps, the running mean of the gradient, and that of
+its square or its largest size."""
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
@@ -102,7 +103,7 @@ def train(
     >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
     2
     """
-    optimiser = torch.optim.Adam(_groups(network), lr=network.spec.training.learning_rate, fused=True)
+    optimiser = _optimiser(network)
     rates = [group["lr"] for group in optimiser.param_groups]
     log: list[Epoch] = []
     best_weights: Mapping[str, Tensor] = {}
@@ -121,7 +122,7 @@ def train(
         if best_of(log, network.spec.training.keep) is log[-1]:
             best_weights = _copied(network.state_dict())
         if keep:
-            state = _copied(network.state_dict()), best_weights, _adam(network, optimiser)
+            state = _copied(network.state_dict()), best_weights, _state(network, optimiser)
             keep(Checkpoint(tuple(log), *state, generator.get_state()))
     network.load_state_dict(best_weights)
     return Training(tuple(log), best_of(log, network.spec.training.keep))
@@ -139,8 +140,15 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
 
 
+def _optimiser(network: RSNN) -> torch.optim.Optimizer:
+    spec = network.spec.training
+    if spec.optimiser == "adamax":
+        return torch.optim.Adamax(_groups(network), lr=spec.learning_rate, betas=spec.betas)
+    return torch.optim.Adam(_groups(network), lr=spec.learning_rate, betas=spec.betas, fused=True)
+
+
 def _groups(network: RSNN) -> list[dict[str, Any]]:
-    """What Adam trains: one group or, with relative rates, each parameter with its own, in the network's order."""
+    """What is trained: one group or, with relative rates, each parameter with its own, in the network's order."""
     trained = [p for p in network.parameters() if p.requires_grad]
     spec = network.spec.training
     if spec.relative_learning_rate is None:
@@ -254,16 +262,18 @@ def _go_back(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
     """Give network, optimiser and generator the state that they had then."""
     network.load_state_dict(start.weights)
     trained = [name for name, p in network.named_parameters() if p.requires_grad]
-    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in ADAM} for i, name in enumerate(trained)}
+    kept = STATE[network.spec.training.optimiser]
+    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in kept} for i, name in enumerate(trained)}
     # Loading keeps tensors that fit as they are, and steps work in place: the checkpoint stays as it was.
     state = {i: _copied(values) for i, values in state.items()}
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
     generator.set_state(start.generator)
 
 
-def _adam(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
-    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in ADAM})
+    kept = STATE[network.spec.training.optimiser]
+    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in kept})
 
 
 def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:

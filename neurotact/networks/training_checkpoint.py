@@ -1,7 +1,7 @@
 """Checkpoints of a training on disk: one safetensors file, whole or as it was before, never pickle.
 
 Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
-and after its best epoch), `adam.*`, and the SHA-256 of all of these together with the name of the training.
+and after its best epoch), `adam.*` (also of Adamax), and the SHA-256 of all of these with the name of the training.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from neurotact.errors import InputError
 from neurotact.files import read_bytes, whole
 from neurotact.networks.checkpoint import check, shapes_of
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import ADAM, Checkpoint, Epoch
+from neurotact.networks.training import STATE, Checkpoint, Epoch
 
 SHA256 = "sha256"
 FIX = "start again with --force"
@@ -84,7 +84,7 @@ def _expected(net: Net, n_epochs: int) -> dict[str, tuple[tuple[int, ...], torch
     adam = {
         f"adam.{name}.{key}": () if key == "step" else shape
         for name, shape in shapes.items()
-        for key in ADAM
+        for key in STATE[net.spec.training.optimiser]
         if name not in fixed
     }
     states = {f"{part}.{name}": shape for part in ("weights", "best") for name, shape in shapes.items()}

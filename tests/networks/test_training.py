@@ -99,6 +99,34 @@ def test_a_temperature_multiplies_the_readout_alone():
     assert found.item() == loss(scaled, labels, TrainingSpec(**penalties)).item()
 
 
+def stepped(mean, size, gradient, spec):
+    """The two running values of a gradient after a step (Kingma and Ba 2015, Algorithms 1 and 2)."""
+    beta1, beta2 = spec.betas
+    mean = beta1 * mean + (1 - beta1) * gradient
+    if spec.optimiser == "adamax":
+        return mean, torch.maximum(beta2 * size, gradient.abs())
+    return mean, beta2 * size + (1 - beta2) * gradient.square()
+
+
+@pytest.mark.parametrize("optimiser", ["adam", "adamax"])
+@pytest.mark.parametrize("betas", [(0.9, 0.995), (0.5, 0.1)])
+def test_optimisers_step_as_published(optimiser, betas):
+    spec = TrainingSpec(optimiser=optimiser, betas=betas, epochs=3, batch=64, learning_rate=0.02)
+    net, same = network(**spec.model_dump()), network(**spec.model_dump())
+    kept = []
+    train(net, touches(64, 0), touches(32, 1), generator=torch.Generator().manual_seed(2), keep=kept.append)
+    w, mean, size = same.w_in, torch.zeros_like(same.w_in), torch.zeros_like(same.w_in)
+    for step, checkpoint in enumerate(kept, 1):
+        same.zero_grad()
+        examples = touches(64, 0)
+        loss(same(examples.spikes), examples.labels, spec).backward()
+        mean, size = stepped(mean, size, w.grad, spec)
+        scale = size if optimiser == "adamax" else (size / (1 - betas[1] ** step)).sqrt()
+        expected = w.detach() - 0.02 * mean / (1 - betas[0] ** step) / (scale + 1e-8)
+        assert torch.allclose(checkpoint.weights["w_in"], expected, atol=1e-5)
+        same.load_state_dict(checkpoint.weights)
+
+
 def rates_seen(monkeypatch, net):
     """The learning rates of every step of a training, a list a step."""
     seen = []
@@ -230,14 +258,14 @@ def trained_state(net, training):
     readout=st.sampled_from(["count", "integrator"]),
     schedule=st.sampled_from(["constant", "cosine"]),
     dropout=st.sampled_from([0.0, 0.3]),
+    optimiser=st.sampled_from(["adam", "adamax"]),
 )
 def test_a_training_that_goes_on_ends_as_one_that_was_not_interrupted(
-    stop, learn, model, patience, dtype, readout, schedule, dropout
+    stop, learn, model, patience, dtype, readout, schedule, dropout, optimiser
 ):
     training = TrainingSpec(epochs=5, batch=8, learning_rate=0.3, patience=patience, schedule=schedule)
-    training = training.model_copy(
-        update={"input_dropout": dropout, "input_jitter_ms": 2 * dropout, "readout_dropout": dropout}
-    )
+    drops = {"input_dropout": dropout, "input_jitter_ms": 2 * dropout, "readout_dropout": dropout}
+    training = training.model_copy(update={"optimiser": optimiser, **drops})
     spec = RSNNSpec(hidden=6, model=model, learn=tuple(sorted(learn)), readout=readout, training=training)
 
     def run(weights_seed, order_seed, **state):

@@ -46,6 +46,13 @@ def test_a_checkpoint_comes_back_as_it_was(tmp_path, checkpoint):
     assert os.listdir(path.parent) == [path.name]
 
 
+def test_a_checkpoint_fits_the_optimiser_that_left_it(tmp_path, checkpoint):
+    save(checkpoint, tmp_path / "c", "one")
+    training = NET.spec.training.model_copy(update={"optimiser": "adamax"})
+    with pytest.raises(InputError, match="exp_inf' is missing"):
+        load(tmp_path / "c", NET._replace(spec=NET.spec.model_copy(update={"training": training})), "one")
+
+
 def test_another_training_is_refused(tmp_path, checkpoint):
     save(checkpoint, tmp_path / "c", "one")
     with pytest.raises(InputError, match=r"of another training.*--force"):
