@@ -8,7 +8,7 @@ a threshold, so that recordings are spikes already: they are only put on a clock
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,7 @@ AFFERENTS = tuple(f"{polarity} taxel{i + 1}" for polarity in POLARITIES for i in
 ARRAYS = ("letter", "event_recording", "event_taxel", "event_polarity", "event_time_s")
 STEP_MS = 5.0
 """The clock of the published study."""
+Binning = Literal["floor", "nearest"]
 
 
 class Letter(NamedTuple):
@@ -38,14 +39,19 @@ class Letter(NamedTuple):
     units: np.ndarray
 
 
-def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
+def read(
+    path: str | Path, step_ms: float = STEP_MS, *, binning: Binning = "floor", length_ms: float | None = None
+) -> SpikeTrains:
     """The spikes of every recording on a clock of `step_ms`.
 
     path: the published file, or its repack as .npz (arrays `letter`, `event_recording`, `event_taxel`,
         `event_polarity`, 0 being ON, and `event_time_s`).
+    binning: an event belongs to the step in which it comes (`floor`) or to the nearest beginning of a step (`nearest`,
+        ties to the even step), as in the published study.
+    length_ms: of every trial, later events left out; up to the longest recording when absent.
 
     Afferents are the ON events of each taxel, then the OFF events. Events of an afferent within one step are one spike.
-    All trials are as long as the longest recording. Raises InputError, which names the file and the place.
+    Raises InputError, which names the file and the place.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "events.npz"
@@ -57,6 +63,8 @@ def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
     """
     if not (math.isfinite(step_ms) and step_ms > 0):
         raise InputError(f"--step-ms: must be a positive number; got {step_ms}")
+    if length_ms is not None and not (math.isfinite(length_ms) and length_ms >= step_ms):
+        raise InputError(f"length_ms: must be one step of {step_ms:g} ms or more; got {length_ms}")
     path = Path(path)
     letters = list(_from_archive(path) if path.suffix == ".npz" else _from_published(path))
     if not letters:
@@ -64,10 +72,19 @@ def read(path: str | Path, step_ms: float = STEP_MS) -> SpikeTrains:
     last_s = max((float(letter.times_s.max(initial=0.0)) for letter in letters), default=0.0)
     if last_s * 1e3 / step_ms >= LONGEST_STEPS:
         raise InputError(f"{path}: an event at {last_s:g} s is beyond any clock of {step_ms:g} ms; check the file")
+    last_s = float(_binned(np.array(last_s), step_ms, binning)) if length_ms is None else 1e-3 * (length_ms - step_ms)
     n_steps = int(last_s * 1e3 / step_ms + 1e-9) + 1
-    trials = (one_trial(letter.times_s, letter.units, step_ms, n_steps, len(AFFERENTS)) for letter in letters)
+    trials = (
+        one_trial(_binned(letter.times_s, step_ms, binning), letter.units, step_ms, n_steps, len(AFFERENTS))
+        for letter in letters
+    )
     conditions = pd.DataFrame({"label": [letter.letter for letter in letters]})
     return from_trials(trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
+
+
+def _binned(times_s: np.ndarray, step_ms: float, binning: Binning) -> np.ndarray:
+    """Times whose step, rounded down, is the one that `binning` says."""
+    return times_s if binning == "floor" else np.rint(times_s * 1e3 / step_ms) * step_ms * 1e-3
 
 
 def _from_archive(path: Path) -> Iterator[Letter]:

@@ -116,6 +116,30 @@ def test_both_forms_give_each_event_its_step(folder, given_letters, step_ms):
     assert len(set(published.trial_steps.tolist())) == 1
 
 
+@given(letters, st.sampled_from([1.0, 5.0, 7.3]), st.sampled_from([50.0, 900.0, 2500.0]))
+def test_nearest_steps_and_a_given_length_are_those_of_the_published_study(folder, given_letters, step_ms, length_ms):
+    trains = read(repacked(folder, given_letters), step_ms, binning="nearest", length_ms=length_ms)
+    n_steps = int(length_ms / step_ms + 1e-9)
+    assert set(trains.trial_steps.tolist()) == {n_steps}
+    longest = read(repacked(folder, given_letters), step_ms, binning="nearest")
+    for number, entry in enumerate(given_letters):
+        expected = {
+            (round(time * 1e3 / step_ms), 12 * polarity + taxel)  # round() as there
+            for taxel, pair in enumerate(entry["events"])
+            for polarity, values in enumerate(pair)
+            for time in values
+        }
+        assert set(zip(longest.steps[number].tolist(), longest.units[number].tolist(), strict=True)) == expected
+        found = set(zip(trains.steps[number].tolist(), trains.units[number].tolist(), strict=True))
+        assert found == {(step, unit) for step, unit in expected if step < n_steps}
+
+
+@pytest.mark.parametrize("length_ms", [0.0, 4.9, float("nan"), float("inf")])
+def test_an_impossible_length_is_refused(folder, length_ms):
+    with pytest.raises(InputError, match="length_ms: must be one step of 5 ms or more"):
+        read(written(folder, maker.dumps(GOOD)), 5.0, length_ms=length_ms)
+
+
 GOOD = [{"letter": "A", "events": [[[0.1], [0.2]]] * 12}]
 
 
