@@ -101,6 +101,24 @@ def synops(
     return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
 
 
+def of_fans(
+    input_counts: np.ndarray, hidden_counts: np.ndarray, fan_in: np.ndarray, fan_among: np.ndarray, fan_out: np.ndarray
+) -> Synops:
+    """SOPs of windows on a network whose neurons do not reach all others, such as a pruned one.
+
+    input_counts, hidden_counts: spikes of each neuron in each window, `(window, afferent)` and `(window, hidden)`.
+    fan_in: hidden neurons that each afferent reaches, `(afferent,)`; fan_among, fan_out: hidden neurons and readout
+    neurons that each hidden neuron reaches, `(hidden,)`.
+
+    >>> found = of_fans(np.array([[3, 1]]), np.array([[2]]), np.array([1, 0]), np.array([1]), np.array([5]))
+    >>> [int(part[0]) for part in found]
+    [3, 2, 10, 15, 13]
+    """
+    into_hidden, among_hidden, into_readout = input_counts @ fan_in, hidden_counts @ fan_among, hidden_counts @ fan_out
+    feedforward = into_hidden + into_readout
+    return Synops(into_hidden, among_hidden, into_readout, feedforward + among_hidden, feedforward)
+
+
 def to_table(
     *,
     labels: Sequence | np.ndarray,
