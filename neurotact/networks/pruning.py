@@ -55,7 +55,7 @@ def pruned_stay_pruned(network: RSNN) -> Iterator[None]:
 
 @torch.no_grad()
 def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
-    """SOPs of whole windows `(window, time, afferent)`: a spike is an operation at each weight of its own that is not 0.
+    """SOPs of whole windows `(window, time, afferent)`: a spike is one operation at each of its weights that is not 0.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> spikes = torch.ones(1, 3, 2, dtype=torch.uint8)

@@ -56,6 +56,7 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         data=page.if_there(folder / "data.json"),
+        answers=module.answers(results) if hasattr(module, "answers") else [],  # pyright: ignore
         **seen(means, module.VIEW),
     )
 

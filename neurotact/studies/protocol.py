@@ -55,6 +55,7 @@ class ProtocolModule(Protocol):
     """What the module of a protocol holds.
 
     Parameters: all that decides a cell's numbers; its field `data` decides the arrays that cells share.
+    A function `answers(results)`, if there is one, gives sentences that head the report.
     """
 
     Parameters: type[Spec]

@@ -149,6 +149,7 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
     assert 'id="figure-tosses"' in page
     assert len(re.findall(r"<tr data-cell=", page)) == 4
     assert "Coins.\n" in page
+    assert re.search(r"<li>The best rule foresees \d+ % of &lt;all&gt; tosses.</li>", page)
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", page)
 
 

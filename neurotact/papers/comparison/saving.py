@@ -1,0 +1,225 @@
+"""One network trained and run with one way to save: fewer spikes, weights, neurons, taxels, or less time.
+
+All that is not named by a `Setting` is the same for all ways: recordings, split, calibrated gains, seeds, the network's
+recipe. What is chosen (gains, taxels, weights, patience) is chosen on training and validation windows alone.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import Field, model_validator
+
+from neurotact.data.dead_time import with_dead_time
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.data.windows import WindowSpec
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.metrics.flops import Cost
+from neurotact.networks import pruning, recipe, trained
+from neurotact.networks.early_exit import FULL_WINDOW
+from neurotact.networks.ledger import encoding_cost, network_cost
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.training import Examples, train
+from neurotact.spec import Spec, build
+
+Share = Annotated[float, Field(gt=0, le=1)]
+TRAINED_ON = 0.25
+"""Of the epochs, those that a pruned network is trained on for."""
+AFTERWARDS = ("prune", "train_on", "exit_tolerance")
+"""Keys that change nothing of the first training."""
+
+
+class Setting(Spec):
+    """What is saved, and how much; by default nothing."""
+
+    t_ref_steps: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
+    """Refractory periods of RA-I and SA-I in steps of the set's clock; events have one, the first."""
+    rate_penalty: float | None = Field(default=None, ge=0)
+    """`training.rate_penalty`, on the spikes of a hidden neuron in a window."""
+    time_constants: float = Field(default=1.0, gt=0)
+    """Times the time constants that the network has otherwise."""
+    taxels: Share = 1.0
+    """Those whose spikes per training window vary most."""
+    window: Share = 1.0
+    """Of the window's length, from its start."""
+    hidden: Share = 1.0
+    """Of the hidden neurons."""
+    recurrence: bool = True
+    prune: float | None = Field(default=None, gt=0, lt=1)
+    """Weights of each matrix that are set to 0 after training, the smallest ones."""
+    train_on: bool = False
+    """Train the weights that remain for a quarter of the epochs."""
+    exit_tolerance: float | None = Field(default=None, ge=0, lt=1)
+    """Early exit, with the least patience that loses so much validation accuracy at most."""
+
+    @model_validator(mode="after")
+    def _trains_on_what_is_pruned(self) -> "Setting":
+        if self.train_on and self.prune is None:
+            raise ValueError("train_on goes on with a pruned network; give prune, too")
+        return self
+
+    def first_training(self) -> str:
+        """What decides the first training; settings that agree in it share one."""
+        return self.model_dump_json(exclude={*AFTERWARDS})
+
+
+class Bench(NamedTuple):
+    """What all ways share.
+
+    felt: recordings, to be encoded by `encoder`, or spikes, where it is None; window: of the set; network: its spec.
+    """
+
+    felt: Recordings | SpikeTrains
+    encoder: AfferentSpec | None
+    split: Split
+    window: WindowSpec
+    network: RSNNSpec
+    seeds: tuple[int, int]
+
+
+class Fitted(NamedTuple):
+    """A trained network, the windows that it was made for, and what its encoder costs per step."""
+
+    network: RSNN
+    validation: Examples
+    test: Examples
+    train: Examples
+    order: torch.Generator
+    encoder: Mapping[str, Any] | None
+    n_taxels: int
+
+
+def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
+    """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
+
+    known: first trainings by their name, to which this one is added.
+    """
+    name = setting.first_training()
+    if name not in known:
+        known[name] = _fit(bench, setting)
+    fitted = known[name]
+    if setting.prune is not None:
+        fitted = _pruned(fitted, setting)
+    rule = FULL_WINDOW
+    if setting.exit_tolerance is not None:
+        rule = trained.exit_rule(fitted.network, fitted.validation, setting.exit_tolerance)
+    network, test = fitted.network, fitted.test
+    found = network.infer(test.spikes, rule)
+    counted = trained.synops_of(found, network)
+    if setting.prune is not None:
+        counted = pruning.remaining_synops(network, test.spikes)
+    sops = {f"sops_{part}": float(values.mean()) for part, values in counted._asdict().items()}
+    spent = _cost(fitted, sops, float(found.steps.double().mean()))
+    return {
+        "accuracy_validation": trained.accuracy_of(network.infer(fitted.validation.spikes, rule), fitted.validation),
+        "accuracy_test": trained.accuracy_of(found, test),
+        **sops,
+        "energy_estimate_nJ": spent.energy_estimate_nJ,
+        "signal_ms": spent.signal_ms,
+        "input_spikes": float(found.input_spikes.double().mean()),
+        "hidden_spikes": float(found.hidden_spikes.double().mean()),
+        "n_train": len(fitted.train.labels),
+        "n_test": len(test.labels),
+    }
+
+
+def _fit(bench: Bench, setting: Setting) -> Fitted:
+    trains = _sent(bench, setting)
+    step_ms = 1e3 / trains.sampling_rate_Hz
+    hop_ms = bench.window.hop_ms or bench.window.length_ms
+    length_ms = max(1, round(setting.window * bench.window.length_ms / step_ms)) * step_ms
+    window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
+    sides = [trained.examples_of(trains, side, window)[0] for side in bench.split]
+    kept, n_taxels = _kept(trains, sides[0].spikes, setting.taxels)
+    training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
+    weights, order = (torch.Generator().manual_seed(seed) for seed in bench.seeds)
+    seen = recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
+    spec = changed(bench.network, setting, seen)
+    network = trained.begin(training.spikes, len(trains.classes), spec, trains.sampling_rate_Hz, weights)
+    train(network, training, validation, generator=order)
+    encoder = None if bench.encoder is None else trains.encoder
+    return Fitted(network, validation, test, training, order, encoder, n_taxels)
+
+
+def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen) -> RSNNSpec:
+    """The network's spec with what its recipe chooses for training windows, and what the setting changes of it.
+
+    >>> spec = changed(RSNNSpec(recipe="default", hidden=50), Setting(hidden=0.5, time_constants=2), recipe.Seen(
+    ...     900, 200, 1000.0, 50.0))
+    >>> spec.hidden, spec.tau_mem_ms, spec.tau_syn_ms, spec.model
+    (25, 40.0, 20.0, 'rsnn')
+    """
+    spec = recipe.resolve(spec, seen)
+    least_ms = 1e3 / seen.sampling_rate_Hz
+    update: dict[str, Any] = {
+        "hidden": max(1, round(setting.hidden * spec.hidden)),
+        "tau_mem_ms": max(least_ms, setting.time_constants * spec.tau_mem_ms),
+        "tau_syn_ms": max(least_ms, setting.time_constants * spec.tau_syn_ms),
+        "model": spec.model if setting.recurrence else "snn",
+    }
+    table = {**spec.model_dump(mode="json"), **update}
+    if setting.rate_penalty is not None:
+        table["training"] = {**table["training"], "rate_penalty": setting.rate_penalty}
+    return build(RSNNSpec, table, source="a way to save")
+
+
+def _sent(bench: Bench, setting: Setting) -> SpikeTrains:
+    """The spikes of every trial under the setting's refractory periods."""
+    if isinstance(bench.felt, SpikeTrains):
+        return bench.felt if setting.t_ref_steps is None else with_dead_time(bench.felt, setting.t_ref_steps[0])
+    assert bench.encoder is not None
+    encoder = bench.encoder
+    if setting.t_ref_steps is not None:
+        step_ms = 1e3 / (encoder.conditioning.resample_Hz or bench.felt.sampling_rate_Hz)
+        periods = zip(("ra1", "sa1"), setting.t_ref_steps, strict=True)
+        update = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": n * step_ms}) for part, n in periods}
+        encoder = encoder.model_copy(update=update)
+    return encode_recordings(bench.felt, encoder)
+
+
+def _kept(trains: SpikeTrains, training: torch.Tensor, share: float) -> tuple[list[int], int]:
+    """The afferents of the taxels that stay, and how many taxels these are.
+
+    A taxel is what the names of its afferents end in. Those stay whose spikes per training window vary most.
+    """
+    ends = [name.rpartition(" ")[2] for name in trains.afferents]
+    taxels = list(dict.fromkeys(ends))
+    counts = training.sum(dim=1, dtype=torch.float64)
+    spread = [float(counts[:, [end == taxel for end in ends]].sum(dim=1).var(correction=0)) for taxel in taxels]
+    best = np.argsort(spread, kind="stable")[::-1][: max(1, round(share * len(taxels)))]
+    stay = {taxels[index] for index in best}
+    return [index for index, end in enumerate(ends) if end in stay], len(stay)
+
+
+def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
+    """The network with its smallest weights at 0, trained on where that is asked; the first one stays as it is."""
+    assert setting.prune is not None
+    before = fitted.network
+    spec = before.spec
+    if setting.train_on:
+        epochs = max(1, round(TRAINED_ON * spec.training.epochs))
+        training = spec.training.model_copy(update={"epochs": epochs, "patience": epochs})
+        spec = spec.model_copy(update={"training": training})
+    network = RSNN(before.n_inputs, before.n_classes, spec, before.sampling_rate_Hz, backend=before.backend)
+    network.load_state_dict(before.state_dict())
+    pruning.prune(network, setting.prune)
+    if setting.train_on:
+        order = torch.Generator().manual_seed(fitted.order.initial_seed() + 1)
+        with pruning.pruned_stay_pruned(network):
+            train(network, fitted.train, fitted.validation, generator=order)
+    return fitted._replace(network=network)
+
+
+def _cost(fitted: Fitted, sops: Mapping[str, float], steps: float) -> Cost:
+    network = fitted.network
+    signal_ms = 1e3 * steps / network.sampling_rate_Hz
+    sizes = network.n_inputs, network.n_classes
+    spent = network_cost(network.spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
+    if fitted.encoder is None:
+        return spent
+    return spent + encoding_cost(fitted.n_taxels, steps, signal_ms, fitted.encoder)

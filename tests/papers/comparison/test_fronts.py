@@ -1,0 +1,88 @@
+"""Fronts and the sentences of what it costs to save, on points whose answer is known."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.metrics.resampled import resampled_interval
+from neurotact.papers.comparison.fronts import NOTHING, REFRACTORY, answers, fronts, halved
+
+
+def table(points, seeds=3) -> pd.DataFrame:
+    """points: way, setting, SOPs, validation and test accuracy; each seed is 1 point above the one before."""
+    rows = [
+        {
+            "set": "made up", "way": way, "setting": setting, "seed": seed, "accuracy_validation": validation,
+            "accuracy_test": test + 0.01 * seed, "sops_total": sops, "energy_estimate_nJ": 1.0, "signal_ms": 10.0,
+            "n_train": 70, "n_test": 15,
+        }
+        for way, setting, sops, validation, test in points
+        for seed in range(seeds)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+POINTS = [
+    (NOTHING, "-", 1000.0, 0.90, 0.90),
+    (REFRACTORY, "5 & 5 ms", 600.0, 0.89, 0.89),
+    (REFRACTORY, "10 & 10 ms", 400.0, 0.80, 0.80),
+    (REFRACTORY, "20 & 20 ms", 450.0, 0.70, 0.70),
+    ("pruning", "50 %", 500.0, 0.88, 0.86),
+    ("pruning", "75 %", 300.0, 0.85, 0.87),
+    ("fewer taxels", "75 %", 800.0, 0.91, 0.91),
+]
+
+
+def test_fronts_are_of_points_that_none_beats():
+    found = fronts(table(POINTS)).set_index(["way", "setting"])
+    assert found.index[found["on_front"]].tolist() == [
+        (REFRACTORY, "5 & 5 ms"), ("pruning", "75 %"), ("fewer taxels", "75 %")
+    ]  # fmt: skip
+    assert found.index[~found["on_own_front"]].tolist() == [(REFRACTORY, "20 & 20 ms"), ("pruning", "50 %")]
+    row = found.loc[(REFRACTORY, "10 & 10 ms")]
+    assert row["share"] == pytest.approx(0.4)
+    assert row["accuracy_test"] == pytest.approx(0.81)
+    assert (row["low"], row["high"]) == pytest.approx(resampled_interval([0.8, 0.81, 0.82], 70, 15)[1:])
+
+
+def test_a_way_that_saves_nothing_is_beaten_by_saving_nothing():
+    found = fronts(table([*POINTS, ("no recurrence", "feed-forward", 1100.0, 0.8, 0.8)])).set_index("way")
+    assert not found.loc["no recurrence", "on_own_front"]
+    assert found.loc[NOTHING, "on_own_front"]
+    assert not found.loc[NOTHING, "on_front"]
+
+
+def test_settings_are_chosen_on_validation_and_judged_on_test():
+    found = halved(table(POINTS))
+    # On test windows 75 % would be the better one; a taxel of four left out saves too little.
+    assert [(each.way, each.setting) for each in found] == [("pruning", "50 %"), (REFRACTORY, "10 & 10 ms")]
+    assert found[0].lost == pytest.approx(np.full(3, 0.04))
+
+
+def test_the_sentence_compares_seed_by_seed():
+    (sentence,) = answers(table(POINTS))
+    assert sentence == (
+        "made up: a network that saves nothing has 91 % at 1,000 SOPs; to save at least 50 % of them, pruning (50 %) "
+        "costs 4.0 points (95 % interval 4.0 to 4.0) at 50 % of the SOPs, and a refractory period of 10 & 10 ms costs "
+        "10.0 points (95 % interval 10.0 to 10.0) at 40 % of the SOPs, 6.0 points (95 % interval 6.0 to 6.0) more than "
+        "pruning."
+    )
+
+
+def test_refractory_periods_that_save_too_little_are_said():
+    (sentence,) = answers(table([point for point in POINTS if "10 &" not in point[1] and "20 &" not in point[1]]))
+    assert sentence.endswith(
+        "and no refractory period that was tried saves as much: 5 & 5 ms costs 1.0 points (95 % interval 1.0 to 1.0) "
+        "at 60 % of the SOPs."
+    )
+
+
+def test_a_refractory_period_may_be_the_cheapest_and_may_gain():
+    points = [(NOTHING, "-", 1000.0, 0.9, 0.9), (REFRACTORY, "5 & 5 ms", 400.0, 0.95, 0.92)]
+    (sentence,) = answers(table(points, seeds=1))
+    assert "a refractory period of 5 & 5 ms gains 2.0 points (one seed) at 40 % of the SOPs." in sentence
+
+
+def test_nothing_saved_enough_and_nothing_to_compare_with():
+    assert answers(table(POINTS[:2]))[0].endswith("no way that was tried saves 50 % of them.")
+    assert "nothing to compare with" in answers(table(POINTS[1:]))[0]

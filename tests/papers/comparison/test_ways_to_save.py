@@ -1,0 +1,133 @@
+"""Each way to save changes what it names and nothing else, on touches small enough to count by hand."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from neurotact.errors import InputError
+from neurotact.papers.comparison import ways_to_save
+from neurotact.papers.comparison.fronts import NOTHING
+from neurotact.papers.comparison.saving import Setting
+from neurotact.papers.comparison.ways_to_save import Parameters, WaysData, bench_of
+from neurotact.spec import build
+
+WAYS = {
+    "refractory period": [{"t_ref_steps": [10, 10]}],
+    "rate penalty": [{"rate_penalty": 50.0}],
+    "fewer taxels": [{"taxels": 0.25}],
+    "shorter windows": [{"window": 0.5}],
+    "no recurrence": [{"recurrence": False}],
+    "fewer hidden neurons": [{"hidden": 0.5}],
+    "pruning": [{"prune": 0.5}],
+    "pruning, trained on": [{"prune": 0.5, "train_on": True}],
+    "early exit": [{"exit_tolerance": 0.9}],
+}
+SETS = {
+    "gratings": {
+        "simulate": "gratings", "simulation": {"trials": 1, "duration_s": 0.4},
+        "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 500.0},
+        "window": {"length_ms": 100.0, "start_ms": 250.0, "per_trial": 1},
+    },
+    "letters": {"read": "braille-letters", "path": "set below", "window": {"length_ms": 200.0, "per_trial": 1}},
+}  # fmt: skip
+NETWORK = {
+    "model": "rsnn", "hidden": 10, "readout": "integrator", "input_deviation": 1.0, "tau_mem_ms": 20.0,
+    "tau_syn_ms": 10.0, "training": {"epochs": 8, "patience": 8, "batch": 8, "relative_learning_rate": 0.05},
+}  # fmt: skip
+
+
+def letters(folder):
+    """Two letters on taxels of their own."""
+    rng = np.random.default_rng(0)
+    number = np.repeat(np.arange(30), 20)
+    taxel = rng.integers(2, size=len(number)) + 2 * (number // 15)
+    path = folder / "events.npz"
+    np.savez(
+        path, letter=np.repeat(["A", "B"], 15), event_recording=number, event_taxel=taxel,
+        event_polarity=rng.integers(2, size=len(number)), event_time_s=rng.uniform(0, 0.2, len(number)),
+    )  # fmt: skip
+    return str(path)
+
+
+def ran(name, folder, ways=WAYS):
+    sets = {**SETS, "letters": {**SETS["letters"], "path": letters(folder)}}
+    table = {"data": {"set": name, "sets": sets}, "ways": ways, "network": NETWORK}
+    parameters = build(Parameters, table, source="test")
+    arrays = ways_to_save.load(parameters.data)
+    return parameters, arrays, {row["way"]: row for row in ways_to_save.run(parameters, arrays)}
+
+
+@pytest.fixture(scope="module", params=["gratings", "letters"])
+def rows(request, tmp_path_factory):
+    return ran(request.param, tmp_path_factory.mktemp("ways"))[2]
+
+
+def test_every_way_leaves_a_row(rows):
+    assert list(rows) == [NOTHING, *WAYS]
+    for row in rows.values():
+        assert 0 <= row["accuracy_test"] <= 1
+        assert row["sops_total"] == pytest.approx(row["sops_input"] + row["sops_recurrent"] + row["sops_readout"])
+
+
+def test_refractory_periods_save_input_spikes_and_penalties_hidden_ones(rows):
+    assert rows["refractory period"]["input_spikes"] < 0.9 * rows[NOTHING]["input_spikes"]
+    assert rows["rate penalty"]["hidden_spikes"] < 0.9 * rows[NOTHING]["hidden_spikes"]
+    assert rows["rate penalty"]["input_spikes"] == rows[NOTHING]["input_spikes"]
+
+
+def test_a_quarter_of_the_taxels_and_half_the_window_send_less(rows):
+    assert 0 < rows["fewer taxels"]["input_spikes"] < rows[NOTHING]["input_spikes"]
+    assert 0 < rows["shorter windows"]["input_spikes"] < rows[NOTHING]["input_spikes"]
+    assert rows["shorter windows"]["signal_ms"] == pytest.approx(rows[NOTHING]["signal_ms"] / 2)
+    assert rows["fewer taxels"]["signal_ms"] == rows[NOTHING]["signal_ms"]
+
+
+def test_smaller_networks_count_less_for_each_spike(rows):
+    whole, half = rows[NOTHING], rows["fewer hidden neurons"]
+    assert whole["sops_input"] == pytest.approx(10 * whole["input_spikes"])
+    assert half["sops_input"] == pytest.approx(5 * half["input_spikes"])
+    assert rows["no recurrence"]["sops_recurrent"] == 0 < whole["sops_recurrent"]
+
+
+def test_pruning_changes_no_spike_that_comes_in_and_counts_what_remains(rows):
+    for way in ("pruning", "pruning, trained on"):
+        assert rows[way]["input_spikes"] == rows[NOTHING]["input_spikes"]
+        assert 0 < rows[way]["sops_input"] < rows[NOTHING]["sops_input"]
+    assert rows["pruning, trained on"]["sops_total"] != rows["pruning"]["sops_total"]
+
+
+def test_early_exit_waits_less(rows):
+    assert rows["early exit"]["signal_ms"] < rows[NOTHING]["signal_ms"]
+    assert rows["early exit"]["sops_total"] < rows[NOTHING]["sops_total"]
+    assert rows["early exit"]["energy_estimate_nJ"] < rows[NOTHING]["energy_estimate_nJ"]
+
+
+def test_taxels_that_vary_stay(tmp_path):
+    # Taxels 5 to 12 send nothing: a third of twelve is those that send.
+    _, _, found = ran("letters", tmp_path, {"fewer taxels": [{"taxels": 1 / 3}]})
+    assert found["fewer taxels"]["input_spikes"] == found[NOTHING]["input_spikes"]
+
+
+def test_gains_hold_on_the_set_s_clock(tmp_path):
+    parameters, arrays, _ = ran("gratings", tmp_path, {})
+    bench = bench_of(parameters, arrays)
+    assert bench.encoder is not None
+    assert bench.encoder.conditioning.resample_Hz == 500.0
+    assert bench.encoder.sa1.t_ref_ms == bench.encoder.ra1.t_ref_ms == 2.0
+
+
+def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
+    sets = {"letters": {**SETS["letters"], "path": str(tmp_path / "nowhere.npz")}}
+    parameters = build(Parameters, {"data": {"set": "letters", "sets": sets}, "ways": {}}, source="test")
+    (row,) = ways_to_save.run(parameters, ways_to_save.load(parameters.data))
+    assert row["skipped"].startswith("letters is left out: ")
+    assert np.isnan(row["accuracy_test"])
+
+
+def test_what_fits_no_set_or_way_is_refused():
+    with pytest.raises(ValidationError, match=r"'lettres' is none of the sets.*letters"):
+        WaysData(set="lettres", sets=SETS)
+    with pytest.raises(ValidationError, match="train_on goes on with a pruned network"):
+        Setting(train_on=True)
+    with pytest.raises(InputError, match="name the way otherwise"):
+        build(Parameters, {"data": {"set": "letters", "sets": SETS}, "ways": {NOTHING: [{}]}}, source="test")
