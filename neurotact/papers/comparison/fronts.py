@@ -75,21 +75,21 @@ class Halved(NamedTuple):
 def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
     """Of each way the setting with the best validation accuracy among those with at most this share of the SOPs.
 
-    results: rows of one set. The first of the list is the way with the best validation accuracy; ways that never save
-    as much are not in it. Test accuracy is looked at only afterwards.
+    results: rows of one set. The first of the list is the way with the best validation accuracy, of equal ones that
+    with the fewest SOPs; ways that never save as much are not in it. Test accuracy is looked at only afterwards.
     """
     base = results[results["way"] == NOTHING].set_index("seed")
     found = []
     for way, rows in results[results["way"] != NOTHING].groupby("way", sort=False):
         enough = [part for _, part in rows.groupby("setting", sort=False) if _share(part, base) <= share]
         if enough:
-            best = max(enough, key=lambda part: part["accuracy_validation"].mean())
+            best = max(enough, key=lambda part: (part["accuracy_validation"].mean(), -part["sops_total"].mean()))
             mine = best.set_index("seed")
             seeds = [seed for seed in base.index if seed in mine.index]
             lost = (base.loc[seeds, "accuracy_test"] - mine.loc[seeds, "accuracy_test"]).to_numpy()
             validation = float(best["accuracy_validation"].mean())
             found.append(Halved(str(way), str(best["setting"].iloc[0]), _share(best, base), validation, lost, best))
-    return sorted(found, key=lambda each: -each.accuracy_validation)
+    return sorted(found, key=lambda each: (-each.accuracy_validation, each.share))
 
 
 def _share(part: pd.DataFrame, base: pd.DataFrame) -> float:

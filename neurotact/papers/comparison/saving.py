@@ -139,28 +139,34 @@ def _fit(bench: Bench, setting: Setting) -> Fitted:
     training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
     weights, order = (torch.Generator().manual_seed(seed) for seed in bench.seeds)
     seen = recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
-    spec = changed(bench.network, setting, seen)
+    whole_steps = round(bench.window.length_ms / step_ms)
+    spec = changed(bench.network, setting, seen, whole_steps)
     network = trained.begin(training.spikes, len(trains.classes), spec, trains.sampling_rate_Hz, weights)
     train(network, training, validation, generator=order)
     encoder = None if bench.encoder is None else trains.encoder
     return Fitted(network, validation, test, training, order, encoder, n_taxels)
 
 
-def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen) -> RSNNSpec:
+def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:
     """The network's spec with what its recipe chooses for training windows, and what the setting changes of it.
 
+    whole_steps: of a window that is not shortened. It decides whether the network is recurrent, so that a shorter
+    window is a shorter window alone.
+
     >>> spec = changed(RSNNSpec(recipe="default", hidden=50), Setting(hidden=0.5, time_constants=2), recipe.Seen(
-    ...     900, 200, 1000.0, 50.0))
+    ...     900, 200, 1000.0, 50.0), 800)
     >>> spec.hidden, spec.tau_mem_ms, spec.tau_syn_ms, spec.model
-    (25, 40.0, 20.0, 'rsnn')
+    (25, 40.0, 20.0, 'snn')
     """
+    whole = recipe.resolve(spec, seen._replace(steps=whole_steps))
     spec = recipe.resolve(spec, seen)
     least_ms = 1e3 / seen.sampling_rate_Hz
     update: dict[str, Any] = {
         "hidden": max(1, round(setting.hidden * spec.hidden)),
         "tau_mem_ms": max(least_ms, setting.time_constants * spec.tau_mem_ms),
         "tau_syn_ms": max(least_ms, setting.time_constants * spec.tau_syn_ms),
-        "model": spec.model if setting.recurrence else "snn",
+        "model": whole.model if setting.recurrence else "snn",
+        "surrogate_scale": whole.surrogate_scale,
     }
     table = {**spec.model_dump(mode="json"), **update}
     if setting.rate_penalty is not None:

@@ -59,6 +59,13 @@ def test_settings_are_chosen_on_validation_and_judged_on_test():
     assert found[0].lost == pytest.approx(np.full(3, 0.04))
 
 
+def test_of_equal_validation_the_fewest_operations_decide():
+    equal = [(way, setting, sops, 0.9, test) for way, setting, sops, _, test in POINTS]
+    assert [(each.way, each.setting) for each in halved(table(equal))] == [
+        ("pruning", "75 %"), (REFRACTORY, "10 & 10 ms")
+    ]  # fmt: skip
+
+
 def test_the_sentence_compares_seed_by_seed():
     (sentence,) = answers(table(POINTS))
     assert sentence == (

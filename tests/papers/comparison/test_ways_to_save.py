@@ -5,9 +5,11 @@ import pytest
 from pydantic import ValidationError
 
 from neurotact.errors import InputError
+from neurotact.networks.recipe import Seen
+from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import ways_to_save
 from neurotact.papers.comparison.fronts import NOTHING
-from neurotact.papers.comparison.saving import Setting
+from neurotact.papers.comparison.saving import Setting, changed
 from neurotact.papers.comparison.ways_to_save import Parameters, WaysData, bench_of
 from neurotact.spec import build
 
@@ -106,6 +108,13 @@ def test_taxels_that_vary_stay(tmp_path):
     # Taxels 5 to 12 send nothing: a third of twelve is those that send.
     _, _, found = ran("letters", tmp_path, {"fewer taxels": [{"taxels": 1 / 3}]})
     assert found["fewer taxels"]["input_spikes"] == found[NOTHING]["input_spikes"]
+
+
+def test_a_shorter_window_leaves_recurrence_as_it_is():
+    asked, seen = RSNNSpec(recipe="default"), Seen(100, 300, 1000.0, 20.0)
+    for whole_steps, model, scale in ((300, "rsnn", 20.0), (600, "snn", 10.0)):
+        spec = changed(asked, Setting(window=0.5), seen, whole_steps)
+        assert (spec.model, spec.surrogate_scale, spec.tau_mem_ms) == (model, scale, 30.0)
 
 
 def test_gains_hold_on_the_set_s_clock(tmp_path):
