@@ -22,7 +22,7 @@ from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.errors import InputError, nearest
-from neurotact.figures.style import INK, Drawn, add_legend, new_figure, printed, series_style, write_out_log_ticks
+from neurotact.figures.style import INK, Drawn, add_legend, new_figure, printed, write_out_log_ticks
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import fronts
 from neurotact.papers.comparison.fronts import NOTHING
@@ -32,6 +32,11 @@ from neurotact.studies.protocol import Arrays, View
 
 SKIPPED = "skipped"
 CALIBRATED_AT_MS = 1.0
+COLOURS = (
+    "#E06C00", "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#CC79A7", "#882255", "#332288", "#c4a000"
+)  # fmt: skip
+MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">")
+"""Of each way, in turn."""
 
 
 class SetSpec(Spec):
@@ -278,11 +283,11 @@ def draw_fronts(points: pd.DataFrame) -> Figure:
 def _draw_set(axes: Axes, points: pd.DataFrame, ways: list[str]) -> None:
     for index, way in enumerate(ways):
         rows = points[points["way"] == way].sort_values("sops_total")
-        style = {**series_style(index), "linestyle": "none", "markersize": 4}
+        style = {"color": COLOURS[index % len(COLOURS)], "marker": MARKS[index % len(MARKS)], "ls": "none", "ms": 4.5}
         axes.errorbar(rows["sops_total"], rows["accuracy_test"], _whiskers(rows), elinewidth=0.5, capsize=0, mfc="none",
                       alpha=0.6, label=way, **style)  # fmt: skip
         best = rows[rows["on_own_front"]]
-        axes.plot(best["sops_total"], best["accuracy_test"], **{**style, "linestyle": "-", "linewidth": 0.9})
+        axes.plot(best["sops_total"], best["accuracy_test"], **{**style, "ls": "-", "lw": 0.9})
     base = points[points["way"] == NOTHING]
     axes.plot(base["sops_total"], base["accuracy_test"], marker="*", ms=11, color=INK, ls="none", label=NOTHING)
     front = points[points["on_front"]].sort_values("sops_total")
