@@ -66,10 +66,12 @@ def linear(weight: np.ndarray) -> Any:
 
 
 def threshold(level: float, n: int) -> Any:
+    """One where the input exceeds `level`, else zero."""
     return nir().Threshold(threshold=_all(level, n))
 
 
 def scale(factor: float, n: int) -> Any:
+    """The input times `factor`."""
     return nir().Scale(scale=_all(factor, n))
 
 
