@@ -60,6 +60,15 @@ const Kernels<T>& kernels() {
     return tables[static_cast<int>(chosen())];
 }
 
+const StreamKernels& stream_kernels() {
+#if defined(NT_X86_KERNELS)
+    static const StreamKernels* const tables[] = {&plain::stream_kernels, &avx2::stream_kernels, &avx512::stream_kernels};
+#else
+    static const StreamKernels* const tables[] = {&plain::stream_kernels};
+#endif
+    return *tables[static_cast<int>(chosen())];
+}
+
 template const Kernels<float>& kernels<float>();
 template const Kernels<double>& kernels<double>();
 

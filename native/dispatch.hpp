@@ -5,6 +5,16 @@
 
 namespace neurotact {
 
+// A stream lies in a block of `bytes`; `make` gives its handle there. `push` takes samples (sample, taxel) and writes
+// decisions; `begin` forgets all but the number of windows.
+struct StreamKernels {
+    size_t (*bytes)(const StreamPlan&);
+    void* (*make)(const StreamPlan&, char* block);
+    int64_t (*push)(const StreamPlan&, void* stream, const float* samples, int64_t n, bool held, Decided* to);
+    void (*begin)(const StreamPlan&, void* stream);
+    void (*visit)(const StreamPlan&, void* stream, const Visitor&);
+};
+
 #define NT_DECLARE_KERNELS(ISA)                                                                      \
     namespace ISA {                                                                                  \
     template <class T>                                                                               \
@@ -19,6 +29,7 @@ namespace neurotact {
     bool infer(const Net<T>&, const ExitRule&, const Decisions&);                     \
     template <class T>                                                                               \
     void encode(const Encoding<T>&);                                                                 \
+    extern const StreamKernels stream_kernels;                                                       \
     }
 NT_DECLARE_KERNELS(avx512)
 NT_DECLARE_KERNELS(avx2)
@@ -42,5 +53,6 @@ Isa current_isa();        // what is used: the widest, or what NEUROTACT_ISA or 
 void set_isa(Isa isa);
 template <class T>
 const Kernels<T>& kernels();
+const StreamKernels& stream_kernels();
 
 }  // namespace neurotact

@@ -117,6 +117,38 @@ struct Encoding {
     int threads;
 };
 
+enum class Baseline : int { none, first, start, running, high_pass };
+
+// A chain that takes samples as they come: conditioning, afferents, windows, network, exit (neurotact/deploy/stream.py).
+struct StreamPlan {
+    int taxels;
+    float factor;                        // by which samples are multiplied first
+    bool smooth, resampled, rectify;
+    float smooth_new, smooth_kept;       // of the moving average
+    double samples_per_step;
+    Baseline baseline;
+    int64_t start_steps;                 // of the baseline `start`
+    float base_new, base_kept;           // of the baseline `high_pass`
+    const float *offset, *scale;         // (taxel), null where there are none
+    float sa_gain, ra_gain, decay, v_rest, v_reset, v_threshold;
+    int32_t sa_silent, ra_silent;
+    int64_t length, start, hop, quiet;   // of windows, in steps; hop 0: at a contact
+    int at_once;                         // windows that overlap at most
+    ExitRule rule;
+    Net<float> net;
+};
+
+// What was decided of a window; see neurotact/deploy/stream.py, Decision.
+struct Decided {
+    int64_t window, start, steps, label, input_spikes, hidden_spikes, held, heard;
+};
+
+// Called with each part of a stream's memory.
+struct Visitor {
+    void* to;
+    void (*visit)(void* to, const char* name, void* at, size_t bytes);
+};
+
 // At most so many partial sums of gradients.
 constexpr int kWideGroups = 16, kSmallGroups = 64;
 

@@ -3,9 +3,13 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
 
+#include <cstring>
+#include <memory>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "dispatch.hpp"
 #include "memory.hpp"
@@ -187,6 +191,127 @@ void encode(bool is_double, int64_t trials, int64_t steps, int taxels, Address s
         sa_silent, ra_silent, sa_membrane, ra_membrane, last, sa_silent_left, ra_silent_left, has_last, spikes, threads);
 }
 
+// A chain that takes samples; it copies what it is made of, and its memory does not change from then on.
+class Stream {
+public:
+    Stream(const StreamPlan& from, const Shape& shape, const Parameters& of, Address bias, Address offset, Address scale,
+           int64_t most)
+        : plan(from), decided(most) {
+        const Sizes& n = shape.sizes;
+        const int64_t sizes[] = {(int64_t)n.inputs * n.hidden, of.w_rec ? (int64_t)n.hidden * n.hidden : 0,
+                                 (int64_t)n.hidden * n.classes, 2, 2, 2};
+        const Address from_where[] = {of.w_in, of.w_rec, of.w_out, of.alpha, of.beta, of.threshold};
+        const float* to[6];
+        for (int i = 0; i < 6; i++) to[i] = kept(from_where[i], sizes[i]);
+        plan.offset = kept(offset, offset ? plan.taxels : 0);
+        plan.scale = kept(scale, scale ? plan.taxels : 0);
+        if (bias) biases.assign(at<const double>(bias), at<const double>(bias) + n.classes);
+        const Parameters own{Address(to[0]), Address(to[1]), Address(to[2]), Address(to[3]), Address(to[4]), Address(to[5])};
+        Shape of_floats = shape;
+        of_floats.recurrent = of.w_rec != 0;
+        plan.net = make_net<float>(of_floats, 1, plan.length, {}, own, bias ? Address(biases.data()) : 0, 1);
+        kernels = &stream_kernels();
+        block = std::make_unique<Block>(kernels->bytes(plan));
+        stream = kernels->make(plan, block->data());
+    }
+    Stream(const Stream&) = delete;
+
+    // How many windows were decided; -1, and nothing done, where a sample is not finite.
+    int64_t push(const float* samples, int64_t n, bool held) {
+        for (int64_t i = 0; i < n * plan.taxels; i++)
+            if (!(samples[i] - samples[i] == 0)) return -1;
+        return kernels->push(plan, stream, samples, n, held, decided.data());
+    }
+    void begin() { kernels->begin(plan, stream); }
+    // Every part of the state, in order: from memory where `parts` is null, else into it.
+    nb::list exchange(const std::vector<nb::bytes>* parts) {
+        struct Walk {
+            nb::list found;
+            const std::vector<nb::bytes>* parts;
+            size_t next;
+            bool fits;
+        } walk{{}, parts, 0, true};
+        kernels->visit(plan, stream, {&walk, [](void* to, const char* name, void* here, size_t bytes) {
+            Walk& w = *static_cast<Walk*>(to);
+            if (!w.parts) return w.found.append(nb::make_tuple(name, nb::bytes(here, bytes)));
+            w.fits = w.fits && w.next < w.parts->size() && (*w.parts)[w.next].size() == bytes;
+            if (w.fits) std::memcpy(here, (*w.parts)[w.next++].c_str(), bytes);
+        }});
+        if (parts && !(walk.fits && walk.next == parts->size()))
+            throw std::invalid_argument("state: has not the parts of this stream");
+        return walk.found;
+    }
+    const Decided& decision(int64_t i) const { return decided.at(i); }
+    int taxels() const { return plan.taxels; }
+    int64_t at_once() const { return plan.at_once; }
+
+private:
+    const float* kept(Address from, int64_t n) {
+        if (!n) return nullptr;
+        floats.emplace_back(at<const float>(from), at<const float>(from) + n);
+        return floats.back().data();
+    }
+    StreamPlan plan;
+    std::vector<std::vector<float>> floats;
+    std::vector<double> biases;
+    std::vector<Decided> decided;
+    const StreamKernels* kernels;
+    std::unique_ptr<Block> block;
+    void* stream;
+};
+
+using Samples = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+void add_stream(nb::module_& m) {
+    nb::class_<Stream>(m, "Stream")
+        .def("__init__",
+             [](Stream* self, const Shape& shape, int taxels, double factor, bool smooth, double smooth_new,
+                double smooth_kept, bool resampled, double samples_per_step, int baseline, int64_t start_steps,
+                double base_new, double base_kept, Address offset, Address scale, bool rectify, double sa_gain,
+                double ra_gain, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
+                int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int at_once, int64_t patience,
+                bool from_first_spike, NT_PARAMETERS, Address bias, int64_t most_decisions) {
+                 if (shape.is_double || shape.sizes.inputs != 2 * taxels || taxels < 1 || at_once < 1 || length < 1)
+                     throw std::invalid_argument("stream: needs a network in float32 with two inputs a taxel");
+                 const StreamPlan plan{taxels, float(factor), smooth, resampled, rectify, float(smooth_new),
+                                       float(smooth_kept), samples_per_step, Baseline(baseline), start_steps,
+                                       float(base_new), float(base_kept), nullptr, nullptr, float(sa_gain),
+                                       float(ra_gain), float(decay), float(v_rest), float(v_reset), float(v_threshold),
+                                       sa_silent, ra_silent, length, start, hop, quiet, at_once,
+                                       {patience, from_first_spike}, {}};
+                 new (self) Stream(plan, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
+                                   most_decisions);
+             },
+             "shape"_a, nb::kw_only(), "taxels"_a, "factor"_a, "smooth"_a, "smooth_new"_a, "smooth_kept"_a, "resampled"_a,
+             "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
+             "rectify"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
+             "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "at_once"_a, "patience"_a, "from_first_spike"_a,
+             NT_PARAMETERS_NAMES, "bias"_a, "most_decisions"_a)
+        .def("push",
+             [](Stream& self, const Samples& samples, bool held) {
+                 if ((int64_t)samples.shape(1) != self.taxels()) throw std::invalid_argument("samples: another width");
+                 return self.push(samples.data(), (int64_t)samples.shape(0), held);
+             },
+             nb::kw_only(), "samples"_a, "held"_a)
+        .def("decision",
+             [](const Stream& self, int64_t i) {
+                 const Decided& d = self.decision(i);
+                 return nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
+                                       d.heard != 0);
+             })
+        .def("begin", &Stream::begin)
+        .def("state", [](Stream& self) { return self.exchange(nullptr); })
+        .def("restore", [](Stream& self, const std::vector<nb::bytes>& parts) {
+            // The counters come first; the last of them says how many windows follow.
+            int64_t under_way = -1;
+            if (!parts.empty() && parts[0].size() >= sizeof under_way)
+                std::memcpy(&under_way, parts[0].c_str() + parts[0].size() - sizeof under_way, sizeof under_way);
+            if (under_way < 0 || under_way > self.at_once()) throw std::invalid_argument("state: too many windows");
+            self.begin();
+            self.exchange(&parts);
+        });
+}
+
 constexpr const char* kIsaNames[] = {"plain", "avx2", "avx512"};
 
 void set_isa_by_name(const std::string& name) {
@@ -202,6 +327,7 @@ NB_MODULE(_native, m) {
     m.doc() = "Compiled kernels of neurotact; see docs/kernels.md. Use neurotact.networks and neurotact.encoders.";
     nb::class_<Shape>(m, "Shape");
     add_network(m);
+    add_stream(m);
     m.def("encode", &encode, nb::kw_only(), "is_double"_a, "trials"_a, "steps"_a, "taxels"_a, "signal"_a, "trial_stride"_a,
           "time_stride"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
           "ra_silent"_a, "sa_membrane"_a, "ra_membrane"_a, "last"_a, "sa_silent_left"_a, "ra_silent_left"_a,

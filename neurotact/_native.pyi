@@ -1,9 +1,20 @@
 """Compiled kernels of neurotact (native/module.cpp). Addresses point at dense tensors on the CPU; 0 is none."""
 
+from numpy import ndarray
 from torch import Tensor
 
 class Shape:
     """Sizes, neuron and layout of a network, made once and used for every call."""
+
+class Stream:
+    """A chain that takes samples; it copies weights, offsets and scales from their addresses."""
+
+    def __init__(self, shape: Shape, **plan: float) -> None: ...
+    def push(self, *, samples: ndarray, held: bool) -> int: ...
+    def decision(self, i: int, /) -> tuple[int, int, int, int, int, int, int, bool]: ...
+    def begin(self) -> None: ...
+    def state(self) -> list[tuple[str, bytes]]: ...
+    def restore(self, parts: list[bytes], /) -> None: ...
 
 def make_shape(
     *,

@@ -6,22 +6,22 @@ samples, are a gap: windows under way are dropped and the chain begins anew, as 
 on samples that nobody recorded without saying so.
 """
 
+import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
 
-from neurotact.data.causal import Conditioned, Conditioner
+from neurotact.backend import Backend, use_native
+from neurotact.data.causal import Conditioner
 from neurotact.data.recordings import unit_factor
-from neurotact.deploy import running
+from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.running import Running
-from neurotact.deploy.windows import Opening
+from neurotact.deploy.native import CompiledStream, Remembered
+from neurotact.deploy.stream_state import Decision, StreamState, Tally, copied
 from neurotact.encoders import afferents
-from neurotact.encoders.afferents import EncoderState
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.metrics import synops
@@ -31,76 +31,13 @@ MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are taken in parts, so that a fine clock needs no more memory."""
 
 
-class Decision(NamedTuple):
-    """What the network decided of one window, and what it did for it.
-
-    window: number of the window in the stream. time_s: when it was decided, from the first sample on.
-    start_step: the window's first step on the encoder's clock, since the stream or its last gap began.
-    label, index: the class. steps: steps that were simulated. ms: the same in time.
-    input_spikes, hidden_spikes: in those steps. sops: synaptic operations in them, in total.
-    held: steps that rest on repeated values, since their own were missing or not finite.
-    heard: whether the readout moved at all; where it did not, nothing speaks for the class but its place.
-    """
-
-    window: int
-    time_s: float
-    start_step: int
-    label: str
-    index: int
-    steps: int
-    ms: float
-    input_spikes: int
-    hidden_spikes: int
-    sops: int
-    held: int
-    heard: bool
-
-
-@dataclass
-class Tally:
-    """What a stream has met so far.
-
-    samples: taken, missing ones not counted; held: samples with a value that was repeated; missing: samples that never
-    came; gaps: times that the chain began anew; skipped: samples before the first good one, or inside a gap;
-    dropped: windows that a gap cut off; decisions; unfinished: windows that a trial's end cut off.
-    """
-
-    samples: int = 0
-    held: int = 0
-    missing: int = 0
-    gaps: int = 0
-    skipped: int = 0
-    dropped: int = 0
-    decisions: int = 0
-    unfinished: int = 0
-
-    def trouble(self) -> str:
-        """What is not zero of all but samples and decisions, in words; empty where nothing was amiss."""
-        counted = ((each.name, getattr(self, each.name)) for each in fields(self))
-        return ", ".join(f"{name} {n}" for name, n in counted if n and name not in ("samples", "decisions"))
-
-
-@dataclass
-class StreamState:
-    """Everything that a stream remembers: `Stream.state` gives it, `Stream.restore` takes it."""
-
-    opening: Opening
-    conditioned: Conditioned = field(default_factory=Conditioned)
-    encoder: EncoderState | None = None
-    windows: tuple[Running, ...] = ()
-    n_windows: int = 0
-    good: np.ndarray | None = None
-    bad_in_a_row: int = 0
-    origin: int = 0
-    tally: Tally = field(default_factory=Tally)
-
-
 class Stream:
     """A trained chain that takes samples as they come.
 
     source: a run folder as `train` writes it, a `Chain`, or an encoder and a network.
     unit: of the samples; the encoder's own when absent.
     hold_ms: for how long a missing value is replaced by the last good one; at least one sample.
+    backend: the compiled step or the reference, which decide the same.
     options: of `chain_of`: sampling_rate_Hz, early_exit, and the windows.
 
     Decisions equal, spike for spike, those of `encode` and `infer` on the whole trial, whatever the blocks.
@@ -119,6 +56,7 @@ class Stream:
         *,
         unit: str | None = None,
         hold_ms: float = 5.0,
+        backend: Backend = "auto",
         **options,
     ) -> None:
         if isinstance(source, Chain):
@@ -135,6 +73,10 @@ class Stream:
         self._at_once = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
         self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
         self._state = StreamState(self.chain.windows.begin())
+        self._compiled: CompiledStream | None = None
+        if use_native(backend, self.chain.network.w_in.device.type == "cpu", "a network on the CPU"):
+            most_steps = math.ceil(self._at_once * max(1.0, self.chain.clock_Hz / rate_Hz)) + 1
+            self._compiled = CompiledStream(self.chain, self.conditioner, most_steps)
 
     @property
     def tally(self) -> Tally:
@@ -147,6 +89,13 @@ class Stream:
         samples: `(sample, taxel)`, or `(taxel,)` for one, in the unit given; NaN where a value is missing.
         """
         samples = self._checked(samples)
+        compiled, state = self._compiled, self._state
+        if compiled is not None and state.bad_in_a_row == 0 and 0 < len(samples) <= self._at_once:
+            n_decided = compiled.push(samples=samples, held=False)
+            if n_decided >= 0:
+                state.tally.samples += len(samples)
+                state.good = samples[-1].copy()
+                return self._told(n_decided) if n_decided else []
         is_good = np.isfinite(samples)
         if is_good.all() and self._state.bad_in_a_row == 0:
             self._state.tally.samples += len(samples)
@@ -181,6 +130,7 @@ class Stream:
 
         A window that the trial's end cuts off is decided if the rule had let it exit, and else counted as unfinished.
         """
+        self._recall()
         signal, _ = self.conditioner.finish(self._state.conditioned)
         found = self._encode(signal, held=False) if len(signal) else []
         state = self._state
@@ -191,18 +141,27 @@ class Stream:
 
     def reset(self) -> None:
         """As before the first sample; the tally too."""
-        self._state = StreamState(self.chain.windows.begin())
+        self._replace(StreamState(self.chain.windows.begin()))
 
     def state(self) -> StreamState:
         """A copy of all that the stream remembers."""
-        return _copied(self._state)
+        self._recall()
+        return copied(self._state)
 
     def restore(self, state: StreamState) -> None:
         """Go on from a state of a stream of the same chain."""
         n_taxels = None if state.good is None else len(state.good)
         if n_taxels not in (None, self.chain.n_taxels) or state.opening.plan != self.chain.windows:
             raise InputError("state: belongs to a stream of another chain; restore one of this chain")
-        self._state = _copied(state)
+        self._replace(copied(state))
+
+    def save(self, path: str | Path, *, force: bool = False) -> None:
+        """Write all that the stream remembers; an existing file is refused unless `force`."""
+        stream_file.save(self.chain, self.state(), path, force=force)
+
+    def load(self, path: str | Path) -> None:
+        """Go on from a file that `save` wrote; InputError for one that is damaged or of another chain."""
+        self.restore(stream_file.load(self.chain, path))
 
     def decide(self, blocks: Iterable[np.ndarray]) -> Iterator[Decision]:
         """Decisions of a source of blocks, one after the other, and of its end."""
@@ -210,10 +169,27 @@ class Stream:
             yield from self.push(block)
         yield from self.finish()
 
+    def _recall(self) -> None:
+        """Take over what the compiled step remembers."""
+        if self._compiled is not None:
+            self._state = replace(self._state, **self._compiled.remembered()._asdict())
+
+    def _replace(self, state: StreamState) -> None:
+        """Go on from a state, in the compiled step too."""
+        self._state = state
+        if self._compiled is not None:
+            self._compiled.remember(Remembered(*(getattr(state, name) for name in Remembered._fields)))
+
     def _checked(self, samples: np.ndarray) -> np.ndarray:
+        n_taxels = self.chain.n_taxels
+        if type(samples) is np.ndarray and samples.dtype == np.float32 and samples.flags.c_contiguous:
+            if samples.ndim == 1 and len(samples) == n_taxels:
+                return samples[None]
+            if samples.ndim == 2 and samples.shape[1] == n_taxels:
+                return samples
         try:
             with np.errstate(over="ignore"):
-                samples = np.asarray(samples, np.float32)
+                samples = np.ascontiguousarray(samples, np.float32)
         except (TypeError, ValueError) as error:
             raise InputError(f"samples: are not a table of numbers ({error})") from error
         samples = samples[None] if samples.ndim == 1 else samples
@@ -244,24 +220,28 @@ class Stream:
         return self._condition(sample[None], held=not all_good)
 
     def _gap(self) -> None:
+        self._recall()
         self._state.tally.gaps += 1
         self._state.tally.dropped += len(self._state.windows)
         self._begin_anew()
 
     def _begin_anew(self) -> None:
         old = self._state
-        self._state = StreamState(
+        self._replace(StreamState(
             self.chain.windows.begin(),
             n_windows=old.n_windows,
             bad_in_a_row=old.bad_in_a_row,
             origin=old.origin + old.conditioned.n_samples,
             tally=old.tally,
-        )
+        ))  # fmt: skip
 
     def _condition(self, samples: np.ndarray, *, held: bool) -> list[Decision]:
         found: list[Decision] = []
         for at in range(0, len(samples), self._at_once):
             block = samples[at : at + self._at_once]
+            if self._compiled is not None:
+                found += self._told(self._compiled.push(samples=block, held=held))
+                continue
             signal, self._state.conditioned = self.conditioner.push(block, self._state.conditioned)
             found += self._encode(signal, held=held) if len(signal) else []
         return found
@@ -288,33 +268,40 @@ class Stream:
             after = running.step(chain.network, arriving, window)
             after = after._replace(held=after.held + 1) if held else after
             if running.has_decided(after, chain.rule, chain.windows.length):
-                found.append(self._decision(after))
+                race = after.leader
+                found.append(
+                    self._decision(
+                        after.window, after.start, after.steps, int(race.index[0]), after.input_spikes,
+                        after.hidden_spikes, after.held, bool(race.heard[0]),
+                    )
+                )  # fmt: skip
             else:
                 left.append(after)
         state.windows = tuple(left)
         state.tally.decisions += len(found)
         return found
 
-    def _decision(self, window: Running) -> Decision:
+    def _told(self, n_decided: int) -> list[Decision]:
+        """The decisions that the compiled step has just made."""
+        assert self._compiled is not None
+        self._state.tally.decisions += n_decided
+        return [self._decision(*self._compiled.decision(i)) for i in range(n_decided)]
+
+    def _decision(
+        self, window: int, start: int, steps: int, index: int, sent: int, hidden: int, held: int, heard: bool
+    ) -> Decision:
         chain = self.chain
-        sent, heard = np.array([window.input_spikes]), np.array([window.hidden_spikes])
-        index = int(window.leader.index[0])
         return Decision(
-            window=window.window,
-            time_s=self._state.origin / chain.sampling_rate_Hz + (window.start + window.steps) / chain.clock_Hz,
-            start_step=window.start,
+            window=window,
+            time_s=self._state.origin / chain.sampling_rate_Hz + (start + steps) / chain.clock_Hz,
+            start_step=start,
             label=chain.classes[index],
             index=index,
-            steps=window.steps,
-            ms=1e3 * window.steps / chain.clock_Hz,
-            input_spikes=window.input_spikes,
-            hidden_spikes=window.hidden_spikes,
-            sops=int(synops.of_network(chain.network, sent, heard).total[0]),
-            held=window.held,
-            heard=bool(window.leader.heard[0]),
+            steps=steps,
+            ms=1e3 * steps / chain.clock_Hz,
+            input_spikes=sent,
+            hidden_spikes=hidden,
+            sops=int(synops.of_network(chain.network, np.array([sent]), np.array([hidden])).total[0]),
+            held=held,
+            heard=heard,
         )
-
-
-def _copied(state: StreamState) -> StreamState:
-    """A state apart: all in it is replaced, never written to, but for the tally."""
-    return replace(state, tally=replace(state.tally))

@@ -270,6 +270,17 @@ def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> An
     )  # fmt: skip
 
 
+def shape_of(network: Network) -> Any:
+    """The shape of a network that only infers."""
+    return _shape_of(network, keep_currents=False, with_inputs=False)
+
+
+def addresses_of(network: Network) -> dict[str, int]:
+    """Where weights and dynamics lie, for as long as the network lives and is not trained on."""
+    dynamics = (network.alpha.detach(), network.beta.detach(), network.threshold.detach())
+    return _parameters(_weights(network), dynamics)
+
+
 @lru_cache(maxsize=256)
 def _shape(
     n_inputs: int, n_hidden: int, n_classes: int, neuron: CubaLIF, scale: float, readout_scale: float, **more: bool

@@ -2,14 +2,18 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_chains import make_chain, make_encoder, make_signal, offline, told
 
+from neurotact.backend import native
+from neurotact.data.sources import simulator
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.encoders import specs
 from neurotact.errors import InputError
+from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 
 CONDITIONINGS = (
@@ -24,6 +28,7 @@ WINDOWS = (
     {"length_ms": 30, "hop_ms": 7, "start_ms": 12},
     {"length_ms": 25, "contact": True, "quiet_ms": 4},
 )
+BACKENDS = ["reference", *(["native"] if native else [])]
 MEMBRANES = [(m, r) for m in ("eq4", "delayed", "immediate") for r in ("zero", "subtract", "hard")]
 
 
@@ -54,10 +59,11 @@ def fitting(decisions, n_steps: int, length: int) -> list:
     delay=st.integers(0, 1),
     readout=st.sampled_from(["count", "integrator"]),
     model=st.sampled_from(["rsnn", "snn"]),
+    backend=st.sampled_from(BACKENDS),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_stream_decides_what_the_whole_trial_decides(
-    seed, n_samples, sizes, conditioning, rate_Hz, windows, patience, kind, delay, readout, model
+    seed, n_samples, sizes, conditioning, rate_Hz, windows, patience, kind, delay, readout, model, backend
 ):
     if rate_Hz:
         high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
@@ -69,7 +75,7 @@ def test_a_stream_decides_what_the_whole_trial_decides(
     )  # fmt: skip
     signal = make_signal(n_samples, seed=seed)
     raster, expected = offline(chain, signal)
-    found = list(Stream(chain).decide(blocks_of(signal, sizes)))
+    found = list(Stream(chain, backend=backend).decide(blocks_of(signal, sizes)))
     assert told(fitting(found, len(raster), chain.windows.length)) == expected
 
 
@@ -226,3 +232,50 @@ def test_finish_counts_what_it_cuts_off():
     assert stream.finish() == []
     assert stream.tally.unfinished == 1
     assert stream.state().opening.step == 0
+
+
+@pytest.mark.skipif(not native, reason="no compiled kernels")
+@given(
+    seed=st.integers(0, 50),
+    sizes=st.lists(st.integers(1, 40), min_size=1, max_size=4),
+    cuts=st.lists(st.integers(0, 250), max_size=3),
+    n_taxels=st.sampled_from([1, 3, 8, 9]),
+    conditioning=st.sampled_from([{}, {"baseline": "start", "start_ms": 15.0}, {"baseline": "first"}]),
+)
+@settings(max_examples=30, deadline=None)
+def test_the_compiled_step_remembers_and_counts_what_the_reference_does(seed, sizes, cuts, n_taxels, conditioning):
+    """Spoilt samples, gaps and trials' ends in between: every decision, count and state is the same."""
+    chain = make_chain(conditioning, n_taxels=n_taxels, windows=WINDOWS[1], patience=3, seed=seed)
+    signal = make_signal(260, n_taxels, seed)
+    for cut in cuts:
+        signal[cut : cut + 1 + cut % 9] = np.nan
+    streams = [Stream(chain, backend=each) for each in BACKENDS]
+    found = [[stream.push(block) for block in blocks_of(signal, sizes)] for stream in streams]
+    assert found[0] == found[1]
+    reference, compiled = (stream.state() for stream in streams)
+    assert reference.tally == compiled.tally
+    assert (reference.opening, reference.n_windows, reference.origin) == (
+        compiled.opening, compiled.n_windows, compiled.origin,
+    )  # fmt: skip
+    for mine, theirs in zip(reference.windows, compiled.windows, strict=True):
+        assert mine[:3] == theirs[:3]
+        assert all(np.array_equal(a, b) for a, b in zip(mine.hidden, theirs.hidden, strict=True))
+    assert streams[0].finish() == streams[1].finish()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not native, reason="no compiled kernels")
+def test_ten_minutes_of_gratings_do_not_drift():
+    """1.2 million samples in uneven blocks decide as the whole trial does, to the last window."""
+    encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "start", "sa1.gain": 6.4, "ra1.gain": 32})
+    network = RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
+    chain = chain_of((encoder, network), length_ms=150)._replace(rule=ExitRule(180, from_first_spike=True))
+    slides = np.concatenate(
+        list(simulator("gratings").simulate(simulator("gratings").build({"trials": 1}, "test")).signals)
+    )
+    signal = np.resize(slides, (1_200_000, 8)).astype(np.float32)
+    raster, expected = offline(chain, signal)
+    found = list(Stream(chain, backend="native").decide(blocks_of(signal, [1, 100, 333, 7])))
+    assert len(expected) == 4000
+    assert told(fitting(found, len(raster), chain.windows.length)) == expected
+    assert sum(row[4] for row in expected) > 10_000

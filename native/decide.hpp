@@ -1,0 +1,151 @@
+// A window of a network, step by step: hidden layer, readout and the race of the classes. Used by infer.cpp and stream.cpp.
+#pragma once
+
+#include "layer.hpp"
+
+namespace neurotact::NT_ISA {
+
+// The race of the classes; see networks/early_exit.py, Leader.
+template <class Value>
+struct Leader {
+    Value* sums;
+    int classes;
+    int64_t index = 0, standing = 0, standing_since_spike = 0;
+    bool heard = false;
+
+    NT_INLINE int64_t leading() const {
+        int64_t found = 0;
+        for (int c = 1; c < classes; c++)
+            if (sums[c] > sums[found]) found = c;
+        return found;
+    }
+    NT_INLINE void after(bool moved) {
+        const int64_t now = moved || standing == 0 ? leading() : index;
+        const bool same = now == index;
+        heard |= moved;
+        index = now;
+        standing = same ? standing + 1 : 1;
+        standing_since_spike = same && heard ? standing_since_spike + 1 : heard;
+    }
+    NT_INLINE bool exits(const ExitRule& rule) const {
+        return rule.patience >= 0 && (rule.from_first_spike ? standing_since_spike : standing) > rule.patience;
+    }
+};
+
+// A readout that spikes and is counted.
+template <class T>
+class SpikingReadout {
+public:
+    using Value = int64_t;
+    SpikingReadout(const Net<T>& net, const ForwardTables<T>& tables, Carver& carver)
+        : neuron(net.neuron), layer(tables.readout), table(tables.readout_table), classes(net.sizes.classes),
+          current(carver.take<T>(layer.pitch)), membrane(carver.take<T>(layer.pitch)),
+          decided(carver.take<uint64_t>(words(classes))) {}
+    static Value* counts_of(const Decisions& to) { return to.counts; }
+    void start(Value* counts) {
+        std::memset(current, 0, layer.pitch * sizeof(T));
+        std::memset(membrane, 0, layer.pitch * sizeof(T));
+        std::memset(decided, 0, words(classes) * sizeof(uint64_t));
+        std::memset(counts, 0, classes * sizeof(Value));
+    }
+    template <class Visit>
+    void each_part(const Visit& visit) {
+        visit("readout_current", current, classes * sizeof(T));
+        visit("readout_membrane", membrane, classes * sizeof(T));
+        visit("readout_spikes", decided, words(classes) * sizeof(uint64_t));
+    }
+    // One step from the hidden neurons that spiked; whether a readout neuron is heard in it.
+    NT_INLINE bool step(const uint32_t* rows, int n_rows, Value* counts) {
+        bool any = false;
+        if (!neuron.emits_at_once()) any = count(counts);
+        advance_layer(neuron, layer, {table, rows, n_rows, 0}, {current, membrane, current, membrane, nullptr}, decided);
+        if (neuron.emits_at_once()) any = count(counts);
+        return any;
+    }
+
+private:
+    const Neuron neuron;
+    const LayerTables<T>& layer;
+    const T* table;
+    const int classes;
+    T *current, *membrane;
+    uint64_t* decided;
+
+    NT_INLINE bool count(Value* counts) const {
+        uint64_t any = 0;
+        for (int64_t k = 0; k < words(classes); k++) {
+            any |= decided[k];
+            for (uint64_t m = decided[k]; m; m &= m - 1) counts[64 * k + lowest(m)]++;
+        }
+        return any != 0;
+    }
+};
+
+// A readout that adds up a bias and the weights of every hidden spike, in float64 (networks/rsnn.py).
+template <class T>
+class IntegratingReadout {
+public:
+    using Value = double;
+    IntegratingReadout(const Net<T>& net, const ForwardTables<T>&, Carver& carver)
+        : weights(net.w_out), bias(net.bias), classes(net.sizes.classes), gained(carver.take<double>(classes)) {}
+    static Value* counts_of(const Decisions& to) { return to.sums; }
+    template <class Visit>
+    void each_part(const Visit&) {}
+    void start(Value* sums) { std::memcpy(sums, bias, classes * sizeof(double)); }
+    NT_INLINE bool step(const uint32_t* rows, int n_rows, Value* sums) {
+        if (n_rows == 0) return false;
+        for (int c = 0; c < classes; c++) gained[c] = 0;
+        for (int e = 0; e < n_rows; e++) {
+            const T* row = weights + (int64_t)rows[e] * classes;
+            for (int c = 0; c < classes; c++) gained[c] += row[c];
+        }
+        bool any = false;
+        for (int c = 0; c < classes; c++) {
+            any |= gained[c] != 0;
+            sums[c] += gained[c];
+        }
+        return any;
+    }
+
+private:
+    const T* weights;
+    const double* bias;
+    const int classes;
+    double* gained;
+};
+
+template <class T, class Readout>
+struct InferState {
+    using Value = typename Readout::Value;
+    T *current, *membrane;
+    SpikeHistory spikes;
+    uint32_t* rows;
+    Readout readout;
+
+    InferState(const Net<T>& net, const ForwardTables<T>& tables, Carver& carver)
+        : current(carver.take<T>(tables.hidden.pitch)), membrane(carver.take<T>(tables.hidden.pitch)),
+          spikes(net.sizes.hidden, carver), rows(carver.take<uint32_t>(net.sizes.inputs + net.sizes.hidden)),
+          readout(net, tables, carver) {}
+    void start(const Net<T>& net, const ForwardTables<T>& tables, Value* counts) {
+        std::memset(current, 0, tables.hidden.pitch * sizeof(T));
+        std::memset(membrane, 0, tables.hidden.pitch * sizeof(T));
+        spikes.clear(net.sizes.hidden);
+        readout.start(counts);
+    }
+    // One step from the afferents that spike, of which the first `n_rows` of `rows` are the numbers; how many hidden
+    // neurons spike.
+    NT_INLINE int step(const Net<T>& net, const ForwardTables<T>& tables, int n_rows, Leader<Value>& leader) {
+        const int64_t hid_words = words(net.sizes.hidden);
+        if (net.w_rec)
+            n_rows = list_rows(spikes.recurrent(net.neuron.recurrent_delay), hid_words, net.sizes.inputs, rows, n_rows);
+        advance_layer(net.neuron, tables.hidden, {tables.table, rows, n_rows, 0},
+                      {current, membrane, current, membrane, nullptr}, spikes.next);
+        const uint64_t* emitted = net.neuron.emits_at_once() ? spikes.next : spikes.now;
+        n_rows = list_rows(emitted, hid_words, 0, rows, 0);
+        leader.after(readout.step(rows, n_rows, leader.sums));
+        spikes.step();
+        return n_rows;
+    }
+};
+
+}  // namespace neurotact::NT_ISA

@@ -1,0 +1,293 @@
+// A chain that takes samples as they come, one at a time, and asks for no memory: conditioning as in
+// neurotact/data/causal.py, afferents, windows as in neurotact/deploy/windows.py, network and exit. Every operation is
+// that of the whole trial, in its order, so that spikes and decisions are equal to the last bit.
+#include <new>
+#include <utility>
+
+#include "afferents.hpp"
+#include "decide.hpp"
+#include "dispatch.hpp"
+
+namespace neurotact::NT_ISA {
+namespace {
+
+using T = float;
+using V = VectorOf<T, kLanes>::type;
+
+// A window under way.
+template <class Readout>
+struct Window {
+    InferState<T, Readout> net;
+    typename Readout::Value* counts;
+    Leader<typename Readout::Value> leader;
+    int64_t numbers[6];  // window, start, steps, input spikes, hidden spikes, steps on repeated samples
+
+    Window(const Net<T>& of, const ForwardTables<T>& tables, Carver& carver)
+        : net(of, tables, carver), counts(carver.take<typename Readout::Value>(of.sizes.classes)),
+          leader{counts, of.sizes.classes} {}
+};
+
+// Of the whole stream: samples and steps taken, the windows' clock and their number.
+struct Counters {
+    int64_t samples, steps, silent, free_at, n_windows, under_way;
+};
+
+template <class Readout>
+struct Streaming {
+    ForwardTables<T> tables;
+    Counters at{};
+    int groups;
+    Constants<T> sa{}, ra{};
+    Population<T>*slow, *rapid;                          // (group of taxels)
+    T *smoothed, *before, *level, *last, *signal;        // (taxel), padded to whole groups
+    double* total;
+    int64_t* order;                                      // windows under way, the oldest first
+    Window<Readout>** windows;
+    uint32_t* arriving;
+
+    Streaming(const StreamPlan& plan, Carver& carver)
+        : tables(plan.net, carver), groups((plan.taxels + kLanes - 1) / kLanes),
+          slow(carver.take<Population<T>>(groups)), rapid(carver.take<Population<T>>(groups)),
+          smoothed(carver.take<T>(groups * kLanes)), before(carver.take<T>(groups * kLanes)),
+          level(carver.take<T>(groups * kLanes)), last(carver.take<T>(groups * kLanes)),
+          signal(carver.take<T>(groups * kLanes)), total(carver.take<double>(groups * kLanes)),
+          order(carver.take<int64_t>(plan.at_once)), windows(carver.take<Window<Readout>*>(plan.at_once)),
+          arriving(carver.take<uint32_t>(2 * plan.taxels)) {
+        for (int i = 0; i < plan.at_once; i++) {
+            void* here = carver.take<Window<Readout>>(1);
+            if (here) {
+                windows[i] = new (here) Window<Readout>(plan.net, tables, carver);
+            } else {
+                Window<Readout>(plan.net, tables, carver);
+            }
+        }
+        if (!slow) return;
+        const auto fill = [](T value) __attribute__((always_inline)) { return V{} + value; };
+        sa = ra = Constants<T>{fill(plan.sa_gain), fill(plan.decay),       fill(plan.v_rest),
+                               fill(plan.v_reset), fill(plan.v_threshold), {}};
+        ra.gain = fill(plan.ra_gain);
+        sa.silent_steps += plan.sa_silent;
+        ra.silent_steps += plan.ra_silent;
+        begin(plan);
+        for (int i = 0; i < plan.at_once; i++) start_window(plan, *windows[i]);
+    }
+
+    // As before the first sample of a trial; windows go on being numbered.
+    void begin(const StreamPlan& plan) {
+        const int64_t n_windows = at.n_windows;
+        at = {};
+        at.n_windows = n_windows;
+        at.silent = plan.quiet;
+        for (int g = 0; g < groups; g++) {
+            slow[g].membrane = rapid[g].membrane = V{} + plan.v_rest;
+            slow[g].silent -= slow[g].silent;
+            rapid[g].silent -= rapid[g].silent;
+        }
+        for (int i = 0; i < groups * kLanes; i++) smoothed[i] = before[i] = level[i] = last[i] = signal[i] = 0;
+        for (int i = 0; i < groups * kLanes; i++) total[i] = 0;
+        for (int i = 0; i < plan.at_once; i++) order[i] = i;
+    }
+
+    void start_window(const StreamPlan& plan, Window<Readout>& window) {
+        window.net.start(plan.net, tables, window.counts);
+        window.leader = {window.counts, plan.net.sizes.classes};
+        for (int64_t& number : window.numbers) number = 0;
+        window.numbers[0] = at.n_windows;
+        window.numbers[1] = at.steps;
+    }
+
+    NT_INLINE void condition(const StreamPlan& plan) {
+        const int64_t step = at.steps;
+        for (int i = 0; i < plan.taxels; i++) {
+            T value = signal[i];
+            switch (plan.baseline) {
+                case Baseline::none: break;
+                case Baseline::first:
+                    if (step == 0) level[i] = value;
+                    value -= level[i];
+                    break;
+                case Baseline::high_pass:
+                    if (step == 0) level[i] = value;
+                    level[i] = plan.base_new * value + plan.base_kept * level[i];
+                    value -= level[i];
+                    break;
+                default:
+                    const bool moves = plan.baseline == Baseline::running || step < plan.start_steps;
+                    if (moves) total[i] += value;
+                    const int64_t heard = moves ? step + 1 : plan.start_steps;
+                    value -= (T)(total[i] / (double)heard);
+            }
+            if (plan.offset) value = (value - plan.offset[i]) / plan.scale[i];
+            signal[i] = plan.rectify && value < 0 ? -value : value;
+        }
+    }
+
+    // Numbers of the afferents that spike, ascending: RA-I wait behind the place of all SA-I.
+    NT_INLINE int encode(const StreamPlan& plan) {
+        if (at.steps == 0) std::memcpy(last, signal, groups * kLanes * sizeof(T));
+        uint32_t* waiting = arriving + plan.taxels;
+        int n = 0, n_rapid = 0;
+        for (int g = 0; g < groups; g++) {
+            V now, earlier;
+            std::memcpy(&now, signal + g * kLanes, sizeof now);
+            std::memcpy(&earlier, last + g * kLanes, sizeof earlier);
+            uint64_t sa_fired, ra_fired;
+            afferent_step(slow[g], rapid[g], now, earlier, sa, ra, sa_fired, ra_fired);
+            std::memcpy(last + g * kLanes, &now, sizeof now);
+            n = list(sa_fired, g * kLanes, 0, plan.taxels, arriving, n);
+            n_rapid = list(ra_fired, g * kLanes, plan.taxels, plan.taxels, waiting, n_rapid);
+        }
+        for (int e = 0; e < n_rapid; e++) arriving[n + e] = waiting[e];
+        return n + n_rapid;
+    }
+    // The taxels of a group whose byte is 1; those that only fill up the last group are left out.
+    static NT_INLINE int list(uint64_t fired, int first, int offset, int taxels, uint32_t* to, int n) {
+        for (; fired; fired &= fired - 1) {
+            const int taxel = first + lowest(fired) / 8;
+            if (taxel < taxels) to[n++] = (uint32_t)(offset + taxel);
+        }
+        return n;
+    }
+
+    NT_INLINE bool opens(const StreamPlan& plan, bool has_spike) {
+        const int64_t now = at.steps;
+        const bool opened = plan.hop ? now >= plan.start && (now - plan.start) % plan.hop == 0
+                                     : has_spike && at.silent >= plan.quiet && now >= plan.start && now >= at.free_at;
+        at.silent = has_spike ? 0 : at.silent + 1 < plan.quiet ? at.silent + 1 : plan.quiet;
+        if (opened) at.free_at = now + plan.length;
+        return opened;
+    }
+
+    // One step of the encoder's clock, `signal` being smoothed; decisions are written from `to` on.
+    NT_INLINE int64_t step(const StreamPlan& plan, bool held, Decided* to) {
+        condition(plan);
+        const int n_arriving = encode(plan);
+        if (opens(plan, n_arriving > 0)) {
+            start_window(plan, *windows[order[at.under_way++]]);
+            at.n_windows++;
+        }
+        at.steps++;
+        int64_t n_decided = 0, left = 0;
+        for (int64_t i = 0; i < at.under_way; i++) {
+            const int64_t slot = order[i];
+            Window<Readout>& window = *windows[slot];
+            std::memcpy(window.net.rows, arriving, n_arriving * sizeof(uint32_t));
+            window.numbers[4] += window.net.step(plan.net, tables, n_arriving, window.leader);
+            window.numbers[3] += n_arriving;
+            window.numbers[2]++;
+            window.numbers[5] += held;
+            if (window.numbers[2] >= plan.length || window.leader.exits(plan.rule)) {
+                const int64_t* n = window.numbers;
+                to[n_decided++] = {n[0], n[1], n[2], window.leader.index, n[3], n[4], n[5], window.leader.heard};
+            } else {
+                std::swap(order[left++], order[i]);
+            }
+        }
+        at.under_way = left;
+        return n_decided;
+    }
+
+    int64_t push(const StreamPlan& plan, const float* samples, int64_t n, bool held, Decided* to) {
+        int64_t n_decided = 0;
+        for (const float* sample = samples; sample < samples + n * plan.taxels; sample += plan.taxels) {
+            for (int i = 0; i < plan.taxels; i++) {
+                const T raw = plan.factor == 1 ? sample[i] : sample[i] * plan.factor;
+                if (plan.smooth)
+                    smoothed[i] = plan.smooth_new * raw + plan.smooth_kept * (at.samples ? smoothed[i] : raw);
+                else
+                    smoothed[i] = raw;
+            }
+            at.samples++;
+            if (!plan.resampled) {
+                std::memcpy(signal, smoothed, plan.taxels * sizeof(T));
+                n_decided += step(plan, held, to + n_decided);
+                continue;
+            }
+            // Linear interpolation between the sample before and this one.
+            for (;;) {
+                const double position = (double)at.steps * plan.samples_per_step;
+                const int64_t whole = (int64_t)position;
+                const bool is_now = whole + 1 == at.samples;
+                if (is_now ? position > (double)whole : whole + 2 != at.samples) break;
+                const T weight = (T)(position - (double)whole);
+                for (int i = 0; i < plan.taxels; i++)
+                    signal[i] = is_now ? smoothed[i] : before[i] + weight * (smoothed[i] - before[i]);
+                n_decided += step(plan, held, to + n_decided);
+            }
+            std::memcpy(before, smoothed, plan.taxels * sizeof(T));
+        }
+        return n_decided;
+    }
+
+    void visit(const StreamPlan& plan, const Visitor& visitor) {
+        const auto part = [&](const char* name, void* at, size_t bytes) { visitor.visit(visitor.to, name, at, bytes); };
+        const size_t lanes = groups * kLanes * sizeof(T);
+        part("counters", &at, sizeof at);
+        part("smoothed", smoothed, lanes);
+        part("level", level, lanes);
+        part("last", last, lanes);
+        part("total", total, 2 * lanes);
+        for (int g = 0; g < groups; g++) {
+            part("sa_membrane", &slow[g].membrane, sizeof(V));
+            part("ra_membrane", &rapid[g].membrane, sizeof(V));
+            part("sa_silent", &slow[g].silent, sizeof slow[g].silent);
+            part("ra_silent", &rapid[g].silent, sizeof rapid[g].silent);
+        }
+        std::memcpy(before, smoothed, lanes);  // between samples they are the same
+        for (int64_t i = 0; i < at.under_way; i++) {
+            Window<Readout>& window = *windows[order[i]];
+            const Sizes& n = plan.net.sizes;
+            part("numbers", window.numbers, sizeof window.numbers);
+            part("current", window.net.current, n.hidden * sizeof(T));
+            part("membrane", window.net.membrane, n.hidden * sizeof(T));
+            part("spikes", window.net.spikes.now, words(n.hidden) * sizeof(uint64_t));
+            part("spikes_before", window.net.spikes.before, words(n.hidden) * sizeof(uint64_t));
+            window.net.readout.each_part(part);
+            part("counts", window.counts, n.classes * sizeof(typename Readout::Value));
+            part("leader", &window.leader.index, 3 * sizeof(int64_t));  // index, standing, standing_since_spike
+            part("heard", &window.leader.heard, sizeof(bool));
+        }
+    }
+};
+
+template <class Readout>
+constexpr StreamKernels kernels_with() {
+    using S = Streaming<Readout>;
+    return {
+        [](const StreamPlan& plan) -> size_t {
+            Carver measure;
+            measure.take<S>(1);
+            S(plan, measure);
+            return measure.bytes();
+        },
+        [](const StreamPlan& plan, char* block) -> void* {
+            Carver carver(block);
+            void* here = carver.take<S>(1);
+            return new (here) S(plan, carver);
+        },
+        [](const StreamPlan& plan, void* stream, const float* samples, int64_t n, bool held, Decided* to) {
+            return static_cast<S*>(stream)->push(plan, samples, n, held, to);
+        },
+        [](const StreamPlan& plan, void* stream) { static_cast<S*>(stream)->begin(plan); },
+        [](const StreamPlan& plan, void* stream, const Visitor& to) { static_cast<S*>(stream)->visit(plan, to); },
+    };
+}
+
+constexpr StreamKernels counting = kernels_with<SpikingReadout<T>>();
+constexpr StreamKernels integrating = kernels_with<IntegratingReadout<T>>();
+
+const StreamKernels& of(const StreamPlan& plan) { return plan.net.bias ? integrating : counting; }
+
+}  // namespace
+
+const StreamKernels stream_kernels{
+    [](const StreamPlan& plan) { return of(plan).bytes(plan); },
+    [](const StreamPlan& plan, char* block) { return of(plan).make(plan, block); },
+    [](const StreamPlan& plan, void* stream, const float* samples, int64_t n, bool held, Decided* to) {
+        return of(plan).push(plan, stream, samples, n, held, to);
+    },
+    [](const StreamPlan& plan, void* stream) { of(plan).begin(plan, stream); },
+    [](const StreamPlan& plan, void* stream, const Visitor& to) { of(plan).visit(plan, stream, to); },
+};
+
+}  // namespace neurotact::NT_ISA

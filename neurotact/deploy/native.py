@@ -1,0 +1,202 @@
+"""The compiled step of a stream; what it computes is defined in `stream.py` and what that calls."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from neurotact.backend import native
+from neurotact.data.causal import Conditioned, Conditioner
+from neurotact.data.conditioning import CAUSAL
+from neurotact.deploy.chain import Chain
+from neurotact.deploy.running import Running
+from neurotact.deploy.windows import Opening
+from neurotact.encoders.afferents import EncoderState
+from neurotact.networks import native as networks
+from neurotact.networks.early_exit import Leader
+from neurotact.neurons import CubaLIFState, LIFState
+
+BASELINES = ("none", "first", "start", "running", "high-pass")
+COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
+LANES = 8
+"""Taxels that are computed side by side; arrays are filled up to a multiple."""
+
+
+class Remembered(NamedTuple):
+    """What the compiled step remembers, as the reference does."""
+
+    opening: Opening
+    conditioned: Conditioned
+    encoder: EncoderState | None
+    windows: tuple[Running, ...]
+    n_windows: int
+
+
+class CompiledStream:
+    """Conditioning, afferents, windows, network and exit of a chain, one sample after the other.
+
+    most_steps: of the encoder's clock that one `push` may complete.
+    """
+
+    def __init__(self, chain: Chain, conditioner: Conditioner, most_steps: int) -> None:
+        self.chain, self.conditioner = chain, conditioner
+        network, encoder, plan = chain.network, chain.encoder, chain.windows
+        how, n_taxels = conditioner.how, chain.n_taxels
+        sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
+        smooth, past = conditioner.smoothing, conditioner.past
+        base = past.smoothing if how.baseline == "high-pass" else 0.0
+        standard = (how.offset or (0.0,) * n_taxels, how.scale or (1.0,) * n_taxels)
+        offset, scale = (np.array(values, np.float32) for values in standard)
+        is_standard = how.offset is not None or how.scale is not None
+        bias = None if network.bias is None else network.bias.detach().double().numpy()
+        self._stream = native.Stream(  # pyright: ignore[reportOptionalMemberAccess]
+            networks.shape_of(network), taxels=n_taxels, factor=float(conditioner.factor),
+            smooth=smooth is not None, smooth_new=smooth or 0.0, smooth_kept=1.0 - (smooth or 0.0),
+            resampled=conditioner.clock_Hz != conditioner.rate_Hz,
+            samples_per_step=conditioner.rate_Hz / conditioner.clock_Hz,
+            baseline=BASELINES.index(how.baseline), start_steps=past.n_start, base_new=base, base_kept=1.0 - base,
+            offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
+            rectify=how.rectify, sa_gain=encoder.sa1.gain, ra_gain=encoder.ra1.gain * chain.clock_Hz * 1e-3,
+            decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
+            sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
+            hop=plan.hop, quiet=plan.quiet, at_once=plan.at_once,
+            patience=-1 if chain.rule.patience is None else chain.rule.patience,
+            from_first_spike=chain.rule.from_first_spike, **networks.addresses_of(network),
+            bias=0 if bias is None else bias.ctypes.data, most_decisions=most_steps + plan.at_once + 1,
+        )  # fmt: skip
+        self.push = self._stream.push
+        """How many windows samples `(sample, taxel)` float32 decide; -1, and nothing done, where one is not finite."""
+        self.decision = self._stream.decision
+        """The i-th of them: window, start, steps, label, input spikes, hidden spikes, held, heard."""
+
+    def remembered(self) -> Remembered:
+        """The state, as the reference holds it."""
+        parts = list(self._stream.state())
+        counters = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
+        taxels = dict(parts[1:5])
+        groups: dict[str, list[bytes]] = {}
+        n_groups = -(-self.chain.n_taxels // LANES)
+        for name, content in parts[5 : 5 + 4 * n_groups]:
+            groups.setdefault(name, []).append(content)
+        rest = iter(parts[5 + 4 * n_groups :])
+        values = {
+            name: self._taxels(content, np.float64 if name == "total" else np.float32)
+            for name, content in taxels.items()
+        }
+        lanes = {
+            name: self._taxels(b"".join(contents), np.int32 if name.endswith("silent") else np.float32)
+            for name, contents in groups.items()
+        }
+        opening = Opening(self.chain.windows, counters["steps"], counters["silent"], counters["free_at"])
+        windows = tuple(self._window(rest) for _ in range(counters["under_way"]))
+        return Remembered(
+            opening, self._conditioned(counters, values), self._encoder(counters, values, lanes), windows,
+            counters["n_windows"],
+        )  # fmt: skip
+
+    def remember(self, state: Remembered) -> None:
+        """Go on from a state."""
+        n, how = self.chain.n_taxels, self.conditioner.how
+        done, opening = state.conditioned, state.opening
+        counters = (done.n_samples, done.n_steps, opening.silent, opening.free_at, state.n_windows, len(state.windows))
+        smoothed = done.smoothed if done.held is None else done.held[-1]
+        carried = (None, 0) if done.carried is None else done.carried
+        moving = carried[0] if how.baseline in ("start", "running") else None
+        level = carried[0] if how.baseline == "high-pass" else None if done.level is None else done.level[0]
+        encoder = state.encoder
+        last = None if encoder is None or encoder.last is None else encoder.last[0]
+        parts = [np.array(counters, np.int64).tobytes()]
+        parts += [self._lanes(each, np.float32) for each in (smoothed, level, last)]
+        parts.append(self._lanes(moving, np.float64))
+        rest = np.full(n, self.chain.encoder.v_rest_mV, np.float32)
+        membranes = [rest, rest] if encoder is None else [encoder.sa1.membrane_mV[0], encoder.ra1.membrane_mV[0]]
+        silent = [None, None] if encoder is None else [encoder.sa1.silent_steps[0], encoder.ra1.silent_steps[0]]
+        four = [self._lanes(each, np.float32) for each in membranes] + [self._lanes(each, np.int32) for each in silent]
+        for group in range(-(-n // LANES)):
+            parts += [each[4 * LANES * group : 4 * LANES * (group + 1)] for each in four]
+        for window in state.windows:
+            parts += _parts_of(window)
+        self._stream.restore(parts)
+
+    def _taxels(self, content: bytes, kind: Any) -> np.ndarray:
+        return np.frombuffer(content, kind)[: self.chain.n_taxels].copy()
+
+    def _lanes(self, values: np.ndarray | None, kind: Any) -> bytes:
+        filled = np.zeros(-(-self.chain.n_taxels // LANES) * LANES, kind)
+        if values is not None:
+            filled[: self.chain.n_taxels] = values
+        return filled.tobytes()
+
+    def _conditioned(self, counters: dict[str, int], values: dict[str, np.ndarray]) -> Conditioned:
+        samples, steps, how = counters["samples"], counters["steps"], self.conditioner.how
+        if not samples:
+            return Conditioned()
+        carried = None
+        if how.baseline in CAUSAL:
+            is_ema = how.baseline == "high-pass"
+            heard = min(steps, self.conditioner.past.n_start) if how.baseline == "start" else steps
+            carried = (values["level" if is_ema else "total"], heard)
+        resampled = self.conditioner.clock_Hz != self.conditioner.rate_Hz
+        return Conditioned(
+            samples, steps,
+            smoothed=None if self.conditioner.smoothing is None else values["smoothed"],
+            held=values["smoothed"][None] if resampled else None,
+            level=values["level"][None] if how.baseline == "first" else None, carried=carried,
+        )  # fmt: skip
+
+    def _encoder(
+        self, counters: dict[str, int], values: dict[str, np.ndarray], lanes: dict[str, np.ndarray]
+    ) -> EncoderState | None:
+        if not counters["steps"]:
+            return None
+        sa1, ra1 = (LIFState(lanes[f"{kind}_membrane"][None], lanes[f"{kind}_silent"][None]) for kind in ("sa", "ra"))
+        return EncoderState(sa1, ra1, values["last"][None])
+
+    def _window(self, parts: Iterator[tuple[str, bytes]]) -> Running:
+        network = self.chain.network
+        n_hidden, n_classes, spiking = network.spec.hidden, network.n_classes, network.bias is None
+
+        def read(kind: Any) -> np.ndarray:
+            return np.frombuffer(next(parts)[1], kind).copy()
+
+        def row(values: np.ndarray) -> torch.Tensor:
+            return torch.from_numpy(values[None])
+
+        window, start, steps, sent, heard, held = read(np.int64).tolist()
+        moving = [row(read(np.float32)) for _ in range(2)]
+        hidden = CubaLIFState(*moving, *(row(_bits(read(np.uint64), n_hidden)) for _ in range(2)))
+        readout = None
+        if spiking:
+            current, membrane = (row(read(np.float32)) for _ in range(2))
+            spikes = row(_bits(read(np.uint64), n_classes))
+            readout = CubaLIFState(current, membrane, spikes, torch.zeros_like(spikes))
+        counts = row(read(np.int64 if spiking else np.float64))
+        index, standing, since = (torch.tensor([each]) for each in read(np.int64).tolist())
+        leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]))
+        return Running(window, start, steps, hidden, readout, leader, sent, heard, held)
+
+
+def _parts_of(window: Running) -> list[bytes]:
+    numbers = (window.window, window.start, window.steps, window.input_spikes, window.hidden_spikes, window.held)
+    hidden, readout, leader = window.hidden, window.readout, window.leader
+    parts = [np.array(numbers, np.int64).tobytes()]
+    parts += [_bytes(hidden.current), _bytes(hidden.membrane), _words(hidden.spikes), _words(hidden.spikes_before)]
+    if readout is not None:
+        parts += [_bytes(readout.current), _bytes(readout.membrane), _words(readout.spikes)]
+    race = np.array([int(leader.index), int(leader.standing), int(leader.standing_since_spike)], np.int64)
+    return [*parts, _bytes(leader.counts), race.tobytes(), bytes([bool(leader.heard)])]
+
+
+def _bytes(values: torch.Tensor) -> bytes:
+    return values.detach().numpy().tobytes()
+
+
+def _bits(words: np.ndarray, n: int) -> np.ndarray:
+    """Spikes of `n` neurons as float32, from words of 64, the lowest bit first."""
+    return np.unpackbits(words.view(np.uint8), bitorder="little")[:n].astype(np.float32)
+
+
+def _words(spikes: torch.Tensor) -> bytes:
+    bits = np.packbits(spikes.numpy().ravel() != 0, bitorder="little").tobytes()
+    return bits.ljust(-(-len(bits) // 8) * 8, b"\0")

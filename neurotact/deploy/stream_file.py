@@ -1,0 +1,190 @@
+"""A stream's state in a file: safetensors, with a table in JSON in its header and the content's SHA-256.
+
+The file is written whole and then renamed. What is read back is checked before it is used: the hash, the chain that it
+belongs to, and the name, shape and type of each array.
+"""
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+import torch
+from safetensors import SafetensorError, safe_open
+
+from neurotact.data.causal import Conditioned
+from neurotact.deploy.chain import Chain
+from neurotact.deploy.running import Running
+from neurotact.deploy.stream_state import StreamState, Tally
+from neurotact.deploy.windows import Opening
+from neurotact.encoders.afferents import EncoderState
+from neurotact.errors import InputError
+from neurotact.files import check_new, check_size, existing, read_bytes, whole
+from neurotact.networks.early_exit import Leader
+from neurotact.neurons import CubaLIFState, LIFState
+
+FIX = "save the state again"
+Arrays = dict[str, np.ndarray]
+
+
+def fingerprint(chain: Chain) -> str:
+    """SHA-256 of all that decides what a state means: encoder, network, exit rule, windows and rate."""
+    table = {
+        "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
+        "rule": asdict(chain.rule), "windows": asdict(chain.windows), "classes": chain.classes,
+        "rates": [chain.sampling_rate_Hz, chain.clock_Hz],
+    }  # fmt: skip
+    digest = hashlib.sha256(json.dumps(table, sort_keys=True).encode())
+    for name, tensor in sorted(chain.network.state_dict().items()):
+        digest.update(name.encode() + tensor.detach().cpu().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def save(chain: Chain, state: StreamState, path: str | Path, *, force: bool = False) -> None:
+    """Write what a stream of a chain remembers; an existing file is refused unless `force`."""
+    check_new(path, force=force)
+    table, arrays = _parts(state)
+    table["chain"] = fingerprint(chain)
+    text = json.dumps(table, sort_keys=True)
+    arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
+    metadata = {"stream": text, "sha256": _hash(text, arrays)}
+    with whole(path) as draft:
+        draft.write_bytes(safetensors.numpy.save(arrays, metadata=metadata))
+
+
+def load(chain: Chain, path: str | Path) -> StreamState:
+    """What `save` wrote of a stream of the same chain.
+
+    Raises InputError, which names the file, for one that is damaged or of another chain.
+    """
+    path = existing(path)
+    check_size(path, path.stat().st_size)
+    try:
+        with safe_open(path, "numpy") as file:
+            metadata = file.metadata() or {}
+        arrays = safetensors.numpy.load(read_bytes(path))
+        text = metadata["stream"]
+        table = json.loads(text)
+    except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is no stream's state ({type(error).__name__}); {FIX}") from error
+    if metadata.get("sha256") != _hash(text, arrays):
+        raise InputError(f"{path}: is damaged; {FIX}")
+    if not isinstance(table, dict) or table.get("chain") != fingerprint(chain):
+        raise InputError(f"{path}: belongs to a stream of another chain; give one of this chain")
+    try:
+        return _state(chain, table, arrays)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is no stream's state of this version ({error}); {FIX}") from error
+
+
+def _hash(text: str, arrays: Arrays) -> str:
+    digest = hashlib.sha256(text.encode())
+    for name in sorted(arrays):
+        digest.update(f"{name} {arrays[name].dtype} {arrays[name].shape}".encode() + arrays[name].tobytes())
+    return digest.hexdigest()
+
+
+def _parts(state: StreamState) -> tuple[dict[str, Any], Arrays]:
+    """A state as a table of numbers and as arrays by name."""
+    done, opening = state.conditioned, state.opening
+    arrays: Arrays = {}
+    if state.good is not None:
+        arrays["good"] = state.good
+    for name in ("smoothed", "held", "level"):
+        if (values := getattr(done, name)) is not None:
+            arrays[f"conditioned.{name}"] = values
+    if done.carried is not None:
+        arrays["conditioned.carried"] = done.carried[0]
+    if state.encoder is not None:
+        for name, population in (("sa1", state.encoder.sa1), ("ra1", state.encoder.ra1)):
+            arrays |= {f"encoder.{name}.{key}": values for key, values in population._asdict().items()}
+        assert state.encoder.last is not None
+        arrays["encoder.last"] = state.encoder.last
+    windows = []
+    for number, window in enumerate(state.windows):
+        layers = {"hidden": window.hidden, "readout": window.readout, "leader": window.leader}
+        for name, layer in layers.items():
+            if layer is not None:
+                arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in layer._asdict().items()}
+        windows.append({key: value for key, value in window._asdict().items() if isinstance(value, int)})
+    table = {
+        "n_samples": done.n_samples, "n_steps": done.n_steps, "n_carried": done.carried and done.carried[1],
+        "opening": [opening.step, opening.silent, opening.free_at], "windows": windows, "n_windows": state.n_windows,
+        "bad_in_a_row": state.bad_in_a_row, "origin": state.origin, "tally": asdict(state.tally),
+    }  # fmt: skip
+    return table, arrays
+
+
+def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
+    """The state of a table and arrays, each of the shape and type that the chain calls for."""
+    left = dict(arrays)
+    n, f32 = chain.n_taxels, np.float32
+
+    def take(name: str, shape: tuple[int, ...], kind: Any) -> np.ndarray:
+        values = left.pop(name)
+        if values.shape != shape or values.dtype != kind:
+            raise ValueError(f"'{name}' is {values.shape} {values.dtype} where {shape} {np.dtype(kind)} is expected")
+        return values
+
+    def maybe(name: str, shape: tuple[int, ...], kind: Any = f32) -> np.ndarray | None:
+        return take(name, shape, kind) if name in left else None
+
+    moving = chain.encoder.conditioning.baseline
+    carried = maybe("conditioned.carried", (n,), f32 if moving == "high-pass" else np.float64)
+    conditioned = Conditioned(
+        int(table["n_samples"]), int(table["n_steps"]), maybe("conditioned.smoothed", (n,)),
+        maybe("conditioned.held", (1, n)), maybe("conditioned.level", (1, n)),
+        None if carried is None else (carried, int(table["n_carried"])),
+    )  # fmt: skip
+    encoder = None
+    if "encoder.last" in left:
+        populations = (
+            LIFState(
+                take(f"encoder.{name}.membrane_mV", (1, n), f32), take(f"encoder.{name}.silent_steps", (1, n), np.int32)
+            )
+            for name in ("sa1", "ra1")
+        )
+        encoder = EncoderState(*populations, take("encoder.last", (1, n), f32))
+    if len(table["windows"]) > chain.windows.at_once:
+        raise ValueError(f"{len(table['windows'])} windows where {chain.windows.at_once} may overlap")
+    windows = tuple(_window(chain, each, f"window{i}.", take) for i, each in enumerate(table["windows"]))
+    state = StreamState(
+        Opening(chain.windows, *(int(each) for each in table["opening"])), conditioned, encoder, windows,
+        int(table["n_windows"]), maybe("good", (n,)), int(table["bad_in_a_row"]), int(table["origin"]),
+        Tally(**{key: int(value) for key, value in table["tally"].items()}),
+    )  # fmt: skip
+    if left:
+        raise ValueError(f"'{next(iter(left))}' is unknown")
+    return state
+
+
+def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Running:
+    network = chain.network
+    integrates = network.bias is not None
+
+    def layer(name: str, size: int) -> CubaLIFState:
+        return CubaLIFState(
+            *(torch.from_numpy(take(f"{prefix}{name}.{key}", (1, size), np.float32)) for key in CubaLIFState._fields)
+        )
+
+    kinds = {"counts": np.float64 if integrates else np.int64, "heard": np.bool_}
+    race = {
+        key: torch.from_numpy(
+            take(f"{prefix}leader.{key}", (1, network.n_classes) if key == "counts" else (1,), kinds.get(key, np.int64))
+        )
+        for key in Leader._fields
+    }
+    leader = Leader(**race)
+    if not 0 <= int(leader.index) < network.n_classes:
+        raise ValueError("a window is led by a class that is unknown")
+    return Running(
+        hidden=layer("hidden", network.spec.hidden),
+        readout=None if integrates else layer("readout", network.n_classes),
+        leader=leader,
+        **{key: int(value) for key, value in numbers.items()},
+    )
