@@ -15,9 +15,10 @@ import torch
 from typer.main import get_command
 
 from neurotact import __version__, cli, spec
-from neurotact.cli import encoding, options
+from neurotact.cli import encoding, options, studies
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
+from neurotact.data.splits import SplitSpec
 from neurotact.networks import trained
 
 ROOT = Path(__file__).parents[1]
@@ -925,6 +926,21 @@ def test_a_wrong_study_file_is_refused_before_anything_runs(refused, tmp_path, c
     (tmp_path / "study.toml").write_text(text.replace(*change))
     refused(("study", "run", tmp_path / "study.toml", "-o", tmp_path / "run"), expected)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_study_divides_trials_as_train_does(neurotact, monkeypatch, tmp_path):
+    asked = []
+    save_recordings(touch(), tmp_path / "touch.h5")
+    monkeypatch.setattr(studies, "_run_study", lambda what, *_: asked.append(what))
+    words = ("study", "run", "own-recordings", "--data", tmp_path / "touch.h5", "-o", tmp_path / "run")
+    ways = ((), ("--test-where", "force_N=3,6"), ("--group", "force_N"), ("--order", "trial"), ("--folds", "3"))
+    for further in ways:
+        code, out, err = neurotact(*words, *further)
+        assert code == 0, out + err
+    splits = [what.split for what in asked]
+    given = ({}, {"test_where": {"force_N": [3, 6]}}, {"group": ("force_N",)}, {"order": "trial"}, {"folds": 3})
+    assert splits == [SplitSpec(**each) for each in given]
+    assert asked[-1].sweep["split.fold"] == [0, 1, 2]
 
 
 def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
