@@ -69,6 +69,18 @@ def stream_ns(chain: Chain, samples: np.ndarray, block: int, backend: str) -> np
     return took / block
 
 
+def step_ns(chain: Chain, samples: np.ndarray) -> np.ndarray:
+    """The compiled step alone, called as `nt.Stream` calls it."""
+    stream, took = nt.Stream(chain, backend="native"), np.empty(len(samples))
+    step = stream._compiled.push
+    for i in range(len(took)):
+        part = samples[i : i + 1]
+        began = time.thread_time_ns()
+        step(samples=part, held=False)
+        took[i] = time.thread_time_ns() - began
+    return took
+
+
 def c_ns(chain: Chain, samples: np.ndarray, *, integer: bool) -> np.ndarray:
     with tempfile.TemporaryDirectory() as scratch:
         folder, chosen = Path(scratch), None
@@ -95,6 +107,7 @@ def main() -> None:
     for name, took in (
         ("nt.Stream, reference, blocks of 1", stream_ns(chain, few, 1, "reference")),
         ("nt.Stream, compiled, blocks of 1", stream_ns(chain, samples, 1, "native")),
+        ("its step alone, blocks of 1", step_ns(chain, samples)),
         ("nt.Stream, compiled, blocks of 100", stream_ns(chain, samples, 100, "native")),
         ("C, float", c_ns(chain, samples, integer=False)),
         ("C, integer", c_ns(chain, samples, integer=True)),

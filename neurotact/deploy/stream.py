@@ -27,6 +27,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.rsnn import RSNN
 
+FLOAT32 = np.dtype(np.float32)
 MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are taken in parts, so that a fine clock needs no more memory."""
 
@@ -71,8 +72,12 @@ class Stream:
         if not 0 <= hold_ms < 1e9:
             raise InputError(f"hold_ms: must be from 0 to 1e9 ms; got {hold_ms:g}")
         self._at_once = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
+        self._one_sample = (self.chain.n_taxels,)
         self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
         self._state = StreamState(self.chain.windows.begin())
+        # Synaptic operations are linear in the spikes: those of one input spike, and of one hidden spike.
+        each = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
+        self._sops = tuple(int(cost) for cost in each)
         self._compiled: CompiledStream | None = None
         if use_native(backend, self.chain.network.w_in.device.type == "cpu", "a network on the CPU"):
             most_steps = math.ceil(self._at_once * max(1.0, self.chain.clock_Hz / rate_Hz)) + 1
@@ -89,11 +94,11 @@ class Stream:
         samples: `(sample, taxel)`, or `(taxel,)` for one, in the unit given; NaN where a value is missing.
         """
         samples = self._checked(samples)
-        compiled, state = self._compiled, self._state
-        if compiled is not None and state.bad_in_a_row == 0 and 0 < len(samples) <= self._at_once:
+        compiled, state, n_samples = self._compiled, self._state, len(samples)
+        if compiled is not None and state.bad_in_a_row == 0 and 0 < n_samples <= self._at_once:
             n_decided = compiled.push(samples=samples, held=False)
             if n_decided >= 0:
-                state.tally.samples += len(samples)
+                state.tally.samples += n_samples
                 state.good = samples[-1].copy()
                 return self._told(n_decided) if n_decided else []
         is_good = np.isfinite(samples)
@@ -181,11 +186,10 @@ class Stream:
             self._compiled.remember(Remembered(*(getattr(state, name) for name in Remembered._fields)))
 
     def _checked(self, samples: np.ndarray) -> np.ndarray:
-        n_taxels = self.chain.n_taxels
-        if type(samples) is np.ndarray and samples.dtype == np.float32 and samples.flags.c_contiguous:
-            if samples.ndim == 1 and len(samples) == n_taxels:
+        if type(samples) is np.ndarray and samples.dtype is FLOAT32 and samples.flags.c_contiguous:
+            if samples.shape == self._one_sample:
                 return samples[None]
-            if samples.ndim == 2 and samples.shape[1] == n_taxels:
+            if samples.ndim == 2 and samples.shape[1:] == self._one_sample:
                 return samples
         try:
             with np.errstate(over="ignore"):
@@ -301,7 +305,7 @@ class Stream:
             ms=1e3 * steps / chain.clock_Hz,
             input_spikes=sent,
             hidden_spikes=hidden,
-            sops=int(synops.of_network(chain.network, np.array([sent]), np.array([hidden])).total[0]),
+            sops=self._sops[0] * sent + self._sops[1] * hidden,
             held=held,
             heard=heard,
         )
