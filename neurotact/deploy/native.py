@@ -73,7 +73,7 @@ class CompiledStream:
     def remembered(self) -> Remembered:
         """The state, as the reference holds it."""
         parts = list(self._stream.state())
-        counters = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
+        counters: dict[str, int] = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
         taxels = dict(parts[1:5])
         groups: dict[str, list[bytes]] = {}
         n_groups = -(-self.chain.n_taxels // LANES)

@@ -143,13 +143,13 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
     )  # fmt: skip
     encoder = None
     if "encoder.last" in left:
-        populations = (
+        sa1, ra1 = (
             LIFState(
                 take(f"encoder.{name}.membrane_mV", (1, n), f32), take(f"encoder.{name}.silent_steps", (1, n), np.int32)
             )
             for name in ("sa1", "ra1")
-        )
-        encoder = EncoderState(*populations, take("encoder.last", (1, n), f32))
+        )  # fmt: skip
+        encoder = EncoderState(sa1, ra1, take("encoder.last", (1, n), f32))
     if len(table["windows"]) > chain.windows.at_once:
         raise ValueError(f"{len(table['windows'])} windows where {chain.windows.at_once} may overlap")
     windows = tuple(_window(chain, each, f"window{i}.", take) for i, each in enumerate(table["windows"]))

@@ -123,13 +123,13 @@ def _by_snntorch(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[s
 
 
 def _by_norse(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
-    try:
-        import norse.torch as norse  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise InputError(f"norse: cannot be imported ({error}); pip install --no-deps norse nirtorch") from error
-    _loadable(graph, "norse")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of its own deprecated calls
+        warnings.simplefilter("ignore")  # of calls that are deprecated, as it is imported and as it imports
+        try:
+            import norse.torch as norse  # pyright: ignore[reportMissingImports]
+        except ImportError as error:
+            raise InputError(f"norse: cannot be imported ({error}); pip install --no-deps norse nirtorch") from error
+        _loadable(graph, "norse")
         return _stepped(norse.from_nir(graph, dt=float(graph.metadata["dt"])), heard, layers)
 
 
