@@ -1,6 +1,5 @@
 """The front door: `import neurotact as nt`."""
 
-import ast
 import inspect
 import json
 import subprocess
@@ -21,7 +20,6 @@ from neurotact.spec import to_toml
 HEAVY = ("torch", "numpy", "pandas", "sklearn", "h5py", "matplotlib", "nni", "snntorch", "scipy", "typer")
 SMALL = {"trials": 1, "duration_s": 0.5}
 QUICK = {"hidden": 6, "training.epochs": 2}
-README = Path(__file__).parents[1] / "README.md"
 
 
 @pytest.fixture(scope="module")
@@ -63,17 +61,6 @@ def test_each_package_exports_what_it_is_for(package):
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="spikify"):
         nt.spikify  # noqa: B018
-
-
-def test_the_lines_of_the_readme_run(monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    code = README.read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
-    small = code.replace("trials=10", "trials=2, duration_s=0.5").replace("random_state=0", "epochs=2, random_state=0")
-    assert small.count("epochs=2") == 1
-    found: dict = {}
-    exec(compile(ast.parse(small), str(README), "exec"), found)
-    assert isinstance(found["net"], nt.RSNN)
-    assert found["data"].X.shape[1:] == (300, 16)
 
 
 def test_recordings_and_spikes_are_saved_and_loaded_as_they_are(touches, spikes, tmp_path):

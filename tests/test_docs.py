@@ -1,13 +1,28 @@
-"""The pages and the references that are written from the program."""
+"""The pages: their links, their code, their commands, and the references that are written from the program."""
 
+import ast
+import re
+import shlex
 import sys
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from itertools import chain, pairwise
 from pathlib import Path
+from urllib.parse import unquote
 
+import numpy as np
+import pandas as pd
 import pytest
+import typer
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
+from typer.main import get_command
 
 import neurotact as nt
-from neurotact import plugins
+from neurotact import cli, plugins
 from neurotact.cli import COMMANDS
+from neurotact.data import spikes as spike_trains
 from neurotact.data.sources import simulator
 from neurotact.encoders.specs import MODELS
 from neurotact.networks.specs import RSNNSpec
@@ -17,6 +32,24 @@ from neurotact.studies.protocol_study import ProtocolStudy
 from neurotact.studies.study import StudySpec
 
 ROOT = Path(__file__).parents[1]
+PAGES = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")])
+NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
+WRITTEN = "<!-- written by make docs -->"
+NOT_RUN = "<!-- not run: "
+"""Stands before Python that is not run, with the reason."""
+THEIRS = {"my-skin", "my-press"}
+"""Commands that the pages let a reader's own package bring."""
+SMALLER = {
+    "README.md": {"trials=10": "trials=2, duration_s=0.5", "random_state=0)": "epochs=2, random_state=0)"},
+    "docs/compliance-simulator.md": {"trials=10": "trials=1"},
+    "docs/contact-materials-simulator.md": {"trials=2": "trials=1"},
+    "docs/devices.md": {'nt.Stream("run")': "nt.Stream(chain, length_ms=5)"},
+    "docs/gratings-simulator.md": {"trials=10": "trials=1, duration_s=0.3"},
+    "docs/splits.md": {'"run", split': '"run", settings={"training.epochs": 1}, split'},
+    "docs/stiffness-simulator.md": {"grasps=5": "grasps=1"},
+    "docs/touch-modality-simulator.md": {"people=10": "people=1", "TouchModalitySpec()": "TouchModalitySpec(people=1)"},
+}
+"""What of the code of a page is changed so that it takes a moment."""
 SPECS = [model.spec for model in MODELS.values()] + [RSNNSpec, SearchSpec, StudySpec, ProtocolStudy, Claim]
 SPECS += [simulator(name).model for name in plugins.names("simulators")]
 
@@ -27,6 +60,192 @@ def site():
     sys.path.insert(0, str(ROOT / "docs" / "site"))
     yield __import__
     sys.path.remove(str(ROOT / "docs" / "site"))
+
+
+# --- what stands in a page --------------------------------------------------------------------------
+
+
+@cache
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+@cache
+def tokens_of(page: Path) -> tuple[Token, ...]:
+    return tuple(MarkdownIt().enable("table").parse(text_of(page)))
+
+
+def inline_of(page: Path) -> Iterator[Token]:
+    """Links, pictures and code within the lines of a page."""
+    return chain.from_iterable(token.children or () for token in tokens_of(page))
+
+
+def slugs(text: str) -> set[str]:
+    """The anchors of a page's headings, as code hosts make them."""
+    found: dict[str, int] = {}
+    tokens = MarkdownIt().parse(text)
+    for before, token in pairwise(tokens):
+        if before.type == "heading_open":
+            said = "".join(part.content for part in token.children or () if part.type in ("text", "code_inline"))
+            slug = re.sub(r"[^\w\- ]", "", said.lower()).replace(" ", "-")
+            found[slug] = found.get(slug, -1) + 1
+    return {f"{slug}-{number}" if number else slug for slug, last in found.items() for number in range(last + 1)}
+
+
+def commands_of(page: Path) -> Iterator[tuple[str, bool]]:
+    """Every `neurotact ...` of a page, and whether it is one that is typed as it stands."""
+    for token in tokens_of(page):
+        if token.type in ("fence", "code_block") and token.info in ("", "console", "bash"):
+            for line in token.content.replace("\\\n", " ").splitlines():
+                typed = re.fullmatch(r"\s*(?:\$ )?(?:\w+=\S+ )*(neurotact .*)", line)
+                if typed:
+                    yield typed[1], True
+    for token in inline_of(page):
+        if token.type == "code_inline" and token.content.startswith("neurotact "):
+            yield token.content, False
+
+
+# --- pages ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_within_the_pages_lead_somewhere(page, site):
+    targets = [str(token.attrs.get("href") or token.attrs.get("src") or "") for token in inline_of(page)]
+    broken = []
+    for target in (target for target in targets if target and not re.match(r"\w+:", target)):
+        path, _, anchor = unquote(target).partition("#")
+        to = (page.parent / path).resolve() if path else page
+        if not to.exists():
+            broken.append(target)
+        elif anchor:
+            name = str(to.relative_to(ROOT / "docs").with_suffix("")) if to.is_relative_to(ROOT / "docs") else ""
+            whole = text_of(to)
+            if WRITTEN in whole:
+                whole = whole.replace(WRITTEN, site("written").WRITTEN[name]())
+            broken += [target] if anchor not in slugs(whole) else []
+    assert not broken
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_the_commands_of_a_page_are_those_of_the_program(page):
+    wrong = {line: why for line, whole in commands_of(page) if (why := complaint(line, whole=whole))}
+    assert not wrong
+
+
+def complaint(line: str, *, whole: bool) -> str:
+    """What the command line would say of a command, nothing being run; of a part of one, of its names alone."""
+    words = shlex.split(re.split(r"\s(?:\||#|>|<|&&|;)\s?", line)[0], comments=True)[1:]
+    if not whole:  # what follows a stand-in, such as NAME or ..., is not known
+        words = words[: next((k for k, word in enumerate(words) if re.search(r"^[A-Z_]+$|…|\.\.\.", word)), len(words))]
+    command, context = get_command(cli.app), None
+    try:
+        while hasattr(command, "commands"):
+            own = [word for word in words if word.startswith("-")] if not words or words[0].startswith("-") else []
+            if own or not words:
+                return "" if set(own) <= {"--help", "--version", "--quiet"} else f"no such option: {own}"
+            if words[0] not in command.commands:
+                return "" if words[0] in THEIRS else f"no such command: {words[0]}"
+            command, words = command.commands[words[0]], words[1:]
+        context = command.make_context("neurotact", list(words))
+    except typer.TyperException as error:
+        missing = error.format_message().startswith("Missing ")
+        return "" if missing and not whole else error.format_message()
+    except typer.Exit:
+        return ""
+    finally:
+        if context is not None:
+            context.close()
+    return ""
+
+
+@pytest.mark.parametrize(
+    ("line", "whole", "expected"),
+    [
+        ("neurotact train spikes.h5 -o run/ --windw-ms 150", True, "--windw-ms"),
+        ("neurotact trian", False, "trian"),
+        ("neurotact train spikes.h5", True, "Missing option"),
+        ("neurotact train spikes.h5", False, ""),
+        ("neurotact simulate NAME --set x=1", False, ""),
+        ("neurotact study run own-recordings --data a.h5 -o runs/mine   # --quick: a first look", True, ""),
+        ("neurotact stream run/ --from - | head", True, ""),
+        ("neurotact train spikes.h5 -o run/ --window-ms long", True, "--window-ms"),
+    ],
+)
+def test_a_command_that_would_be_refused_is_found(line, whole, expected):
+    assert expected in complaint(line, whole=whole)
+    assert bool(complaint(line, whole=whole)) == bool(expected)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_the_names_of_a_page_are_those_of_the_package(page):
+    if page.name == "CHANGELOG.md":
+        pytest.skip("tells of names that were")
+    named = [token.content for token in inline_of(page) if token.type == "code_inline"]
+    for name in (name for name in named if re.fullmatch(r"neurotact(\.\w+)+", name)):
+        module, _, attribute = name.rpartition(".")
+        try:
+            import_module(name)
+        except ModuleNotFoundError:
+            if f"neurotact.{attribute}" not in (
+                f"neurotact.{group}" for group in ("simulators", "readers", "protocols")
+            ):
+                assert hasattr(import_module(module), attribute), name
+
+
+@pytest.fixture
+def prepared(tmp_path, monkeypatch):
+    """What the code of the pages speaks of: spikes of conditions, a chain, samples, a signal and its pieces."""
+    from neurotact.encoders import specs
+
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 30, "speed": [300, 300, 450] * 20})
+    conditions["subject"] = [f"s{number // 6}" for number in range(60)]
+    rasters = (rng.random((60, 300, 4)) < 0.1).astype(np.uint8)
+    spikes = spike_trains.from_rasters(rasters, 1000.0, ("SA-I a", "SA-I b", "RA-I a", "RA-I b"), conditions)
+    nt.save(spikes, "spikes.h5")
+    encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
+    network = nt.RSNN(16, 2, hidden=4, sampling_rate_Hz=2000.0)
+    press = 5 * np.exp(-((np.linspace(0, 3, 6000) - 1) ** 2) / 0.01)
+    signal = np.repeat(press[:, None], 4, axis=1).astype(np.float32)
+    samples, pieces = np.zeros((25, 8)), np.array_split(signal, 3)
+    return {
+        "nt": nt,
+        "spikes": spikes,
+        "chain": (encoder, network),
+        "samples": samples,
+        "signal": signal,
+        "pieces": pieces,
+    }
+
+
+def run_code(page: Path, found: dict) -> dict:
+    """Run the Python of a page, block by block in one namespace, as small as `SMALLER` makes it."""
+    before = ""
+    for token in tokens_of(page):
+        if token.type == "fence" and token.info == "python" and not before.startswith(NOT_RUN):
+            code = token.content
+            for large, small in SMALLER.get(str(page.relative_to(ROOT)), {}).items():
+                code = code.replace(large, small)
+            exec(compile(ast.parse(code), str(page), "exec"), found)
+        before = token.content
+    return found
+
+
+WITH_CODE = [page for page in PAGES if "```python\n" in text_of(page)]
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=[str(page.relative_to(ROOT)) for page in WITH_CODE])
+def test_the_python_of_a_page_runs(page, prepared):
+    found = run_code(page, prepared)
+    if page.name == "README.md" and page.parent == ROOT:
+        assert isinstance(found["net"], nt.RSNN)
+        assert found["data"].X.shape[1:] == (300, 16)
+
+
+def test_what_is_made_smaller_stands_in_the_pages():
+    for name, changes in SMALLER.items():
+        assert all(large in text_of(ROOT / name) for large in changes), name
 
 
 # --- references -------------------------------------------------------------------------------------

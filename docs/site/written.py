@@ -3,11 +3,14 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import command_line
 import python_reference
 import spec_reference
-from sphinx.application import Sphinx
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 TOP = Path(__file__).parents[2]
 PLACE = "<!-- written by make docs -->"
@@ -31,13 +34,13 @@ WRITTEN: dict[str, Callable[[], str]] = {
 """What writes the text of each page."""
 
 
-def _write(_app: Sphinx, page: str, source: list[str]) -> None:
+def _write(_app: "Sphinx", page: str, source: list[str]) -> None:
     if page in WRITTEN:
         before, after = source[0].split(PLACE)
         source[0] = before + WRITTEN[page]() + after
 
 
-def setup(app: Sphinx) -> dict[str, bool]:
+def setup(app: "Sphinx") -> dict[str, bool]:
     """Write the texts as their pages are read."""
     app.connect("source-read", _write)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
