@@ -94,11 +94,12 @@ def _run(
         while todo and idle:
             process = idle.pop()
             place, attempt = todo.popleft()
-            try:
-                future = process.submit(task, jobs[place])
-            except BrokenProcessPool:  # it died while it was idle
-                process = start()
-                future = process.submit(task, jobs[place])
+            with _born_deaf():
+                try:
+                    future = process.submit(task, jobs[place])
+                except BrokenProcessPool:  # it died while it was idle
+                    process = start()
+                    future = process.submit(task, jobs[place])
             running[future] = process, place, attempt
 
     deal()
@@ -133,7 +134,25 @@ def settle() -> None:
     """In a new process: one thread; Ctrl-C is left to the process that started it, and without that one it ends."""
     torch.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     Thread(target=_end_with_parent, daemon=True).start()
+
+
+@contextmanager
+def _born_deaf() -> Iterator[None]:
+    """Processes that start within it hear no Ctrl-C until they `settle`: loading modules takes them seconds.
+
+    What comes for this process meanwhile waits until the block is left.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _end_with_parent() -> None:
