@@ -23,11 +23,10 @@ def fronts(results: pd.DataFrame) -> pd.DataFrame:
     """
     parts = []
     for name, rows in results.groupby("set", sort=False):
-        points = [_point(key, part) for key, part in rows.groupby(["way", "setting"], sort=False)]
+        base = rows[rows["way"] == NOTHING]
+        points = [_point(key, part, base) for key, part in rows.groupby(["way", "setting"], sort=False)]
         table = pd.DataFrame(points)
         table.insert(0, "set", name)
-        base = table["way"] == NOTHING
-        table["share"] = table["sops_total"] / (table.loc[base, "sops_total"].mean() if base.any() else np.nan)
         table["on_front"] = _on_front(table)
         table["on_own_front"] = np.concatenate([_own_front(table, way) for way in table["way"].unique()])
         parts.append(table)
@@ -45,13 +44,13 @@ def _on_front(table: pd.DataFrame) -> np.ndarray:
     return pareto_front(table["sops_total"].to_numpy(), table["accuracy_test"].to_numpy())
 
 
-def _point(key: object, part: pd.DataFrame) -> dict:
+def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
     way, setting = key  # pyright: ignore[reportGeneralTypeIssues]
     found = _interval(part["accuracy_test"].to_numpy(), part)
     measures = ("accuracy_validation", "sops_total", "energy_estimate_nJ", "signal_ms")
     means = {name: float(part[name].mean()) for name in measures}
     return {"way": way, "setting": setting, "seeds": len(part), "accuracy_test": found.mean, "low": found.low,
-            "high": found.high, **means}  # fmt: skip
+            "high": found.high, **means, "share": _share(part, base)}  # fmt: skip
 
 
 def _interval(values: np.ndarray, rows: pd.DataFrame) -> Interval:
@@ -78,22 +77,24 @@ def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
     results: rows of one set. The first of the list is the way with the best validation accuracy, of equal ones that
     with the fewest SOPs; ways that never save as much are not in it. Test accuracy is looked at only afterwards.
     """
-    base = results[results["way"] == NOTHING].set_index("seed")
+    base = results[results["way"] == NOTHING]
+    before = base.set_index("seed")["accuracy_test"]
     found = []
     for way, rows in results[results["way"] != NOTHING].groupby("way", sort=False):
         enough = [part for _, part in rows.groupby("setting", sort=False) if _share(part, base) <= share]
         if enough:
             best = max(enough, key=lambda part: (part["accuracy_validation"].mean(), -part["sops_total"].mean()))
             mine = best.set_index("seed")
-            seeds = [seed for seed in base.index if seed in mine.index]
-            lost = (base.loc[seeds, "accuracy_test"] - mine.loc[seeds, "accuracy_test"]).to_numpy()
+            seeds = [seed for seed in before.index if seed in mine.index]
+            lost = (before.loc[seeds] - mine.loc[seeds, "accuracy_test"]).to_numpy()
             validation = float(best["accuracy_validation"].mean())
             found.append(Halved(str(way), str(best["setting"].iloc[0]), _share(best, base), validation, lost, best))
     return sorted(found, key=lambda each: (-each.accuracy_validation, each.share))
 
 
 def _share(part: pd.DataFrame, base: pd.DataFrame) -> float:
-    return float(part["sops_total"].mean() / base["sops_total"].mean())
+    """Of the SOPs of the network that saves nothing, over the same seeds; NaN where there is none."""
+    return float(part["sops_total"].mean() / base.loc[base["seed"].isin(part["seed"]), "sops_total"].mean())
 
 
 def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:

@@ -45,6 +45,15 @@ def test_fronts_are_of_points_that_none_beats():
     assert (row["low"], row["high"]) == pytest.approx(resampled_interval([0.8, 0.81, 0.82], 70, 15)[1:])
 
 
+def test_shares_are_of_the_same_seeds():
+    rows = table(POINTS[:3])
+    rows.loc[(rows["way"] == NOTHING) & (rows["seed"] == 0), "sops_total"] = 4000.0
+    only = rows[(rows["seed"] == 0) | (rows["setting"] != "10 & 10 ms")]
+    found = fronts(only).set_index("setting")["share"]
+    assert found["10 & 10 ms"] == pytest.approx(0.1)
+    assert found["5 & 5 ms"] == pytest.approx(0.3)
+
+
 def test_a_way_that_saves_nothing_is_beaten_by_saving_nothing():
     found = fronts(table([*POINTS, ("no recurrence", "feed-forward", 1100.0, 0.8, 0.8)])).set_index("way")
     assert not found.loc["no recurrence", "on_own_front"]
