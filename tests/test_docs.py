@@ -126,6 +126,14 @@ def test_links_within_the_pages_lead_somewhere(page, site):
     assert not broken
 
 
+def test_every_page_is_in_the_navigation_of_the_site():
+    listed = [line for token in tokens_of(ROOT / "docs" / "index.md") if token.type == "fence"
+              for line in token.content.splitlines() if line and not line.startswith(":")]  # fmt: skip
+    docs = ROOT / "docs"
+    pages = {str(path.relative_to(docs).with_suffix("")) for path in docs.rglob("*.md")}
+    assert sorted(listed) == sorted(pages - {"index"})
+
+
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
 def test_the_commands_of_a_page_are_those_of_the_program(page):
     wrong = {line: why for line, whole in commands_of(page) if (why := complaint(line, whole=whole))}
