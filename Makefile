@@ -50,7 +50,7 @@ $(VENV)/.linters: $(VENV)/.installed
 	touch $@
 
 $(VENV)/.site: $(VENV)/.installed
-	$(INSTALL) sphinx myst-nb furo
+	$(INSTALL) sphinx myst-parser furo
 	touch $@
 
 # Norse and SpikingJelly ask for torchvision, which they do not need here; Brian2 needs an older numpy than ours.

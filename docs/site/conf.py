@@ -16,7 +16,7 @@ author = "The neurotact authors"
 project_copyright = author
 version = release = neurotact.__version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "docstrings", "mathml", "local", "written"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "docstrings", "mathml", "local", "written"]
 root_doc = "index"
 exclude_patterns = ["site"]
 
