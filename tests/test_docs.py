@@ -1,8 +1,11 @@
 """The pages: their links, their code, their commands, and the references that are written from the program."""
 
 import ast
+import json
+import os
 import re
 import shlex
+import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -334,3 +337,23 @@ def test_docstrings_are_read_as_they_are_written(written, read, site):
 def test_a_page_that_asks_another_host_is_found(page, asks, site, tmp_path):
     (tmp_path / "page.html").write_text(page)
     assert len(site("local").requests(tmp_path)) == asks
+
+
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
+def test_a_notebook_runs_and_names_pages_that_exist(notebook):
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    told = "".join(line for cell in cells if cell["cell_type"] == "markdown" for line in cell["source"])
+    assert all((notebook.parent / link).is_file() for link in re.findall(r"\]\(([^)#]+)", told))
+    code = "\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "code")
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=notebook.parent,
+        env={**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
