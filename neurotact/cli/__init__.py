@@ -40,7 +40,9 @@ COMMANDS = {
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count what it cost."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
     "stream": Place("deploy", "stream", "Decide as samples come, from a pipe, a device or a file."),
-    "export": Place("deploy", "export_command", "Write a trained chain as C, or check it against a chip's limits."),
+    "export": Place(
+        "deploy", "export_command", "Write a trained chain as C or NIR, or check it against a chip's limits."
+    ),
     "study": Place("studies", "app", "Run, resume and report studies."),
 }
 

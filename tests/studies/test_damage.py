@@ -414,7 +414,8 @@ def test_junk_inside_a_journal_is_one_sentence(tmp_path_factory, junk):
 @given(st.sampled_from([name for name in LINE if name != "sops"]), JSON)
 def test_a_journal_holds_what_a_search_leaves(tmp_path_factory, key, value):
     path = tmp_path_factory.mktemp("journal") / "journal.jsonl"
-    path.write_text(json.dumps(LINE | {key: value, "value": 0.5}) + "\n" + json.dumps(LINE | {"id": 1}) + "\n")
+    line = LINE | {"value": 0.5}
+    path.write_text(json.dumps(line | {key: value}) + "\n" + json.dumps(line | {"id": 1}) + "\n")
     with suppress(InputError):
         first, _ = search.read_journal(path)
         assert 0 <= (first.accuracy or 0) <= 1
