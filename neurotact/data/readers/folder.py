@@ -22,6 +22,11 @@ MOST_NAMED = 5
 RATES_DIFFER = 0.1
 """Share by which a file's sampling rate may differ from that of all before a warning names it."""
 
+OTHER_UNIT = 100.0
+"""A rate that is given and one that the time stamps show differ by so much only where their unit is another one."""
+SLOWEST_HZ = 1.0
+"""A slower sampling rate is named in a warning."""
+
 log = logging.getLogger("neurotact")
 
 
@@ -121,7 +126,9 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
     if not stamps:
         assert given_Hz is not None
         return float(given_Hz), [trial.signal for trial in trials]
-    rate_Hz = clock.rate_of(stamps) if given_Hz is None else float(given_Hz)
+    found_Hz = clock.rate_of(stamps)
+    rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
+    _check_unit(found_Hz, given_Hz, folder)
     n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
     check_size(f"{folder} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
     signals = [
@@ -139,6 +146,21 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
         )  # fmt: skip
     _warn_of_other_rates(trials, rate_Hz, folder)
     return rate_Hz, signals
+
+
+def _check_unit(found_Hz: float, given_Hz: float | None, folder: Path) -> None:
+    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is another one."""
+    if given_Hz is None:
+        if found_Hz < SLOWEST_HZ:
+            log.warning(
+                "%s: the time stamps give %.3g Hz, which is slow for touch; say their unit with --time-unit",
+                folder, found_Hz,
+            )  # fmt: skip
+    elif not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
+        raise InputError(
+            f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; say the "
+            "unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
+        )
 
 
 def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, folder: Path) -> None:

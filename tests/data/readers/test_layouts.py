@@ -204,3 +204,18 @@ def test_folders_less_deep_than_the_levels_are_named(tmp_path):
     write(tmp_path / "felt" / "a.csv", "1,2\n")
     with pytest.raises(InputError, match=r"a\.csv: lies 1 sub-folders deep where --levels names 2 \(label, speed\)"):
         nt.read_folder(tmp_path, 100, "mV", levels="label,speed")
+
+
+def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
+    for name in ("felt", "silk"):
+        (tmp_path / name).mkdir()
+        rows = [f"{4277465 + 28 * n},{n % 7}" for n in range(20)]
+        (tmp_path / name / "a.csv").write_text("\n".join(["timestamp,a", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and --sampling-rate-Hz says 35\.6 Hz; say the unit"):
+        nt.read_folder(tmp_path, 35.6, "count", time_column="timestamp")
+    assert nt.read_folder(tmp_path, 35.6, "count", time_column="timestamp", time_unit="ms").sampling_rate_Hz == 35.6
+    assert "--time-unit" not in caplog.text
+    assert nt.read_folder(tmp_path, unit="count", time_column="timestamp").sampling_rate_Hz == pytest.approx(
+        1 / 28, 1e-3
+    )
+    assert "the time stamps give 0.0357 Hz, which is slow for touch; say their unit with --time-unit" in caplog.text
