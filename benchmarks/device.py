@@ -18,7 +18,7 @@ from neurotact.progress import say
 
 
 def trained_run(folder: Path, trials: int) -> Path:
-    """A run folder with its recordings and spikes beside it; what is there already is used again."""
+    """A run folder with its recordings and spikes beside it; an existing one is used again."""
     run, touches, spikes = folder / "run", folder / "gratings.h5", folder / "spikes.h5"
     if (run / "network.json").is_file():
         return run

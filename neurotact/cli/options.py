@@ -113,7 +113,7 @@ def split_changes(
     folds: int | None,
     repeats: int | None,
 ) -> dict[str, Any]:
-    """The options that say how trials are divided, as changes of a study: what is not given stays as it is there."""
+    """The options that say how trials are divided, as changes of a study; others keep the study's value."""
     given = {"split.group": group, "split.order": order, "split.folds": folds}
     changes = {key: value for key, value in given.items() if value}
     if test_where:

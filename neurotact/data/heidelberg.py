@@ -1,7 +1,7 @@
 """HDF5 files in the layout of the Spiking Heidelberg Digits, as they are published (Cramer et al. 2022).
 
 `spikes/times` and `spikes/units`: a row of its own length per trial, in s. `labels`: the class of each, an index into
-`extra/keys` where that is there. Other datasets of one value per trial in `extra` are conditions, such as `speaker`
+`extra/keys` if the file has it. Other datasets of one value per trial in `extra` are conditions, such as `speaker`
 (doi 10.1109/TNNLS.2020.3044364).
 """
 

@@ -198,7 +198,7 @@ def _saturated(state: np.ndarray, bits: int) -> np.ndarray:
 
 
 class _Race(NamedTuple):
-    """The race of the classes in whole numbers: `networks.early_exit.Leader`, a row a window."""
+    """The race of the classes in whole numbers: `networks.early_exit.Leader`, one row per window."""
 
     counts: np.ndarray
     index: np.ndarray

@@ -10,7 +10,7 @@ from neurotact.data.recordings import Trials
 from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode
 
 REST_MS, SEEN_MS = 100.0, 2000.0
-"""A trial's first stretch, which is taken for its rest, and how much of it is looked at."""
+"""A trial's first stretch, which counts as its rest, and how much of the trial is used."""
 MOST_TRIALS = 128
 RESTLESS = 0.5
 """An afferent that fires at rest with this share of its rate afterwards, or more, is no witness of touch."""

@@ -208,7 +208,7 @@ def _mark_chance(panels: Sequence[Axes], chance: float) -> None:
 
 
 def _paint_points(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, *, filled: bool) -> None:
-    """Networks with their deviations over seeds, and the front through those that none beats."""
+    """Networks with their deviations over seeds, and their Pareto front."""
     x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
     x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
     front = pareto_front(x, y)

@@ -24,7 +24,7 @@ def test_the_error_is_that_of_two_more_right_and_wrong_trials():
 def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():
     best = network("1&1", validation=0.95, accuracy=0.93, sops=1000)
     near = network("5&5", validation=0.93, accuracy=0.91, sops=400)  # 0.02 below, error 0.0253
-    far = network("10&10", validation=0.92, accuracy=0.99, sops=100)  # 0.03 below; its test accuracy is not looked at
+    far = network("10&10", validation=0.92, accuracy=0.99, sops=100)  # 0.03 below; its test accuracy is ignored
     found = answer([best, near, far], [], 0.25, TRIALS)
     assert found.error == pytest.approx(math.sqrt((0.95 * 96 + 2) / 100 * (1 - (0.95 * 96 + 2) / 100) / 100))
     assert (found.best, found.cheapest) == (best, near)

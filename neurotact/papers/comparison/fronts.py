@@ -75,7 +75,7 @@ def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
     """Of each way the setting with the best validation accuracy among those with at most this share of the SOPs.
 
     results: rows of one set. The first of the list is the way with the best validation accuracy, of equal ones that
-    with the fewest SOPs; ways that never save as much are not in it. Test accuracy is looked at only afterwards.
+    with the fewest SOPs; ways that never save as much are left out. Test accuracy is read only afterwards.
     """
     base = results[results["way"] == NOTHING]
     before = base.set_index("seed")["accuracy_test"]

@@ -187,7 +187,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
 
 
 def train_folds(parameters: Parameters, sequences: np.ndarray, labels: np.ndarray, folds: list[Fold]) -> list[Trained]:
-    """Train every run of every fold at every pair; nothing of a fold's validation or test patterns is looked at before.
+    """Train every run of every fold at every pair; no fold's validation or test patterns are used before.
 
     sequences `(pattern, step, channel)`; labels `(pattern,)`.
     """

@@ -51,7 +51,7 @@ function pointTraces(study, points, kind, isFirst) {
   });
 }
 
-/* The points that none beats in both accuracy and cost, from the cheapest. */
+/* The Pareto front of accuracy and cost, from the cheapest point on. */
 function frontOf(points, kind, cost) {
   const sorted = drawable(points, kind, cost).sort((a, b) => a[kind][cost] - b[kind][cost] || b[kind].accuracy - a[kind].accuracy);
   let best = -1;
