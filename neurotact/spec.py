@@ -14,7 +14,14 @@ from datetime import date, time
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Tag, ValidationError
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationError,
+    model_serializer,
+)
 
 import neurotact
 from neurotact.errors import InputError, nearest
@@ -35,6 +42,12 @@ class Spec(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
     folder: ClassVar[str] = ""
+    later_keys: ClassVar[tuple[str, ...]] = ()
+    """Keys that came after specs of this kind had been used: with its default, such a key is not written."""
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return without_defaults(self, dump(self), self.later_keys)
 
     def digest(self) -> str:
         """Twelve hexadecimal digits that identify the content, independent of key order and comments.

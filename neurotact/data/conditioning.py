@@ -6,16 +6,16 @@ A trial is conditioned whole, or piece by piece where it is long; the result is 
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import AfterValidator, Field
 from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings, Trials, unit_factor
 from neurotact.errors import InputError
 from neurotact.files import check_size
-from neurotact.spec import Spec, without_defaults
+from neurotact.spec import Spec
 
 Baseline = Literal["none", "mean", "median", "first", "start", "running", "high-pass"]
 Pieces = Callable[[], Iterator[np.ndarray]]
@@ -35,6 +35,7 @@ def _not_zero(value: float) -> float:
 class ConditioningSpec(Spec):
     """What is done to a recording before it drives afferents, in this order."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("start_ms", "high_pass_Hz")
     ema_cutoff_Hz: float | None = Field(default=None, gt=0)
     """Cut-off of the exponential moving average; none when absent."""
     resample_Hz: float | None = Field(default=None, gt=0)
@@ -53,10 +54,6 @@ class ConditioningSpec(Spec):
     """Standardisation, a taxel each: divided by afterwards. Negative for a sensor whose signal falls on contact."""
     rectify: bool = False
     """Take the absolute value at the end."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), ("start_ms", "high_pass_Hz"))
 
 
 def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:

@@ -5,26 +5,25 @@ No trial, and where groups are named no group, stands on two sides. Windows foll
 
 import warnings
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_validator
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.errors import InputError, nearest
-from neurotact.spec import Spec, without_defaults
+from neurotact.spec import Spec
 
 AS_RECORDED = "trial"
 """The value of `order` that takes the trials as they stand in the file, where no condition has this name."""
-LATER_KEYS = ("group", "test_where", "order", "folds", "fold")
-"""Keys that came after networks had been trained: without them a split is written as it was then."""
 
 
 class SplitSpec(Spec):
     """How trials are divided (70/15/15 at random in the texture paper)."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("group", "test_where", "order", "folds", "fold")
     validation: float = Field(default=0.15, gt=0, lt=1)
     """Share of all trials; with `test_where` or `folds`, which say themselves what is tested, of the other trials."""
     test: float = Field(default=0.15, gt=0, lt=1)
@@ -79,10 +78,6 @@ class SplitSpec(Spec):
             hint = f"be 0 to {self.folds - 1}" if self.folds else "have folds beside it, the number of folds"
             raise ValueError(f"fold must {hint}; got {self.fold}")
         return self
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), LATER_KEYS)
 
 
 class Split(NamedTuple):

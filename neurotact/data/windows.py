@@ -1,15 +1,15 @@
 """Windows of a trial, which remember the trial that they come from."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 
 from neurotact.data.contact import OnsetSpec
 from neurotact.errors import InputError
 from neurotact.files import check_size
-from neurotact.spec import Spec, without_defaults
+from neurotact.spec import Spec
 
 LONGEST_STEPS = 2**40
 """Of a trial or a window: at 1 MHz twelve days. What is longer is a damaged number, and would overflow."""
@@ -20,6 +20,7 @@ BYTES_PER_WINDOW = 40
 class WindowSpec(Spec):
     """Which stretches of each trial a network sees."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("align", "onset")
     length_ms: float = Field(default=150.0, gt=0)
     """Length of a window."""
     start_ms: float = Field(default=0.0, ge=0)
@@ -31,10 +32,6 @@ class WindowSpec(Spec):
     align: Literal["trial", "onset"] = "trial"
     """What `start_ms` counts from: the trial's beginning, or the onset of contact."""
     onset: OnsetSpec = OnsetSpec()
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), ("align", "onset"))
 
 
 @dataclass(frozen=True)

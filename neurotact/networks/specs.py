@@ -7,10 +7,6 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
-LATER_TRAINING_KEYS = (
-    "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
-    "readout_dropout", "optimiser", "betas",
-)  # fmt: skip
 LATER_KEYS = ("recurrent_delay_steps", "readout_surrogate_scale", "readout", "input_deviation", "recipe")
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
 
@@ -18,6 +14,10 @@ LATER_KEYS = ("recurrent_delay_steps", "readout_surrogate_scale", "readout", "in
 class TrainingSpec(Spec):
     """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
 
+    later_keys: ClassVar[tuple[str, ...]] = (
+        "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
+        "readout_dropout", "optimiser", "betas",
+    )  # fmt: skip
     optimiser: Literal["adam", "adamax"] = "adam"
     """adamax divides each step by the largest gradient of late in place of the root of its mean square (Kingma and Ba
     2015, Sec. 7.1)."""
@@ -53,10 +53,6 @@ class TrainingSpec(Spec):
     readout_dropout: float = Field(default=0.0, ge=0, lt=1)
     """The share of hidden neurons that an integrator does not hear in a training step, drawn anew for each window; a
     readout that counts hears all."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), LATER_TRAINING_KEYS)
 
 
 class RSNNSpec(Spec):

@@ -5,12 +5,12 @@ import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 import torch
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field
 from sklearn.metrics import confusion_matrix
 from torch import Tensor
 
@@ -29,7 +29,7 @@ from neurotact.networks.provenance import SIDES, Provenance, first_difference, p
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Checkpoint, Epoch, Examples, Training, train
-from neurotact.spec import Spec, build, without_defaults
+from neurotact.spec import Spec, build
 from neurotact.tables import write_table
 
 LOG = "training.csv"
@@ -39,6 +39,7 @@ LOG = "training.csv"
 class Task(Spec):
     """What a network is trained and tested on: which trials, which windows, which sides of the split."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice",)
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     stratify: tuple[str, ...] = ()
@@ -49,10 +50,6 @@ class Task(Spec):
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
     from which on all are, on validation windows and on those and the training windows together."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), ("exit_choice",))
 
     @property
     def training_window(self) -> WindowSpec:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from neurotact import plugins
 from neurotact import spec as specs
@@ -103,14 +103,11 @@ def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
 class EarlyExitSpec(Spec):
     """How the one patience of a network is chosen on validation trials."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("choice",)
     tolerance: float = Field(default=0.01, ge=0, lt=1)
     """Accuracy that may be lost on the validation trials."""
     choice: Literal["least", "steady"] = "least"
     """As `exit_choice` of a `Task`."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return specs.without_defaults(self, dump(self), ("choice",))
 
 
 class SelectionSpec(Spec):
