@@ -20,7 +20,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks import pruning, recipe, trained
-from neurotact.networks.early_exit import FULL_WINDOW
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.ledger import encoding_cost, network_cost
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -82,16 +82,26 @@ class Bench(NamedTuple):
     seeds: tuple[int, int]
 
 
-class Fitted(NamedTuple):
-    """A trained network, the windows that it was made for, and what its encoder costs per step."""
+class Sides(NamedTuple):
+    """Windows of training, validation and test trials, the spike trains that they are cut from, and what encoded them.
 
-    network: RSNN
+    encoder: as saved with the spikes; None for events. n_taxels: those that afferents are left of.
+    """
+
+    training: Examples
     validation: Examples
     test: Examples
-    train: Examples
-    order: torch.Generator
+    trains: SpikeTrains
     encoder: Mapping[str, Any] | None
     n_taxels: int
+
+
+class Fitted(NamedTuple):
+    """A trained network, the windows that it was made for, and what drew their order."""
+
+    network: RSNN
+    sides: Sides
+    order: torch.Generator
 
 
 def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
@@ -101,34 +111,41 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
     """
     name = setting.first_training()
     if name not in known:
-        known[name] = _fit(bench, setting)
+        sides = cut(bench, setting)
+        seen = recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz)
+        whole_steps = round(bench.window.length_ms * 1e-3 * seen.sampling_rate_Hz)
+        known[name] = fit(sides, changed(bench.network, setting, seen, whole_steps), bench.seeds)
     fitted = known[name]
     if setting.prune is not None:
         fitted = _pruned(fitted, setting)
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
-        rule = trained.exit_rule(fitted.network, fitted.validation, setting.exit_tolerance)
-    network, test = fitted.network, fitted.test
+        rule = trained.exit_rule(fitted.network, fitted.sides.validation, setting.exit_tolerance)
+    return row_of(fitted, rule, pruned=setting.prune is not None)
+
+
+def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False) -> dict[str, Any]:
+    """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the weights that remain."""
+    network, validation, test = fitted.network, fitted.sides.validation, fitted.sides.test
     found = network.infer(test.spikes, rule)
-    counted = trained.synops_of(found, network)
-    if setting.prune is not None:
-        counted = pruning.remaining_synops(network, test.spikes)
+    counted = pruning.remaining_synops(network, test.spikes) if pruned else trained.synops_of(found, network)
     sops = {f"sops_{part}": float(values.mean()) for part, values in counted._asdict().items()}
     spent = _cost(fitted, sops, float(found.steps.double().mean()))
     return {
-        "accuracy_validation": trained.accuracy_of(network.infer(fitted.validation.spikes, rule), fitted.validation),
+        "accuracy_validation": trained.accuracy_of(network.infer(validation.spikes, rule), validation),
         "accuracy_test": trained.accuracy_of(found, test),
         **sops,
         "energy_estimate_nJ": spent.energy_estimate_nJ,
         "signal_ms": spent.signal_ms,
         "input_spikes": float(found.input_spikes.double().mean()),
         "hidden_spikes": float(found.hidden_spikes.double().mean()),
-        "n_train": len(fitted.train.labels),
+        "n_train": len(fitted.sides.training.labels),
         "n_test": len(test.labels),
     }
 
 
-def _fit(bench: Bench, setting: Setting) -> Fitted:
+def cut(bench: Bench, setting: Setting) -> Sides:
+    """The windows of each side under a setting's refractory periods, taxels and length."""
     trains = _sent(bench, setting)
     step_ms = 1e3 / trains.sampling_rate_Hz
     hop_ms = bench.window.hop_ms or bench.window.length_ms
@@ -136,15 +153,17 @@ def _fit(bench: Bench, setting: Setting) -> Fitted:
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
     sides = [trained.examples_of(trains, side, window)[0] for side in bench.split]
     kept, n_taxels = _kept(trains, sides[0].spikes, setting.taxels)
-    training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
-    weights, order = (torch.Generator().manual_seed(seed) for seed in bench.seeds)
-    seen = recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
-    whole_steps = round(bench.window.length_ms / step_ms)
-    spec = changed(bench.network, setting, seen, whole_steps)
-    network = trained.begin(training.spikes, len(trains.classes), spec, trains.sampling_rate_Hz, weights)
-    train(network, training, validation, generator=order)
-    encoder = None if bench.encoder is None else trains.encoder
-    return Fitted(network, validation, test, training, order, encoder, n_taxels)
+    cut_sides = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
+    return Sides(*cut_sides, trains, None if bench.encoder is None else trains.encoder, n_taxels)
+
+
+def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
+    """A network trained on them; the seeds are of its weights and of the order of windows."""
+    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+    n_classes, rate_Hz = len(sides.trains.classes), sides.trains.sampling_rate_Hz
+    network = trained.begin(sides.training.spikes, n_classes, spec, rate_Hz, weights)
+    train(network, sides.training, sides.validation, generator=order)
+    return Fitted(network, sides, order)
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:
@@ -217,7 +236,7 @@ def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
     if setting.train_on:
         order = torch.Generator().manual_seed(fitted.order.initial_seed() + 1)
         with pruning.pruned_stay_pruned(network):
-            train(network, fitted.train, fitted.validation, generator=order)
+            train(network, fitted.sides.training, fitted.sides.validation, generator=order)
     return fitted._replace(network=network)
 
 
@@ -226,6 +245,6 @@ def _cost(fitted: Fitted, sops: Mapping[str, float], steps: float) -> Cost:
     signal_ms = 1e3 * steps / network.sampling_rate_Hz
     sizes = network.n_inputs, network.n_classes
     spent = network_cost(network.spec, *sizes, sops, steps=steps, signal_ms=signal_ms)
-    if fitted.encoder is None:
+    if fitted.sides.encoder is None:
         return spent
-    return spent + encoding_cost(fitted.n_taxels, steps, signal_ms, fitted.encoder)
+    return spent + encoding_cost(fitted.sides.n_taxels, steps, signal_ms, fitted.sides.encoder)

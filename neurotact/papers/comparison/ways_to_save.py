@@ -161,8 +161,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     if SKIPPED in arrays:
         nothing = dict.fromkeys(VIEW.measures, float("nan"))
         return [{"way": "", "setting": "", **nothing, SKIPPED: str(arrays[SKIPPED])}]
-    bench = bench_of(parameters, arrays)
-    step_ms = _step_ms(parameters, arrays)
+    bench = bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    step_ms = _step_ms(parameters.data, arrays)
     known: dict[str, Fitted] = {}
     rows = []
     for way, settings in {NOTHING: (Setting(),), **parameters.ways}.items():
@@ -174,19 +174,19 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     return rows
 
 
-def bench_of(parameters: Parameters, arrays: Arrays) -> Bench:
+def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Bench:
     """What all ways share on one set and seed: gains are calibrated on the training trials."""
-    chosen, labels = parameters.data.chosen, arrays["labels"]
+    chosen, labels = data.chosen, arrays["labels"]
     rate_Hz = float(arrays["sampling_rate_Hz"])
     conditions = pd.DataFrame({LABEL: labels})
-    split = split_trials(labels, SplitSpec(seed=2 * parameters.seed))
-    seeds = (2 * parameters.seed, 2 * parameters.seed + 1)
+    split = split_trials(labels, SplitSpec(seed=2 * seed))
+    seeds = (2 * seed, 2 * seed + 1)
     if "raster" in arrays:
         trains = from_rasters(arrays["raster"], rate_Hz, tuple(arrays["afferents"].tolist()), conditions)
-        return Bench(trains, None, split, chosen.window, parameters.network, seeds)
-    felt = Recordings(list(arrays["signals"]), rate_Hz, chosen.unit, conditions, source=parameters.data.set)
-    encoder = _calibrated(felt.select(split.train), chosen, _step_ms(parameters, arrays))
-    return Bench(felt, encoder, split, chosen.window, parameters.network, seeds)
+        return Bench(trains, None, split, chosen.window, network, seeds)
+    felt = Recordings(list(arrays["signals"]), rate_Hz, chosen.unit, conditions, source=data.set)
+    encoder = _calibrated(felt.select(split.train), chosen, _step_ms(data, arrays))
+    return Bench(felt, encoder, split, chosen.window, network, seeds)
 
 
 def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> AfferentSpec:
@@ -205,9 +205,9 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     return found.model_copy(update={"conditioning": slower, **parts})
 
 
-def _step_ms(parameters: Parameters, arrays: Arrays) -> float:
+def _step_ms(data: WaysData, arrays: Arrays) -> float:
     """A step of the clock that afferents or events are on."""
-    return 1e3 / (parameters.data.chosen.conditioning.resample_Hz or float(arrays["sampling_rate_Hz"]))
+    return 1e3 / (data.chosen.conditioning.resample_Hz or float(arrays["sampling_rate_Hz"]))
 
 
 def named(setting: Setting, step_ms: float, events: bool) -> str:

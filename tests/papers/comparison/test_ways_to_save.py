@@ -119,7 +119,7 @@ def test_a_shorter_window_leaves_recurrence_as_it_is():
 
 def test_gains_hold_on_the_set_s_clock(tmp_path):
     parameters, arrays, _ = ran("gratings", tmp_path, {})
-    bench = bench_of(parameters, arrays)
+    bench = bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     assert bench.encoder is not None
     assert bench.encoder.conditioning.resample_Hz == 500.0
     assert bench.encoder.sa1.t_ref_ms == bench.encoder.ra1.t_ref_ms == 2.0

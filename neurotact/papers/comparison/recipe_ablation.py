@@ -1,0 +1,187 @@
+"""What each choice of the default recipe is worth: the same network with one thing taken away or changed, set by set.
+
+The sets, their splits and their encoders are those of `ways_to_save`.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from pydantic import Field
+
+from neurotact.errors import InputError, nearest
+from neurotact.figures.style import INK, Drawn, new_figure, printed
+from neurotact.metrics.resampled import Interval, resampled_interval
+from neurotact.networks import recipe
+from neurotact.networks.specs import RSNNSpec
+from neurotact.papers.comparison import ways_to_save
+from neurotact.papers.comparison.saving import Setting, cut, fit, row_of
+from neurotact.papers.comparison.ways_to_save import SKIPPED, WaysData
+from neurotact.spec import Spec, build, override
+from neurotact.studies.protocol import Arrays, View
+
+WHOLE = "the recipe"
+
+
+class Parameters(Spec):
+    """The recipe, and the recipe with one thing taken away or changed, on one set."""
+
+    data: WaysData
+    without: dict[str, tuple[str, ...]] = {}
+    """Keys that fall back to what a network without a recipe has, under the name of the choice that is taken away."""
+    instead: dict[str, dict[str, Any]] = {}
+    """Keys with other values, under the name of the change."""
+    network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
+    seed: int = Field(default=0, ge=0)
+    """Of the split, the weights and the order of training."""
+
+
+VIEW = View(
+    by=("set", "change"),
+    measures={
+        "accuracy_test": "test accuracy (%)",
+        "accuracy_validation": "validation accuracy (%)",
+        "sops_total": "SOPs",
+        "hidden_spikes": "hidden spikes",
+    },
+    cost="sops_total",
+    score="accuracy_test",
+    note="Each seed has a split of its own, the same for all changes. A change that leaves the network of a set as "
+    "it is has no row there. Sets whose recordings are not at hand are left out; the column `skipped` of results.csv "
+    "says why.",
+)
+
+load = ways_to_save.load
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
+    """A row for the recipe, and one for each change that alters the network."""
+    if SKIPPED in arrays:
+        nothing = dict.fromkeys(VIEW.measures, float("nan"))
+        return [{"change": "", **nothing, SKIPPED: str(arrays[SKIPPED])}]
+    bench = ways_to_save.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    sides = cut(bench, Setting())
+    whole = recipe.resolve(parameters.network, recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz))
+    networks = {WHOLE: whole, **variants(whole, parameters)}
+    return [{"change": name, **row_of(fit(sides, spec, bench.seeds)), SKIPPED: ""} for name, spec in networks.items()]
+
+
+def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
+    """The network of each change by its name, but for those that change nothing.
+
+    whole: what the recipe chose.
+
+    >>> asked = Parameters(
+    ...     data={"set": "a", "sets": {"a": {"simulate": "gratings"}}}, without={"readout": ("readout",)},
+    ...     instead={"feed-forward": {"model": "snn"}, "recurrent": {"model": "rsnn"}},
+    ... )
+    >>> found = variants(RSNNSpec(readout="integrator"), asked)
+    >>> {name: (spec.readout, spec.model) for name, spec in found.items()}
+    {'readout': ('count', 'rsnn'), 'feed-forward': ('integrator', 'snn')}
+    """
+    table, plain = whole.model_dump(mode="json"), _plain()
+    tables = {
+        name: override(table, {key: _of(plain, key) for key in keys}) for name, keys in parameters.without.items()
+    }
+    tables |= {name: override(table, values) for name, values in parameters.instead.items()}
+    specs = {name: build(RSNNSpec, each, source=f"'{name}'") for name, each in tables.items()}
+    return {name: spec for name, spec in specs.items() if spec != whole}
+
+
+def _plain() -> dict[str, Any]:
+    """Every key of a network without a recipe, dotted."""
+    plain = RSNNSpec()
+    return {**dict(plain), **{f"training.{key}": value for key, value in plain.training}}
+
+
+def _of(plain: Mapping[str, Any], key: str) -> Any:
+    if key not in plain:
+        raise InputError(f"parameters.without: '{key}' is no key of a network; {nearest(key, list(plain))}")
+    return plain[key]
+
+
+def changes(results: pd.DataFrame) -> pd.DataFrame:
+    """A row for each set and change: the accuracy that is lost beside the recipe, seed by seed.
+
+    results: rows with set, change, seed, n_train, n_test, accuracy_test and sops_total.
+    Columns: set, change, seeds, accuracy_test (mean), lost (mean of the differences), low and high (95 % interval of
+    `lost`, corrected for splits that share trials; NaN for one seed), share (of the recipe's SOPs).
+    """
+    rows = []
+    for name, part in results.groupby("set", sort=False):
+        whole = part[part["change"] == WHOLE].set_index("seed")
+        for change, mine in part[part["change"] != WHOLE].groupby("change", sort=False):
+            mine = mine.set_index("seed")
+            both = whole.index.intersection(mine.index)
+            lost = (whole.loc[both, "accuracy_test"] - mine.loc[both, "accuracy_test"]).to_numpy()
+            share = float(mine.loc[both, "sops_total"].mean() / whole.loc[both, "sops_total"].mean())
+            rows.append({"set": name, "change": change, "seeds": len(both), "share": share,
+                         "accuracy_test": float(mine.loc[both, "accuracy_test"].mean()),
+                         **_interval(lost, mine)._asdict()})  # fmt: skip
+    return pd.DataFrame(rows).rename(columns={"mean": "lost"})
+
+
+def _interval(lost: np.ndarray, rows: pd.DataFrame) -> Interval:
+    if len(lost) < 2:
+        return Interval(float(np.mean(lost)), float("nan"), float("nan"))
+    return resampled_interval(lost, int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0]))
+
+
+def answers(results: pd.DataFrame) -> list[str]:
+    """One sentence for each set: what the recipe reaches, and which choice is worth most."""
+    shown = results[results["accuracy_test"].notna()]
+    found = changes(shown) if not shown.empty else pd.DataFrame()
+    sentences = []
+    for name, rows in shown.groupby("set", sort=False):
+        reached = rows.loc[rows["change"] == WHOLE, "accuracy_test"].mean()
+        mine = found[found["set"] == name]
+        said = f"{name}: the recipe has {100 * reached:.1f} %"
+        if not mine.empty:
+            most = mine.loc[mine["lost"].idxmax()]
+            verb = "loses" if most["lost"] > 0 else "gains"
+            said += f"; of {len(mine)} changes '{most['change']}' {verb} most, {100 * abs(most['lost']):.1f} points"
+            better = mine[mine["high"] < 0]
+            if not better.empty:
+                said += f", and {len(better)} do better by more than their interval: {', '.join(better['change'])}"
+        sentences.append(f"{said}.")
+    return sentences
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Accuracy lost by each change, a panel per set."""
+    shown = results[results["accuracy_test"].notna()]
+    if shown.empty:
+        return
+    yield Drawn(
+        "recipe-ablation",
+        "What each choice of the recipe is worth",
+        draw_changes(changes(shown)),
+        "Mean over seeds of the test accuracy that a change loses beside the recipe, on the same split, with its 95 % "
+        "interval where there are several seeds. Left of 0 the change does better.",
+        "A panel per set; a mark per change, right of the line at 0 where the change loses accuracy.",
+    )
+
+
+@printed
+def draw_changes(table: pd.DataFrame) -> Figure:
+    """A panel per set, a mark per change.
+
+    table: of `changes`.
+    """
+    sets, names = list(table["set"].unique()), list(table["change"].unique())
+    figure = new_figure(0.9 + 0.24 * len(names))
+    panels = figure.subplots(1, len(sets), sharey=True, squeeze=False)[0].tolist()
+    for axes, name in zip(panels, sets, strict=True):
+        mine = table[table["set"] == name]
+        at = [names.index(change) for change in mine["change"]]
+        lost = 100 * mine["lost"]
+        reach = [(lost - 100 * mine["low"]).fillna(0), (100 * mine["high"] - lost).fillna(0)]
+        axes.errorbar(lost, at, xerr=np.array(reach), fmt="o", color=INK, ms=4, elinewidth=0.8)
+        axes.axvline(0, color="0.6", lw=0.8)
+        axes.set(title=name, xlabel="points lost")
+        axes.grid(axis="x")
+    panels[0].set_yticks(range(len(names)), names)
+    panels[0].invert_yaxis()
+    return figure
