@@ -22,14 +22,13 @@ from neurotact.data.conditioning import (
     ConditioningSpec,
     condition_pieces,
     conditioned_length,
-    fit_standardisation,
     is_long,
-    pieces,
     standardised,
 )
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
 from neurotact.encoders.afferents import AfferentSpec, encode
+from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms
@@ -43,13 +42,6 @@ FLOOR_OF_TAU = 0.1
 """To charge within this share of tau_mem takes 10.5 times the drive that just fires: such an ISI is mostly t_ref."""
 STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins so many steps below the gain at which this percentile of the drive just reaches threshold."""
-REST_SD = 2.0
-"""Where no baseline is taken off, a taxel's rest is so many standard deviations below its mean level."""
-QUIET = 0.1
-"""A taxel that deviates less than this share of the liveliest one is noise, or out of touch."""
-ROUNDING = 1e-5
-"""Movements below this share of a taxel's level are float32's own."""
-
 PAST: tuple[Baseline, ...] = ("none", "start")
 """Baselines that `calibrate_causally` chooses from, the first of equal ones."""
 
@@ -164,8 +156,8 @@ def calibrate(
     drawn = recordings.select(_draw(recordings.labels, rule.trials_per_class, rng))
     clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = _excerpts(drawn, conditioning, rule.excerpt_s, rng)
-    offset, scale, quiet = _standardisation(drawn, excerpts, conditioning.baseline, inverted)
-    conditioning = conditioning.model_copy(update={"offset": offset, "scale": scale})
+    scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted)
+    conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
     standardised = Spool(_standardised(excerpts, conditioning))
     felt = Felt(standardised, drawn.labels, drawn.classes, clock_Hz, recordings.source)
@@ -180,8 +172,11 @@ def calibrate(
         chosen[part] = getattr(spec, part).model_copy(update={"gain": gain})
         if gain == table.gain[mine].max():
             notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
-    if quiet:
-        notes.append(f"{', '.join(quiet)}: move less than a tenth of the liveliest taxel and are scaled as if a tenth")
+    less = "less than a tenth of the liveliest taxel"
+    if scaling.noise:
+        notes.append(f"{', '.join(scaling.noise)}: noise, {less} and alike in all classes; scaled as if a tenth")
+    if scaling.small:
+        notes.append(f"{', '.join(scaling.small)}: {less}, but differ between classes; scaled by their own deviation")
     for note in notes if tell else ():
         log.warning("%s: %s", _source(recordings), note)
     return Calibration(fitted.model_copy(update=chosen), table, isi, tuple(notes))
@@ -285,30 +280,6 @@ def _standardised(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec
     """Excerpts as the populations feel them."""
     for signal in excerpts:
         yield standardised(signal, conditioning.offset, conditioning.scale, conditioning.rectify)
-
-
-def _standardisation(
-    recorded: Trials, excerpts: Spool, baseline: Baseline, inverted: bool
-) -> tuple[tuple[float, ...] | None, tuple[float, ...], tuple[str, ...]]:
-    """`(offset, scale, quiet taxels)` of the excerpts; a quiet taxel's noise is not blown up to full size.
-
-    A baseline already says where each trial's zero is, so that nothing more is subtracted. Without one, the level
-    itself is what SA-I feels: counted from the mean, it would silence SA-I in every trial of less than mean pressure.
-    """
-    mean, scale = (np.array(values) for values in fit_standardisation(excerpts))
-    reach = np.max([np.abs(x - mean).max(axis=0) for x in excerpts], axis=0)
-    level = np.max([np.abs(x).max(axis=0) for trial in range(len(recorded)) for x in pieces(recorded, trial)], axis=0)
-    still = reach <= ROUNDING * level
-    if still.all():
-        raise InputError(
-            f"{_source(recorded)}: the training trials never move once they are conditioned, so there is nothing to "
-            "calibrate on; check the sensor, the columns that were read and the encoder's baseline"
-        )
-    liveliest = scale[~still].max()
-    quiet = still | (scale < QUIET * liveliest)
-    scale = np.where(quiet, QUIET * liveliest, scale) * (-1 if inverted else 1)
-    offset = _short(np.where(quiet, mean, mean - REST_SD * scale)) if baseline == "none" else None
-    return offset, _short(scale), tuple(np.array(recorded.channels)[quiet].tolist())
 
 
 def _search(
@@ -526,11 +497,6 @@ def _isi_table(
         for label, name in enumerate(classes)
     ]
     return pd.concat(parts, ignore_index=True).assign(afferent=afferent, gain=gain)
-
-
-def _short(values: np.ndarray) -> tuple[float, ...]:
-    """The same float32 numbers, written with as few digits as they need."""
-    return tuple(float(str(value)) for value in values.astype(np.float32))
 
 
 def _source(recordings: Trials | Felt) -> str:

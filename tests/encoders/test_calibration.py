@@ -66,6 +66,16 @@ def test_scaling_a_sensor_leaves_the_spikes_of_its_encoder_unchanged(fitted, pow
     assert spikes(scaled, other) == spikes(recordings, fitted.encoder)
 
 
+@pytest.mark.parametrize("powers", [(12, 0, 0), (-12, 0, 0), (3, -9, 14)])
+def test_channels_of_other_sizes_beside_it_change_no_spike_of_a_taxel(fitted, powers):
+    recordings = slides()
+    factors = np.float32(2.0) ** np.array(powers, np.float32)
+    mixed = replace(recordings, signals=[signal * factors for signal in recordings.signals])
+    other = calibrate(mixed, SPEC, rule=RULE).encoder
+    assert (other.sa1.gain, other.ra1.gain) == (fitted.encoder.sa1.gain, fitted.encoder.ra1.gain)
+    assert spikes(mixed, other) == spikes(recordings, fitted.encoder)
+
+
 @pytest.mark.parametrize("baseline", ["none", "mean"])
 def test_another_zero_and_another_unit_change_almost_no_spike(baseline):
     # 37.1 x + 500 rounds in float32, so that a spike may fall a step away: nothing more.

@@ -1,0 +1,103 @@
+"""How calibration scales each taxel: by its own deviation, unless it is noise beside livelier taxels."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import f_oneway
+
+from neurotact.data.conditioning import Baseline, fit_standardisation, pieces
+from neurotact.data.recordings import Trials
+from neurotact.errors import InputError
+
+REST_SD = 2.0
+"""Where no baseline is taken off, a taxel's rest is so many standard deviations below its mean level."""
+QUIET = 0.1
+"""A taxel that deviates less than this share of the liveliest one is quiet: small, or noise, or out of touch."""
+CHANCE, SHARE = 0.01, 0.1
+"""A quiet taxel tells classes apart where chance explains it with less than this probability, and classes explain at
+least this share of the spread between trials."""
+ROUNDING = 1e-5
+"""Movements below this share of a taxel's level are float32's own."""
+
+
+class Scaling(NamedTuple):
+    """What each taxel is shifted and divided by, and which taxels are quiet.
+
+    offset: `(taxel,)`, None where a baseline is the zero. scale: `(taxel,)`.
+    small: names of quiet taxels that tell classes apart, and are scaled as all others. noise: those that do not.
+    """
+
+    offset: tuple[float, ...] | None
+    scale: tuple[float, ...]
+    small: tuple[str, ...]
+    noise: tuple[str, ...]
+
+
+def fit(recorded: Trials, excerpts: Sequence[np.ndarray], baseline: Baseline, *, inverted: bool = False) -> Scaling:
+    """Scale each taxel by its standard deviation over the excerpts, `(time, taxel)`, one for each of the trials.
+
+    A quiet taxel counts as noise, and is scaled by a tenth of the liveliest one's deviation so that it stays small,
+    unless its level, its deviation or its change from sample to sample differs between the classes: a sensor may hold
+    channels of another kind, thousands of counts beside tens.
+
+    A baseline already says where each trial's zero is, so that nothing more is subtracted. Without one, the level
+    itself is what SA-I feels: counted from the mean, it would silence SA-I in every trial of less than mean pressure.
+
+    recorded: the trials as recorded. inverted: the scales are negative.
+    Raises InputError for signals that never move.
+    """
+    mean, scale = (np.array(values) for values in fit_standardisation(excerpts))
+    reach = np.max([np.abs(x - mean).max(axis=0) for x in excerpts], axis=0)
+    level = np.max([np.abs(x).max(axis=0) for trial in range(len(recorded)) for x in pieces(recorded, trial)], axis=0)
+    still = reach <= ROUNDING * level
+    if still.all():
+        raise InputError(
+            f"{recorded.source or 'recordings'}: the training trials never move once they are conditioned, so there is "
+            "nothing to calibrate on; check the sensor, the columns that were read and the encoder's baseline"
+        )
+    liveliest = scale[~still].max()
+    quiet = still | (scale < QUIET * liveliest)
+    noise = quiet & (still | ~tells_classes(excerpts, recorded.labels))
+    scale = np.where(noise, QUIET * liveliest, scale) * (-1 if inverted else 1)
+    offset = _short(np.where(noise, mean, mean - REST_SD * scale)) if baseline == "none" else None
+    names = np.array(recorded.channels)
+    return Scaling(offset, _short(scale), tuple(names[quiet & ~noise].tolist()), tuple(names[noise].tolist()))
+
+
+def tells_classes(excerpts: Sequence[np.ndarray], labels: np.ndarray) -> np.ndarray:
+    """Whether a taxel differs between classes, `(taxel,)` bool.
+
+    Of each excerpt `(time, taxel)` three numbers are compared: the mean level, and the logarithms of the deviation and
+    of the mean change from sample to sample. One of them is enough: F test (p below `CHANCE`, over the three) and the
+    share of the spread between trials that classes explain (adjusted for their number, `SHARE` or more). Never where no
+    test is possible, as with one trial per class.
+
+    >>> rng = np.random.default_rng(0)
+    >>> labels = np.repeat([0, 1], 20)
+    >>> excerpts = [np.stack([rng.normal(label, 1, 50), rng.normal(0, 1, 50)], axis=1) for label in labels]
+    >>> tells_classes(excerpts, labels).tolist()
+    [True, False]
+    """
+    features = np.array([_features(np.asarray(signal, np.float64)) for signal in excerpts])
+    classes = [features[labels == label] for label in np.unique(labels)]
+    n_trials, n_classes = len(features), len(classes)
+    if n_classes < 2 or n_trials <= n_classes:
+        return np.zeros(features.shape[2], bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        p = np.asarray(f_oneway(*classes, axis=0).pvalue)
+        within = sum(((each - each.mean(axis=0)) ** 2).sum(axis=0) for each in classes) / (n_trials - n_classes)
+        share = 1 - within / features.var(axis=0, ddof=1)
+    return ((p < CHANCE / len(p)) & (share >= SHARE)).any(axis=0)
+
+
+def _features(signal: np.ndarray) -> np.ndarray:
+    """Level, log of deviation and log of change of each taxel, `(3, taxel)`."""
+    tiny = np.finfo(np.float64).tiny
+    change = np.abs(np.diff(signal, axis=0)).mean(axis=0) if len(signal) > 1 else np.zeros(signal.shape[1])
+    return np.stack([signal.mean(axis=0), np.log(signal.std(axis=0) + tiny), np.log(change + tiny)])
+
+
+def _short(values: np.ndarray) -> tuple[float, ...]:
+    """The same float32 numbers, written with as few digits as they need."""
+    return tuple(float(str(value)) for value in values.astype(np.float32))
