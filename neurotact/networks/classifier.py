@@ -59,7 +59,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     >>> bool(clf.fit(X, y).score(X, y) > 0.9)
     True
     >>> clf.network_.spec.readout, clf.network_.spec.tau_mem_ms
-    ('integrator', 10.0)
+    ('integrator', 5.0)
     >>> clf.decide(X, early_exit=True).columns.tolist()[:3]
     ['predicted', 'steps', 'ms']
     """

@@ -21,7 +21,7 @@ from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
 BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 1000, 10_000
-RECURRENT_STEPS = 400
+RECURRENT_STEPS = 300
 SPARSE = 5.0
 LOOKED_AT = 256
 """Training windows on which weights are scaled, evenly taken."""
@@ -66,7 +66,7 @@ def choices(seen: Seen) -> list[Choice]:
     """What the default recipe chooses for training windows.
 
     >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
-    100.0
+    50.0
     """
     step_ms = 1e3 / seen.sampling_rate_Hz
     window_ms = seen.steps * step_ms
@@ -83,7 +83,7 @@ def choices(seen: Seen) -> list[Choice]:
         ),
         Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper where recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
-        Choice("tau_mem_ms", _short(max(window_ms / 10, step_ms)), "a tenth of the window"),
+        Choice("tau_mem_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
         Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
         Choice("input_deviation", 1.0, "free membranes deviate by one threshold on the training windows"),
         Choice("training.batch", batch, f"windows per step, {BATCH} or as many as make {MOST_STEPS} steps"),
@@ -107,7 +107,7 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     >>> asked = RSNNSpec(recipe="default", tau_syn_ms=5.0)
     >>> chosen = resolve(asked, Seen(900, 1000, 1000.0, 50.0))
     >>> chosen.tau_mem_ms, chosen.tau_syn_ms, chosen.readout, chosen.recipe
-    (100.0, 5.0, 'integrator', None)
+    (50.0, 5.0, 'integrator', None)
     """
     if spec.recipe is None:
         return spec

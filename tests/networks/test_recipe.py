@@ -205,7 +205,7 @@ def test_what_is_chosen_is_told_line_by_line():
     at = Seen(900, 1000, 1000.0, 50.0)
     told = list(recipe.described(DEFAULT, at))
     assert len(told) == len(choices(at))
-    assert "tau_mem_ms = 100.0 (a tenth of the window)" in told
+    assert "tau_mem_ms = 50.0 (a twentieth of the window, one step at least)" in told
     assert list(recipe.described(RSNNSpec(), at)) == []
 
 

@@ -99,12 +99,12 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
     asked = RSNNSpec(recipe="default", hidden=6, training=TrainingSpec(epochs=N_EPOCHS))
     told, told_again = [], []
     assert run(spikes, folder, asked, TASK, tell=told.append) is not None
-    assert "tau_mem_ms = 4.0 (a tenth of the window)" in told
+    assert "tau_mem_ms = 2.0 (a twentieth of the window, one step at least)" in told
     assert "epochs" not in " ".join(told).replace("all epochs", "")  # it is given
     left = contents(folder)
     saved = json.loads(left["network.json"])["spec"]
     assert saved["readout"] == "integrator"
-    assert saved["tau_mem_ms"] == 4.0
+    assert saved["tau_mem_ms"] == 2.0
     assert "recipe" not in saved
     assert read(folder / ASKED)["network"] == saved
 

@@ -175,7 +175,7 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     >>> spec = changed(RSNNSpec(recipe="default", hidden=50), Setting(hidden=0.5, time_constants=2), recipe.Seen(
     ...     900, 200, 1000.0, 50.0), 800)
     >>> spec.hidden, spec.tau_mem_ms, spec.tau_syn_ms, spec.model
-    (25, 40.0, 20.0, 'snn')
+    (25, 20.0, 20.0, 'snn')
     """
     whole = recipe.resolve(spec, seen._replace(steps=whole_steps))
     spec = recipe.resolve(spec, seen)
