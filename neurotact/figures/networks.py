@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from neurotact.figures.labels import label_points
 from neurotact.figures.style import (
     INK,
     MUTED,
@@ -80,8 +81,8 @@ def draw_accuracy_and_sops(
 def draw_trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]] = {}) -> Figure:
     """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
 
-    A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit. Bars are
-    drawn where they decide, on the front of the full window.
+    A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit, a thin
+    line between the two. Bars are drawn where they decide, on the front of the full window, whose sizes N are named.
 
     levels: of each data set, accuracies that hold at any cost, by name: the best baseline, guessing.
     """
@@ -90,21 +91,27 @@ def draw_trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, floa
     pairs = list(dict.fromkeys(networks["pair"]))
     columns = min(len(settings), 2)
     lines = -(-len(settings) // columns)
-    figure = new_figure(3.3 * lines + 0.5)
+    figure = new_figure(3.3 * lines + 0.6)
     grid = figure.subplots(lines, columns, squeeze=False).ravel()
+    fronts = []
     for axes, setting in zip(grid, settings, strict=False):
         rows = networks[networks["setting"] == setting]
-        _paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True)
+        _join_exits(axes, rows, pairs)
+        fronts.append(_paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True))
         _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", filled=False)
         for dash, (name, level) in zip(("-.", ":"), levels.get(setting, {}).items(), strict=False):
             axes.axhline(100 * level, color=MUTED, lw=0.9, ls=dash, label=name, gid="level")
         axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
+        axes.margins(0.1)
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
     keep_within(grid[: len(settings)])
     for axes in grid[len(settings) :]:
         axes.set_visible(False)
-    add_legend(figure, grid[: len(settings)], ncols=4, handlelength=2.2)
+    add_legend(figure, grid[: len(settings)], ncols=4, handlelength=2.2, title=PAIR_AXIS)
+    for axes, front in zip(grid, fronts, strict=False):
+        names = [f"N = {hidden}" for hidden in front["hidden"]]
+        label_points(axes, front["x"], front["y"], names, fontsize=6.5, fontweight="bold", gid="front label")
     return figure
 
 
@@ -207,8 +214,21 @@ def _mark_chance(panels: Sequence[Axes], chance: float) -> None:
             axes.set_ylim(low, high)
 
 
-def _paint_points(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, *, filled: bool) -> None:
-    """Networks with their deviations over seeds, and their Pareto front."""
+def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str]) -> None:
+    """A thin line from each network on the full window to the same network with early exit."""
+    for index, pair in enumerate(pairs):
+        mine = rows[rows["pair"] == pair]
+        x = 1e-3 * mine[["sops_total", "exit_sops_total"]].to_numpy(float)
+        y = 100 * mine[["accuracy_test", "exit_accuracy"]].to_numpy(float)
+        gap = np.full((len(mine), 1), np.nan)
+        ends = (np.hstack([values, gap]).ravel() for values in (x, y))
+        axes.plot(*ends, color=series_style(index)["color"], lw=0.6, alpha=0.6, zorder=1, gid="exit")
+
+
+def _paint_points(
+    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, *, filled: bool
+) -> pd.DataFrame:
+    """Networks, their Pareto front with its deviations over seeds; the front, a row a network with `x` and `y`."""
     x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
     x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
     front = pareto_front(x, y)
@@ -227,26 +247,4 @@ def _paint_points(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: st
     style: Any = {"color": INK if filled else MUTED, "ls": "-" if filled else "--", "lw": 0.9}
     axes.plot(x[order], y[order], drawstyle="steps-post", zorder=2, gid=name, **style)
     axes.plot([], [], marker="o", ms=4.5, mfc=INK if filled else "white", label=name, **style)
-    if filled:
-        _label_front(axes, rows.iloc[order], x[order], y[order])
-
-
-def _label_front(axes: Axes, rows: pd.DataFrame, x: np.ndarray, y: np.ndarray) -> None:
-    """The hidden size beside each point of a front; its marker tells the pair."""
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    places = np.stack([x / (right - left), y / (high - low)], axis=1)
-    below = False
-    for index, hidden in enumerate(rows["hidden"]):
-        is_near = index > 0 and np.abs(places[index] - places[index - 1]).max() < 0.04
-        below = is_near and not below
-        offset, side = ((4, -9), "left") if below else ((-3, 4), "right")
-        axes.annotate(
-            f"{hidden}",
-            (x[index], y[index]),
-            xytext=offset,
-            textcoords="offset points",
-            ha=side,
-            fontsize=6.5,
-            fontweight="bold",
-            gid="front label",
-        )
+    return rows.iloc[order].assign(x=x[order], y=y[order])

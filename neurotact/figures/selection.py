@@ -12,9 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator
 
+from neurotact.figures.labels import label_points
 from neurotact.figures.style import (
     INK,
     MUTED,
+    PAIR_AXIS,
     PALE,
     add_legend,
     keep_within,
@@ -25,7 +27,6 @@ from neurotact.figures.style import (
 )
 
 LENGTH = "window.length_ms"
-CHOSEN = "#D55E00"
 MEASURES = (
     ("accuracy_validation", "validation accuracy (%)", 100.0),
     ("sops_validation", "SOPs per window (thousands)", 1e-3),
@@ -54,13 +55,15 @@ def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) 
     best = 100 * means["accuracy_validation"].max()
     panels[0].axhspan(best - 100 * tolerance, best, color=PALE, alpha=0.6, lw=0, label="within the tolerance")
     _mark_least(panels, float(means[LENGTH][means["chosen"]].iloc[0]))
-    add_legend(figure, panels, ncols=4, handlelength=1.6)
+    add_legend(figure, panels, ncols=4, handlelength=2.2)
     return figure
 
 
 @printed
 def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
     """Accuracy against SOPs of every network on validation trials; the chosen ones are ringed and numbered.
+
+    The hidden size stands beside each network that leaves room for it.
 
     networks: a row per pair and size (means over seeds), of the step that was kept.
     """
@@ -71,38 +74,43 @@ def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
         own = networks["pair"] == pair
         style = series_style(index) | {"ms": 5, "ls": ""}
         axes.plot(x[own], y[own], label=pair, **style)
-    for at, row in networks.iterrows():
-        beside: Any = {"xytext": (8, -2.5), "textcoords": "offset points", "fontsize": 6.5, "color": MUTED}
-        axes.annotate(f"{row['hidden']}", (x[at], y[at]), **beside)
     chosen = networks[networks["chosen"]].sort_values("rank")
-    for at, row in chosen.iterrows():
-        axes.plot(x[at], y[at], ls="", marker="o", ms=12, mfc="none", mec=CHOSEN, mew=1.4, gid="chosen")
-        over: Any = {"xytext": (0, 8), "textcoords": "offset points", "ha": "center", "color": CHOSEN}
-        axes.annotate(f"{row['rank']}.", (x[at], y[at]), fontweight="bold", **over)
+    ring: Any = {"ls": "", "marker": "o", "ms": 12, "mfc": "none", "mec": INK, "mew": 1.4}
+    axes.plot(x[chosen.index], y[chosen.index], gid="chosen", **ring)
     axes.axhspan(y.max() - 100 * tolerance, y.max(), color=PALE, alpha=0.6, lw=0, label="within the tolerance")
-    axes.plot([], [], ls="", marker="o", ms=9, mfc="none", mec=CHOSEN, mew=1.4, label="selected")
+    axes.plot([], [], label="selected", **ring | {"ms": 9})
     axes.set(xlabel="SOPs per window (thousands)", ylabel="validation accuracy (%)")
     axes.set_xlim(left=0)
     axes.margins(y=0.12)
     keep_within([axes])
     axes.grid()
-    add_legend(figure, [axes], ncols=4)
+    add_legend(figure, [axes], ncols=4, title=PAIR_AXIS)
+    order = [*chosen.index, *networks.index.difference(chosen.index)]
+    names = [f"{row['rank']:g}. N = {row['hidden']}" for _, row in chosen.iterrows()]
+    names += [f"{hidden}" for hidden in networks["hidden"][order[len(chosen) :]]]
+    label_points(axes, x[order], y[order], names, fontsize=6.5, gid="size")
     return figure
 
 
 @printed
-def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float) -> Figure:
+def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float, pairs: Sequence[str]) -> Figure:
     """Accuracy and SOPs of the selected networks and of the most accurate one over window lengths.
 
-    table: one row per network and window length, with the column `name`; names: in the order in which they are drawn.
+    table: one row per network and window length, with the columns `name` and `pair`; names: in the order in which they
+    are drawn. pairs: of `draw_choice`, whose colours a pair keeps; a second network of a pair is dashed.
     """
+    pair_of = table.groupby("name")["pair"].first()
+    looks = {
+        name: series_style(list(pairs).index(pair_of[name]))
+        | {"ls": "--" if pair_of[name] in [pair_of[other] for other in names[:at]] else "-"}
+        for at, name in enumerate(names)
+    }
     figure = new_figure(2.6)
     panels = figure.subplots(1, 2)
     for axes, (measure, words, scale) in zip(panels, MEASURES, strict=True):
-        for index, name in enumerate(names):
+        for name in names:
             rows = table[table["name"] == name].sort_values(LENGTH)
-            style = series_style(index) | {"ms": 4}
-            axes.plot(rows[LENGTH], scale * rows[measure], label=name, **style)
+            axes.plot(rows[LENGTH], scale * rows[measure], label=name, ms=4, **looks[name])
         _name_lengths(axes, sorted(set(table[LENGTH])))
         axes.set(ylabel=words)
         axes.set_ylim(bottom=0)
@@ -131,4 +139,5 @@ def _name_lengths(axes: Axes, lengths_ms: Sequence[float]) -> None:
 
 def _mark_least(panels: Sequence[Axes], length_ms: float) -> None:
     for axes in panels:
-        axes.axvline(length_ms, color=CHOSEN, lw=1.0, ls="--", label=f"{length_ms:g} ms", gid="least")
+        label = f"window chosen: {length_ms:g} ms"
+        axes.axvline(length_ms, color=MUTED, lw=1.0, ls=":", label=label, gid="least", zorder=1)

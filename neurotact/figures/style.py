@@ -37,7 +37,8 @@ INK, MUTED, PALE = "#1f1f1f", "#666666", "#d9d9d9"
 SYMBOLS = (r"$t_\mathrm{ref}$", r"$N_\mathrm{max}$")
 """What alone is set as a formula; any other dollar sign is one in somebody's name of a class."""
 LONGEST_WORDS, LONGEST_TICK = 200, 40
-PAIR_AXIS = r"$t_\mathrm{ref}$ of RA-I & SA-I (ms)"
+PAIR_TITLE = r"$t_\mathrm{ref}$ of RA-I & SA-I"
+PAIR_AXIS = f"{PAIR_TITLE} (ms)"
 SERIES = (
     ("#0072B2", "o"),
     ("#56B4E9", "s"),

@@ -9,9 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
+from neurotact.figures.labels import label_points
 from neurotact.figures.style import (
     INK,
     MUTED,
+    PAIR_TITLE,
     add_legend,
     bars,
     keep_within,
@@ -29,8 +31,12 @@ COSTS = (
     ("window.length_ms", "signal heard (ms)"),
 )
 """What a decision costs: a panel each of `draw_costs`."""
-CLOSE = (0.6, 5.0)
-"""Labels of points that differ by less in the logarithm of the cost and in points of accuracy would overlap."""
+EXIT_MEASURES = (
+    ("accuracy_lost", "accuracy lost (points)", 100.0),
+    ("exit_ms", "decides after (ms)", 1.0),
+    ("sops_saved", "SOPs saved (%)", 100.0),
+)
+"""What early exit loses and saves: column, words and scale of a panel each of `draw_exit_curves`."""
 
 
 def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> pd.DataFrame:
@@ -91,14 +97,15 @@ def draw_costs(results: pd.DataFrame) -> Figure:
     """Test accuracy against what a decision costs: spikes, SOPs and milliseconds; a line per t_ref pair.
 
     results: of `results.csv`, with the columns `pair` and `window.length_ms`, a point per length; means over sizes and
-    seeds, with the deviation over seeds of the accuracy. The length in ms stands beside the points of the first pair.
+    seeds, with the deviation over seeds of the accuracy. The length in ms stands beside points of the first pair.
     """
     spikes = results["spikes_sa"] + results["spikes_ra"]
     results = results.assign(spikes=spikes, kSOPs=1e-3 * results["sops_total"])
-    figure = new_figure(2.9)
+    figure = new_figure(3.2)
     panels = figure.subplots(1, len(COSTS), sharey=True)
     by = ["pair", "window.length_ms"]
     accuracy = mean_and_deviation(results, by, "accuracy_test")
+    to_label = []
     for axes, (cost, words) in zip(panels, COSTS, strict=True):
         paid = results.groupby(by, sort=False)[cost].mean() if cost not in by else None
         for index, pair in enumerate(dict.fromkeys(results["pair"])):
@@ -107,71 +114,72 @@ def draw_costs(results: pd.DataFrame) -> Figure:
             x = lengths.to_numpy(float) if paid is None else paid[pair].reindex(lengths).to_numpy(float)
             y = 100.0 * rows["mean"].to_numpy(float)
             spread = bars(y, 100.0 * rows["sd"].to_numpy(float), 100.0)
-            axes.errorbar(x, y, spread, label=f"{pair} ms", ms=4, lw=1.1, elinewidth=0.7, **series_style(index))
+            style: Any = {"ms": 4, "lw": 1.1, "elinewidth": 0.7, **series_style(index)}
+            axes.errorbar(x, y, spread, label=f"{pair} ms", **style)
             if index == 0 and paid is not None:
-                _label_lengths(axes, x, y, lengths.to_list())
+                to_label.append((axes, x, y, [f"{length:g} ms" for length in lengths], style["color"]))
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.tick_params(axis="x", labelsize=7)
+        axes.margins(x=0.12, y=0.08)
         axes.set(xlabel=words)
         axes.grid()
     panels[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, panels, ncols=4)
+    keep_within(panels)
+    add_legend(figure, panels, ncols=6, title=PAIR_TITLE)
+    for axes, x, y, words, colour in to_label:
+        label_points(axes, x, y, words, fontsize=6.5, color=colour, gid="length")
     return figure
-
-
-def _label_lengths(axes: Axes, x: np.ndarray, y: np.ndarray, lengths_ms: list[float]) -> None:
-    """Each point's window length, below it to the right; none where it would touch the one before."""
-    labelled = (-np.inf, -np.inf)
-    for cost, accuracy, length in zip(x, y, lengths_ms, strict=True):
-        if np.log(cost) - labelled[0] > CLOSE[0] or abs(accuracy - labelled[1]) > CLOSE[1]:
-            where: Any = {"xytext": (5, -9), "textcoords": "offset points"}
-            axes.annotate(f"{length:g} ms", (cost, accuracy), fontsize=6.5, gid="length", **where)
-            labelled = (np.log(cost), accuracy)
 
 
 @printed
-def draw_exit_curves(table: pd.DataFrame, chosen: pd.DataFrame, published: pd.DataFrame) -> Figure:
-    """Accuracy lost, steps saved and SOPs saved over patience, a row per t_ref pair, both modes of early exit.
+def draw_exit_curves(table: pd.DataFrame, chosen: pd.DataFrame, published: pd.DataFrame, step_ms: float) -> Figure:
+    """Accuracy lost, time to the decision and SOPs saved over patience, a row per t_ref pair, both modes of early exit.
 
     table: of `exit_curve.csv` with `panel`. chosen: panel and exit_patience of each network, which validation chose.
-    published: panel, patience and steps_saved of the texture paper's Table V.
+    published: panel, patience and steps of the texture paper's Table V. step_ms: of the clock; patience is drawn in
+    milliseconds, with its steps above the first row.
     """
+    table = table.assign(patience_ms=step_ms * table["patience"], exit_ms=step_ms * table["exit_steps"])
     titles = list(dict.fromkeys(table["panel"]))
-    measures = (
-        ("accuracy_lost", "accuracy lost (points)"),
-        ("steps_saved", "steps saved (%)"),
-        ("sops_saved", "SOPs saved (%)"),
-    )
-    figure = new_figure(2.0 * len(titles) + 0.8)
-    grid = figure.subplots(len(titles), 3, squeeze=False, sharex=True, sharey="col")
+    figure = new_figure(2.1 * len(titles) + 1.1)
+    grid = figure.subplots(len(titles), len(EXIT_MEASURES), squeeze=False, sharex=True, sharey="col")
     for line, title in zip(grid, titles, strict=True):
         rows = table[table["panel"] == title]
-        for axes, (measure, words) in zip(line, measures, strict=True):
+        for axes, (measure, words, scale) in zip(line, EXIT_MEASURES, strict=True):
             for index, (mode, name) in enumerate(MODES.items()):
-                _paint_curve(axes, rows[rows["mode"] == mode], measure, name, 4 * index)
+                _paint_curve(axes, rows[rows["mode"] == mode], measure, scale, name, 4 * index)
             for patience in sorted(set(chosen[chosen["panel"] == title]["exit_patience"])):
-                axes.axvline(patience, color=MUTED, lw=0.7, ls=":", label="chosen on validation trials")
-            axes.set(title=title, ylabel=words)
+                axes.axvline(step_ms * patience, color=MUTED, lw=0.7, ls=":", label="chosen on validation trials")
+            axes.set_title(title, pad=6)
+            axes.set_ylabel(words)
             axes.grid(axis="y")
+        whole_ms = float((rows["exit_ms"] / (1.0 - rows["steps_saved"])).max())
+        line[1].axhline(whole_ms, color=MUTED, lw=0.9, ls="-.", label="whole window")
         for _, mark in published[published["panel"] == title].iterrows():
-            style: Any = {"ls": "", "marker": "D", "ms": 7, "mfc": "none", "mec": "#D55E00", "mew": 1.3, "zorder": 4}
-            line[1].plot(mark["patience"], 100 * mark["steps_saved"], label="published", **style)
+            style: Any = {"ls": "", "marker": "D", "ms": 7, "mfc": "none", "mec": INK, "mew": 1.3, "zorder": 4}
+            line[1].plot(step_ms * mark["patience"], step_ms * mark["steps"], label="published, Algorithm 1", **style)
+    grid[0, 1].set_ylim(bottom=0)
+    for axes in grid[0]:
+        steps = axes.secondary_xaxis("top", functions=(lambda ms: ms / step_ms, lambda n: n * step_ms))
+        steps.set_xlabel("patience (steps)")
     for axes in grid[-1]:
-        axes.set_xlabel("patience (steps)")
-    add_legend(figure, grid.ravel(), ncols=2)
+        axes.set_xlabel("patience (ms)")
+    add_legend(figure, grid.ravel(), ncols=3)
     return figure
 
 
-def _paint_curve(axes: Axes, rows: pd.DataFrame, measure: str, name: str, series: int) -> None:
-    """Means with a band of the deviation over networks; each network as a thin line."""
-    wide = 100 * rows.pivot_table(index="patience", columns=["hidden", "seed"], values=measure)
+def _paint_curve(axes: Axes, rows: pd.DataFrame, measure: str, scale: float, name: str, series: int) -> None:
+    """Means with a band of the deviation over networks."""
+    wide = scale * rows.pivot_table(index="patience_ms", columns=["hidden", "seed"], values=measure)
     colour = series_style(series)["color"]
     mean = wide.mean(axis=1)
     # What is saved is a share; accuracy may be gained too, but neither more than all of it.
-    below, above = bars(mean, wide.std(axis=1), None if measure == "accuracy_lost" else 100.0)
-    ends = np.clip([mean - below, mean + above], -100.0, 100.0)
+    below, above = bars(mean, wide.std(axis=1), 100.0 if measure == "sops_saved" else None)
+    ends = np.array([mean - below, mean + above])
+    if measure == "accuracy_lost":
+        ends = np.clip(ends, -100.0, 100.0)
     axes.fill_between(wide.index.to_numpy(float), *ends, color=colour, alpha=0.15, lw=0)
     axes.plot(wide.index, mean, label=name, **{**series_style(series), "ms": 3})

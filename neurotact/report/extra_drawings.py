@@ -85,18 +85,25 @@ def _costs(results: pd.DataFrame) -> Drawn:
 def _exit_curves(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame) -> Drawn:
     table = table.assign(panel=panel_of(table))
     chosen = results.assign(panel=panel_of(results))[["panel", "exit_patience"]]
-    figure = shortened_figures.draw_exit_curves(table, chosen, _published_exits(study, table))
+    window_ms, window_steps = (
+        table.get(LENGTH, study.window.length_ms),
+        table["exit_steps"] / (1 - table["steps_saved"]),
+    )
+    step_ms = float(f"{(window_ms / window_steps).median():.6g}")
+    figure = shortened_figures.draw_exit_curves(table, chosen, _published_exits(study, table), step_ms)
     words = [
-        f"{panel}, {mode}: {100 * rows['steps_saved'].mean():.1f} % of the steps, "
+        f"{panel}, {mode}: {100 * rows['steps_saved'].mean():.1f} % of the time, "
         f"{100 * rows['sops_saved'].mean():.1f} % of the SOPs, {100 * rows['accuracy_lost'].mean():.1f} points lost"
         for (panel, mode), rows in table[table["patience"] == PUBLISHED_PATIENCE].groupby(["panel", "mode"], sort=False)
     ]
     caption = (
-        "What early exit loses and saves on test windows beside the whole window, over patience: means over networks, "
-        "the band is their deviation. The oracle is the texture paper's Algorithm 1, which knows the true label and so "
-        "never loses accuracy. Dotted: the patience that validation trials chose for each network. Diamonds: Table V."
+        "What early exit loses and saves on test windows beside the whole window, and when it decides, over patience "
+        f"(a step is {step_ms:g} ms): means over networks, the band is their deviation. The oracle is the texture "
+        "paper's Algorithm 1, which knows the true label and so never loses accuracy. Dotted: the patience that "
+        "validation trials chose for each network. Diamonds: Table V."
     )
-    alt = f"Saved at a patience of {PUBLISHED_PATIENCE} steps: {'; '.join(words)}." if words else caption
+    patience = f"{PUBLISHED_PATIENCE} steps ({step_ms * PUBLISHED_PATIENCE:g} ms)"
+    alt = f"Saved at a patience of {patience}: {'; '.join(words)}." if words else caption
     return Drawn("exit-curves", "Early exit over patience", figure, caption, alt)
 
 
@@ -105,9 +112,8 @@ PUBLISHED_PATIENCE = 120
 
 
 def _published_exits(study: StudySpec, table: pd.DataFrame) -> pd.DataFrame:
-    """Panel, patience and share of steps saved of each claim that names the steps of one pair at one patience."""
+    """Panel, patience and steps of each claim that names the steps of one pair at one patience."""
     rows = []
-    steps = table["exit_steps"] / (1.0 - table["steps_saved"])
     for claim in study.claims:
         where = claim.where
         names_one = claim.kind == "value" and claim.measure == "exit_steps" and where.get("mode") == "oracle"
@@ -115,10 +121,10 @@ def _published_exits(study: StudySpec, table: pd.DataFrame) -> pd.DataFrame:
             continue
         of = table["pair"] == where.get("pair")
         rows += [
-            {"panel": panel, "patience": where["patience"], "steps_saved": 1.0 - claim.value / steps[of].iloc[0]}
+            {"panel": panel, "patience": where["patience"], "steps": claim.value}
             for panel in table[of]["panel"].unique()
         ]
-    return pd.DataFrame(rows, columns=["panel", "patience", "steps_saved"])
+    return pd.DataFrame(rows, columns=["panel", "patience", "steps"])
 
 
 def _conditions(study: StudySpec, table: pd.DataFrame) -> Drawn:

@@ -97,7 +97,8 @@ def drawings(found: Selection, results: pd.DataFrame, rule: SelectionSpec) -> It
     table = attempt.persistence.assign(name=_names(attempt.persistence))
     order = [_name(network) for network in attempt.chosen]
     others = [name for name in dict.fromkeys(table["name"]) if name not in order]
-    figure = selection_figures.draw_persistence(table, [*order, *others], attempt.length_ms)
+    pairs = list(dict.fromkeys(attempt.networks["pair"]))
+    figure = selection_figures.draw_persistence(table, [*order, *others], attempt.length_ms, pairs)
     caption = (
         "The selected networks"
         + (" and the most accurate one" if others else "")
@@ -146,8 +147,10 @@ def _exits(found: Selection) -> Shown:
         "paper's own exit (its Algorithm 1) knows the true label and stands beside it."
     )
     words = [
-        f"{row['pair']}, N = {row['hidden']} stops after {row['exit_steps']:.0f} of {row['window_steps']:.0f} steps "
-        f"and saves {100 * row['exit_saved']:.1f} % of the SOPs"
+        f"{row['pair']}, N = {row['hidden']} stops after "
+        f"{found.last.length_ms * row['exit_steps'] / row['window_steps']:.0f} of {found.last.length_ms:g} ms "
+        f"({row['exit_steps']:.0f} of {row['window_steps']:.0f} steps) and saves {100 * row['exit_saved']:.1f} % of "
+        "the SOPs"
         for _, row in rows.iterrows()
     ]
     columns = (

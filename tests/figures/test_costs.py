@@ -40,5 +40,3 @@ def test_lengths_stand_beside_the_points_of_one_pair(results):
     spikes, _, signal = draw_costs(results).axes
     assert [text.get_text() for text in spikes.texts] == ["50 ms", "150 ms", "1000 ms"]
     assert not signal.texts
-    crowded = results.assign(accuracy_test=0.8, **{"sops_total": 40.0, "spikes_sa": 5.0})
-    assert [text.get_text() for text in draw_costs(crowded).axes[0].texts] == ["50 ms"]

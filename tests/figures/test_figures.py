@@ -115,7 +115,11 @@ def test_the_trade_off_draws_both_fronts_and_labels_the_full_one():
     np.testing.assert_allclose(line.get_xdata(), by_cost["sops_total"] / 1e3)
     np.testing.assert_allclose(line.get_ydata(), 100 * by_cost["accuracy_test"])
     labels = [text.get_text() for text in axes.texts if text.get_gid() == "front label"]
-    assert labels == by_cost["hidden"].astype(str).tolist()
+    assert labels == [f"N = {hidden}" for hidden in by_cost["hidden"]]
+    joined = [line for line in axes.lines if line.get_gid() == "exit"]
+    ends = np.concatenate([line.get_xydata().reshape(-1, 3, 2)[:, :2] for line in joined])
+    expected = results.sort_values(["sops_total"])[["sops_total", "exit_sops_total"]] / 1e3
+    np.testing.assert_allclose(ends[np.argsort(ends[:, 0, 0]), :, 0], expected)
 
 
 @pytest.mark.parametrize("n_settings", [1, 2, 3, 5])
