@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
-from matplotlib.ticker import PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from neurotact.figures.style import INK, MUTED, PALE, RA, SA, new_figure, printed
 from neurotact.tables import natural
@@ -49,7 +49,8 @@ def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame) -> Figure:
             axes.set_xlabel("ISI (ms)")
         bar = figure.colorbar(mesh, cax=figure.add_subplot(grid[2 * row : 2 * row + 2, 4]), extend="max")
         bar.set_label(f"share of {afferent} intervals")
-        bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+        bar.ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10], min_n_ticks=2))
+        bar.ax.yaxis.set_major_formatter(PercentFormatter(1.0))
     return figure
 
 

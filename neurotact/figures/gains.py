@@ -22,6 +22,7 @@ COMPROMISE = (
     ("latency_{}_ms", "first spike after (ms)", 1.0),
 )
 """What the paper weighs against each other: column, words, scale."""
+GAIN_UNITS = {"SA-I": "mV per unit of the signal", "RA-I": "mV per unit and ms"}
 
 
 @printed
@@ -58,7 +59,7 @@ def draw_gain_and_t_ref(rows: pd.DataFrame) -> Figure:
             cells = over_gain_and_t_ref(rows, kind, column.format(kind))
             _paint_matrix(axes, cells, colours)
             axes.set_title(f"{name}: {words}")
-            axes.set(xlabel=r"$t_\mathrm{ref}$ (ms)", ylabel="gain")
+            axes.set(xlabel=r"$t_\mathrm{ref}$ (ms)", ylabel=f"gain ({GAIN_UNITS[name]})")
     return figure
 
 
@@ -74,7 +75,7 @@ def draw_compromise(rows: pd.DataFrame) -> Figure:
                 style = series_style(index) | {"color": shade, "ms": 4}
                 axes.plot(cells.index, cells[t_ref_ms], label=f"{t_ref_ms:g} ms", **style)
             _name_gains(axes, list(cells.index))
-            axes.set(ylabel=words, xlabel=f"{name} gain")
+            axes.set(ylabel=words, xlabel=f"{name} gain ({GAIN_UNITS[name]})")
             axes.grid(axis="y")
     for column in grid.T:
         _begin_at_zero(column)

@@ -117,7 +117,7 @@ DRAWN = {
     "cut short": (lambda: shortened_figures.draw_cut_short(shortened()), 100, "y"),
     "materials": (lambda: materials_figures.draw_pairs(pairs()), 1, "y"),
     "hardness": (lambda: pvdf_hardness_figures.draw_accuracy_and_cost(presses()), 100, "x"),
-    "touch": (lambda: touch_figures.draw_accuracy(folds(), {}), 100, "y"),
+    "touch": (lambda: touch_figures.draw_accuracy(folds(), {}, 2048.0), 100, "y"),
     "stiffness": (lambda: stiffness_figures.draw_by_n_max(grasps()), 100, "y"),
     "compliance": (lambda: compliance_figures._accuracy(squeezes(), PUBLISHED), 100, "y"),
 }

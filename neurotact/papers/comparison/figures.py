@@ -49,7 +49,7 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
                 label=family,
                 **_style(str(family)),
             )
-        axes.axhline(rows["chance"].mean(), color=MUTED, ls=":", lw=0.8)
+        axes.axhline(rows["chance"].mean(), color=MUTED, ls=":", lw=0.8, label="chance")
         axes.set(xscale="log", title=task.replace("_", " "), ylim=(0, 1))
         write_out_log_ticks(axes.xaxis)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
@@ -59,7 +59,7 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
         axes.set_xlabel(words)
     for axes in panels[::COLUMNS]:
         axes.set_ylabel("test accuracy")
-    add_legend(figure, panels, ncols=5)
+    add_legend(figure, panels, ncols=6)
     return figure
 
 

@@ -22,7 +22,7 @@ from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
 from neurotact.errors import InputError, nearest
-from neurotact.figures.style import INK, Drawn, add_legend, new_figure, printed, write_out_log_ticks
+from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_figure, printed, write_out_log_ticks
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import fronts
 from neurotact.papers.comparison.fronts import NOTHING
@@ -291,7 +291,9 @@ def _draw_set(axes: Axes, points: pd.DataFrame, ways: list[str]) -> None:
     base = points[points["way"] == NOTHING]
     axes.plot(base["sops_total"], base["accuracy_test"], marker="*", ms=11, color=INK, ls="none", label=NOTHING)
     front = points[points["on_front"]].sort_values("sops_total")
-    axes.step(front["sops_total"], front["accuracy_test"], where="post", color="0.6", ls="--", lw=0.8, zorder=0)
+    style: Any = {"where": "post", "color": MUTED, "ls": "--", "lw": 0.8, "zorder": 0}
+    axes.step(front["sops_total"], front["accuracy_test"], label="front of all ways", **style)
+    axes.plot([], [], "o", mfc="none", color=MUTED, ms=4.5, label="beaten by its own way")
     axes.set(xscale="log", xlabel="SOPs per window", ylabel="test accuracy")
     write_out_log_ticks(axes.xaxis)
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))

@@ -137,7 +137,10 @@ class Shown(NamedTuple):
 
 @printed
 def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
-    """Force over displacement, there and back, and both tactile images at the turn; a column per object."""
+    """Force over displacement, there and back, and both tactile images at the turn; a column per object.
+
+    Forces have a scale each, as an object's own curve is what they show; all images share one.
+    """
     figure = new_figure(4.4)
     grid = figure.subplots(3, len(explorations), height_ratios=(1.3, 1.2, 1.2))
     largest = max(max(one.finger.max(), one.palm.max()) for one in explorations)
@@ -145,12 +148,15 @@ def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
         turn = int(one.displacement_mm.argmax())
         column[0].plot(one.displacement_mm[: turn + 1], one.force_N[: turn + 1], color=INK, label="squeeze")
         column[0].plot(one.displacement_mm[turn:], one.force_N[turn:], color=SERIES[4][0], label="release")
-        column[0].set(title=one.label, xlabel="mm", xticks=(0, 6, 12), ylim=(0, None))
+        column[0].set(title=one.label, xticks=(0, 6, 12), ylim=(0, None))
         for axes, image in zip(column[1:], (one.finger, one.palm), strict=True):
-            axes.imshow(image, cmap="viridis", vmin=0, vmax=largest)
+            drawn = axes.imshow(image, cmap="viridis", vmin=0, vmax=largest)
             axes.set(xticks=(), yticks=())
+    for axes in grid[0]:
+        axes.set_xlabel("squeezed (mm)")
     for axes, words in zip(grid[:, 0], ("force (N)", "finger", "palm"), strict=True):
         axes.set_ylabel(words)
+    figure.colorbar(drawn, ax=grid[1:].ravel().tolist(), label="a taxel's reading (counts)", fraction=0.03)
     add_legend(figure, grid[0], ncols=2)
     return figure
 
@@ -188,16 +194,17 @@ def _accuracy(chosen: pd.DataFrame, published: pd.DataFrame) -> Figure:
             exact = theirs[~theirs["below"]]
             axes.plot(exact["moments"], 100 * exact["accuracy"], "-D", color=INK, markersize=3, label="published")
             bound = theirs[theirs["below"]]
-            axes.plot(bound["moments"], 100 * bound["accuracy"], "v", color=INK, markersize=4)
+            style: Any = {"ls": "", "marker": "v", "color": INK, "ms": 4}
+            axes.plot(bound["moments"], 100 * bound["accuracy"], label="published as “less than”", **style)
             axes.set_title(f"{sensors}, {bits} bits")
             axes.set_ylim(0, 100)
             axes.grid(axis="y")
     for axes in grid[-1]:
-        axes.set(xlabel="moments", xticks=range(1, 7))
+        axes.set(xlabel="number of moments", xticks=range(1, 7))
     for axes in grid[:, 0]:
         axes.set_ylabel("test accuracy (%)")
     keep_within(grid.ravel())
-    add_legend(figure, grid.ravel(), ncols=3)
+    add_legend(figure, grid.ravel(), ncols=4)
     return figure
 
 

@@ -14,7 +14,10 @@ from neurotact.figures.style import INK, add_legend, bars, keep_within, name_tic
 CLASSIFIERS = ("RELM", "RLS", "SVM")
 SETUPS = ("A", "B", "C")
 ORDER = ("brass", "wood", "plastic", "lead")
-PERIODS = 3
+PERIODS = 2
+DASHES = ("-", (0, (4, 2)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1)))
+"""Of the materials in their order: curves that lie on each other are still told apart."""
+UNITS = {"RELM": "neurons", "RLS": "kernels", "SVM": "support vectors"}
 
 PUBLISHED_PAIRS = {
     "brass vs wood": {"A": (0.07, 0.09, 0.08), "B": (0.15, 0.09, 0.08), "C": (0.21, 0.17, 0.18)},
@@ -46,18 +49,25 @@ def draw_waveforms(arrays: Mapping[str, np.ndarray]) -> Figure:
     time_ms = 1e3 * np.arange(n_shown) / rate_Hz
     for label, waveform in zip(arrays["waveform_labels"].tolist(), arrays["waveforms"], strict=True):
         start = int(waveform[:n_period, 0].argmax())
-        shown, colour = waveform[start : start + n_shown], _style(label)["color"]
-        force.plot(time_ms, shown[:, 0], color=colour, label=label, lw=0.9)
-        output.plot(time_ms, 1e3 * shown[:, 1], color=colour, lw=0.9)
-    force.set(title=f"Force sensor, {frequency_Hz:g} Hz", xlabel="time (ms)", ylabel="force sensor (V)")
-    output.set(title="Charge amplifier", xlabel="time (ms)", ylabel="output (mV)")
-    add_legend(figure, [force], ncols=4)
+        shown = waveform[start : start + n_shown]
+        dash = DASHES[ORDER.index(label)] if label in ORDER else "-"
+        style: Any = {"color": _style(label)["color"], "ls": dash, "lw": 1.2}
+        force.plot(time_ms, shown[:, 0], label=label, **style)
+        output.plot(time_ms, 1e3 * shown[:, 1], **style)
+    force.set(title=f"Force sensor, {frequency_Hz:g} Hz", ylabel="force sensor (V)")
+    output.set(title=f"Charge amplifier, {frequency_Hz:g} Hz", ylabel="output (mV)")
+    for axes in (force, output):
+        axes.set_xlabel("time (ms)")
+        axes.grid(axis="y")
+    add_legend(figure, [force], ncols=4, handlelength=3.0)
     return figure
 
 
 @printed
 def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
-    """Phase and amplitude of each pattern over frequency, a column per set force; lines join the means.
+    """Phase and amplitude of each pattern at each frequency, a column per set force; lines join the means.
+
+    Frequencies stand at even steps, so that the materials of one stand beside each other without reaching the next.
 
     arrays: features `(pattern, 4)` of frequency, force, phase and amplitude; labels; set_force_N. The phase is shown
     less its mean over all patterns of that frequency, which the amplifier's corner makes: probes differ by far less.
@@ -73,24 +83,29 @@ def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
     for column, force_N in enumerate(forces_N):
         for place, name in enumerate(names):
             mine = features[(labels == name) & (set_force_N == force_N)]
-            aside = (place - (len(names) - 1) / 2) * 0.02 * np.ptp(frequencies)
+            at = np.arange(len(frequencies)) + 0.2 * (place - (len(names) - 1) / 2)
+            along = at[np.searchsorted(frequencies, mine[:, 0])]
             for axes, measure in zip(panels[:, column], (2, 3), strict=True):
                 means = [mine[mine[:, 0] == f, measure].mean() for f in frequencies]
                 style = _style(name)
-                axes.plot(mine[:, 0] + aside, mine[:, measure], ls="", ms=2, alpha=0.35, mew=0, **style)
-                axes.plot(frequencies + aside, means, ms=4, lw=0.9, label=name, **style)
-        panels[0, column].set_title(f"{force_N:g} N")
+                axes.plot(along, mine[:, measure], ls="", ms=2, alpha=0.35, mew=0, **style)
+                axes.plot(at, means, ms=4, lw=0.9, label=name, **style)
+        panels[0, column].set_title(f"set force {force_N:g} N")
         panels[1, column].set(xlabel="frequency (Hz)", ylim=(0, None))
+        panels[1, column].set_xticks(np.arange(len(frequencies)), [f"{f:g}" for f in frequencies])
         panels[0, column].set_ylim(-1.1 * np.abs(features[:, 2]).max(), 1.1 * np.abs(features[:, 2]).max())
-    panels[0, 0].set_ylabel("phase beside the mean of all probes (°)")
-    panels[1, 0].set_ylabel("amplitude of output (mV)")
+        for axes in panels[:, column]:
+            axes.grid(axis="y")
+    panels[0, 0].set_ylabel("phase (°), less the mean\nof that frequency")
+    panels[1, 0].set_ylabel("amplitude (mV)")
+    figure.align_ylabels()
     add_legend(figure, [panels[0, 0]], ncols=len(names))
     return figure
 
 
 @printed
 def draw_pairs(results: pd.DataFrame) -> Figure:
-    """Test errors of each pair of materials, a panel per set-up, with the published ones as open marks.
+    """Test errors of each pair of materials, a panel per set-up, with the published ones as open marks of that shape.
 
     results: rows of two-class problems with problem, setup, classifier and error_test.
     """
@@ -103,9 +118,9 @@ def draw_pairs(results: pd.DataFrame) -> Figure:
         published = [PUBLISHED_PAIRS.get(problem, {}).get(setup) for problem in problems]
         _draw_beside(axes, rows, "problem", problems, "error_test", published)
         axes.set_title(f"Set-up {setup}")
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=None))
         name_ticks(axes, problems)
-    panels[0].set(ylabel="test error", ylim=(0, panels[0].get_ylim()[1]))
+    panels[0].set(ylabel="test error (%)", ylim=(0, panels[0].get_ylim()[1]))
     keep_within(panels, 1.0)
     add_legend(figure, [panels[0]], ncols=4)
     return figure
@@ -122,12 +137,13 @@ def draw_multiclass(results: pd.DataFrame) -> Figure:
     setups = [s for s in SETUPS if s in set(results["setup"])]
     _draw_beside(errors, results, "setup", setups, "error_test", [PUBLISHED_ERROR[s] for s in setups])
     _draw_beside(units, results, "setup", setups, "units", [PUBLISHED_UNITS[s] for s in setups])
-    errors.set(title="Error", ylabel="test error", xlabel="set-up")
-    errors.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
-    units.set(title="Units of the four machines", ylabel="neurons, kernels, support vectors", xlabel="set-up")
+    errors.set(title="Error on all four materials", ylabel="test error (%)", xlabel="set-up")
+    errors.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=None))
+    there = [f"{name}: {unit}" for name, unit in UNITS.items() if name in set(results["classifier"])]
+    units.set(title="Units of the four machines", ylabel="units", xlabel=f"set-up ({', '.join(there)})")
     for axes in (errors, units):
         name_ticks(axes, setups)
-        axes.set_ylim(0, axes.get_ylim()[1])
+        axes.set_ylim(0, 1.06 * axes.get_ylim()[1])
     keep_within([errors], 1.0)
     add_legend(figure, [errors], ncols=4)
     return figure
@@ -136,7 +152,7 @@ def draw_multiclass(results: pd.DataFrame) -> Figure:
 def _draw_beside(
     axes: Axes, rows: pd.DataFrame, group: str, names: list[str], measure: str, published: list[Any]
 ) -> None:
-    """Means and deviations of each classifier in each group, side by side, and the published values."""
+    """Means and deviations of each classifier in each group, side by side, and the published values in its shape."""
     classifiers = [c for c in CLASSIFIERS if c in set(rows["classifier"])]
     for index, classifier in enumerate(classifiers):
         mine = rows[rows["classifier"] == classifier].groupby(group)[measure]
@@ -146,8 +162,9 @@ def _draw_beside(
         spread = bars(mean, deviation, 1.0 if measure.startswith("error") else None)
         axes.errorbar(at, mean, spread, ls="", ms=4, lw=0.9, label=classifier, **style)
         printed_values = [p[CLASSIFIERS.index(classifier)] if p else np.nan for p in published]
-        label = "published" if index == len(classifiers) - 1 else None
-        axes.plot(at, printed_values, "o", mfc="none", mec=INK, ms=6, mew=0.7, label=label, clip_on=False)
+        hollow: Any = {"ls": "", "marker": style["marker"], "mfc": "none", "mec": INK, "mew": 0.8, "clip_on": False}
+        axes.plot(at, printed_values, ms=6.5, gid="published", **hollow)
+    axes.plot([], [], ls="", marker="o", ms=6.5, mfc="none", mec=INK, mew=0.8, label="published, in its shape")
     axes.grid(axis="y")
 
 

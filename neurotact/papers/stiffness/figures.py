@@ -1,17 +1,31 @@
 """Figures of the stiffness study: the trade-off (Fig. 6), accuracy by N_max (Table III), signals (Figs. 2 and 5)."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.figures.style import INK, MUTED, Drawn, add_legend, keep_within, new_figure, printed, series_style
+from neurotact.data.conditioning import ema, ema_coefficient
+from neurotact.figures.style import (
+    INK,
+    MUTED,
+    SERIES,
+    Drawn,
+    add_legend,
+    keep_within,
+    new_figure,
+    printed,
+    series_style,
+)
 
 CLASSIFIERS = ("R-FC", "S-FC", "R-ELM", "S-ELM", "H-ELM")
 FEATURES = ("4F", "8F", "16F")
 N_MAX = (50, 100, 200, 300)
+SMOOTHING_Hz = 30.0
+"""Cut-off of the moving average in the sensor's electronics (texture paper, Sec. II-A)."""
 PUBLISHED_ACCURACY = {
     # At N_max 50, 100, 200, 300, in percent, from the references and differences of Table III.
     ("R-FC", "4F"): (79.8, 80.2, 81.4, 81.7),
@@ -59,8 +73,8 @@ def by_n_max(results: pd.DataFrame) -> Drawn:
     first = results["protocol"].iloc[0]
     rows = results[results["protocol"] == first]
     caption = (
-        f"Mean test accuracy by the largest number of hidden neurons that a choice may take: ours (lines, protocol "
-        f"{first}) and published (open marks, Table III)."
+        f"Mean test accuracy by the largest number of hidden neurons that a choice may take: ours above (protocol "
+        f"{first}), published below (Table III)."
     )
     return Drawn("by-n-max", "Accuracy by N_max", draw_by_n_max(rows), caption, caption)
 
@@ -104,23 +118,25 @@ def draw_trade_off(means: pd.DataFrame) -> Figure:
 
 @printed
 def draw_by_n_max(rows: pd.DataFrame) -> Figure:
-    """A panel per feature set; lines are ours, open marks published."""
-    figure = new_figure(2.9)
-    grid = figure.subplots(1, len(FEATURES), sharey=True)
+    """A column per feature set: ours above, published below, on one scale."""
+    figure = new_figure(4.2)
+    grid = figure.subplots(2, len(FEATURES), sharex=True, sharey=True)
     means = rows.groupby(["features", "classifier", "n_max"])["accuracy_test"].mean()
-    for axes, features in zip(grid, FEATURES, strict=True):
+    for (above, below), features in zip(grid.T, FEATURES, strict=True):
         for index, classifier in enumerate(CLASSIFIERS):
             style = series_style(index)
             if (features, classifier) in means.index:
                 ours = means.loc[features, classifier]
-                axes.plot(ours.index, 100 * ours, label=classifier, ms=4, **style)
-            published = PUBLISHED_ACCURACY[classifier, features]
-            axes.plot(N_MAX, published, ls=":", lw=0.7, ms=5, mfc="none", alpha=0.8, **style)
-        axes.set(title=features, xlabel="$N_\\mathrm{max}$", xticks=N_MAX)
+                above.plot(ours.index, 100 * ours, label=classifier, ms=4, **style)
+            below.plot(N_MAX, PUBLISHED_ACCURACY[classifier, features], ms=4, label=classifier, **style)
+        above.set_title(features)
+        below.set(xlabel="$N_\\mathrm{max}$", xticks=N_MAX)
+    for axes in grid.ravel():
         axes.grid(axis="y")
-    keep_within(grid)
-    grid[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, grid, ncols=5)
+    keep_within(grid.ravel())
+    for axes, whose in zip(grid[:, 0], ("ours", "published"), strict=True):
+        axes.set_ylabel(f"{whose}\ntest accuracy (%)")
+    add_legend(figure, grid.ravel(), ncols=5)
     return figure
 
 
@@ -128,17 +144,50 @@ def draw_by_n_max(rows: pd.DataFrame) -> Figure:
 def draw_signals(arrays: Mapping[str, np.ndarray]) -> Figure:
     """Recordings on the left, normalised peaks on the right, a row per object."""
     labels, rate_Hz = arrays["shown_labels"], float(arrays["sampling_rate_Hz"])
-    figure = new_figure(1.35 * len(labels) + 0.6)
+    figure = new_figure(1.35 * len(labels) + 0.9)
     grid = figure.subplots(len(labels), 2, squeeze=False, sharex="col", sharey="col", width_ratios=(2, 1))
     for (left, right), label, signal in zip(grid, labels, arrays["shown"], strict=True):
-        left.plot(np.arange(len(signal)) / rate_Hz, signal, lw=0.5)
+        for channel, values in enumerate(signal.T):
+            name = f"channel {channel + 1}"
+            left.plot(np.arange(len(signal)) / rate_Hz, values, lw=0.5, color=_channel_colour(channel), label=name)
         left.set(ylabel=f"{label}\nsignal (mV)")
         _paint_peaks(right, arrays["peaks"][arrays["labels"] == label], rate_Hz)
         for axes in (left, right):
             axes.grid(axis="y")
     grid[-1, 0].set_xlabel("time (s)")
     grid[-1, 1].set_xlabel("time from the cut (ms)")
+    add_legend(figure, [grid[0, 0], grid[0, 1]], ncols=6, handlelength=1.4)
     return figure
+
+
+@printed
+def draw_beside_real(simulated: Mapping[str, np.ndarray], real: Mapping[str, np.ndarray], rate_Hz: float) -> Figure:
+    """Simulated grasps above, real presses below: pale as recorded, dark after a moving average at 30 Hz.
+
+    simulated, real: `(time, channel)` in mV by title, as many of one as of the other; colours tell the channels apart.
+    """
+    figure = new_figure(4.4)
+    grid = figure.subplots(2, len(simulated), sharey="row", squeeze=False)
+    for line, found in zip(grid, (simulated, real), strict=True):
+        for axes, (title, signal) in zip(line, found.items(), strict=True):
+            time_s = np.arange(len(signal)) / rate_Hz
+            smoothed = ema(signal.astype(float), ema_coefficient(SMOOTHING_Hz, rate_Hz))
+            for channel in range(signal.shape[1]):
+                colour = _channel_colour(channel)
+                axes.plot(time_s, signal[:, channel], color=colour, lw=0.4, alpha=0.35)
+            for channel in range(signal.shape[1]):
+                style: Any = {"color": _channel_colour(channel), "lw": 1.0}
+                axes.plot(time_s, smoothed[:, channel], label=f"channel {channel + 1}", **style)
+            axes.set(title=title, xlabel="time (s)")
+            axes.grid(axis="y")
+        highest = 1.15 * max(float(np.abs(line_of.get_ydata()).max()) for axes in line for line_of in axes.lines[-4:])
+        line[0].set(ylabel="signal (mV)", ylim=(-highest, highest))
+    add_legend(figure, grid.ravel(), ncols=4, handlelength=1.4)
+    return figure
+
+
+def _channel_colour(channel: int) -> str:
+    return SERIES[(0, 4, 2, 3, 1, 5)[channel % len(SERIES)]][0]
 
 
 def _paint_peaks(axes: Axes, peaks: np.ndarray, rate_Hz: float) -> None:
@@ -147,6 +196,7 @@ def _paint_peaks(axes: Axes, peaks: np.ndarray, rate_Hz: float) -> None:
     felt = peaks[np.arange(len(peaks)), :, deepest]
     shape = felt / -felt.min(axis=1, keepdims=True)
     time_ms = 1e3 * np.arange(shape.shape[1]) / rate_Hz
-    axes.fill_between(time_ms, *np.quantile(shape, (0.25, 0.75), axis=0), color=MUTED, alpha=0.35, lw=0)
-    axes.plot(time_ms, shape.mean(axis=0), color=INK, lw=0.9)
+    low, high = np.quantile(shape, (0.25, 0.75), axis=0)
+    axes.fill_between(time_ms, low, high, color=MUTED, alpha=0.35, lw=0, label="middle half of the peaks")
+    axes.plot(time_ms, shape.mean(axis=0), color=INK, lw=0.9, label="their mean")
     axes.set_ylabel("over its depth")

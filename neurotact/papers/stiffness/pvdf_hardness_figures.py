@@ -1,13 +1,14 @@
 """Figures of the study of real hardness: accuracy with its confidence and cost, and the presses themselves."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.figures.style import INK, MUTED, SERIES, Drawn, keep_within, new_figure, printed
+from neurotact.figures.style import INK, MUTED, SERIES, Drawn, add_legend, keep_within, new_figure, printed
 from neurotact.metrics.resampled import resampled_interval
 
 
@@ -61,7 +62,7 @@ def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
     protocols, chains = (list(dict.fromkeys(found[column])) for column in ("protocol", "chain"))
     places = [(chain, name) for chain in chains for name in dict.fromkeys(found["features"][found["chain"] == chain])]
     heights = {place: at + 0.5 * chains.index(place[0]) for at, place in enumerate(places)}
-    figure = new_figure(0.9 + 0.17 * max(heights.values()))
+    figure = new_figure(1.1 + 0.17 * max(heights.values()))
     grid = figure.subplots(1, len(protocols) + 1, sharey=True, width_ratios=[2] * len(protocols) + [1.2])
     for axes, protocol in zip(grid, protocols, strict=False):
         _paint_accuracy(axes, results[results["protocol"] == protocol], heights)
@@ -74,17 +75,19 @@ def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
         axes.grid(axis="x")
     grid[0].set_yticks(list(heights.values()), [f"{chain}, {name}" for chain, name in places])
     grid[0].invert_yaxis()
+    add_legend(figure, [grid[0]], ncols=2)
     return figure
 
 
 def _paint_accuracy(axes: Axes, rows: pd.DataFrame, heights: Mapping[tuple[str, str], float]) -> None:
     """The mean of each chain and set of features with its interval, over its splits; from the least of them on."""
     at = [heights[place] for place in zip(rows["chain"], rows["features"], strict=True)]
-    axes.plot(100 * rows["accuracy_test"], at, ls="", marker="|", ms=6, mew=0.7, color=MUTED)
+    axes.plot(100 * rows["accuracy_test"], at, ls="", marker="|", ms=6, mew=0.7, color=MUTED, label="single splits")
     found = intervals(rows)
     at = [heights[place] for place in zip(found["chain"], found["features"], strict=True)]
     mean, low, high = (100 * found[end] for end in ("mean", "low", "high"))
-    axes.errorbar(mean, at, xerr=[mean - low, high - mean], fmt="o", ms=4, lw=0.9, capsize=2, color=SERIES[0][0])
+    style: Any = {"fmt": "o", "ms": 4, "lw": 0.9, "capsize": 2, "color": SERIES[0][0]}
+    axes.errorbar(mean, at, xerr=[mean - low, high - mean], label="mean and its 95 % interval", **style)
 
 
 @printed

@@ -6,10 +6,23 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from neurotact.figures.style import INK, MUTED, Drawn, add_legend, bars, keep_within, new_figure, printed, series_style
+from neurotact.figures.style import (
+    INK,
+    MUTED,
+    PALE,
+    Drawn,
+    add_legend,
+    bars,
+    keep_within,
+    new_figure,
+    printed,
+    series_style,
+)
 
 CLASSIFIERS = ("kNN", "SVM", "ELM", "SNN", "RSNN")
 PARTS = (("flops_encoder", "encoder"), ("flops_features", "features"), ("flops_classifier", "classifier"))
+PART_SERIES = (0, 3, 2)
+"""Colours and shapes of the parts, other than those of the afferents."""
 USUAL_ms = 150.0
 """The window of the comparisons at one window: the texture paper's choice."""
 
@@ -45,9 +58,10 @@ def drawings(results: pd.DataFrame) -> Iterator[Drawn]:
         "parts-of-the-cost",
         f"Where the operations go at {at_ms:g} ms",
         draw_parts(results, at_ms),
-        "Operations of encoder, features and classifier for the systems of the texture paper's Table I, its references "
-        "in brackets, and for the networks on each encoder.",
-        "Three bars a system on a logarithmic axis; the Izhikevich encoder alone outweighs a whole network on LIF.",
+        "Operations of encoder, features and classifier, and of all three, for the systems of the texture paper's "
+        "Table I, its references in brackets, and for the networks on each encoder.",
+        "A mark for each part and one for the sum of each system on a logarithmic axis; the Izhikevich encoder alone "
+        "outweighs a whole network on LIF.",
     )
 
 
@@ -94,7 +108,8 @@ def draw_over_signal(results: pd.DataFrame) -> Figure:
                 spread = bars(accuracy, 100 * mine["accuracy_test"].std(ddof=0))
                 signal_ms = mine["signal_ms"].mean()
                 axes.errorbar(signal_ms, accuracy, spread, markersize=4, capsize=1.5, elinewidth=0.7, **style, **shown)
-        axes.axhline(12.5, color=MUTED, linestyle=":", linewidth=0.8)
+        axes.axhline(12.5, color=MUTED, linestyle=":", linewidth=0.8, label="chance")
+        axes.plot([], [], "o:", color=INK, markerfacecolor="white", markersize=4, label="early exit")
         axes.set(title=encoder, xscale="log", xlabel="signal (ms)", ylim=(0, 100))
         ticks = sorted(set(results["window_ms"]))
         axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
@@ -102,7 +117,7 @@ def draw_over_signal(results: pd.DataFrame) -> Figure:
         axes.grid(True)
     keep_within(panels)
     panels[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, panels, ncols=len(CLASSIFIERS))
+    add_legend(figure, panels, ncols=len(CLASSIFIERS) + 2)
     return figure
 
 
@@ -128,6 +143,7 @@ def draw_grid(results: pd.DataFrame, at_ms: float) -> Figure:
     axes.set_yticks(range(len(systems)), [f"{features} → {classifier}" for features, classifier in systems])
     axes.tick_params(length=0)
     axes.xaxis.tick_top()
+    axes.set_title(f"Test accuracy (%), windows of {at_ms:g} ms", pad=8)
     for side in axes.spines.values():
         side.set_visible(False)
     return figure
@@ -149,37 +165,45 @@ def draw_over_cost(results: pd.DataFrame, at_ms: float) -> Figure:
                 style = series_style(index)
                 shown = {"markerfacecolor": face} if face else {"label": classifier}
                 axes.plot(mine["flops"], 100 * mine["accuracy_test"], linestyle="", markersize=4.5, **style, **shown)
+        axes.plot([], [], "o", color=INK, markerfacecolor="white", markersize=4.5, label="early exit")
         axes.set(title=encoder, xscale="log", xlabel="FLOPs of a decision", ylim=(0, 100))
         axes.grid(True)
     keep_within(panels)
     panels[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, panels, ncols=len(CLASSIFIERS))
+    add_legend(figure, panels, ncols=len(CLASSIFIERS) + 1)
     return figure
 
 
 @printed
 def draw_parts(results: pd.DataFrame, at_ms: float) -> Figure:
-    """Operations of the three parts of each system, side by side on a logarithmic axis."""
+    """Operations of the three parts of each system and of all of them, as marks on a logarithmic axis.
+
+    Marks, not bars: a logarithmic axis has no zero to which a length could refer.
+    """
     rows = results[(results["window_ms"] == at_ms) & (results["decision"] == "window")].fillna({"as_in": ""})
     rows = rows[(rows["as_in"] != "") | rows["classifier"].isin(("SNN", "RSNN"))]
     keys = ["encoder", "features", "classifier", "as_in"]
     means = rows.groupby(keys, sort=False)[[column for column, _ in PARTS]].mean()
-    figure = new_figure(0.7 + 0.33 * max(1, len(means)))
+    figure = new_figure(0.9 + 0.22 * max(1, len(means)))
     axes = figure.subplots()
     at = np.arange(len(means))
+    axes.hlines(at, means.where(means > 0).min(axis=1), means.sum(axis=1), color=PALE, lw=2.0, zorder=1)
     for index, (column, name) in enumerate(PARTS):
         values = means[column].to_numpy()
-        # A logarithmic axis has no zero: a part that does nothing has no bar.
-        axes.barh(at + 0.26 * (index - 1), np.where(values > 0, values, np.nan), 0.24, label=name)
+        # A part that does nothing has no mark.
+        drawn = np.where(values > 0, values, np.nan)
+        axes.plot(drawn, at, ls="", ms=5, label=name, **series_style(PART_SERIES[index]))
+    axes.plot(means.sum(axis=1), at, ls="", marker="|", ms=10, mew=2.0, color=INK, label="all of them")
     names = [
         f"{encoder}, {classifier if features == 'spikes' else f'{features} → {classifier}'} {as_in}".rstrip()
         for encoder, features, classifier, as_in in means.index
     ]
     axes.set_yticks(at, names)
     axes.invert_yaxis()
-    axes.set(xscale="log", xlabel="FLOPs of a decision")
+    axes.tick_params(axis="y", length=0)
+    axes.set(xscale="log", xlabel=f"FLOPs of a decision on {at_ms:g} ms")
     axes.grid(True, axis="x")
-    add_legend(figure, [axes], ncols=len(PARTS))
+    add_legend(figure, [axes], ncols=len(PARTS) + 1)
     return figure
 
 

@@ -22,6 +22,8 @@ CLASSES = (3, 10, 20)
 STEPS = (8, 10, 16, 20, 50, 100, 200, 256)
 ACCURACY = "test accuracy (%)"
 PUBLISHED = "#D55E00"
+RANKS = ("strongest taxel", "second", "third")
+RANK_COLOURS = tuple(SERIES[index][0] for index in (0, 4, 2))
 
 
 @printed
@@ -34,45 +36,56 @@ def draw_touches(
 ) -> Figure:
     """One touch of each modality: its taxels over time, and the same averaged over windows.
 
-    patterns: of Dataset A, `(touch, time, channel)` in V; windows: of Dataset C, `(touch, step, channel)` in V.
+    patterns: of Dataset A, `(touch, time, channel)` in V; windows: of Dataset C, `(touch, step, channel)` in V, drawn
+    at a step's share of the touch.
     """
-    figure = new_figure(3.6)
+    figure = new_figure(3.9)
     axes = figure.subplots(2, len(patterns), sharey="row", squeeze=False)
-    time_s = np.arange(patterns.shape[1]) / sampling_rate_Hz
+    time_s, duration_s = np.arange(patterns.shape[1]) / sampling_rate_Hz, patterns.shape[1] / sampling_rate_Hz
     limit_mV = 1e3 * max(np.abs(windows - windows.mean(axis=1, keepdims=True)).max(), 1e-6)
     image = None
     for upper, lower, pattern, window, label in zip(axes[0], axes[1], patterns, windows, labels, strict=True):
         order = np.argsort(np.ptp(pattern, axis=0))
         for channel in order[:-3]:
-            upper.plot(time_s, pattern[:, channel], color=PALE, linewidth=0.5)
-        for (colour, _), channel in zip(SERIES, order[:-4:-1], strict=False):
-            upper.plot(time_s, pattern[:, channel], color=colour, linewidth=0.6)
-        upper.axhspan(*band_V, color=MUTED, alpha=0.12, linewidth=0)
+            upper.plot(time_s, pattern[:, channel], color=PALE, linewidth=0.5, label="other taxels")
+        for colour, rank, channel in zip(RANK_COLOURS, RANKS, order[:-4:-1], strict=False):
+            upper.plot(time_s, pattern[:, channel], color=colour, linewidth=0.6, label=rank)
+        upper.axhspan(*band_V, color=MUTED, alpha=0.12, linewidth=0, label="rest")
         upper.set_title(label)
         upper.set_xlabel("time (s)")
         shown = 1e3 * (window - np.median(window, axis=0)).T
         image = lower.imshow(
-            shown, aspect="auto", cmap="RdBu_r", vmin=-limit_mV, vmax=limit_mV, interpolation="nearest"
+            shown,
+            aspect="auto",
+            cmap="RdBu_r",
+            vmin=-limit_mV,
+            vmax=limit_mV,
+            interpolation="nearest",
+            extent=(0.0, duration_s, len(shown) + 0.5, 0.5),
         )
-        lower.set_xlabel(f"step of {len(window)}")
+        lower.set_xlabel(f"time (s), {len(window)} steps of {1e3 * duration_s / len(window):.0f} ms")
     axes[0, 0].set_ylabel("signal (V)")
     axes[1, 0].set_ylabel("taxel")
     if image is not None:
         figure.colorbar(image, ax=axes[1].tolist(), label="from its median (mV)", fraction=0.05)
+    add_legend(figure, axes[0], ncols=5, handlelength=1.4)
     return figure
 
 
 @printed
-def draw_accuracy(results: pd.DataFrame, published: Mapping[tuple[str, int], Sequence[float]]) -> Figure:
+def draw_accuracy(
+    results: pd.DataFrame, published: Mapping[tuple[str, int], Sequence[float]], touch_ms: float
+) -> Figure:
     """Accuracy over the number of steps, a line per fold (Fig. 4): networks beside each other, protocols below.
 
     What is published stands beside the protocol `paper` alone.
 
     results: columns network, protocol, steps, fold, accuracy_test.
-    published: accuracies of the five folds in percent, by network and steps.
+    published: accuracies of the five folds in percent, by network and steps. touch_ms: what N steps share; a step's
+    milliseconds stand above.
     """
     networks, protocols = (list(dict.fromkeys(results[column])) for column in ("network", "protocol"))
-    figure = new_figure(2.3 * len(protocols) + 0.5)
+    figure = new_figure(2.3 * len(protocols) + 1.0)
     axes = figure.subplots(len(protocols), len(networks), sharex=True, sharey=True, squeeze=False)
     for row, protocol in enumerate(protocols):
         for panel, network in zip(axes[row], networks, strict=True):
@@ -81,6 +94,8 @@ def draw_accuracy(results: pd.DataFrame, published: Mapping[tuple[str, int], Seq
             _draw_folds(panel, here, means if protocol == "paper" else {})
             panel.set_title(network if row == 0 else "")
             panel.set_xlabel("steps N" if row == len(protocols) - 1 else "")
+            if row == 0:
+                _name_durations(panel, touch_ms)
         axes[row, 0].set_ylabel(f"{protocol}\n{ACCURACY}")
     keep_within(axes.ravel())
     add_legend(figure, axes.ravel().tolist(), ncols=5)
@@ -95,18 +110,26 @@ def _draw_folds(panel: Axes, results: pd.DataFrame, published: Mapping[int, floa
     if published:
         steps = sorted(published)
         panel.plot(steps, [published[n] for n in steps], "--", color=PUBLISHED, label="published mean")
-    panel.axhline(100 / 3, color=MUTED, linewidth=0.7, linestyle=":", label="chance")
+    panel.axhline(100 / 3, color=MUTED, linewidth=0.9, linestyle=":", label="chance")
     panel.set_xscale("log")
     panel.set_xticks(STEPS, [str(steps) for steps in STEPS], rotation=90)
     panel.minorticks_off()
     panel.grid(axis="y")
 
 
+def _name_durations(panel: Axes, touch_ms: float) -> None:
+    """Above the steps, what one of them lasts."""
+    above = panel.secondary_xaxis("top")
+    above.set_xticks(STEPS, [f"{touch_ms / steps:.0f}" for steps in STEPS], rotation=90)
+    above.minorticks_off()
+    above.set_xlabel("a step (ms)")
+
+
 @printed
-def draw_other_steps(results: pd.DataFrame, steps: Sequence[int]) -> Figure:
+def draw_other_steps(results: pd.DataFrame, steps: Sequence[int], touch_ms: float) -> Figure:
     """Accuracy of weights trained on N steps and used on M, a panel per network, means over folds.
 
-    results: columns network, steps, fold and `used_on_<M>` for each M of `steps`.
+    results: columns network, steps, fold and `used_on_<M>` for each M of `steps`. touch_ms: what N steps share.
     """
     networks = list(dict.fromkeys(results["network"]))
     figure = new_figure(2.6)
@@ -126,9 +149,9 @@ def draw_other_steps(results: pd.DataFrame, steps: Sequence[int]) -> Figure:
             panel.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=6, color=colour)
         panel.set_title(network)
         panel.set_xticks(range(len(steps)), [str(m) for m in steps])
-        panel.set_yticks(range(len(trained)), [str(n) for n in trained])
+        panel.set_yticks(range(len(trained)), [f"{n} ({touch_ms / n:.0f} ms)" for n in trained])
         panel.set_xlabel("used on M steps")
-    axes[0].set_ylabel("trained on N steps")
+    axes[0].set_ylabel("trained on N steps (of so many ms)")
     if image is not None:
         figure.colorbar(image, ax=axes.tolist(), label=ACCURACY, fraction=0.04)
     return figure

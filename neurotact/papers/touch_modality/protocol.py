@@ -269,6 +269,7 @@ def costs_of(parameters: Parameters, arrays: Arrays) -> tuple[Cost, int, Cost]:
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Touches (Fig. 2), accuracy over steps (Fig. 4), other numbers of steps and scaling (Sec. V, Fig. 7)."""
     band_V = (float(arrays["band_V"][0]), float(arrays["band_V"][1]))
+    touch_ms = 1e3 * TOUCH_SAMPLES / float(arrays["sampling_rate_Hz"])
     silent = ", ".join(f"{n} of {of} {c}" for c, n, of in zip(*(arrays[k] for k in _COUNTS), strict=True))
     yield Drawn(
         "touches",
@@ -288,7 +289,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     yield Drawn(
         "accuracy",
         "Accuracy over the number of steps",
-        figures.draw_accuracy(results, TABLE_I),
+        figures.draw_accuracy(results, TABLE_I, touch_ms),
         "As Fig. 4: each line is a fold, the mean of its runs. Above, protocol paper, whose pair of batch and epochs "
         "is chosen on these very test folds; below, honest, on people that training and choice have not seen. "
         "Dashed: the mean of Table I's folds.",
@@ -298,7 +299,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     yield Drawn(
         "other-steps",
         "Weights trained on N steps, used on M",
-        figures.draw_other_steps(results[results["protocol"] == shown], STEP_COUNTS),
+        figures.draw_other_steps(results[results["protocol"] == shown], STEP_COUNTS, touch_ms),
         f"Mean test accuracy over folds and runs, protocol {shown}.",
         "A table of accuracies for each network: trained steps down, used steps across.",
     )
