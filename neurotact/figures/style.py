@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, ParamSpec
 
@@ -29,6 +30,8 @@ P = ParamSpec("P")
 WIDTH_in = 7.2
 """Two columns of a journal page."""
 SUFFIXES = (".png", ".svg", ".pdf")
+SHOWN_dpi = 110
+"""Of a figure in a notebook, whose column is some 800 pixels wide."""
 
 # The texture paper's Figs. 5 and 6: SA-I blue, RA-I orange, their sum green; tones that a colour-blind reader and a
 # grey print tell apart (after Okabe and Ito).
@@ -105,9 +108,27 @@ def printed(draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return styled
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows as the last value of a cell, pyplot imported or not.
+
+    Figures made by pyplot are shown by its inline backend, which knows no others; this one brings its picture along, as
+    IPython asks any object for it (`_repr_png_`). It is never registered with pyplot, so that nothing has to close it.
+
+    >>> new_figure(1.0)._repr_png_()[1:4]
+    b'PNG'
+    """
+
+    def _repr_png_(self) -> bytes:
+        _show_names_as_they_are(self)
+        picture = BytesIO()
+        with rc_context(RC):
+            self.savefig(picture, format="png", dpi=SHOWN_dpi)
+        return picture.getvalue()
+
+
 def new_figure(height_in: float, width_in: float = WIDTH_in) -> Figure:
     """An empty figure that lays itself out."""
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    return NotebookFigure(figsize=(width_in, height_in), layout="constrained")
 
 
 def save(figure: Figure, path: str | Path) -> None:

@@ -242,3 +242,14 @@ def test_our_own_symbols_and_powers_of_ten_are_formulas(tmp_path):
     assert all(label.get_parse_math() for label in (*ticks, axes.xaxis.label))
     assert not axes.yaxis.label.get_parse_math()
     assert not axes.title.get_parse_math()
+
+
+def test_a_figure_brings_its_picture_along_without_pyplot():
+    figure = style.new_figure(1.5)
+    axes = figure.subplots()
+    axes.set_title("felt $x$")
+    picture = figure._repr_png_()  # what IPython asks an object for
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+    width, height = (int.from_bytes(picture[at : at + 4]) for at in (16, 20))
+    assert (width, height) == (round(style.WIDTH_in * style.SHOWN_dpi), round(1.5 * style.SHOWN_dpi))
+    assert not axes.title.get_parse_math()
