@@ -1,14 +1,16 @@
 """The report of a protocol study: its configurations, their scores and their costs."""
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from neurotact.figures.style import bars
-from neurotact.report import page
-from neurotact.report.page import Entry
+from neurotact.report import page, protocol_answer
+from neurotact.report.page import Entry, Table
+from neurotact.report.protocol_answer import ProtocolAnswer, name_of, scale, words
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell
 from neurotact.studies.protocol import View, module_of
@@ -26,6 +28,17 @@ DOWNLOADS = {
     "versions.json": "versions of what computed it",
     "data.json": "the hashes of the data",
 }
+
+
+class Front(NamedTuple):
+    """What the first screen shows of one answer."""
+
+    setting: str
+    headline: str
+    details: list[str]
+    table: Table
+
+
 LOG_FROM = 30.0
 """Costs that differ by more than this factor stand on a logarithmic axis."""
 
@@ -57,20 +70,29 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         data=page.if_there(folder / "data.json"),
         answers=module.answers(results) if hasattr(module, "answers") else [],  # pyright: ignore
-        **seen(means, module.VIEW),
+        **seen(means, module.VIEW, protocol_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW)),
     )
 
 
-def seen(means: pd.DataFrame, view: View) -> dict[str, Any]:
-    """What `protocol.html.jinja` shows of the means of `over_rows`: its points, its table, and their words."""
+def seen(means: pd.DataFrame, view: View, found: Sequence[ProtocolAnswer] = ()) -> dict[str, Any]:
+    """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words."""
     return {
+        "fronts": [
+            Front(
+                one.setting,
+                protocol_answer.headline(one, view),
+                list(protocol_answer.details(one, view)),
+                protocol_answer.table(one, view),
+            )
+            for one in found
+        ],
         "n_rows": int(means["rows"].sum()),
         "note": view.note,
         "cost": view.measures[view.cost],
         "score": view.measures[view.score],
-        "heads": [*map(_words, view.by), *view.measures.values()],
+        "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
-        "page": page.parts(_page_data(means, view), page.PROTOCOL),
+        "page": page.parts(_page_data(means, view) | {"fronts": protocol_answer.as_json(found, view)}, page.PROTOCOL),
     }
 
 
@@ -92,9 +114,18 @@ def over_rows(results: pd.DataFrame, view: View) -> pd.DataFrame:
     return means_over(results, view.by, [name for name in view.measures if name in results], "rows")
 
 
+def _with_choice(results: pd.DataFrame, means: pd.DataFrame, view: View) -> pd.DataFrame:
+    """The means with the validation accuracy by which an answer chooses, where the view does not show it."""
+    choice = protocol_answer.VALIDATION
+    if choice not in results or choice in means:
+        return means
+    found = means_over(results, view.by, [choice], "rows")
+    return means.assign(**{column: found[column] for column in (choice, f"{choice}_sd")})
+
+
 def _rows(means: pd.DataFrame, view: View) -> list[list[Entry]]:
     return [
-        [Entry(_name(row[column]), page.plain(row[column])) for column in view.by]
+        [Entry(name_of(row[column]), page.plain(row[column])) for column in view.by]
         + [_entry(head, row.get(measure), row.get(f"{measure}_sd")) for measure, head in view.measures.items()]
         for row in means.to_dict("records")
     ]
@@ -104,47 +135,37 @@ def _entry(head: str, mean: Any, sd: Any) -> Entry:
     """A mean and its spread as they are read; a head that ends in (%) asks for percent."""
     if mean is None or pd.isna(mean):
         return Entry("-", "")
-    scale = _scale(head)
-    spread = 0.0 if sd is None or pd.isna(sd) else scale * float(sd)
-    value = scale * float(mean)
-    digits = 1 if scale > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
-    whole = value == round(value) and scale == 1
+    factor = scale(head)
+    spread = 0.0 if sd is None or pd.isna(sd) else factor * float(sd)
+    value = factor * float(mean)
+    digits = 1 if factor > 1 else 0 if abs(value) >= 1000 else 2 if abs(value) >= 1 else 4
+    whole = value == round(value) and factor == 1
     text = f"{value:,.0f}" if whole else f"{value:,.{digits}f}"
     return Entry(f"{text} ± {spread:,.{digits}f}" if spread else text, value)
 
 
 def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
-    """One point per configuration; series differ in what is named first."""
-    scale = _scale(view.measures[view.score])
-    whole = 100.0 if scale > 1 else None
+    """One point per configuration; series differ in what is named first beside the answer's setting."""
+    factor = scale(view.measures[view.score])
+    whole = 100.0 if factor > 1 else None
+    named = [column for column in view.by if column not in view.apart]
     costs = means[view.cost].to_numpy(float)
     known = costs[np.isfinite(costs) & (costs > 0)]
     points = [
         {
-            "name": ", ".join(f"{_words(column)} {_name(row[column])}" for column in view.by),
-            "series": _name(row[view.by[0]]),
+            "name": ", ".join(f"{words(column)} {name_of(row[column])}" for column in view.by),
+            "setting": protocol_answer.setting_of([row[column] for column in view.apart], view),
+            "series": name_of(row[named[0]]),
             "x": _number(row[view.cost]),
-            "y": _number(scale * row[view.score]),
-            "bar": bars(scale * row[view.score], scale * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
+            "y": _number(factor * row[view.score]),
+            "bar": bars(factor * row[view.score], factor * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
         }
         for row in means.to_dict("records")
     ]
     is_log = len(known) == len(costs) and len(known) > 0 and known.max() > LOG_FROM * known.min()
-    words = {"cost": view.measures[view.cost], "score": view.measures[view.score]}
-    return {"points": points, **words, "log": bool(is_log), "whole": whole}
-
-
-def _scale(head: str) -> float:
-    return 100.0 if head.endswith("(%)") else 1.0
+    axes = {"cost": view.measures[view.cost], "score": view.measures[view.score]}
+    return {"points": points, **axes, "log": bool(is_log), "whole": whole}
 
 
 def _number(value: float) -> float | None:
     return None if pd.isna(value) else float(value)
-
-
-def _name(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _words(column: str) -> str:
-    return column.replace("_", " ").replace(".", " ")

@@ -26,6 +26,9 @@ class View(NamedTuple):
     measures: columns that are shown, with their heads; a head that ends in (%) is shown in percent.
     cost, score: the columns of the trade-off figure's axes, both among `measures`.
     note: what must be known to read the rows, such as which protocol chooses on test data.
+    apart: columns of `by` whose values are tasks or rules that are not compared with each other; an answer each.
+    optimistic: values of those whose choices saw test data; their answers come last.
+    spiking: a column of `by` and its values that are spiking networks, which are set beside the best of the others.
     """
 
     by: tuple[str, ...]
@@ -33,6 +36,9 @@ class View(NamedTuple):
     cost: str
     score: str
     note: str = ""
+    apart: tuple[str, ...] = ()
+    optimistic: tuple[str, ...] = ()
+    spiking: tuple[str, tuple[str, ...]] | None = None
 
 
 class TaskData(NamedTuple):

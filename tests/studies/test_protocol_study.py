@@ -1,5 +1,6 @@
 """A protocol study resolves, runs, resumes and reports as any study does."""
 
+import json
 import re
 from itertools import product
 from pathlib import Path
@@ -11,9 +12,10 @@ from toy import bring
 
 from neurotact import plugins
 from neurotact.errors import InputError
-from neurotact.report import report
+from neurotact.report import protocol_answer, report
 from neurotact.studies import loading, protocol, protocol_cell, protocol_study, runner, study
 from neurotact.studies.store import is_done, write_cell
+from neurotact.tables import read_table
 
 HERE = Path(__file__).parent
 COINS = HERE / "coins.toml"
@@ -153,10 +155,26 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", page)
 
 
+def test_the_first_screen_answers_before_anything_else(finished):
+    page = (finished / "report.html").read_text()
+    view = protocol.module_of("coins").VIEW
+    (found,) = protocol_answer.answers(read_table(finished / "means.csv"), view)
+    said = protocol_answer.headline(found, view).replace(" %", "\u00a0%")
+    assert found.best.name.startswith("heads")
+    order = [page.index(part) for part in (said, 'id="plot"', "The best of each kind", "Explore every", 'id="claims"')]
+    assert order == sorted(order)
+    drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
+    assert drawn["fronts"] == {"": {"best": found.best.index, "cheapest": found.cheapest.index, "chance": None}}
+    assert drawn["points"][found.best.index]["y"] == pytest.approx(100 * found.best.score)
+
+
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):
     monkeypatch.undo()
     for name in plugins.names("protocols"):
         module = protocol.module_of(name)
         assert "data" in module.Parameters.model_fields, name
-        assert {module.VIEW.cost, module.VIEW.score} <= set(module.VIEW.measures), name
+        view = module.VIEW
+        assert {view.cost, view.score} <= set(view.measures), name
+        assert set(view.apart) < set(view.by), name
+        assert view.spiking is None or view.spiking[0] in set(view.by) - set(view.apart), name
         assert all(callable(getattr(module, part)) for part in ("load", "run", "draw")), name

@@ -74,6 +74,8 @@ VIEW = View(
     score="accuracy_test",
     note="Under `published` the epoch is the one that is best on the test letters, so that the accuracy is optimistic; "
     "under `honest` it is the best on validation letters, a tenth of all, which are then not trained on.",
+    apart=("protocol",),
+    optimistic=("published",),
 )
 
 

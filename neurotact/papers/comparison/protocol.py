@@ -202,4 +202,6 @@ VIEW = View(
     "features, averaging, afferents, classifier. Afferents are counted on every step and taxel, as digital neurons; an "
     "analogue or event-driven encoder would not pay for them. Tasks whose recordings are not at hand are left out; the "
     "column `skipped` of results.csv says why.",
+    apart=("task",),
+    spiking=("family", ("RSNN", "RSNN, early exit")),
 )

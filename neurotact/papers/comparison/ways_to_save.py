@@ -110,6 +110,7 @@ VIEW = View(
     "where one is given; events have a dead time. SOPs of pruned networks count the weights that remain. Energy is an "
     "estimate of the arithmetic of afferents and network, without memory: both work at every step, whatever they send. "
     "Sets whose recordings are not at hand are left out; the column `skipped` of results.csv says why.",
+    apart=("set",),
 )
 
 

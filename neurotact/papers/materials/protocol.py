@@ -263,4 +263,5 @@ VIEW = View(
     },
     cost="flops",
     score="accuracy_test",
+    apart=("problem", "setup"),
 )

@@ -94,6 +94,8 @@ VIEW = View(
     "the robot stands on no other side. Standardisation, gains, N, penalties and exit "
     "patience are fitted or chosen on training and validation presses alone. Energy is an estimate of the arithmetic, "
     "from the trigger on.",
+    apart=("protocol",),
+    spiking=("chain", ("RSNN", EARLY)),
 )
 
 

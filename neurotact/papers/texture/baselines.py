@@ -472,4 +472,6 @@ VIEW = View(
         "The texture paper's Table I names the systems before it and gives no accuracies of theirs; they were measured "
         "with other sensors on other textures. Features see whole windows, of SA-I and RA-I afferents alike."
     ),
+    apart=("window_ms",),
+    spiking=("classifier", ("SNN", "RSNN")),
 )

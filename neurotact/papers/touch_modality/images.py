@@ -77,6 +77,7 @@ VIEW = View(
         "Rows are folds, each the mean of its runs. One batch size and one number of epochs for all: nothing is chosen "
         "on test folds. The CNN of the CNN-LSTM has random weights unless a file of trained ones is given."
     ),
+    apart=("protocol",),
 )
 
 

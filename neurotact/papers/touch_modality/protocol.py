@@ -103,6 +103,8 @@ VIEW = View(
         "size and epochs on the test folds, as published, so its accuracies are optimistic; honest tests on people "
         "whom neither training nor that choice has seen."
     ),
+    apart=("protocol",),
+    optimistic=("paper",),
 )
 
 

@@ -2,6 +2,8 @@
 
 const study = JSON.parse(document.getElementById("study-data").textContent);
 const host = document.getElementById("plot"), table = document.getElementById("networks");
+const byId = (id) => document.getElementById(id);
+const settings = Object.keys(study.fronts);
 let plotly = null;
 
 function rowOf(index) {
@@ -10,14 +12,50 @@ function rowOf(index) {
 
 function choose(index) {
   study.chosen = index;
+  const setting = study.points[index].setting;
+  if (settings.length && study.shown.setting !== setting && settings.includes(setting)) show({ setting });
   for (const row of table.tBodies[0].rows) row.removeAttribute("aria-current");
   rowOf(index).setAttribute("aria-current", "true");
   reach(rowOf(index));
   if (plotly) redraw();
 }
 
+/* The answer, its table and its points: those of one setting. */
+function show(changed) {
+  Object.assign(study.shown, changed);
+  for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.shown.setting;
+  for (const id of ["setting", "scale"]) byId(id).value = study.shown[id];
+  keepInAddress(study.shown, study.beginning);
+}
+
+function isShown(point) {
+  return point.y != null && (!settings.length || point.setting === study.shown.setting);
+}
+
+/* Rings about the best configuration and the cheapest within its error. */
+function markTraces() {
+  const front = study.fronts[study.shown.setting];
+  const both = front?.best === front?.cheapest;
+  const marks = !front ? [] : both ? [["best, and cheapest within its error", front.best, 19]] : [["best", front.best, 19], ["cheapest within its error", front.cheapest, 21]];
+  return marks.filter(([, index]) => study.points[index].x != null).map(([name, index, size]) => ({
+    type: "scatter", mode: "markers", name, cliponaxis: false, hoverinfo: "skip", x: [study.points[index].x], y: [study.points[index].y],
+    marker: { symbol: name.startsWith("best") ? "circle-open" : "square-open", size, color: style("--ink"), line: { width: 1.8 } },
+  }));
+}
+
+/* A line at guessing, with its name. */
+function chanceLine() {
+  const chance = study.fronts[study.shown.setting]?.chance;
+  if (chance == null) return {};
+  const colour = style("--soft");
+  return {
+    shapes: [{ type: "line", xref: "paper", x0: 0, x1: 1, y0: chance, y1: chance, line: { color: colour, width: 1.3, dash: "dot" } }],
+    annotations: [{ xref: "paper", x: 0.01, xanchor: "left", y: chance, yanchor: "bottom", showarrow: false, text: `guessing ${chance.toFixed(1)}`, font: { color: colour, size: 11 } }],
+  };
+}
+
 function seriesTrace(name, index) {
-  const here = study.points.map((_, i) => i).filter((i) => study.points[i].series === name && study.points[i].y != null);
+  const here = study.points.map((_, i) => i).filter((i) => study.points[i].series === name && isShown(study.points[i]));
   const points = here.map((i) => study.points[i]);
   const colour = style(`--series-${index % SYMBOLS.length}`), open = index < SYMBOLS.length ? "" : "-open";
   return {
@@ -37,17 +75,18 @@ function seriesTrace(name, index) {
 
 function redraw() {
   const names = [...new Set(study.points.map((point) => point.series))];
-  const traces = names.map(seriesTrace);
+  const traces = [...names.map(seriesTrace).filter((trace) => trace.x.length), ...markTraces()];
   const chosen = study.points[study.chosen];
-  if (chosen && chosen.y != null) {
+  if (chosen && isShown(chosen)) {
     traces.push({
       type: "scatter", mode: "markers", showlegend: false, hoverinfo: "skip", x: [chosen.x], y: [chosen.y],
-      marker: { symbol: "circle-open", size: 21, color: style("--ink"), line: { width: 2.5 } },
+      marker: { symbol: "circle-open", size: 14, color: style("--ink"), line: { width: 2.5 } },
     });
   }
   return draw(plotly, host, traces, {
     ...sharedLayout(host.clientWidth < 600),
-    xaxis: { ...axisStyle(), title: { text: plain(study.cost), standoff: 8 }, type: study.log ? "log" : "linear" },
+    ...chanceLine(),
+    xaxis: { ...axisStyle(), title: { text: plain(study.cost), standoff: 8 }, type: study.shown.scale },
     yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), title: { text: plain(study.score) } },
   });
 }
@@ -55,6 +94,16 @@ function redraw() {
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;
 for (const link of document.querySelectorAll("a[data-picture]")) link.href = link.closest("figure").querySelector("img").src;
 unfoldOnVisit();
+study.beginning = { setting: settings[0] ?? "", scale: study.log ? "log" : "linear" };
+study.shown = { ...study.beginning };
+if (settings.length) {
+  const asked = stateOfAddress();
+  show({
+    setting: settings.includes(asked.get("setting")) ? asked.get("setting") : study.shown.setting,
+    scale: ["linear", "log"].includes(asked.get("scale")) ? asked.get("scale") : study.shown.scale,
+  });
+  for (const id of ["setting", "scale"]) byId(id).addEventListener("change", () => { show({ [id]: byId(id).value }); if (plotly) redraw(); });
+}
 sortable(table, document.getElementById("sorted"));
 const reach = walkable(table.tBodies[0], choose);
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plotly && redraw());

@@ -1,0 +1,284 @@
+"""What a run of a protocol answers: the best configuration, the cheapest within its error, and what stands beside it.
+
+Validation rows choose where the run holds them, test rows tell. Errors are standard errors over the rows of a
+configuration (seeds, splits, folds); rows that share examples are not independent, so that they are rather too small.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.figures.columns import in_unit
+from neurotact.report.answer import count
+from neurotact.report.page import Table
+from neurotact.studies.protocol import View
+
+VALIDATION = "accuracy_validation"
+SPENT = {"signal_ms": "ms of signal", "energy_estimate_nJ": "energy, estimate (nJ)"}
+"""What the first screen shows beside the view's own cost, where the run holds it."""
+MOST_KINDS = 8
+"""Kinds of configurations in the first table; all of them stand in the table of every configuration."""
+
+
+class Configuration(NamedTuple):
+    """One configuration, means over its rows.
+
+    index: its row in the table of means. kind: the first of what names it. chosen_by, choice_error: what it is chosen
+    by and its standard error, NaN with one row. score, error: likewise what is told. All scores as the run holds them.
+    """
+
+    index: int
+    name: str
+    kind: str
+    chosen_by: float
+    choice_error: float
+    score: float
+    error: float
+    cost: float
+    rows: int
+    spent: dict[str, float]
+
+
+class ProtocolAnswer(NamedTuple):
+    """The answer for one task or rule of a run, whose configurations can be compared.
+
+    setting: its name; empty where there is only one. cheapest: the cheapest within the best one's error.
+    rival: the best without spikes where the best spikes, and the other way round; None where the view names no kinds.
+    chance: the accuracy of guessing; None where the run does not hold it.
+    """
+
+    setting: str
+    configurations: list[Configuration]
+    best: Configuration
+    cheapest: Configuration
+    spiking: Configuration | None
+    other: Configuration | None
+    chance: float | None
+    is_validated: bool
+    is_optimistic: bool
+
+
+def answers(means: pd.DataFrame, view: View) -> list[ProtocolAnswer]:
+    """An answer for each combination of `view.apart`, those whose choices saw test data last.
+
+    means: of `protocol.over_rows`; configurations without a score are left out. Where some have a validation accuracy,
+    those without one are not chosen: such as early exit, which is the same network again.
+
+    >>> view = View(("kind",), {"accuracy_test": "test accuracy (%)", "flops": "FLOPs"}, "flops", "accuracy_test")
+    >>> rows = {"kind": ["elm", "svm"], "rows": [4, 4], "accuracy_test": [0.90, 0.89], "accuracy_test_sd": [0.04, 0.02]}
+    >>> (found,) = answers(pd.DataFrame(rows | {"flops": [900.0, 300.0], "flops_sd": [0.0, 0.0]}), view)
+    >>> found.best.name, found.cheapest.name
+    ('elm', 'svm')
+    """
+    known = means[means[view.score].notna()]
+    groups = known.groupby(list(view.apart), sort=False) if view.apart else [((), known)]
+    found = [_answer(key, rows, view) for key, rows in groups if len(rows)]
+    return sorted(found, key=lambda one: one.is_optimistic)
+
+
+def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View) -> ProtocolAnswer:
+    is_validated = VALIDATION in rows and bool(rows[VALIDATION].notna().any())
+    choice = VALIDATION if is_validated else view.score
+    each = [_configuration(int(str(index)), row, view, choice) for index, row in rows.iterrows()]
+    best = max(each, key=lambda one: (_or_least(one.chosen_by), -_or_inf(one.cost)))
+    margin = 0.0 if math.isnan(best.choice_error) else best.choice_error
+    near = [one for one in each if one.chosen_by >= best.chosen_by - margin - 1e-12]
+    cheapest = min(near, key=lambda one: (_or_inf(one.cost), -one.chosen_by))
+    spiking, other = None, None
+    if view.spiking is not None:
+        column, names = view.spiking
+        are_spiking = dict(zip(rows.index, rows[column].isin(names), strict=True))
+        sides = [[one for one in each if are_spiking[one.index] == is_spiking] for is_spiking in (True, False)]
+        spiking, other = (max(side, key=lambda one: _or_least(one.chosen_by), default=None) for side in sides)
+    chance = float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().any() else None
+    setting = setting_of(key, view)
+    is_optimistic = any(str(value) in view.optimistic for value in key)
+    return ProtocolAnswer(setting, each, best, cheapest, spiking, other, chance, is_validated, is_optimistic)
+
+
+def _configuration(index: int, row: pd.Series, view: View, choice: str) -> Configuration:
+    named = [column for column in view.by if column not in view.apart]
+    parts = [str(row[column]) if isinstance(row[column], str) else f"{words(column)} {name_of(row[column])}"
+             for column in named if row[column] != "-"]  # fmt: skip
+    spent = {column: float(row[column]) for column in SPENT if column in row and column != view.cost}
+    return Configuration(
+        index,
+        ", ".join(parts),
+        name_of(row[named[0]]),
+        float(row[choice]),
+        _error(row, choice),
+        float(row[view.score]),
+        _error(row, view.score),
+        float(row[view.cost]),
+        int(row["rows"]),
+        {column: value for column, value in spent.items() if not math.isnan(value)},
+    )
+
+
+def _error(row: pd.Series, measure: str) -> float:
+    return float(row[f"{measure}_sd"]) / math.sqrt(row["rows"])
+
+
+def _or_inf(cost: float) -> float:
+    return math.inf if math.isnan(cost) else cost
+
+
+def _or_least(score: float) -> float:
+    return -math.inf if math.isnan(score) else score
+
+
+def headline(found: ProtocolAnswer, view: View) -> str:
+    """The result in one sentence."""
+    guess = "" if found.chance is None else f"; guessing reaches {_score(found.chance, view)}"
+    if found.spiking is None or found.other is None:
+        return f"{_told(found.best, view)} at {_cost(found.best.cost, view)}{guess}."
+    rival = f"the best without spikes, {found.other.name}, has {_score(found.other.score, view)}"
+    both = f"{_told(found.spiking, view)}; {rival}{guess}."
+    difference = found.spiking.score - found.other.score
+    error = math.hypot(found.spiking.error, found.other.error)
+    if math.isnan(error):
+        return f"A comparison of single rows, without an error: {both}"
+    if abs(difference) <= 2 * error:
+        return f"No clear difference between spiking and the others: {both}"
+    return f"Spiking is more accurate: {both}" if difference > 0 else f"Spiking costs accuracy: {both}"
+
+
+def details(found: ProtocolAnswer, view: View) -> Iterator[str]:
+    """What the cheapest within the error saves, and what the reader must know of the choice, in sentences."""
+    best, cheapest = found.best, found.cheapest
+    rows = "validation" if found.is_validated else "test"
+    if math.isnan(best.choice_error):
+        yield f"{best.name} has one row, so that its error is not known."
+    elif cheapest.index == best.index:
+        yield f"{best.name} is also the cheapest within its error ({_points(best.choice_error, view)} on {rows} rows)."
+    else:
+        yield (
+            f"Within the error of {best.name} ({_points(best.choice_error, view)} on {rows} rows), {cheapest.name} is "
+            f"the cheapest: {_saved(best, cheapest, view)}, {_lost(best, cheapest, view)}."
+        )
+    if not found.is_validated:
+        yield "The run holds no validation accuracy: the best is chosen by what is shown, which flatters it."
+    if found.is_optimistic:
+        yield "Choices of this protocol saw test data, so that its accuracies flatter."
+
+
+def table(found: ProtocolAnswer, view: View) -> Table:
+    """The best of each kind, the cheapest within the error, and guessing."""
+    kinds: dict[str, Configuration] = {}
+    for one in sorted(found.configurations, key=lambda one: -_or_least(one.chosen_by)):
+        kinds.setdefault(one.kind, one)
+    shown = list(kinds.values())[:MOST_KINDS]
+    shown += [one for one in (found.cheapest, found.other, found.spiking) if one is not None and one not in shown]
+    spent = [column for column in SPENT if any(column in one.spent for one in shown)]
+    marks = ((found.best, "best"), (found.cheapest, "cheapest within its error"))
+    rows = []
+    for one in shown:
+        said = " and ".join(word for of, word in marks if of.index == one.index)
+        row = [f"{one.name}{': ' if said else ''}{said}", _with_error(one, view), count(one.cost)]
+        rows.append([*row, *(count(one.spent[column]) if column in one.spent else "-" for column in spent)])
+    if found.chance is not None:
+        rows.append(["guessing", _score(found.chance, view), *[""] * (1 + len(spent))])
+    least, most = (of(one.rows for one in shown) for of in (min, max))
+    over = f"{least} to {most}" if least < most else f"{most}"
+    what = (
+        f"means over {over} rows of results.csv ± their standard error" if most > 1 else "one row of results.csv each"
+    )
+    caption = f"The best of each kind{f', {found.setting}' if found.setting else ''}: {what}."
+    heads = ["configuration", view.measures[view.score], view.measures[view.cost], *(SPENT[column] for column in spent)]
+    return Table(caption, heads, rows, n_heads=1)
+
+
+def setting_of(values: Sequence[Any], view: View) -> str:
+    """What tells an answer from the others of a run, its values of `view.apart`, in words."""
+    return ", ".join(in_unit(column, value) for column, value in zip(view.apart, values, strict=True))
+
+
+def name_of(value: Any) -> str:
+    """A value as a page names it.
+
+    >>> name_of(0.5), name_of("elm"), name_of(100.0)
+    ('0.5', 'elm', '100')
+    """
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def words(column: str) -> str:
+    """A column's name in words.
+
+    >>> words("n_max")
+    'n max'
+    """
+    return column.replace("_", " ").replace(".", " ")
+
+
+def scale(head: str) -> float:
+    """By what a measure is multiplied to be read: a head that ends in (%) asks for percent."""
+    return 100.0 if head.endswith("(%)") else 1.0
+
+
+def _unit(view: View) -> str:
+    return " %" if scale(view.measures[view.score]) > 1 else ""
+
+
+def _score(value: float, view: View) -> str:
+    factor = scale(view.measures[view.score])
+    return f"{factor * value:.1f} %" if factor > 1 else f"{value:.4g}"
+
+
+def _told(one: Configuration, view: View) -> str:
+    what = view.measures[view.score].removesuffix("(%)").strip()
+    return f"{one.name} has a {what} of {_score(one.score, view)}"
+
+
+def _with_error(one: Configuration, view: View) -> str:
+    if math.isnan(one.error):
+        return _score(one.score, view)
+    factor = scale(view.measures[view.score])
+    return f"{factor * one.score:.1f} ± {factor * one.error:.1f}{_unit(view)}"
+
+
+def _points(share: float, view: View) -> str:
+    factor = scale(view.measures[view.score])
+    return f"{factor * share:.1f} points" if factor > 1 else f"{share:.3g}"
+
+
+def _cost(value: float, view: View) -> str:
+    """A cost with its head, whose unit comes first.
+
+    >>> [_cost(635.0, View((), {"x": head}, "x", "x")) for head in ("FLOPs", "FLOPs (paper's count)", "energy (nJ)")]
+    ['635 FLOPs', "635 FLOPs (paper's count)", '635 nJ (energy)']
+    """
+    if math.isnan(value):
+        return "an unknown cost"
+    head = view.measures[view.cost]
+    what, _, unit = head.removesuffix(")").partition(" (")
+    return f"{count(value)} {unit} ({what})" if unit and " " not in unit else f"{count(value)} {head}"
+
+
+def _saved(before: Configuration, after: Configuration, view: View) -> str:
+    both = f"{_cost(after.cost, view)} against {count(before.cost)}"
+    return f"{100 * (1 - after.cost / before.cost):.0f} % less, {both}" if before.cost > 0 else both
+
+
+def _lost(before: Configuration, after: Configuration, view: View) -> str:
+    lost = before.score - after.score
+    if abs(scale(view.measures[view.score]) * lost) < 0.05:
+        return f"at the same score, {_score(after.score, view)}"
+    return (
+        f"and its score is {_points(abs(lost), view)} {'lower' if lost > 0 else 'higher'}, {_score(after.score, view)}"
+    )
+
+
+def as_json(found: Sequence[ProtocolAnswer], view: View) -> dict[str, Any]:
+    """What the page draws of each answer: its best and cheapest point, and guessing in the unit of the axis."""
+    factor = scale(view.measures[view.score])
+    return {
+        one.setting: {
+            "best": one.best.index,
+            "cheapest": one.cheapest.index,
+            "chance": None if one.chance is None else factor * one.chance,
+        }
+        for one in found
+    }
