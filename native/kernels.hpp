@@ -119,6 +119,14 @@ struct Encoding {
 
 enum class Baseline : int { none, first, start, running, high_pass };
 
+// Where a stream writes down what spiked in each step of a push: a row of words a step, as in spikes.hpp. `window` is the
+// oldest one that heard the step, -1 where none did; `hidden` is what its hidden layer sent to the readout.
+struct StreamTrace {
+    uint64_t *afferents, *hidden;
+    int64_t* window;
+    int64_t room, first, steps;  // steps that there is room for; the first that was written down, and how many
+};
+
 // A chain that takes samples as they come: conditioning, afferents, windows, network, exit (neurotact/deploy/stream.py).
 struct StreamPlan {
     int taxels;
@@ -136,6 +144,7 @@ struct StreamPlan {
     int at_once;                         // windows that overlap at most
     ExitRule rule;
     Net<float> net;
+    StreamTrace* trace = nullptr;        // null: nothing is written down
 };
 
 // What was decided of a window; see neurotact/deploy/stream.py, Decision.

@@ -242,6 +242,20 @@ public:
         return walk.found;
     }
     const Decided& decision(int64_t i) const { return decided.at(i); }
+    // From now on each push writes down its steps, `room` of them at most.
+    void watch(int64_t room) {
+        const int64_t n_in = words(2 * plan.taxels), n_hidden = words(plan.net.sizes.hidden);
+        bits.assign(room * (n_in + n_hidden), 0);
+        windows.assign(room, -1);
+        trace = {bits.data(), bits.data() + room * n_in, windows.data(), room, 0, 0};
+        plan.trace = &trace;
+    }
+    // Of the last push: its first step, and the rows of afferents, hidden neurons and windows.
+    nb::tuple watched() const {
+        const auto rows = [&](const void* at, int64_t row) { return nb::bytes(at, trace.steps * row * sizeof(uint64_t)); };
+        return nb::make_tuple(trace.first, rows(trace.afferents, words(2 * plan.taxels)),
+                              rows(trace.hidden, words(plan.net.sizes.hidden)), rows(trace.window, 1));
+    }
     int taxels() const { return plan.taxels; }
     int64_t at_once() const { return plan.at_once; }
 
@@ -255,6 +269,9 @@ private:
     std::vector<std::vector<float>> floats;
     std::vector<double> biases;
     std::vector<Decided> decided;
+    std::vector<uint64_t> bits;
+    std::vector<int64_t> windows;
+    StreamTrace trace{};
     const StreamKernels* kernels;
     std::unique_ptr<Block> block;
     void* stream;
@@ -299,6 +316,11 @@ void add_stream(nb::module_& m) {
                  return nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
                                        d.heard != 0);
              })
+        .def("watch", [](Stream& self, int64_t room) {
+            if (room < 1) throw std::invalid_argument("watch: needs room for a step");
+            self.watch(room);
+        })
+        .def("watched", &Stream::watched)
         .def("begin", &Stream::begin)
         .def("state", [](Stream& self) { return self.exchange(nullptr); })
         .def("restore", [](Stream& self, const std::vector<nb::bytes>& parts) {

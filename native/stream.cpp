@@ -166,13 +166,20 @@ struct Streaming {
             start_window(plan, *windows[order[at.under_way++]]);
             at.n_windows++;
         }
+        StreamTrace* trace = plan.trace && plan.trace->steps < plan.trace->room ? plan.trace : nullptr;
+        if (trace) write_down(plan, *trace, n_arriving);
         at.steps++;
         int64_t n_decided = 0, left = 0;
         for (int64_t i = 0; i < at.under_way; i++) {
             const int64_t slot = order[i];
             Window<Readout>& window = *windows[slot];
             std::memcpy(window.net.rows, arriving, n_arriving * sizeof(uint32_t));
-            window.numbers[4] += window.net.step(plan.net, tables, n_arriving, window.leader);
+            const int n_sent = window.net.step(plan.net, tables, n_arriving, window.leader);
+            if (trace && i == 0) {
+                trace->window[trace->steps - 1] = window.numbers[0];
+                mark(window.net.rows, n_sent, trace->hidden + (trace->steps - 1) * words(plan.net.sizes.hidden));
+            }
+            window.numbers[4] += n_sent;
             window.numbers[3] += n_arriving;
             window.numbers[2]++;
             window.numbers[5] += held;
@@ -187,8 +194,22 @@ struct Streaming {
         return n_decided;
     }
 
+    // A step's afferents, and room for what the oldest window makes of them.
+    void write_down(const StreamPlan& plan, StreamTrace& trace, int n_arriving) {
+        const int64_t row = trace.steps++, n_in = words(2 * plan.taxels), n_hidden = words(plan.net.sizes.hidden);
+        if (row == 0) trace.first = at.steps;
+        std::memset(trace.afferents + row * n_in, 0, n_in * sizeof(uint64_t));
+        std::memset(trace.hidden + row * n_hidden, 0, n_hidden * sizeof(uint64_t));
+        trace.window[row] = -1;
+        mark(arriving, n_arriving, trace.afferents + row * n_in);
+    }
+    static void mark(const uint32_t* neurons, int n, uint64_t* to) {
+        for (int e = 0; e < n; e++) to[neurons[e] / 64] |= 1ull << (neurons[e] % 64);
+    }
+
     int64_t push(const StreamPlan& plan, const float* samples, int64_t n, bool held, Decided* to) {
         int64_t n_decided = 0;
+        if (plan.trace) plan.trace->steps = 0;
         for (const float* sample = samples; sample < samples + n * plan.taxels; sample += plan.taxels) {
             for (int i = 0; i < plan.taxels; i++) {
                 const T raw = plan.factor == 1 ? sample[i] : sample[i] * plan.factor;

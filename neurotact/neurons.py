@@ -250,6 +250,11 @@ def recurrent_spikes(neuron: CubaLIF, state: CubaLIFState) -> Tensor:
     return state.spikes_before if neuron.recurrent_delay_steps else state.spikes
 
 
+def transmitted_spikes(neuron: CubaLIF, following: CubaLIFState) -> Tensor:
+    """The spikes that the step to a state has transmitted: s[t+1] under `immediate`, else s[t]."""
+    return following.spikes if neuron.membrane == "immediate" else following.spikes_before
+
+
 def cuba_lif_step(
     neuron: CubaLIF,
     current: Tensor,
@@ -286,7 +291,7 @@ def cuba_lif_step(
         membrane = membrane - (1 - keep) * _detached(threshold)
     # The surrogates of snntorch give float32 whatever they are given.
     following = CubaLIFState(current, membrane, spike(membrane - threshold).to(membrane.dtype), state.spikes)
-    return (following if neuron.membrane == "immediate" else state).spikes, following
+    return transmitted_spikes(neuron, following), following
 
 
 def _detached(value: Decay) -> Decay:

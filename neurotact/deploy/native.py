@@ -40,7 +40,7 @@ class CompiledStream:
     """
 
     def __init__(self, chain: Chain, conditioner: Conditioner, most_steps: int) -> None:
-        self.chain, self.conditioner = chain, conditioner
+        self.chain, self.conditioner, self._most_steps = chain, conditioner, most_steps
         network, encoder, plan = chain.network, chain.encoder, chain.windows
         how, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
@@ -69,6 +69,18 @@ class CompiledStream:
         """How many windows samples `(sample, taxel)` float32 decide; -1, and nothing done, where one is not finite."""
         self.decision = self._stream.decision
         """The i-th of them: window, start, steps, label, input spikes, hidden spikes, held, heard."""
+
+    def watch(self) -> None:
+        """From now on each push notes what spiked in its steps."""
+        self._stream.watch(self._most_steps)
+
+    def watched(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+        """Of the last push: its first step, and `afferents`, `hidden` and `window` of a `Trace`."""
+        first, *rows = self._stream.watched()
+        window = np.frombuffer(rows[2], np.int64)
+        sizes = (2 * self.chain.n_taxels, self.chain.network.spec.hidden)
+        afferents, hidden = (_rows(bits, n, len(window)) for bits, n in zip(rows, sizes, strict=False))
+        return first, afferents, hidden, window
 
     def remembered(self) -> Remembered:
         """The state, as the reference holds it."""
@@ -195,6 +207,12 @@ def _bytes(values: torch.Tensor) -> bytes:
 def _bits(words: np.ndarray, n: int) -> np.ndarray:
     """Spikes of `n` neurons as float32, from words of 64, the lowest bit first."""
     return np.unpackbits(words.view(np.uint8), bitorder="little")[:n].astype(np.float32)
+
+
+def _rows(words: bytes, n: int, n_steps: int) -> np.ndarray:
+    """Steps of `n` neurons, a row of words each, as `(step, n)` bool."""
+    rows = np.frombuffer(words, np.uint8).reshape(n_steps, -(-n // 64) * 8)
+    return np.unpackbits(rows, axis=1, count=n, bitorder="little").astype(bool)
 
 
 def _words(spikes: torch.Tensor) -> bytes:

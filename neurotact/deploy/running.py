@@ -8,7 +8,7 @@ from torch import Tensor
 
 from neurotact.networks.early_exit import ExitRule, Leader
 from neurotact.networks.rsnn import RSNN
-from neurotact.neurons import CubaLIFState, cuba_lif_start, cuba_lif_step, recurrent_spikes
+from neurotact.neurons import CubaLIFState, cuba_lif_start, cuba_lif_step, recurrent_spikes, transmitted_spikes
 
 
 class Running(NamedTuple):
@@ -58,6 +58,11 @@ def step(network: RSNN, arriving: np.ndarray, state: Running) -> Running:
         input_spikes=state.input_spikes + len(arriving),
         hidden_spikes=state.hidden_spikes + len(heard),
     )
+
+
+def sent(network: RSNN, state: Running) -> np.ndarray:
+    """What the hidden layer sent to the readout in the last step, `(hidden,)` bool."""
+    return transmitted_spikes(network.neuron, state.hidden)[0].numpy() != 0
 
 
 def has_decided(state: Running, rule: ExitRule, length: int) -> bool:

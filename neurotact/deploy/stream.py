@@ -7,9 +7,10 @@ on samples that nobody recorded without saying so.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,11 +21,13 @@ from neurotact.data.recordings import unit_factor
 from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Remembered
-from neurotact.deploy.stream_state import Decision, StreamState, Tally, copied
+from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders import afferents
+from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.metrics import synops
+from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 
 FLOAT32 = np.dtype(np.float32)
@@ -39,6 +42,7 @@ class Stream:
     unit: of the samples; the encoder's own when absent.
     hold_ms: for how long a missing value is replaced by the last good one; at least one sample.
     backend: the compiled step or the reference, which decide the same.
+    watch: called with a `Trace` of the steps that were taken, block by block; the decisions are the same.
     options: of `chain_of`: sampling_rate_Hz, early_exit, and the windows.
 
     Decisions equal, spike for spike, those of `encode` and `infer` on the whole trial, whatever the blocks.
@@ -58,6 +62,7 @@ class Stream:
         unit: str | None = None,
         hold_ms: float = 5.0,
         backend: Backend = "auto",
+        watch: Callable[[Trace], None] | None = None,
         **options,
     ) -> None:
         if isinstance(source, Chain):
@@ -66,6 +71,7 @@ class Stream:
             self.chain = source
         else:
             self.chain = chain_of(source, **options)
+        self._given: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
         encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")
         self.conditioner = Conditioner(rate_Hz, encoder.conditioning, factor=factor)
@@ -82,6 +88,9 @@ class Stream:
         if use_native(backend, self.chain.network.w_in.device.type == "cpu", "a network on the CPU"):
             most_steps = math.ceil(self._at_once * max(1.0, self.chain.clock_Hz / rate_Hz)) + 1
             self._compiled = CompiledStream(self.chain, self.conditioner, most_steps)
+        self._watch = watch
+        if watch is not None and self._compiled is not None:
+            self._compiled.watch()
 
     @property
     def tally(self) -> Tally:
@@ -100,7 +109,7 @@ class Stream:
             if n_decided >= 0:
                 state.tally.samples += n_samples
                 state.good = samples[-1].copy()
-                return self._told(n_decided) if n_decided else []
+                return self._told(n_decided)
         is_good = np.isfinite(samples)
         if is_good.all() and self._state.bad_in_a_row == 0:
             self._state.tally.samples += len(samples)
@@ -159,6 +168,23 @@ class Stream:
         if n_taxels not in (None, self.chain.n_taxels) or state.opening.plan != self.chain.windows:
             raise InputError("state: belongs to a stream of another chain; restore one of this chain")
         self._replace(copied(state))
+
+    def changed(self, *, encoder: AfferentSpec | None = None, rule: ExitRule | None = None) -> "Stream":
+        """A stream of this chain with other afferents or another exit rule, which goes on where this one is.
+
+        From the next sample on the new values hold, for windows under way too. Membranes and what is left of refractory
+        periods are carried over, so that the spikes are those of `encode` called with the first encoder up to here and,
+        with the state that it returned, with the other from here on. This stream stays as it is.
+        InputError for another conditioning: what was smoothed and averaged so far would mean something else.
+        """
+        if encoder is not None and (encoder.conditioning, encoder.unit) != (
+            self.chain.encoder.conditioning, self.chain.encoder.unit,
+        ):  # fmt: skip
+            raise InputError("encoder: has another conditioning or unit; a running stream takes other afferents alone")
+        chain = self.chain._replace(encoder=encoder or self.chain.encoder, rule=rule or self.chain.rule)
+        stream = Stream(chain, **self._given)
+        stream.restore(self.state())
+        return stream
 
     def save(self, path: str | Path, *, force: bool = False) -> None:
         """Write all that the stream remembers; an existing file is refused unless `force`."""
@@ -254,12 +280,22 @@ class Stream:
         state, chain = self._state, self.chain
         spikes, state.encoder = afferents.encode(signal[None], chain.clock_Hz, chain.encoder, state.encoder)
         found: list[Decision] = []
+        first, seen = state.opening.step, []
         with torch.inference_mode():
             for row in spikes[0]:
-                found += self._step(np.flatnonzero(row), held=held)
+                found += self._step(np.flatnonzero(row), held, seen)
+        if self._watch is not None:
+            hidden, window = (np.array(each) for each in zip(*seen, strict=True))
+            self._show(first, spikes[0] != 0, hidden, window)
         return found
 
-    def _step(self, arriving: np.ndarray, *, held: bool) -> list[Decision]:
+    def _show(self, first: int, afferents: np.ndarray, hidden: np.ndarray, window: np.ndarray) -> None:
+        assert self._watch is not None
+        rate_Hz, clock_Hz = self.chain.sampling_rate_Hz, self.chain.clock_Hz
+        self._watch(Trace(self._state.origin / rate_Hz + first / clock_Hz, 1 / clock_Hz, afferents, hidden, window))
+
+    def _step(self, arriving: np.ndarray, held: bool, seen: list[tuple[np.ndarray, int]]) -> list[Decision]:
+        """One step; what the oldest window sent, and its number, go to `seen` if anyone watches."""
         state, chain = self._state, self.chain
         at = state.opening.step
         opens, state.opening = state.opening.after(len(arriving) > 0)
@@ -281,13 +317,21 @@ class Stream:
                 )  # fmt: skip
             else:
                 left.append(after)
+            if self._watch is not None and window is windows[0]:
+                seen.append((running.sent(chain.network, after), after.window))
+        if self._watch is not None and not windows:
+            seen.append((np.zeros(chain.network.spec.hidden, bool), -1))
         state.windows = tuple(left)
         state.tally.decisions += len(found)
         return found
 
     def _told(self, n_decided: int) -> list[Decision]:
-        """The decisions that the compiled step has just made."""
+        """The decisions that the compiled step has just made; it is shown to whoever watches."""
         assert self._compiled is not None
+        if self._watch is not None:
+            first, afferents, hidden, window = self._compiled.watched()
+            if len(window):
+                self._show(first, afferents, hidden, window)
         self._state.tally.decisions += n_decided
         return [self._decision(*self._compiled.decision(i)) for i in range(n_decided)]
 

@@ -36,6 +36,21 @@ class Decision(NamedTuple):
     heard: bool
 
 
+class Trace(NamedTuple):
+    """What spiked in successive steps of a stream, for whoever watches it.
+
+    begin_s: when the first of them began, from the first sample on. step_s: of the encoder's clock.
+    afferents: `(step, afferent)` bool. hidden: `(step, hidden)` bool, what the hidden layer of the oldest window under
+    way sent to the readout. window: the number of that window, `(step,)` int64; -1 where none heard the step.
+    """
+
+    begin_s: float
+    step_s: float
+    afferents: np.ndarray
+    hidden: np.ndarray
+    window: np.ndarray
+
+
 @dataclass
 class Tally:
     """What a stream has met so far.
