@@ -15,13 +15,12 @@ from neurotact.data import hdf5
 from neurotact.deploy import c_export, proving, sources, targets
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.nir_exchange import exchange, execute, note
-from neurotact.deploy.sources import Frames, Noted, Rows
+from neurotact.deploy.sources import Noted
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.networks import trained
 from neurotact.progress import say
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
 StartMs = Annotated[
     float | None, typer.Option("--start-ms", help="Skipped at the beginning; as in training when absent.")
@@ -36,32 +35,41 @@ FullWindow = Annotated[
 RateHz = Annotated[
     float | None, typer.Option("--sampling-rate-Hz", min=1e-3, help="Of the samples, where the encoder resamples.")
 ]
+Format = Annotated[str, typer.Option("--format", help="Of what is no .h5: csv, float32 or int16.")]
+Baud = Annotated[int, typer.Option(min=1, max=100_000_000, help="Of a serial port.")]
+Unit = Annotated[str | None, typer.Option(help="Of the samples; the encoder's own when absent.")]
+TimeColumn = Annotated[
+    str | None, typer.Option("--time-column", help="The first column is the time, in s or ms: lost rows are found.")
+]
+Lsb = Annotated[float, typer.Option(min=1e-30, help="Of int16: a sample is zero + lsb x.")]
+Zero = Annotated[float, typer.Option(help="Of int16: a sample is zero + lsb x.")]
+HoldMs = Annotated[
+    float, typer.Option("--hold-ms", min=0, help="For so long a missing value repeats the last; then it is a gap.")
+]
+StallS = Annotated[float, typer.Option("--stall-s", min=1e-3, help="Silence of a pipe that counts as a gap.")]
 
 
 def stream(
     run: RunFolder,
-    from_: Annotated[str, typer.Option("--from", help="- (standard input), a device file, FILE.csv or FILE.h5.")] = "-",
-    format_: Annotated[str, typer.Option("--format", help="Of what is no .h5: csv, float32 or int16.")] = "csv",
+    from_: Annotated[
+        str, typer.Option("--from", help="- (standard input), a device file, serial:/dev/..., FILE.csv or FILE.h5.")
+    ] = "-",
+    format_: Format = "csv",
+    baud: Baud = sources.DEFAULT_BAUD,
     rate: Annotated[str, typer.Option(help="real: replay a file at its own rate; or fast.")] = "fast",
     sampling_rate_Hz: RateHz = None,
-    unit: Annotated[str | None, typer.Option(help="Of the samples; the encoder's own when absent.")] = None,
-    time_column: Annotated[
-        str | None, typer.Option("--time-column", help="The first column is the time, in s or ms: lost rows are found.")
-    ] = None,
-    lsb: Annotated[float, typer.Option(min=1e-30, help="Of int16: a sample is zero + lsb x.")] = 1.0,
-    zero: Annotated[float, typer.Option(help="Of int16: a sample is zero + lsb x.")] = 0.0,
+    unit: Unit = None,
+    time_column: TimeColumn = None,
+    lsb: Lsb = 1.0,
+    zero: Zero = 0.0,
     window_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
     quiet_ms: QuietMs = 50.0,
     full_window: FullWindow = False,
-    hold_ms: Annotated[
-        float, typer.Option("--hold-ms", min=0, help="For so long a missing value repeats the last; then it is a gap.")
-    ] = 5.0,
-    stall_s: Annotated[
-        float, typer.Option("--stall-s", min=1e-3, help="Silence of a pipe that counts as a gap.")
-    ] = 1.0,
+    hold_ms: HoldMs = 5.0,
+    stall_s: StallS = 1.0,
     as_json: Json = False,
 ) -> None:
     """Decide as samples come, from a pipe, a device or a file.
@@ -70,11 +78,8 @@ def stream(
     A value that is missing, NaN or infinite repeats the last one for --hold-ms and is counted; a longer gap drops the
     windows under way and begins anew. Rows that are no samples are counted as missing ones.
     """
-    for key, value, known in (("--format", format_, ("csv", "float32", "int16")), ("--rate", rate, ("fast", "real"))):
-        if value not in known:
-            raise InputError(f"{key} {value}: is unknown; choose one of {', '.join(known)}")
-    if time_column is not None and time_column not in TIME_UNITS:
-        raise InputError(f"--time-column {time_column}: is unknown; choose s or ms")
+    if rate not in ("fast", "real"):
+        raise InputError(f"--rate {rate}: is unknown; choose one of fast, real")
     is_recorded = from_.endswith((".h5", ".hdf5"))
     if is_recorded:
         with hdf5.open_recordings(from_) as stored:
@@ -87,12 +92,10 @@ def stream(
     block = max(1, round(0.01 * chain.sampling_rate_Hz))
     if is_recorded:
         source = sources.recorded(Path(from_), chain.n_taxels, block)
-    elif format_ == "csv":
-        time_unit_s = None if time_column is None else TIME_UNITS[time_column]
-        rows = Rows(from_, chain.n_taxels, chain.sampling_rate_Hz, noted, time_unit_s)
-        source = sources.live(from_, rows, noted, stall_s)
     else:
-        source = sources.live(from_, Frames(from_, chain.n_taxels, format_, noted, lsb, zero), noted, stall_s)
+        layout = sources.Layout(format_, time_column, lsb, zero)
+        parser = layout.parser(from_, chain.n_taxels, chain.sampling_rate_Hz, noted)
+        source = sources.live(from_, parser, noted, stall_s, baud=baud)
     if rate == "real":
         source = sources.at_its_rate(source, chain.sampling_rate_Hz, noted, block)
     _run(flow, sources.decide(flow, source), noted, as_json=as_json)

@@ -1,4 +1,4 @@
-"""Where samples come from: a pipe, a device file, a table or a file of recordings, as blocks and as what went wrong.
+"""Where samples come from: a pipe, a device, a table or a file of recordings, as blocks and as what went wrong.
 
 A pipe is read as it is filled: what a chain does not take in time waits in the pipe, and then its writer does. Rows
 that are no samples (too few values, text, a time that does not advance) are counted and stand for one missing sample
@@ -10,11 +10,11 @@ import re
 import select
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,16 +25,29 @@ from neurotact.errors import InputError
 
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
+FORMATS = ("csv", "float32", "int16")
+TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+SERIAL = "serial:"
+"""Stands before the device of a serial port."""
+DEFAULT_BAUD = 115_200
+LATE_S = 0.01
+"""A block that comes later than this, and than it lasts, is late."""
+HOPELESS_S = 0.5
+"""A replay that is later than this does not catch up, but goes on at its rate from there."""
 SEPARATOR = re.compile(r"\s*[,;\t]\s*|\s+")
 
 
 class Arrived(NamedTuple):
-    """A block of samples `(sample, taxel)` float32; or `missing` ones; or a stall; or the end of a trial."""
+    """A block of samples `(sample, taxel)` float32; or `missing` ones; or a stall; or the end of a trial; or nothing.
+
+    trial: number of the trial in its file, where the source is one.
+    """
 
     samples: np.ndarray | None = None
     missing: int = 0
     stalled: bool = False
     end: bool = False
+    trial: int | None = None
 
 
 @dataclass
@@ -60,6 +73,7 @@ class Rows:
 
     time_unit_s: of a first column that holds the time, 1 or 0.001; None where there is none. By it, rows that were lost
     or come twice are found.
+    joins: the source was under way before; what stands before the first end of a line may be cut, and is not used.
 
     >>> rows = Rows("-", 2, 1000.0, Noted())
     >>> [arrived.samples.tolist() for arrived in rows.take(b"left,right\\n1,2\\n3,nan\\n")]
@@ -67,10 +81,17 @@ class Rows:
     """
 
     def __init__(
-        self, where: str, n_taxels: int, rate_Hz: float, noted: Noted, time_unit_s: float | None = None
+        self,
+        where: str,
+        n_taxels: int,
+        rate_Hz: float,
+        noted: Noted,
+        time_unit_s: float | None = None,
+        *,
+        joins: bool = False,
     ) -> None:
         self.where, self.n_taxels, self.rate_Hz, self.noted = where, n_taxels, rate_Hz, noted
-        self.time_unit_s = time_unit_s
+        self.time_unit_s, self.joins = time_unit_s, joins
         self.left, self.line = b"", 0
         self.n_good = 0
         self.begin_s: float | None = None
@@ -78,6 +99,9 @@ class Rows:
 
     def take(self, text: bytes) -> Iterator[Arrived]:
         """What these bytes complete."""
+        if self.joins:
+            _, ended, text = text.partition(b"\n")
+            self.joins = not ended
         *lines, self.left = (self.left + text).split(b"\n")
         if len(self.left) > LONGEST_ROW:
             raise InputError(
@@ -171,22 +195,60 @@ class Frames:
             raise InputError(f"{self.where}: holds no sample; give frames of {self.n_taxels} {self.kind.name} values")
 
 
-def live(path: str, parser: Rows | Frames, noted: Noted, stall_s: float) -> Iterator[Arrived]:
-    """A pipe, a device file or a file, as it is filled; `-` is standard input.
+class Layout(NamedTuple):
+    """How samples lie in text or bytes.
+
+    format: csv, float32 or int16. time_column: s or ms, where the first column of a csv is the time. lsb, zero: of
+    int16.
+    """
+
+    format: str = "csv"
+    time_column: str | None = None
+    lsb: float = 1.0
+    zero: float = 0.0
+
+    def parser(self, where: str, n_taxels: int, rate_Hz: float, noted: Noted) -> Rows | Frames:
+        """What reads them; InputError for a format or a unit that is unknown."""
+        if self.format not in FORMATS:
+            raise InputError(f"--format {self.format}: is unknown; choose one of {', '.join(FORMATS)}")
+        if self.time_column is not None and self.time_column not in TIME_UNITS:
+            raise InputError(f"--time-column {self.time_column}: is unknown; choose s or ms")
+        if self.format != "csv":
+            return Frames(where, n_taxels, self.format, noted, self.lsb, self.zero)
+        unit_s = None if self.time_column is None else TIME_UNITS[self.time_column]
+        return Rows(where, n_taxels, rate_Hz, noted, unit_s, joins=where.startswith(SERIAL))
+
+
+def live(
+    path: str,
+    parser: Rows | Frames,
+    noted: Noted,
+    stall_s: float,
+    *,
+    tick_s: float | None = None,
+    baud: int = DEFAULT_BAUD,
+) -> Iterator[Arrived]:
+    """A pipe, a device file or a file, as it is filled; `-` is standard input, `serial:/dev/...` a serial port.
 
     stall_s: seconds without a byte after which the source stalls; what comes then follows a gap of unknown length.
+    tick_s: where nothing came for so long, `Arrived()` is given, so that whoever waits may do something else.
+    baud: of a serial port.
     """
-    with _opened(path) as descriptor:
-        is_stalled = False
+    with _opened(path, baud) as descriptor:
+        is_stalled, heard_s = False, time.monotonic()
         while True:
-            ready, _, _ = select.select([descriptor], [], [], None if is_stalled else stall_s)
+            left_s = None if is_stalled else max(0.0, heard_s + stall_s - time.monotonic())
+            wait_s = tick_s if left_s is None else left_s if tick_s is None else min(left_s, tick_s)
+            ready, _, _ = select.select([descriptor], [], [], wait_s)
             if not ready:
-                is_stalled = True
-                noted.stalls += 1
-                yield Arrived(stalled=True)
+                stalls = not is_stalled and time.monotonic() - heard_s >= stall_s
+                is_stalled |= stalls
+                noted.stalls += stalls
+                if stalls or tick_s is not None:
+                    yield Arrived(stalled=stalls)
                 continue
-            data = os.read(descriptor, READ_BYTES)
-            is_stalled = False
+            data = _read(path, descriptor)
+            is_stalled, heard_s = False, time.monotonic()
             if not data:
                 break
             yield from parser.take(data)
@@ -203,27 +265,50 @@ def recorded(path: Path, n_taxels: int, block: int) -> Iterator[Arrived]:
             )
         for trial, length in enumerate(stored.lengths.tolist()):
             for start in range(0, length, block):
-                yield Arrived(stored.piece(trial, start, min(start + block, length)))
-            yield Arrived(end=True)
+                yield Arrived(stored.piece(trial, start, min(start + block, length)), trial=trial)
+            yield Arrived(end=True, trial=trial)
 
 
-def at_its_rate(source: Iterator[Arrived], rate_Hz: float, noted: Noted, block: int) -> Iterator[Arrived]:
-    """A source replayed at its own rate: a block is given when its last sample would have been recorded."""
+def at_its_rate(
+    source: Iterator[Arrived],
+    rate_Hz: float,
+    noted: Noted,
+    block: int,
+    *,
+    speed: Callable[[], float] = lambda: 1.0,
+    tick_s: float | None = None,
+) -> Iterator[Arrived]:
+    """A source replayed at its own rate: a block is given when its last sample would have been recorded.
+
+    speed: asked before each block: 2 replays it twice as fast.
+    tick_s: while a block is waited for, `Arrived()` is given so often, so that whoever waits may do something else.
+    """
     due = time.monotonic()
     for arrived in source:
         parts = [arrived]
         if arrived.samples is not None:
             samples = arrived.samples
-            parts = [Arrived(samples[at : at + block]) for at in range(0, len(samples), block)]
+            parts = [arrived._replace(samples=samples[at : at + block]) for at in range(0, len(samples), block)]
         for part in parts:
-            due += (part.missing if part.samples is None else len(part.samples)) / rate_Hz
-            wait_s = due - time.monotonic()
-            if wait_s > 0:
-                time.sleep(wait_s)
-            elif -wait_s > block / rate_Hz:
+            lasts_s = (part.missing if part.samples is None else len(part.samples)) / (rate_Hz * speed())
+            due += lasts_s
+            yield from waiting(due - time.monotonic(), tick_s)
+            late_s = time.monotonic() - due
+            if late_s > max(LATE_S, lasts_s):
                 noted.late_blocks += 1
-                noted.late_ms = max(noted.late_ms, -1e3 * wait_s)
+                noted.late_ms = max(noted.late_ms, 1e3 * late_s)
+            if late_s > HOPELESS_S:
+                due = time.monotonic()
             yield part
+
+
+def waiting(wait_s: float, tick_s: float | None) -> Iterator[Arrived]:
+    """For so long, with nothing arriving every `tick_s`."""
+    due = time.monotonic() + wait_s
+    while (left_s := due - time.monotonic()) > 0:
+        time.sleep(left_s if tick_s is None else min(left_s, tick_s))
+        if tick_s is not None and time.monotonic() < due:
+            yield Arrived()
 
 
 def decide(stream: Stream, source: Iterator[Arrived]) -> Iterator[Decision]:
@@ -240,9 +325,13 @@ def decide(stream: Stream, source: Iterator[Arrived]) -> Iterator[Decision]:
 
 
 @contextmanager
-def _opened(path: str) -> Iterator[int]:
+def _opened(path: str, baud: int) -> Iterator[int]:
     if path == "-":
         yield sys.stdin.fileno()
+        return
+    if path.startswith(SERIAL):
+        with _serial_port(path, baud) as port:
+            yield port.fileno()
         return
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOCTTY", 0))
@@ -252,6 +341,28 @@ def _opened(path: str) -> Iterator[int]:
         yield descriptor
     finally:
         os.close(descriptor)
+
+
+def _serial_port(path: str, baud: int) -> Any:
+    """An open serial port in raw mode, which no other program reads; what waited in it is dropped."""
+    try:
+        import serial
+    except ImportError as error:
+        raise InputError(f"{path}: needs pyserial; pip install 'neurotact[serial]'") from error
+    try:
+        port = serial.Serial(path.removeprefix(SERIAL), baud, exclusive=True)
+        port.reset_input_buffer()
+    except (serial.SerialException, OSError, ValueError) as error:
+        reason = os.strerror(error.errno) if getattr(error, "errno", None) else error
+        raise InputError(f"{path}: cannot be read ({reason}); check the port, its rights and --baud") from error
+    return port
+
+
+def _read(path: str, descriptor: int) -> bytes:
+    try:
+        return os.read(descriptor, READ_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: was lost ({error.strerror}); connect it and start again") from error
 
 
 def _value(cell: str) -> float | None:

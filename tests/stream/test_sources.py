@@ -1,6 +1,7 @@
 """Samples out of text and bytes: what is no sample is counted, and what cannot be used at all is refused."""
 
 import os
+import sys
 import threading
 import time
 
@@ -14,7 +15,7 @@ from made_chains import make_chain, make_signal, told
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.deploy import sources
-from neurotact.deploy.sources import Frames, Noted, Rows
+from neurotact.deploy.sources import Arrived, Frames, Layout, Noted, Rows
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
 
@@ -154,3 +155,72 @@ def test_a_slow_taker_is_noted():
         time.sleep(0.05)
     assert noted.late_blocks >= 3
     assert "late blocks" in noted.trouble()
+
+
+def test_a_replay_may_be_faster_or_slower():
+    noted, speeds = Noted(), iter([2.0] * 5 + [0.5] * 5)
+    source = iter([Arrived(make_signal(100))])
+    began = time.monotonic()
+    parts = list(sources.at_its_rate(source, 1000.0, noted, 10, speed=lambda: next(speeds)))
+    assert 0.124 < time.monotonic() - began < 1.5
+    assert len(parts) == 10
+
+
+def test_whoever_waits_is_told_that_nothing_came(tmp_path):
+    parts = list(sources.at_its_rate(iter([Arrived(make_signal(100))]), 1000.0, Noted(), 100, tick_s=0.01))
+    assert 2 <= len(parts) - 1 <= 10
+    assert all(part == Arrived() for part in parts[:-1])
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    noted = Noted()
+    descriptor = os.open(path, os.O_RDWR)  # a pipe that nobody closes
+    source = sources.live(str(path), Frames("-", 2, "float32", noted), noted, 0.05, tick_s=0.01)
+    found = [next(source) for _ in range(12)]
+    assert sum(each.stalled for each in found) == noted.stalls == 1
+    assert 1 <= [each.stalled for each in found].index(True) <= 6
+    os.write(descriptor, make_signal(3).tobytes())
+    assert len(next(source).samples) == 3
+    os.close(descriptor)
+
+
+def test_a_source_that_was_under_way_begins_with_a_whole_row():
+    rows = Rows("-", 2, 1000.0, Noted(), joins=True)
+    assert taken(rows, b"3.5", b",7\n1,", b"2\n3,4\n") == [[1.0, 2.0], [3.0, 4.0]]
+    cut_off = Layout().parser("serial:/dev/x", 2, 1000.0, Noted())
+    assert taken(cut_off, b"9\n1,2\n") == [[1.0, 2.0]]
+
+
+@pytest.mark.parametrize(
+    ("layout", "message"),
+    [(Layout("wav"), "--format wav: is unknown"), (Layout(time_column="h"), "--time-column h: is unknown")],
+)
+def test_a_layout_that_is_unknown_is_refused(layout, message):
+    with pytest.raises(InputError, match=message):
+        layout.parser("-", 2, 1000.0, Noted())
+
+
+def test_a_serial_port_is_read_as_its_samples_come():
+    pytest.importorskip("serial", reason="no pyserial; pip install 'neurotact[serial]'")
+    master, slave = os.openpty()
+    path, noted = f"serial:{os.ttyname(slave)}", Noted()
+    source = sources.live(path, Layout().parser(path, 2, 1000.0, noted), noted, 5.0, tick_s=0.01)
+    assert next(source) == Arrived()  # it is open; what came before is dropped
+    os.write(master, b"5,6\n1,2\r\n3,4\n")
+    rows: list = []
+    while len(rows) < 2:
+        arrived = next(source)
+        rows += [] if arrived.samples is None else arrived.samples.tolist()
+    assert rows == [[1.0, 2.0], [3.0, 4.0]]
+    os.close(master)  # the plug is pulled
+    assert [each for each in source if each != Arrived()] == [Arrived(end=True)]
+    os.close(slave)
+
+
+def test_a_serial_port_that_is_not_there_is_refused(monkeypatch):
+    path = "serial:/dev/no-such-port"
+    pytest.importorskip("serial", reason="no pyserial; pip install 'neurotact[serial]'")
+    with pytest.raises(InputError, match="/dev/no-such-port: cannot be read"):
+        next(sources.live(path, Rows(path, 2, 1000.0, Noted()), Noted(), 1.0))
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(InputError, match=r"needs pyserial; pip install 'neurotact\[serial\]'"):
+        next(sources.live(path, Rows(path, 2, 1000.0, Noted()), Noted(), 1.0))
