@@ -8,11 +8,59 @@ from typing import Any, NamedTuple
 from neurotact import plugins, spec
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.errors import InputError
+from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
 Progress = Callable[[int, int], None]
 """Called as `progress(done, total)` with numbers of trials."""
+
+
+class Control(NamedTuple):
+    """A quantity of a touch that is set by hand: one of `choices`, else a number from `low` to `high`.
+
+    name: with its unit, as in force_N. about: in words.
+    """
+
+    name: str
+    about: str
+    value: float | str
+    choices: tuple[str, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+    step: float = 0.0
+
+
+class Finger(NamedTuple):
+    """A simulated finger that is moved by hand, one touch after the other.
+
+    controls: called as `controls(spec)`; what can be set.
+    touch: called as `touch(spec, values, number)`; a touch as recordings of one trial. Its number chooses its random
+    numbers; no touch is a trial of `simulate`.
+    """
+
+    controls: Callable[[Any], tuple[Control, ...]]
+    touch: Callable[[Any, Mapping[str, Any], int], Recordings]
+
+    def checked(self, what: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Values of all controls, those that are not given as the controls have them; InputError for a wrong one."""
+        controls = {control.name: control for control in self.controls(what)}
+        found = {name: control.value for name, control in controls.items()}
+        for name, value in values.items():
+            if name not in controls:
+                raise InputError(f"{name}: is no control of this finger; {nearest(name, [*controls])}")
+            found[name] = _checked(controls[name], value)
+        return found
+
+
+def _checked(control: Control, value: Any) -> float | str:
+    if control.choices:
+        if value not in control.choices:
+            raise InputError(f"{control.name}: '{str(value)[:40]}' is unknown; {nearest(str(value), control.choices)}")
+        return value
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not control.low <= value <= control.high:
+        raise InputError(f"{control.name}: must be from {control.low:g} to {control.high:g}; got {str(value)[:40]}")
+    return float(value)
 
 
 class Simulator(NamedTuple):
@@ -21,11 +69,13 @@ class Simulator(NamedTuple):
     about: what it simulates, in one line.
     model: its spec, which has the property `n_trials`.
     simulate: called as `simulate(spec, progress)`.
+    by_hand: its finger, where it has one that `neurotact live` can move.
     """
 
     about: str
     model: type[Spec]
     simulate: Callable[[Any, Progress | None], Recordings]
+    by_hand: Finger | None = None
 
     def build(self, changes: Mapping[str, Any], source: str) -> Any:
         """The simulator's spec with dotted keys changed; a change within a nested table keeps the rest of it."""

@@ -6,8 +6,8 @@ anywhere on the plate, as a hand does. The signals are *as recorded*: the moving
 encoder's conditioning. Equations, sources and what does not match: docs/gratings-simulator.md.
 """
 
-from collections.abc import Callable
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from neurotact.data.recordings import Recordings
 from neurotact.data.room import check_room
-from neurotact.data.sources import Simulator
+from neurotact.data.sources import Control, Finger, Simulator
 from neurotact.spec import Spec
 
 Positive = Annotated[float, Field(gt=0)]
@@ -34,6 +34,10 @@ GRAIN_mm = 0.01
 START = "start"
 """The condition that tells a repeated start from a random one."""
 REPEATED, RANDOM = "repeated", "random"
+CONDITIONS = ("grating", "pitch_mm", "force_N", "speed_mm_per_s", START, "trial")
+"""Of a trial, beside its label."""
+FIRST_BY_HAND = 1_000_000_000
+"""Trials from this number on are slides by hand."""
 
 
 class GratingsSpec(Spec):
@@ -198,7 +202,7 @@ def _conditions(spec: GratingsSpec) -> pd.DataFrame:
         for speed in spec.speeds_mm_per_s
         for start in spec.starts
     ]
-    return pd.DataFrame(rows, columns=["label", "grating", "pitch_mm", "force_N", "speed_mm_per_s", START, "trial"])
+    return pd.DataFrame(rows, columns=["label", *CONDITIONS])
 
 
 def _label(pitch_mm: float) -> str:
@@ -363,8 +367,35 @@ def _look_up(table: np.ndarray, along: np.ndarray) -> np.ndarray:
     return closed[before] + weight * (closed[before + 1] - closed[before])
 
 
+def controls(spec: GratingsSpec) -> tuple[Control, ...]:
+    """What of a slide is set by hand: the grating, and force and speed within and around those of the paper."""
+    names = tuple(_label(pitch) for pitch in spec.pitches_mm)
+    return (
+        Control("grating", "Grating", names[0], names),
+        Control("force_N", "Force", spec.forces_N[-1], low=1.0, high=24.0, step=0.5),
+        Control("speed_mm_per_s", "Speed", spec.speeds_mm_per_s[0], low=2.0, high=40.0, step=0.1),
+    )
+
+
+def slide_by_hand(spec: GratingsSpec, values: Mapping[str, Any], number: int) -> Recordings:
+    """One slide as the controls say, on the plates of `spec.seed`; its number is that of no trial of `simulate`.
+
+    >>> slide = slide_by_hand(GratingsSpec(), {"grating": "P2.5", "force_N": 5.0, "speed_mm_per_s": 10.0}, 0)
+    >>> slide.signals.shape, slide.conditions["label"].tolist()
+    ((1, 2500, 8), ['P2.5'])
+    """
+    pitch_mm = {_label(pitch): pitch for pitch in spec.pitches_mm}[values["grating"]]
+    start = RANDOM if spec.start == "both" else spec.start
+    place = (pitch_mm, values["force_N"], values["speed_mm_per_s"], start)
+    rng = trial_generator(spec, *place, FIRST_BY_HAND + number)
+    signal = record(spec, draw_slide(spec, *place, rng), rng)
+    conditions = pd.DataFrame([(values["grating"], *place, number)], columns=["label", *CONDITIONS[1:]])
+    return Recordings(signal[None], spec.sampling_rate_Hz, "mV", conditions, source="a finger moved by hand")
+
+
 SIMULATOR = Simulator(
     "A PVDF finger sliding over eight gratings (texture paper).",
     GratingsSpec,
     simulate,
+    Finger(controls, slide_by_hand),
 )
