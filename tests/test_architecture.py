@@ -23,6 +23,7 @@ FLOORS = (
     ("figures", "deploy"),
     ("studies",),
     ("report",),
+    ("live",),
     ("papers",),
     ("api",),
     ("cli",),

@@ -69,6 +69,7 @@ def installed(wheel, tmp_path_factory) -> Path:
 def test_the_wheel_holds_every_module_and_every_spec(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "neurotact").rglob("*.py")}
+    modules |= {path.relative_to(ROOT).as_posix() for path in (ROOT / "neurotact").rglob("*.html")}
     specs = {f"neurotact/specs/{path.relative_to(ROOT).as_posix()}" for path in SPECS}
     assert modules | specs <= names
     assert not {name for name in names if name.startswith(("tests/", "native/", "studies/", "encoders/"))}

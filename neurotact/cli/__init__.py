@@ -40,6 +40,7 @@ COMMANDS = {
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count what it cost."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
     "stream": Place("deploy", "stream", "Decide as samples come, from a pipe, a device or a file."),
+    "live": Place("live", "live", "Show a running chain on a local page: touch, spikes, decision; sliders change it."),
     "export": Place(
         "deploy", "export_command", "Write a trained chain as C or NIR, or check it against a chip's limits."
     ),

@@ -99,7 +99,7 @@ class Recordings(Trials):
             raise InputError(f"{self.source or 'recordings'}: holds no trial; give at least one")
         if not self.channels:
             n_channels = signals[0].shape[-1] if signals[0].ndim else 0
-            object.__setattr__(self, "channels", tuple(f"taxel{i + 1}" for i in range(n_channels)))
+            object.__setattr__(self, "channels", default_channels(n_channels))
         self._check()
 
     def _check(self) -> None:
@@ -185,6 +185,11 @@ def unit_factor(unit: str, wanted: str, where: str) -> np.float32:
             "calibrate an encoder for this sensor (neurotact calibrate) or import with the right unit"
         )
     return np.float32(volts[unit] / volts[wanted])
+
+
+def default_channels(n_channels: int) -> tuple[str, ...]:
+    """Names of taxels that have none: taxel1, taxel2, ..."""
+    return tuple(f"taxel{i + 1}" for i in range(n_channels))
 
 
 def class_names(conditions: pd.DataFrame) -> tuple[str, ...]:

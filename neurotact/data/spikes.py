@@ -28,6 +28,19 @@ class TrialSpikes(NamedTuple):
     digest: str = ""
 
 
+def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
+    """The afferents of each population, `(afferent,)` int64 indices, in the order of their first afferents.
+
+    The first word of an afferent's name is its population, as in "SA-I taxel1" and "ON left"; afferents with a name of
+    one word make a single population, "afferents".
+
+    >>> {name: its.tolist() for name, its in populations_of(("ON left", "ON right", "OFF left")).items()}
+    {'ON': [0, 1], 'OFF': [2]}
+    """
+    kinds = np.array([name.partition(" ")[0] if " " in name else "afferents" for name in afferents])
+    return {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
+
+
 @dataclass(frozen=True)
 class SpikeTrains:
     """The spikes of every trial.
@@ -111,13 +124,8 @@ class SpikeTrains:
 
     @property
     def populations(self) -> dict[str, np.ndarray]:
-        """The afferents of each population, `(afferent,)` int64 indices, in the order of their first afferents.
-
-        The first word of an afferent's name is its population, as in "SA-I taxel1" and "ON left"; afferents with a
-        name of one word make a single population, "afferents".
-        """
-        kinds = np.array([name.partition(" ")[0] if " " in name else "afferents" for name in self.afferents])
-        return {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
+        """`populations_of` the afferents."""
+        return populations_of(self.afferents)
 
     def trials(self) -> Iterator[TrialSpikes]:
         """One trial after the other."""

@@ -53,14 +53,16 @@ class Browser:
         elif what == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
             self.complaints.append(parameters["entry"]["text"])
 
-    def open(self, path: Path, width: int, height: int = 900, scheme: str = "light") -> None:
+    def open(
+        self, page: Path | str, width: int, height: int = 900, scheme: str = "light", motion: str = "reduce"
+    ) -> None:
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         features = [
             {"name": "prefers-color-scheme", "value": scheme},
-            {"name": "prefers-reduced-motion", "value": "reduce"},
+            {"name": "prefers-reduced-motion", "value": motion},
         ]
         self.call("Emulation.setEmulatedMedia", features=features)
-        self.call("Page.navigate", url=path.as_uri())
+        self.call("Page.navigate", url=page if isinstance(page, str) else page.as_uri())
         self.wait_for("document.readyState === 'complete'")
 
     def evaluate(self, script: str) -> Any:
@@ -96,7 +98,7 @@ def browser(profile: Path) -> Iterator[Browser]:
     """A browser with a new profile; the test is skipped where there is no Chromium or no websockets."""
     chromium = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     if chromium is None:
-        pytest.skip("no chromium on this machine; install one to test the report's page")
+        pytest.skip("no chromium on this machine; install one to test pages")
     client = pytest.importorskip("websockets.sync.client", reason="no websockets here; pip install websockets")
     process = subprocess.Popen(
         [chromium, *FLAGS, f"--user-data-dir={profile}", "about:blank"],

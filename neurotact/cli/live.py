@@ -1,0 +1,142 @@
+"""The command that shows a running chain on a local page: live."""
+
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from neurotact import plugins, spec
+from neurotact.cli.deploy import (
+    Baud,
+    Contact,
+    Format,
+    FullWindow,
+    HoldMs,
+    HopMs,
+    Lsb,
+    QuietMs,
+    RateHz,
+    StallS,
+    StartMs,
+    TimeColumn,
+    Unit,
+    WindowMs,
+    Zero,
+)
+from neurotact.cli.options import RunFolder, SetOption
+from neurotact.data.recordings import default_channels
+from neurotact.data.sources import simulator
+from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.sources import DEFAULT_BAUD, Layout
+from neurotact.encoders.afferents import afferent_names
+from neurotact.errors import InputError
+from neurotact.live.feeds import ByHand, Device, Feed, Replay
+from neurotact.live.messages import FASTEST, SLOWEST
+from neurotact.live.session import Session
+from neurotact.networks import trained
+from neurotact.progress import say
+
+MOST_PORTS = 65_535
+
+
+def live(
+    run: RunFolder,
+    from_: Annotated[
+        str,
+        typer.Option(
+            "--from", help="FILE.h5, - (standard input), a device file, serial:/dev/..., FILE.csv, or gratings."
+        ),
+    ],
+    speed: Annotated[
+        float, typer.Option(min=SLOWEST, max=FASTEST, help="Of recordings and of a finger: times its own rate.")
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin recordings again at their end.")] = False,
+    set_: SetOption = None,
+    save_to: Annotated[
+        Path | None, typer.Option("--save-to", file_okay=False, help="Folder for encoders that are saved on the page.")
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=MOST_PORTS, help="Of the page; 0: any that is free.")] = 0,
+    format_: Format = "csv",
+    baud: Baud = DEFAULT_BAUD,
+    sampling_rate_Hz: RateHz = None,
+    unit: Unit = None,
+    time_column: TimeColumn = None,
+    lsb: Lsb = 1.0,
+    zero: Zero = 0.0,
+    window_ms: WindowMs = None,
+    start_ms: StartMs = None,
+    hop_ms: HopMs = None,
+    contact: Contact = False,
+    quiet_ms: QuietMs = 50.0,
+    full_window: FullWindow = False,
+    hold_ms: HoldMs = 5.0,
+    stall_s: StallS = 1.0,
+) -> None:
+    """Show a running chain on a local page: touch, spikes, decision; sliders change it.
+
+    Prints the address to open in a browser on this machine, and serves it until Ctrl-C. Recordings are replayed at
+    their own rate; a device is read as its samples come; gratings is a simulated finger that the page moves (--set
+    changes its spec). The page's sliders change refractory periods, gains and patience of the running stream.
+    """
+    server = _server_module()
+    feed: Feed | None = None
+    if from_.endswith((".h5", ".hdf5")):
+        feed = Replay(from_, speed, loops=loop)
+    elif from_ in plugins.names("simulators"):
+        feed = ByHand(from_, simulator(from_), spec.parse_assignments(set_ or []), speed)
+    if set_ and not isinstance(feed, ByHand):
+        raise InputError(f"--set: changes a simulated finger, and --from {from_} is none; leave it out")
+    chain = chain_of(
+        run, sampling_rate_Hz=feed.sampling_rate_Hz if feed else sampling_rate_Hz, early_exit=not full_window,
+        length_ms=window_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+    )  # fmt: skip
+    if feed is None:
+        layout = Layout(format_, time_column, lsb, zero)
+        feed = Device(
+            from_, layout, default_channels(chain.n_taxels), chain.sampling_rate_Hz, unit or chain.encoder.unit,
+            stall_s=stall_s, baud=baud,
+        )  # fmt: skip
+    feed.unit = unit or feed.unit
+    session = Session(
+        chain, feed, run=str(run), afferents=_afferents(run, chain, feed), save_to=save_to, hold_ms=hold_ms
+    )
+    served = server.Server(session, port)
+    session.on_end = lambda: _ended(session, served.stop)
+    print(f"{served.address}  (Ctrl-C ends it)", flush=True)
+    with suppress(KeyboardInterrupt):  # this is how it is meant to end
+        served.run()
+    if session.failure is not None and not session.stream.tally.samples:
+        raise session.failure
+    tally = session.stream.tally
+    trouble = ", ".join(filter(None, (tally.trouble(), session.noted.trouble())))
+    say(f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used as it came'}")
+    sys.exit(0)
+
+
+def _ended(session: Session, stop: Callable[[], None]) -> None:
+    """Where nothing could be read at all, or the thread failed, there is nothing to look at."""
+    if session.fault is not None or (session.failure is not None and not session.stream.tally.samples):
+        stop()
+    elif session.failure is not None:
+        say(session.failure)
+
+
+def _afferents(run: Path, chain: Chain, feed: Feed) -> tuple[str, ...]:
+    """The names that the network was trained with, or those of the source's taxels."""
+    provenance = trained.restore(run).provenance
+    known = None if provenance is None else provenance.afferents
+    return known if known and len(known) == chain.network.n_inputs else afferent_names(feed.taxels)
+
+
+def _server_module():
+    try:
+        from neurotact.live import server
+    except ImportError as error:
+        missing = error.name or "a package"
+        if missing.startswith("neurotact"):
+            raise
+        raise InputError(f"live: needs {missing}; pip install 'neurotact[live]'") from error
+    return server

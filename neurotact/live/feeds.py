@@ -1,0 +1,138 @@
+"""Where a live session takes its samples from: recordings, a finger that is moved by hand, or a device.
+
+A feed gives pieces at their own rate, and an empty piece whenever it has waited for `TICK_S`, so that the session can
+obey its page meanwhile. What is touched stands in `label` while a piece is taken; None where nobody knows.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+from neurotact.data import hdf5
+from neurotact.data.recordings import LABEL
+from neurotact.data.sources import Control, Simulator
+from neurotact.deploy import sources
+from neurotact.deploy.sources import Arrived, Layout, Noted
+from neurotact.errors import InputError
+
+TICK_S = 0.02
+BLOCK_S = 0.008
+"""Of samples that are taken at once: half of what is drawn sixty times a second."""
+LIFTED_S = 0.25
+"""The finger is lifted for so long between two touches."""
+
+
+class Feed(Protocol):
+    """A source of samples.
+
+    kind: recordings, finger or device. name: as the user gave it. taxels: their names.
+    label, note: what is touched, and where in the source the piece stands, in words.
+    """
+
+    kind: str
+    name: str
+    sampling_rate_Hz: float
+    unit: str
+    taxels: tuple[str, ...]
+    label: str | None
+    note: str
+
+    def pieces(self, noted: Noted) -> Iterator[Arrived]: ...
+
+
+class Paced:
+    """What a feed at a rate of its own shares: how fast it goes, in times its own rate."""
+
+    speed: float = 1.0
+    sampling_rate_Hz: float
+
+    def _at_its_rate(self, pieces: Iterator[Arrived], noted: Noted) -> Iterator[Arrived]:
+        block = max(1, round(BLOCK_S * self.sampling_rate_Hz))
+        return sources.at_its_rate(pieces, self.sampling_rate_Hz, noted, block, speed=lambda: self.speed, tick_s=TICK_S)
+
+
+class Replay(Paced):
+    """The trials of a file of recordings, one after the other; where it loops, over and over."""
+
+    kind = "recordings"
+
+    def __init__(self, path: str, speed: float, *, loops: bool) -> None:
+        self.name, self.speed, self._loops = path, speed, loops
+        with hdf5.open_recordings(path) as stored:
+            self.sampling_rate_Hz, self.unit, self.taxels = stored.sampling_rate_Hz, stored.unit, stored.channels
+            self._labels = stored.conditions[LABEL].astype(str).tolist()
+        self.label: str | None = None
+        self.note = ""
+
+    def pieces(self, noted: Noted) -> Iterator[Arrived]:
+        block = max(1, round(BLOCK_S * self.sampling_rate_Hz))
+        while True:
+            for piece in self._at_its_rate(sources.recorded(Path(self.name), len(self.taxels), block), noted):
+                if piece.trial is not None:
+                    self.label = self._labels[piece.trial]
+                    self.note = f"trial {piece.trial + 1} of {len(self._labels)}"
+                yield piece
+            if not self._loops:
+                return
+
+
+class ByHand(Paced):
+    """A simulated finger: one touch after the other, as its controls stand; a change lifts it and begins a new one."""
+
+    kind = "finger"
+
+    def __init__(self, name: str, simulator: Simulator, changes: Mapping[str, Any], speed: float) -> None:
+        if simulator.by_hand is None:
+            raise InputError(f"--from {name}: this simulator has no finger that is moved by hand; choose gratings")
+        self.name, self.speed = name, speed
+        self._finger, self._spec = simulator.by_hand, simulator.build(changes, f"live --from {name}")
+        self.values = self._finger.checked(self._spec, {})
+        first = self._touch(0)
+        self.sampling_rate_Hz, self.unit, self.taxels = first.sampling_rate_Hz, first.unit, first.channels
+        self.label: str | None = None
+        self.note = ""
+
+    @property
+    def controls(self) -> tuple[Control, ...]:
+        return self._finger.controls(self._spec)
+
+    def move(self, values: Mapping[str, Any]) -> None:
+        """Set controls; InputError for one that there is not, or a value that it cannot have."""
+        self.values = self._finger.checked(self._spec, {**self.values, **values})
+
+    def _touch(self, number: int) -> Any:
+        return self._finger.touch(self._spec, self.values, number)
+
+    def pieces(self, noted: Noted) -> Iterator[Arrived]:
+        number = 0
+        while True:
+            values, touch = self.values, self._touch(number)
+            self.label, self.note = str(touch.conditions[LABEL].iloc[0]), f"touch {number + 1}"
+            for piece in self._at_its_rate(iter((Arrived(touch.signals[0]),)), noted):
+                if self.values is not values:
+                    break
+                yield piece
+            yield Arrived(end=True)
+            yield from sources.waiting(LIFTED_S / self.speed, TICK_S)
+            number += 1
+
+
+class Device:
+    """A pipe, a device file, a file of rows or a serial port, as it is filled; the page may say what is touched."""
+
+    kind = "device"
+
+    def __init__(
+        self, path: str, layout: Layout, taxels: tuple[str, ...], sampling_rate_Hz: float, unit: str,
+        *, stall_s: float = 1.0, baud: int = sources.DEFAULT_BAUD,
+    ) -> None:  # fmt: skip
+        self.name, self.taxels, self.sampling_rate_Hz, self.unit = path, taxels, sampling_rate_Hz, unit
+        self._open: Callable[[Noted], Iterator[Arrived]] = lambda noted: sources.live(
+            path, layout.parser(path, len(taxels), sampling_rate_Hz, noted), noted, stall_s, tick_s=TICK_S, baud=baud
+        )
+        layout.parser(path, len(taxels), sampling_rate_Hz, Noted())  # refuse a wrong layout now
+        self.label: str | None = None
+        self.note = ""
+
+    def pieces(self, noted: Noted) -> Iterator[Arrived]:
+        return self._open(noted)

@@ -1,0 +1,154 @@
+"""What the decided windows cost and how often they were right: in all, and before and after a change."""
+
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurotact.deploy.chain import Chain
+from neurotact.deploy.stream_state import Decision
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.metrics import synops
+from neurotact.networks.ledger import SOPS, encoding_cost, network_cost
+
+MOST_WINDOWS = 1_000
+"""That are compared before and after a change."""
+RECENT = 200
+"""Decisions that a page which opens later is shown."""
+ONE_CHANGE_S = 2.0
+"""Changes that follow each other as fast are one, as while a slider is drawn."""
+
+
+class Scored(NamedTuple):
+    """A decision and what is known of its window.
+
+    number: of the decision. truth: index of the true class; None where it is unknown, or changed within the window.
+    version: of the settings that the whole window was decided with; None where they changed within it.
+    nJ: an estimate of the arithmetic, encoding and network together (`networks.ledger`).
+    """
+
+    number: int
+    decision: Decision
+    truth: int | None
+    version: int | None
+    nJ: float
+
+    def row(self) -> list[Any]:
+        """As the page has it."""
+        d = self.decision
+        return [
+            self.number, d.window, d.time_s, d.index, d.ms, d.steps, d.input_spikes, d.hidden_spikes, d.sops,
+            self.nJ, int(d.heard), d.held, -1 if self.truth is None else self.truth, d.start_step,
+        ]  # fmt: skip
+
+
+def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
+    """An estimate of the energy of a decision: conditioning, encoding and network, as in the cost ledger."""
+    each = synops.of_network(chain.network, np.array([decision.input_spikes]), np.array([decision.hidden_spikes]))
+    measured = dict(zip(SOPS, (int(part[0]) for part in each[:3]), strict=True))
+    network = network_cost(
+        chain.network.spec, chain.network.n_inputs, chain.network.n_classes, measured,
+        steps=decision.steps, signal_ms=decision.ms,
+    )  # fmt: skip
+    encoding = encoding_cost(chain.n_taxels, decision.steps, decision.ms, _table_of(chain.encoder))
+    return (encoding + network).energy_estimate_nJ
+
+
+@lru_cache(maxsize=16)
+def _table_of(encoder: AfferentSpec) -> Mapping[str, Any]:
+    return encoder.model_dump(mode="json")
+
+
+def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
+    """Means over windows, and the accuracy over those whose class is known; None of no windows."""
+    if not rows:
+        return None
+    known = [row for row in rows if row.truth is not None]
+    means = {
+        key: float(np.mean([getattr(row.decision, key) for row in rows])) for key in ("ms", "sops", "hidden_spikes")
+    }
+    return {
+        "windows": len(rows),
+        "accuracy": sum(row.truth == row.decision.index for row in known) / len(known) if known else None,
+        "spikes": float(np.mean([row.decision.input_spikes for row in rows])),
+        "nJ": float(np.mean([row.nJ for row in rows])),
+        **means,
+    }
+
+
+class Scores:
+    """All that was decided so far.
+
+    classes: of the network. A window counts for its class where that was the same all through it, and for settings
+    likewise; so whoever changes one of them says from which window on the new value holds.
+    """
+
+    def __init__(self, classes: Sequence[str]) -> None:
+        self.classes = tuple(classes)
+        self.compared = 20
+        self._label: str | None = None
+        self._label_from = 0
+        self._version, self._version_from = 0, 0
+        self._number = 0
+        self._changed_at_s: float | None = None
+        self._before: deque[Scored] = deque(maxlen=MOST_WINDOWS)
+        self._after: deque[Scored] = deque(maxlen=MOST_WINDOWS)
+        self.changes: dict[str, tuple[Any, Any]] = {}
+        self.clear()
+
+    def clear(self) -> None:
+        """Count anew; what is compared before and after a change stays."""
+        self.confusion = np.zeros((len(self.classes), len(self.classes)), np.int64)
+        self.recent: deque[Scored] = deque(maxlen=RECENT)
+        self.sums: Counter[str] = Counter()
+
+    def label(self, label: str | None, from_window: int) -> None:
+        """What is touched from now on; windows from that number on are wholly of it."""
+        self._label, self._label_from = label, from_window
+
+    def change(self, changes: dict[str, tuple[Any, Any]], from_window: int, now_s: float) -> None:
+        """Settings changed, each from one value to another; windows from that number on are decided with the new ones.
+
+        now_s: by some clock that only advances.
+        """
+        if self._changed_at_s is not None and now_s - self._changed_at_s < ONE_CHANGE_S and self.changes:
+            firsts = {key: old for key, (old, _) in self.changes.items()}
+            merged = {key: (firsts.get(key, old), new) for key, (old, new) in changes.items()}
+            self.changes = {key: each for key, each in (self.changes | merged).items() if each[0] != each[1]}
+        else:
+            self._before, self.changes = self._after, changes
+        self._after = deque(maxlen=MOST_WINDOWS)
+        self._changed_at_s = now_s
+        self._version, self._version_from = self._version + 1, from_window
+
+    def take(self, chain: Chain, decisions: Iterable[Decision]) -> list[Scored]:
+        """Count decisions of a chain."""
+        return [self._take(chain, decision) for decision in decisions]
+
+    def _take(self, chain: Chain, decision: Decision) -> Scored:
+        is_labelled = self._label in self.classes and decision.window >= self._label_from
+        truth = self.classes.index(str(self._label)) if is_labelled else None
+        version = self._version if decision.window >= self._version_from else None
+        scored = Scored(self._number, decision, truth, version, cost_nJ(chain, decision))
+        self._number += 1
+        self.recent.append(scored)
+        if version is not None:
+            self._after.append(scored)
+        if truth is not None:
+            self.confusion[truth, decision.index] += 1
+        self.sums.update(
+            decisions=1, ms=decision.ms, nJ=scored.nJ, sops=decision.sops, hidden=decision.hidden_spikes,
+            sent=decision.input_spikes, labelled=truth is not None, right=truth == decision.index,
+        )  # fmt: skip
+        return scored
+
+    def comparison(self) -> dict[str, Any]:
+        """The last windows before the last change and those after it."""
+        n = self.compared
+        before, after = ([*rows][-n:] for rows in (self._before, self._after))
+        return {
+            "windows": n, "before": summary(before), "after": summary(after),
+            "changes": {key: list(pair) for key, pair in self.changes.items()},
+        }  # fmt: skip

@@ -1,0 +1,365 @@
+"""A live session: a thread that feeds one stream, obeys its pages between two pieces, and tells them what it sees.
+
+No page is ever waited for. Everything that a page asks for waits in a short queue and is done by this thread, so that a
+change holds from one sample to the next.
+"""
+
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from queue import Empty, Full, Queue
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from neurotact.backend import Backend
+from neurotact.data.spikes import populations_of
+from neurotact.deploy import sources
+from neurotact.deploy.chain import Chain
+from neurotact.deploy.sources import Arrived, Noted
+from neurotact.deploy.stream import Stream
+from neurotact.deploy.stream_state import Trace
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.errors import InputError, nearest
+from neurotact.files import write_text
+from neurotact.live import messages
+from neurotact.live.feeds import TICK_S, ByHand, Feed, Replay
+from neurotact.live.frames import Audience, FrameBuilder, Mailbox
+from neurotact.live.scores import Scored, Scores
+from neurotact.networks.early_exit import ExitRule
+from neurotact.spec import build, override, to_toml
+
+FRAME_S = 1 / 60
+STATE_S = 0.2
+"""Between two messages about counts and settings, unless something was asked for."""
+MOST_WAITING = 64
+"""Requests that wait to be done; what comes while so many wait is dropped."""
+POPULATIONS = ("sa1", "ra1")
+"""The keys of an encoder's populations, in the order of its afferents."""
+PATIENCE = "patience"
+LONGEST_t_ref_ms = 1_000.0
+
+
+class Session:
+    """One chain, one feed and any number of pages.
+
+    run: the name that the page shows. afferents: their names, the populations of which stand in their first words.
+    save_to: the folder in which encoders are saved; None: saving is off.
+    waits: for the first page, before anything is fed; a device does not wait.
+    on_end: called by the thread when the feed has ended or failed; `failure` and `fault` say how.
+    refused: messages of pages that were dropped.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        feed: Feed,
+        *,
+        run: str,
+        afferents: tuple[str, ...],
+        save_to: Path | None = None,
+        hold_ms: float = 5.0,
+        backend: Backend = "auto",
+    ) -> None:
+        if len(feed.taxels) != chain.n_taxels:
+            raise InputError(
+                f"--from {feed.name}: has {len(feed.taxels)} taxels but the chain feels {chain.n_taxels}; give the "
+                "taxels that the network was trained on"
+            )
+        self.feed, self.run_name, self.afferents, self.save_to = feed, run, afferents, save_to
+        self._frames = FrameBuilder(chain.sampling_rate_Hz, chain.n_taxels)
+        self.stream = Stream(chain, unit=feed.unit, hold_ms=hold_ms, backend=backend, watch=self._watch)
+        self._start = self._settings()
+        self.scores, self.noted, self.audience = Scores(chain.classes), Noted(), Audience()
+        self._sent, self._hidden = np.zeros(chain.network.n_inputs, np.int64), 0
+        self._asked: Queue[tuple[Mailbox, messages.Message]] = Queue(MOST_WAITING)
+        self._label: str | None = None
+        self._framed_s = self._stated_s = -np.inf
+        self._is_news = True
+        self.waits = feed.kind != "device"
+        self.refused = 0
+        self.ended = self._again = False
+        self.failure: InputError | None = None
+        self.fault: Exception | None = None
+        self.on_end: Callable[[], None] | None = None
+        self._stopped = Event()
+
+    # --- what a server asks for, in any thread ----------------------------------------------------
+
+    def ask(self, box: Mailbox, message: messages.Message) -> bool:
+        """Whether a request could be taken; its answer, if there is one, goes to the page's mailbox."""
+        try:
+            self._asked.put_nowait((box, message))
+        except Full:
+            return False
+        return True
+
+    def refuse(self) -> None:
+        """Count a message of a page that was dropped."""
+        self.refused += 1
+        self._is_news = True
+
+    def stop(self) -> None:
+        """End the thread soon."""
+        self._stopped.set()
+
+    def hello(self) -> dict[str, Any]:
+        """What does not change."""
+        chain, feed = self.stream.chain, self.feed
+        populations = populations_of(self.afferents)
+        return {
+            "kind": "hello",
+            "run": self.run_name,
+            "source": {"kind": feed.kind, "name": feed.name, "unit": feed.unit, "taxels": feed.taxels},
+            "classes": chain.classes,
+            "populations": [
+                {"name": name, "key": key, "afferents": its.tolist()}
+                for key, (name, its) in zip(POPULATIONS, populations.items(), strict=False)
+            ],
+            "afferents": self.afferents,
+            "hidden": chain.network.spec.hidden,
+            "integrates": chain.network.bias is not None,
+            "clock_Hz": chain.clock_Hz,
+            "sampling_rate_Hz": chain.sampling_rate_Hz,
+            "bucket_s": self._frames.bucket_s,
+            "window_steps": chain.windows.length,
+            "start": self._start,
+            "controls": [control._asdict() for control in feed.controls] if isinstance(feed, ByHand) else [],
+            "speeds": [messages.SLOWEST, messages.FASTEST] if isinstance(feed, (ByHand, Replay)) else None,
+            "save_to": None if self.save_to is None else str(self.save_to),
+        }
+
+    # --- the thread -------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Feed the stream, and when the feed has ended or failed go on answering pages, until `stop` is called."""
+        if self.waits:
+            self._attend(lambda: len(self.audience) > 0)
+        while not self._stopped.is_set():
+            self._again = self.ended = False
+            try:
+                self._feed_on()
+            except InputError as error:
+                self.failure = error
+            except Exception as error:  # whoever started the thread raises it
+                self.fault = error
+            self.ended = self._is_news = True
+            if self.on_end is not None:
+                self.on_end()
+            self._attend(lambda: self._again)
+
+    def _feed_on(self) -> None:
+        for arrived in self.feed.pieces(self.noted):
+            self._obey()
+            if self._stopped.is_set():
+                return
+            self.take(arrived)
+            self._tell()
+
+    def _attend(self, is_over: Callable[[], bool]) -> None:
+        """Answer pages while nothing is fed."""
+        while not (is_over() or self._stopped.wait(TICK_S)):
+            self._obey()
+            self._tell()
+
+    def take(self, arrived: Arrived) -> list[Scored]:
+        """Push a piece into the stream, and count what it decided."""
+        if self.feed.label != self._label:
+            self._label = self.feed.label
+            self.scores.label(self._label, self._n_windows())
+            self._mark(f"touch: {self._label or 'unknown'}")
+        if arrived.samples is not None:
+            tally = self.stream.tally
+            self._frames.samples(arrived.samples, tally.samples + tally.missing)
+        found = self.scores.take(self.stream.chain, sources.decide(self.stream, (arrived,)))
+        if found:
+            self._is_news = True
+            rows = [scored.row() for scored in found]
+            for box in (box for box in self.audience.each() if box.is_greeted):
+                box.decisions(rows)
+        return found
+
+    def _watch(self, trace: Trace) -> None:
+        self._sent += trace.afferents.sum(axis=0)
+        self._hidden += int(trace.hidden.sum())
+        self._frames.trace(trace)
+
+    def _n_windows(self) -> int:
+        """Windows that were opened so far: all later ones are wholly under what holds now."""
+        return self.stream.state().n_windows
+
+    def _now_s(self) -> float:
+        tally = self.stream.tally
+        return (tally.samples + tally.missing) / self.stream.chain.sampling_rate_Hz
+
+    def _mark(self, what: str) -> None:
+        self._frames.marks.append((self._now_s(), what))
+        del self._frames.marks[:-8]
+
+    # --- what pages ask for -----------------------------------------------------------------------
+
+    def _obey(self) -> None:
+        while True:
+            try:
+                box, message = self._asked.get_nowait()
+            except Empty:
+                return
+            try:
+                answer = self.do(message)
+            except InputError as error:
+                answer = {"kind": "refused", "why": str(error)}
+            if answer:
+                box.note(_json(answer))
+            self._is_news = True
+
+    def do(self, message: messages.Message) -> dict[str, Any] | None:
+        """Do what a page asks for, between two samples; InputError, which the page is told, for what cannot be done."""
+        done: dict[type, Callable[[Any], dict[str, Any] | None]] = {
+            messages.Change: self._change, messages.Move: self._move, messages.Speed: self._speed,
+            messages.Label: self._touch, messages.Compare: self._compare, messages.Save: self._save,
+            messages.Do: self._do,
+        }  # fmt: skip
+        return done[type(message)](message)
+
+    def _settings(self) -> dict[str, Any]:
+        encoder = self.stream.chain.encoder
+        found: dict[str, Any] = {}
+        for key in POPULATIONS:
+            kind = getattr(encoder, key)
+            found |= {f"{key}.t_ref_ms": kind.t_ref_ms, f"{key}.gain": kind.gain}
+        return {**found, PATIENCE: self.stream.chain.rule.patience}
+
+    def _change(self, message: messages.Change) -> None:
+        now, chain = self._settings(), self.stream.chain
+        for key in message.values:
+            if key not in now:
+                raise InputError(f"{key}: cannot be changed while the stream runs; {nearest(key, [*now])}")
+        wanted = {**now, **message.values}
+        patience = wanted.pop(PATIENCE)
+        for key in (key for key in wanted if key.endswith("t_ref_ms")):
+            if wanted[key] is None or not 0 <= wanted[key] <= LONGEST_t_ref_ms:
+                raise InputError(f"{key}: must be from 0 to {LONGEST_t_ref_ms:g} ms")
+            wanted[key] = round(wanted[key] * 1e-3 * chain.clock_Hz) / chain.clock_Hz * 1e3  # whole steps
+        if patience is not None and not (patience == int(patience) and 1 <= patience <= chain.windows.length):
+            raise InputError(f"patience: must be a whole number of steps from 1 to {chain.windows.length}")
+        encoder = build(AfferentSpec, override(chain.encoder.model_dump(mode="json"), wanted), source="live")
+        rule = ExitRule(None if patience is None else int(patience), from_first_spike=True)
+        self.stream = self.stream.changed(encoder=encoder, rule=rule)
+        then = self._settings()
+        changes = {key: (now[key], value) for key, value in then.items() if now[key] != value}
+        if changes:
+            self.scores.change(changes, self._n_windows(), time.monotonic())
+            self._mark("changed")
+
+    def _move(self, message: messages.Move) -> None:
+        if not isinstance(self.feed, ByHand):
+            raise InputError(f"{self.feed.name}: is not moved by hand; start with --from gratings")
+        self.feed.move(message.values)
+
+    def _speed(self, message: messages.Speed) -> None:
+        if not isinstance(self.feed, (ByHand, Replay)):
+            raise InputError(f"{self.feed.name}: has a rate of its own")
+        self.feed.speed = message.speed
+
+    def _touch(self, message: messages.Label) -> None:
+        if self.feed.kind != "device":
+            raise InputError(f"{self.feed.name}: knows itself what is touched")
+        if message.label is not None and message.label not in self.scores.classes:
+            raise InputError(f"label: '{message.label[:40]}' is no class of the network")
+        self.feed.label = message.label
+
+    def _compare(self, message: messages.Compare) -> None:
+        self.scores.compared = message.windows
+
+    def _do(self, message: messages.Do) -> None:
+        if message.kind == "again":
+            self._again = isinstance(self.feed, Replay) and self.ended
+            return
+        self.scores.clear()
+        self._sent[:], self._hidden = 0, 0
+        for box in self.audience.each():
+            box.note(_json({"kind": "cleared"}))
+
+    def _save(self, message: messages.Save) -> dict[str, Any]:
+        if self.save_to is None:
+            raise InputError("saving is off; start neurotact live with --save-to FOLDER")
+        path = self.save_to / f"{message.name}.toml"
+        if os.path.lexists(path):
+            raise InputError(f"{path}: already exists; choose another name")
+        chain, patience = self.stream.chain, self.stream.chain.rule.patience
+        stop = (
+            "none: full windows" if patience is None else f"{patience} steps ({1e3 * patience / chain.clock_Hz:g} ms)"
+        )
+        comment = f"# Set by hand in neurotact live on {json.dumps(self.run_name)}; patience of the exit: {stop}.\n"
+        write_text(path, comment + to_toml(chain.encoder.model_dump(mode="json", exclude_none=True)))
+        return {"kind": "saved", "path": str(path)}
+
+    # --- what pages are told ----------------------------------------------------------------------
+
+    def _tell(self) -> None:
+        now_s = time.monotonic()
+        boxes = self.audience.each()
+        if not boxes:
+            self._frames.clear()
+            return
+        for box in (box for box in boxes if not box.is_greeted):
+            box.is_greeted = self._is_news = True
+            box.note(_json(self.hello()))
+            box.decisions([scored.row() for scored in self.scores.recent])
+        if now_s - self._framed_s >= FRAME_S:
+            self._framed_s = now_s
+            frame = self._frames.frame({"now_s": self._now_s(), "race": self._race(), **self._counted()})
+            for box in boxes:
+                box.frame(frame)
+        if self._is_news and (now_s - self._stated_s >= STATE_S):
+            self._stated_s, self._is_news = now_s, False
+            state = _json(self.state())
+            for box in boxes:
+                box.state(state)
+
+    def _counted(self) -> dict[str, Any]:
+        sums = self.scores.sums
+        spikes = [int(self._sent[its].sum()) for its in populations_of(self.afferents).values()]
+        totals = {"spikes": spikes, "hidden": self._hidden, "sops": sums["sops"], "nJ": sums["nJ"], "ms": sums["ms"]}
+        return {"totals": {**totals, "decisions": sums["decisions"]}}
+
+    def _race(self) -> dict[str, Any] | None:
+        """The classes' race in the oldest window under way."""
+        state, clock_Hz = self.stream.state(), self.stream.chain.clock_Hz
+        if not state.windows:
+            return None
+        window = state.windows[0]
+        leader = window.leader
+        return {
+            "window": window.window, "steps": window.steps, "counts": leader.counts[0].tolist(),
+            "leader": int(leader.index[0]), "standing": int(leader.standing_since_spike[0]),
+            "heard": bool(leader.heard[0]), "begin_s": self._now_s() - window.steps / clock_Hz,
+        }  # fmt: skip
+
+    def state(self) -> dict[str, Any]:
+        """Counts and settings."""
+        feed, sums = self.feed, self.scores.sums
+        return {
+            "kind": "state",
+            "settings": self._settings(),
+            "compared": self.scores.comparison(),
+            "confusion": self.scores.confusion.tolist(),
+            "labelled": sums["labelled"],
+            "right": sums["right"],
+            "label": feed.label,
+            "note": feed.note,
+            "speed": feed.speed if isinstance(feed, (ByHand, Replay)) else None,
+            "values": feed.values if isinstance(feed, ByHand) else None,
+            "trouble": ", ".join(filter(None, (self.stream.tally.trouble(), self.noted.trouble()))),
+            "pages": len(self.audience),
+            "refused": self.refused,
+            "ended": self.ended,
+            "failure": None if self.failure is None else str(self.failure),
+        }
+
+
+def _json(table: dict[str, Any]) -> str:
+    return json.dumps(table, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,299 @@
+"""A session without a server: changes hold from one sample to the next, and windows are counted where they belong."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from live_pages import Given, cut, session_of
+from made_chains import make_chain, make_signal, offline
+
+from neurotact.deploy.sources import Arrived
+from neurotact.encoders import afferents, specs
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.errors import InputError
+from neurotact.live import messages
+from neurotact.live.frames import EVENT, Audience, FrameBuilder, Mailbox
+from neurotact.live.scores import cost_nJ, summary
+from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.ledger import decision_ledger
+from neurotact.spec import override
+
+
+def rows_of(found) -> list[tuple]:
+    ordered = sorted((scored.decision for scored in found), key=lambda d: d.window)
+    return [(d.start_step, d.index, d.steps, d.input_spikes, d.hidden_spikes) for d in ordered]
+
+
+def offline_with_a_change(chain, other, signal, cut_at) -> list[tuple]:
+    """Spikes of `encode` with one encoder up to a sample and, with its state, with the other from there on."""
+    clock_Hz = chain.clock_Hz
+    first, state = afferents.encode(signal[None, :cut_at], clock_Hz, chain.encoder)
+    rest, _ = afferents.encode(signal[None, cut_at:], clock_Hz, other, state)
+    raster = np.concatenate([first[0], rest[0]])
+    starts = chain.windows.starts(raster)
+    windows = np.stack([raster[start : start + chain.windows.length] for start in starts.tolist()])
+    found = chain.network.infer(torch.from_numpy(windows), chain.rule)
+    columns = (found.labels, found.steps, found.input_spikes, found.hidden_spikes)
+    return list(zip(starts.tolist(), *(part.tolist() for part in columns), strict=True))
+
+
+@given(
+    cut_at=st.integers(1, 350), seed=st.integers(0, 20), hop=st.sampled_from([None, 13]),
+    values=st.fixed_dictionaries({}, optional={
+        "sa1.t_ref_ms": st.integers(0, 20), "ra1.t_ref_ms": st.integers(0, 20),
+        "sa1.gain": st.floats(0.5, 50.0), "ra1.gain": st.floats(0.5, 200.0),
+    }).filter(bool),
+)  # fmt: skip
+@settings(max_examples=12, deadline=None)
+def test_a_change_is_that_of_an_encoder_that_changed_at_this_sample(cut_at, seed, hop, values):
+    windows = {"length_ms": 40} if hop is None else {"length_ms": 40, "hop_ms": hop}
+    chain, signal = make_chain({}, patience=8, windows=windows, seed=seed), make_signal(360, seed=seed)
+    session = session_of(chain, Given([signal]))
+    found = session.take(Arrived(signal[:cut_at]))
+    session.do(messages.Change(kind="change", values=values))
+    found += session.take(Arrived(signal[cut_at:]))
+    table = override(chain.encoder.model_dump(mode="json"), values)
+    other = afferents.AfferentSpec.model_validate(table)
+    expected = offline_with_a_change(chain, other, signal, cut_at)
+    assert [row for row in rows_of(found) if row[0] + 40 <= len(signal)] == expected
+
+
+@given(cut_at=st.integers(1, 300), patience=st.sampled_from([None, 1, 3, 20]), seed=st.integers(0, 10))
+@settings(max_examples=8, deadline=None)
+def test_another_patience_holds_from_this_sample_on(cut_at, patience, seed):
+    chain, signal = make_chain({}, patience=6, seed=seed), make_signal(320, seed=seed)
+    session = session_of(chain, Given([signal]))
+    before = rows_of(session.take(Arrived(signal[:cut_at])))
+    session.do(messages.Change(kind="change", values={"patience": patience}))
+    after = rows_of(session.take(Arrived(signal[cut_at:])))
+    _, old = offline(chain, signal)
+    _, new = offline(chain._replace(rule=ExitRule(patience, from_first_spike=True)), signal)
+    assert before == [row for row in old if row[0] + row[2] <= cut_at]
+    assert [row for row in after if row[0] >= cut_at] == [row for row in new if row[0] >= cut_at]
+
+
+def test_a_window_counts_for_settings_and_classes_that_held_all_through_it():
+    chain, signal = make_chain({}), make_signal(400)
+    feed = Given([signal])
+    session = session_of(chain, feed)
+    feed.label = "0"
+    found = session.take(Arrived(signal[:100]))  # windows 0, 1; window 2 is under way
+    session.do(messages.Change(kind="change", values={"sa1.t_ref_ms": 4}))
+    feed.label = "1"
+    found += session.take(Arrived(signal[100:220]))
+    feed.label = "no class of this network"
+    found += session.take(Arrived(signal[220:400]))
+    assert [scored.truth for scored in found] == [0, 0, None, 1, 1, *[None] * 5]
+    assert [scored.version for scored in found] == [0, 0, None, *[1] * 7]
+    compared = session.scores.comparison()
+    assert compared["changes"] == {"sa1.t_ref_ms": [2.0, 4.0]}
+    assert (compared["before"]["windows"], compared["after"]["windows"]) == (2, 7)
+    confusion = session.scores.confusion
+    assert confusion.sum() == 4
+    assert confusion[0].sum() == confusion[1].sum() == 2
+    assert session.scores.sums["right"] == np.trace(confusion)
+
+
+def test_only_the_last_windows_are_compared():
+    chain = make_chain({})
+    session = session_of(chain)
+    found = session.take(Arrived(make_signal(2000)))
+    session.do(messages.Compare(kind="compare", windows=5))
+    session.do(messages.Change(kind="change", values={"patience": 5}))
+    assert session.scores.comparison()["before"] == summary(found[-5:])
+    assert session.scores.comparison()["after"] is None
+
+
+def test_changes_in_quick_succession_are_one(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("neurotact.live.session.time.monotonic", lambda: now[0])
+    session = session_of(make_chain({}))
+    first = session.take(Arrived(make_signal(200)))
+    for wait_s, value in ((0.0, 3), (1.0, 4), (1.5, 7)):
+        now[0] += wait_s
+        session.do(messages.Change(kind="change", values={"sa1.t_ref_ms": value}))
+        session.take(Arrived(make_signal(90)))
+    compared = session.scores.comparison()
+    assert compared["changes"] == {"sa1.t_ref_ms": [2.0, 7.0]}
+    assert compared["before"] == summary(first)
+    now[0] += 5.0
+    session.do(messages.Change(kind="change", values={"ra1.gain": 31.0}))
+    assert session.scores.comparison()["changes"] == {"ra1.gain": [30.0, 31.0]}
+
+
+def test_nothing_changes_where_the_values_are_what_they_are():
+    session = session_of(make_chain({}, patience=5))
+    found = session.take(Arrived(make_signal(100)))
+    session.do(messages.Change(kind="change", values=session._settings()))
+    assert session.scores.comparison()["changes"] == {}
+    assert session.scores.comparison()["after"] == summary(found)
+
+
+def test_the_energy_of_a_decision_is_that_of_the_cost_ledger():
+    chain = make_chain({"ema_cutoff_Hz": 30.0}, patience=5)
+    (scored,) = session_of(chain).take(Arrived(make_signal(40)))
+    from neurotact.metrics import synops
+
+    decision, network = scored.decision, chain.network
+    table = synops.to_table(
+        labels=["a"], predicted=["a"], steps=np.array([decision.steps]), input_spikes=np.array([decision.input_spikes]),
+        hidden_spikes=np.array([decision.hidden_spikes]), n_hidden=network.spec.hidden, n_readout=network.n_classes,
+        recurrent=network.spec.recurrent,
+    )  # fmt: skip
+    ledger = decision_ledger(
+        network.spec, network.n_inputs, network.n_classes, chain.clock_Hz, synops.summary(table),
+        encoder=chain.encoder.model_dump(mode="json"),
+    )  # fmt: skip
+    assert cost_nJ(chain, decision) == scored.nJ == pytest.approx(ledger["energy_estimate_nJ"].iloc[-1], rel=1e-12)
+
+
+def test_a_saved_encoder_is_the_one_that_runs(tmp_path):
+    chain = make_chain({"baseline": "first"})
+    session = session_of(chain, save_to=tmp_path)
+    session.do(messages.Change(kind="change", values={"sa1.t_ref_ms": 5, "ra1.gain": 17.25, "patience": 9}))
+    session.do(messages.Save(kind="save", name="by-hand"))
+    path = tmp_path / "by-hand.toml"
+    assert specs.load(path) == session.stream.chain.encoder
+    assert tomllib.loads(path.read_text())["sa1"]["t_ref_ms"] == 5
+    assert "patience of the exit: 9 steps (9 ms)" in path.read_text()
+    (tmp_path / "link.toml").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="already exists"):
+        session.do(messages.Save(kind="save", name="link"))
+
+
+def test_a_refractory_period_is_taken_in_whole_steps():
+    session = session_of(make_chain({}))
+    session.do(messages.Change(kind="change", values={"sa1.t_ref_ms": 3.4}))
+    assert session._settings()["sa1.t_ref_ms"] == 3.0
+
+
+def test_other_taxels_than_those_of_the_chain_are_refused():
+    with pytest.raises(InputError, match="has 3 taxels but the chain feels 2"):
+        session_of(make_chain({}), Given([make_signal(10, 3)]))
+
+
+def test_populations_are_those_that_the_names_say():
+    session = session_of(make_chain({}))
+    session.afferents = ("slow left", "slow right", "fast left", "fast right")
+    shown = session.hello()["populations"]
+    assert [(each["name"], each["key"], each["afferents"]) for each in shown] == [
+        ("slow", "sa1", [0, 1]), ("fast", "ra1", [2, 3]),
+    ]  # fmt: skip
+
+
+# --- frames -------------------------------------------------------------------------------------------
+
+
+def read_frame(frame: bytes, n_taxels: int) -> tuple[dict, np.ndarray, np.ndarray, np.ndarray]:
+    length = int.from_bytes(frame[:4], "little")
+    header = json.loads(frame[4 : 4 + length])
+    at = 4 + length + -length % 4
+    size = header["columns"] * n_taxels * 2
+    columns = np.frombuffer(frame, "<f4", size, at).reshape(-1, n_taxels, 2)
+    at += 4 * size
+    sent = np.frombuffer(frame, EVENT, header["afferents"], at)
+    hidden = np.frombuffer(frame, EVENT, header["hidden"], at + 8 * header["afferents"])
+    assert at + 8 * (len(sent) + len(hidden)) == len(frame)
+    return header, columns, sent, hidden
+
+
+@given(sizes=st.lists(st.integers(1, 60), min_size=3, max_size=8), rate_Hz=st.sampled_from([1000.0, 2000.0]))
+@settings(max_examples=8, deadline=None)
+def test_frames_hold_every_spike_and_the_reach_of_every_sample(sizes, rate_Hz):
+    chain = make_chain({}, rate_Hz=rate_Hz, windows={"length_ms": 120})
+    sizes = [*sizes, 10]
+    signal = make_signal(sum(sizes))
+    session = session_of(chain, Given([signal], rate_Hz=rate_Hz))
+    at, columns, spikes, hidden = 0, [], [], []
+    bucket = session._frames.bucket
+    for size in sizes:
+        session.take(Arrived(signal[at : at + size]))
+        header, *arrays = read_frame(session._frames.frame({}), 2)
+        columns.append(arrays[0])
+        for found, events in ((spikes, arrays[1]), (hidden, arrays[2])):
+            steps = np.rint((header["t0_s"] + events["after_s"].astype(float)) * rate_Hz).astype(int)
+            found += zip(steps.tolist(), events["neuron"].tolist(), strict=True)
+        at += size
+    whole = len(signal) // bucket
+    parts = signal[: whole * bucket].reshape(whole, bucket, 2)
+    expected = np.stack([parts.min(axis=1), parts.max(axis=1)], axis=2)
+    assert np.array_equal(np.concatenate(columns), expected)
+    raster, _ = offline(chain, signal)
+    assert spikes == [tuple(each) for each in np.argwhere(raster).tolist()]
+    assert len(hidden) == session._hidden
+
+
+def test_what_is_too_much_to_draw_is_counted_and_the_counts_are_right(monkeypatch):
+    monkeypatch.setattr("neurotact.live.frames.MOST_EVENTS", 5)
+    monkeypatch.setattr("neurotact.live.frames.MOST_BUCKETS", 3)
+    chain, signal = make_chain({}), make_signal(400)
+    session = session_of(chain, Given([signal]))
+    for block in cut(signal, 20):
+        session.take(Arrived(block))
+    header, columns, sent, hidden = read_frame(session._frames.frame({}), 2)
+    assert len(columns) <= 3
+    assert len(sent) + len(hidden) <= 5
+    assert header["thinned"] > 0
+    assert session._sent.sum() == offline(chain, signal)[0].sum()
+
+
+def test_missing_samples_leave_a_gap_in_what_is_drawn():
+    builder = FrameBuilder(1000.0, 1)
+    builder.samples(np.zeros((8, 1), np.float32), 0)
+    builder.samples(np.ones((9, 1), np.float32), 20)
+    header, columns, *_ = read_frame(builder.frame({}), 1)
+    assert header["begins_s"] == [[0.0, 2], [0.02, 2]]
+    assert columns[:, 0, 0].tolist() == [0, 0, 1, 1]
+
+
+def test_a_mailbox_rings_once_and_the_newest_wins():
+    rings = []
+    box = Mailbox(lambda: rings.append(1))
+    for n in range(30):
+        box.frame(bytes([n]))
+        box.state(str(n))
+        box.decisions([[n]])
+    assert len(rings) == 1
+    mail = box.take()
+    assert mail[1] == "29"
+    assert json.loads(mail[0])["rows"] == [[n] for n in range(30)]
+    assert mail[2:] == [bytes([n]) for n in range(18, 30)]
+    assert box.dropped == 18
+    assert box.take() == []
+    box.note("hello")
+    assert len(rings) == 2
+
+
+def test_a_mailbox_is_bounded():
+    box = Mailbox(lambda: None)
+    for n in range(5000):
+        box.decisions([[n]])
+        box.note(str(n))
+    *notes, decisions = box.take()
+    assert len(notes) == 16
+    assert [rows[0] for rows in json.loads(decisions)["rows"]] == list(range(3000, 5000))
+
+
+def test_an_audience_comes_and_goes():
+    audience, box = Audience(), Mailbox(lambda: None)
+    audience.join(box)
+    assert audience.each() == [box]
+    audience.leave(box)
+    assert len(audience) == 0
+
+
+def test_spikes_are_those_of_encode(tmp_path):
+    """The counters of a session count what `encode` makes of the same recordings."""
+    import pandas as pd
+
+    from neurotact.data.recordings import Recordings
+
+    chain, signal = make_chain({"baseline": "first"}), make_signal(300)
+    session = session_of(chain, Given([signal]))
+    session.take(Arrived(signal))
+    trains = encode_recordings(Recordings([signal], 1000.0, "mV", pd.DataFrame({"label": ["a"]})), chain.encoder)
+    assert session._sent.tolist() == np.bincount(trains.units[0], minlength=4).tolist()
