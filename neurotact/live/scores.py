@@ -113,7 +113,7 @@ class Scores:
 
         now_s: by some clock that only advances.
         """
-        if self._changed_at_s is not None and now_s - self._changed_at_s < ONE_CHANGE_S and self.changes:
+        if self._changed_at_s is not None and now_s - self._changed_at_s < ONE_CHANGE_S:
             firsts = {key: old for key, (old, _) in self.changes.items()}
             merged = {key: (firsts.get(key, old), new) for key, (old, new) in changes.items()}
             self.changes = {key: each for key, each in (self.changes | merged).items() if each[0] != each[1]}

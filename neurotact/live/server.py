@@ -125,7 +125,9 @@ def application(session: Session, gate: Gate) -> Starlette:
             await websocket.accept()
             await _attend(session, websocket)
 
-    return Starlette(routes=[Route("/{token}/", show), WebSocketRoute("/{token}/stream", stream)])
+    app = Starlette(routes=[Route("/{token}/", show), WebSocketRoute("/{token}/stream", stream)])
+    app.router.redirect_slashes = False
+    return app
 
 
 async def _attend(session: Session, websocket: WebSocket) -> None:

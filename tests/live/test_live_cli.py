@@ -1,0 +1,132 @@
+"""`neurotact live` as it is typed: what it refuses, and a whole visit."""
+
+import io
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from live_pages import has_ended, page_of
+from made_chains import make_encoder, make_signal, told
+
+import neurotact as nt
+from neurotact import cli
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.networks import trained
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A network of an epoch, and its recordings."""
+    folder = tmp_path_factory.mktemp("live")
+    signals = [make_signal(130, seed=k) for k in range(12)]
+    labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(12)]})
+    skin = Recordings(signals, 1000.0, "mV", labels, channels=("left", "right"))
+    hdf5.save_recordings(skin, folder / "skin.h5")
+    trains = encode_recordings(skin, make_encoder(baseline="first"))
+    hdf5.save_spikes(trains, folder / "spikes.h5")
+    spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
+    task = Task.model_validate({"window": {"length_ms": 40}})
+    done, _ = trained.fit(trains, spec, task, (0, 1))
+    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
+    return folder
+
+
+@pytest.fixture
+def refused(monkeypatch, capsys):
+    def call(*words: object) -> str:
+        monkeypatch.setattr(sys, "argv", ["neurotact", "live", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        said = capsys.readouterr()
+        assert end.value.code == 2, said
+        assert said.err.count("\n") == 1
+        return said.err
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--from", "{made}/skin.h5", "--set", "seed=1"], "--set: changes a simulated finger"),
+        (["--from", "stiffness"], "has no finger that is moved by hand"),
+        (["--from", "gratings"], "has 8 taxels but the chain feels 2"),
+        (["--from", "gratings", "--set", "sed=1"], "sed: unknown key; did you mean 'seed'"),
+        (["--from", "-", "--format", "wav"], "--format wav: is unknown"),
+        (["--from", "-", "--unit", "count"], "'count' but 'mV'"),
+        (["--from", "/no/such.h5"], "/no/such.h5: there is no such file"),
+        (["--from", "-", "--speed", "1000"], "--speed"),
+        ([], "--from"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line(made, refused, words, message):
+    assert message in refused(made / "run", *(word.format(made=made) for word in words))
+
+
+def test_a_device_that_is_not_there_is_refused(made, refused):
+    assert "/no/such/device: cannot be read" in refused(made / "run", "--from", "/no/such/device")
+
+
+def test_input_without_a_sample_is_refused(made, refused, tmp_path):
+    (tmp_path / "rows.csv").write_text("1,2,3\n")
+    assert "line 1 has 3 values" in refused(made / "run", "--from", tmp_path / "rows.csv")
+
+
+def test_without_its_packages_it_says_what_to_install(made, refused, monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    monkeypatch.delitem(sys.modules, "neurotact.live.server", raising=False)
+    assert "pip install 'neurotact[live]'" in refused(made / "run", "--from", "gratings")
+
+
+def visit(words: list[str], given: bytes | None = None) -> tuple[list[tuple], dict, dict, str, int]:
+    """Open the page of a live session until its source ends: decisions, state, hello, what was said, exit code."""
+    command = [sys.executable, "-m", "neurotact", "live", *words]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+        assert process.stdout
+        assert process.stdin
+        assert process.stderr
+        address = process.stdout.readline().decode().split()[0]
+        port, token = address.removeprefix("http://127.0.0.1:").strip("/").split("/")
+        with page_of(SimpleNamespace(port=int(port), token=token)) as me:
+            me.until(lambda me: me.hello)
+            if given is not None:
+                process.stdin.write(given)
+            process.stdin.close()
+            me.until(has_ended)
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.read().decode()
+        assert process.wait(60) == 0, said
+        return me.told(), me.state, me.hello, said, process.returncode
+
+
+def test_a_visit_to_recordings(made, tmp_path):
+    found, state, hello, said, _ = visit([
+        str(made / "run"), "--from", str(made / "skin.h5"), "--speed", "20", "--save-to", str(tmp_path)
+    ])  # fmt: skip
+    stream, expected = nt.Stream(made / "run"), []
+    for k in range(12):
+        expected += told([*stream.push(make_signal(130, seed=k)), *stream.finish()])
+    assert found == expected
+    assert (hello["source"]["taxels"], hello["classes"]) == (["left", "right"], ["felt", "silk"])
+    assert [each["name"] for each in hello["populations"]] == ["SA-I", "RA-I"]
+    assert state["labelled"] == len(expected)
+    assert sum(map(sum, state["confusion"])) == len(expected)
+    assert f"{12 * 130} samples, {len(expected)} decisions; unfinished 12" in said
+
+
+def test_a_visit_to_standard_input(made):
+    text = io.StringIO()
+    np.savetxt(text, make_signal(200, seed=3), delimiter=",", fmt="%.9g")
+    found, state, *_ = visit([str(made / "run"), "--from", "-"], text.getvalue().encode())
+    stream = nt.Stream(made / "run")
+    assert found == told([*stream.push(make_signal(200, seed=3)), *stream.finish()])
+    assert state["labelled"] == 0
