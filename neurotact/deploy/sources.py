@@ -10,7 +10,7 @@ import re
 import select
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -311,7 +311,7 @@ def waiting(wait_s: float, tick_s: float | None) -> Iterator[Arrived]:
             yield Arrived()
 
 
-def decide(stream: Stream, source: Iterator[Arrived]) -> Iterator[Decision]:
+def decide(stream: Stream, source: Iterable[Arrived]) -> Iterator[Decision]:
     """The decisions of a source."""
     for arrived in source:
         if arrived.samples is not None:
@@ -353,7 +353,8 @@ def _serial_port(path: str, baud: int) -> Any:
         port = serial.Serial(path.removeprefix(SERIAL), baud, exclusive=True)
         port.reset_input_buffer()
     except (serial.SerialException, OSError, ValueError) as error:
-        reason = os.strerror(error.errno) if getattr(error, "errno", None) else error
+        number = getattr(error, "errno", None)
+        reason = error if number is None else os.strerror(number)
         raise InputError(f"{path}: cannot be read ({reason}); check the port, its rights and --baud") from error
     return port
 

@@ -1,15 +1,13 @@
 """What the decided windows cost and how often they were right: in all, and before and after a change."""
 
-from collections import Counter, deque
-from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from collections import defaultdict, deque
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.stream_state import Decision
-from neurotact.encoders.afferents import AfferentSpec
 from neurotact.metrics import synops
 from neurotact.networks.ledger import SOPS, encoding_cost, network_cost
 
@@ -47,18 +45,13 @@ class Scored(NamedTuple):
 def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
     """An estimate of the energy of a decision: conditioning, encoding and network, as in the cost ledger."""
     each = synops.of_network(chain.network, np.array([decision.input_spikes]), np.array([decision.hidden_spikes]))
-    measured = dict(zip(SOPS, (int(part[0]) for part in each[:3]), strict=True))
+    measured: dict[str, Any] = {name: int(part[0]) for name, part in zip(SOPS, each[:3], strict=True)}
     network = network_cost(
         chain.network.spec, chain.network.n_inputs, chain.network.n_classes, measured,
         steps=decision.steps, signal_ms=decision.ms,
     )  # fmt: skip
-    encoding = encoding_cost(chain.n_taxels, decision.steps, decision.ms, _table_of(chain.encoder))
-    return (encoding + network).energy_estimate_nJ
-
-
-@lru_cache(maxsize=16)
-def _table_of(encoder: AfferentSpec) -> Mapping[str, Any]:
-    return encoder.model_dump(mode="json")
+    encoder = chain.encoder.model_dump(mode="json")
+    return (encoding_cost(chain.n_taxels, decision.steps, decision.ms, encoder) + network).energy_estimate_nJ
 
 
 def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
@@ -102,7 +95,7 @@ class Scores:
         """Count anew; what is compared before and after a change stays."""
         self.confusion = np.zeros((len(self.classes), len(self.classes)), np.int64)
         self.recent: deque[Scored] = deque(maxlen=RECENT)
-        self.sums: Counter[str] = Counter()
+        self.sums: defaultdict[str, float] = defaultdict(float)
 
     def label(self, label: str | None, from_window: int) -> None:
         """What is touched from now on; windows from that number on are wholly of it."""
@@ -138,10 +131,12 @@ class Scores:
             self._after.append(scored)
         if truth is not None:
             self.confusion[truth, decision.index] += 1
-        self.sums.update(
-            decisions=1, ms=decision.ms, nJ=scored.nJ, sops=decision.sops, hidden=decision.hidden_spikes,
-            sent=decision.input_spikes, labelled=truth is not None, right=truth == decision.index,
-        )  # fmt: skip
+        one = {
+            "decisions": 1, "ms": decision.ms, "nJ": scored.nJ, "sops": decision.sops, "hidden": decision.hidden_spikes,
+            "sent": decision.input_spikes, "labelled": truth is not None, "right": truth == decision.index,
+        }  # fmt: skip
+        for name, value in one.items():
+            self.sums[name] += value
         return scored
 
     def comparison(self) -> dict[str, Any]:

@@ -122,7 +122,7 @@ class Page:
 @contextmanager
 def page_of(server: Server, **options) -> Iterator[Page]:
     authority = f"127.0.0.1:{server.port}"
-    options = {"origin": f"http://{authority}", "max_size": None, "proxy": None, **options}
+    options = {"origin": f"http://{authority}", "max_size": None, "proxy": None, "ping_interval": None, **options}
     with connect(f"ws://{authority}/{server.token}/stream", **options) as socket:
         yield Page(socket)
 

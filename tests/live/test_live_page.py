@@ -143,6 +143,10 @@ def test_the_page_fits_and_draws_with_sixteen_taxels(window, scheme):
             assert window.evaluate("document.documentElement.scrollWidth") == width
             for name, colour in DRAWN:
                 window.wait_for(f"({INKED})('{name}', colours['{colour}']) > 10")
+        before = window.evaluate("colours['--ink']")
+        other = {"name": "prefers-color-scheme", "value": "dark" if scheme == "light" else "light"}
+        window.call("Emulation.setEmulatedMedia", features=[other])
+        window.wait_for(f"colours['--ink'] !== '{before}' && ({INKED})('signals', colours['--ink']) > 10")
         assert window.evaluate("Number(document.documentElement.dataset.perSecond)") > 0
         assert not window.complaints
 
