@@ -1,6 +1,7 @@
 from .api import calibrate as calibrate
 from .api import encode as encode
 from .api import export_c as export_c
+from .api import fine_tune as fine_tune
 from .api import infer as infer
 from .api import load as load
 from .api import load_network as load_network

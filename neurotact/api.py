@@ -18,7 +18,7 @@ from neurotact.data.readers import event_files, folder
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
-from neurotact.deploy import c_export, export
+from neurotact.deploy import c_export, export, fine_tuning
 from neurotact.deploy.export import Exported
 from neurotact.encoders import calibration, firing, specs
 from neurotact.encoders.afferents import AfferentSpec
@@ -263,7 +263,7 @@ def export_c(
     *,
     variant: str = "integer",
     recordings: str | Path | None = None,
-    weight_bits: int = 8,
+    weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
     name: str = "touch",
@@ -273,8 +273,9 @@ def export_c(
     """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
 
     variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings: that the run
-    was trained on, where they moved since. weight_bits: 2 to 8. state_bits: 8 to 16, or 24; chosen when None. lsb: of a
-    sample of 16 bits; from the recorded range when None. name: prefix of every name in C.
+    was trained on, where they moved since. weight_bits: 2 to 8; when None those of `fine_tune`, else 8. state_bits: 8
+    to 16, or 24; chosen when None. lsb: of a sample of 16 bits; from the recorded range when None. name: prefix of
+    every name in C.
     windows: early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms, sampling_rate_Hz, as for `Stream`.
     Returns the chain and its formats.
     """
@@ -288,6 +289,27 @@ def export_c(
     )  # fmt: skip
     c_export.write(found.chain, Path(folder), found.formats, name=name)
     return found
+
+
+def fine_tune(
+    run: str | Path,
+    folder: str | Path,
+    *,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    epochs: int = fine_tuning.EPOCHS,
+    seed: int = 0,
+    force: bool = False,
+) -> dict[str, Any]:
+    """Train the network in the run folder `run` on with rounded weights, as `neurotact fine-tune` does.
+
+    It is saved in `folder` as a run of its own, which `export_c` writes with these bits. weight_bits: 2 to 8.
+    state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. Training and validation trials are used alone.
+    force: replace a training that is in the folder. Returns what it came to, as `train` does.
+    """
+    place = Path(folder)
+    fine_tuning.run(run, place, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, force=force)
+    return summary_of(files.read_json(place / train_run.RESULT))
 
 
 def tune(

@@ -319,7 +319,7 @@ COMMANDS = [
     ("simulate", "compliance"), ("import",), ("import", "touch-modality"),
     ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("import", "braille-letters"),
     ("calibrate",), ("encode",),
-    ("raster",), ("train",), ("infer",), ("sops",), ("study",), ("study", "run"), ("study", "resume"),
+    ("raster",), ("train",), ("infer",), ("sops",), ("fine-tune",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
 ]  # fmt: skip
 

@@ -1,6 +1,7 @@
-"""The commands that carry a trained chain on: stream, export."""
+"""The commands that carry a trained chain on: fine-tune, stream, export."""
 
 import json
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -9,16 +10,18 @@ from typing import Annotated, Any
 import typer
 
 from neurotact import api
-from neurotact.cli.options import Force, HopMs, Json, RunFolder
-from neurotact.cli.output import print_table
+from neurotact.cli.options import MOST_SEEDS, Force, HopMs, Json, OutFolder, RunFolder
+from neurotact.cli.outcome import print_outcome
+from neurotact.cli.output import print_row, print_table
 from neurotact.data import hdf5
-from neurotact.deploy import c_export, proving, sources, targets
+from neurotact.deploy import c_export, fine_tuning, proving, sources, targets
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.nir_exchange import exchange, execute, note
 from neurotact.deploy.sources import Noted
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.errors import INTERRUPTED, InputError
-from neurotact.networks import trained
+from neurotact.networks import train_run, trained
+from neurotact.networks.outcome import summary_of
 from neurotact.progress import say
 
 WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
@@ -31,6 +34,9 @@ Contact = Annotated[
 QuietMs = Annotated[float, typer.Option("--quiet-ms", min=0, help="Silence before a contact.")]
 FullWindow = Annotated[
     bool, typer.Option("--full-window", help="Decide at the end of a window, not as soon as possible.")
+]
+StateBits = Annotated[
+    int | None, typer.Option("--state-bits", help="8 to 16, or 24; 16, or 24 for slow networks, when absent.")
 ]
 RateHz = Annotated[
     float | None, typer.Option("--sampling-rate-Hz", min=1e-3, help="Of the samples, where the encoder resamples.")
@@ -131,15 +137,49 @@ def _line(decision: Decision, *, as_json: bool) -> str:
     )
 
 
+def fine_tune(
+    run: RunFolder,
+    out: OutFolder,
+    weight_bits: Annotated[int, typer.Option("--weight-bits", help="Of the integer variant in C: 2 to 8.")] = 8,
+    state_bits: StateBits = None,
+    epochs: Annotated[int, typer.Option(min=0, help="Of training; 0: rounding alone.")] = fine_tuning.EPOCHS,
+    seed: Annotated[int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the order of windows.")] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Train a network on with rounded weights, for an export with few bits.
+
+    The rounded network is a run of its own; neurotact export --to c writes it with these bits. Of the epochs, and of
+    rounding alone, the one that is best on validation windows is saved.
+    """
+    outcome, training = fine_tuning.run(
+        run, out, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, force=force
+    )
+    if as_json:
+        print_row("", summary_of(outcome.as_json()), as_json=True)
+    else:
+        print_outcome(outcome)
+        rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))
+        print(
+            f"validation accuracy with {weight_bits}-bit weights: {rounded:.1f} % rounded, {best:.1f} % fine-tuned "
+            f"(epoch {training.best.epoch} of {epochs})"
+        )
+        print(f"saved in {out}: the network, {train_run.RESULT} with all numbers, {trained.LOG}")
+        print(f"next: neurotact export {shlex.quote(str(out))} --to c -o chain/")
+    for caution in outcome.cautions:
+        say(caution)
+
+
 def export_command(
     run: RunFolder,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The folder to write (nir: the file).")] = None,
     to: Annotated[str | None, typer.Option("--to", help="c, or nir.")] = None,
     variant: Annotated[str, typer.Option(help="Of C: integer (8-bit weights) or float.")] = "integer",
-    weight_bits: Annotated[int, typer.Option("--weight-bits", help="Of the integer variant: 2 to 8.")] = 8,
-    state_bits: Annotated[
-        int | None, typer.Option("--state-bits", help="8 to 16, or 24; 16, or 24 for slow networks, when absent.")
+    weight_bits: Annotated[
+        int | None,
+        typer.Option("--weight-bits", help="Of the integer variant: 2 to 8; when absent 8, or those of fine-tune."),
     ] = None,
+    state_bits: StateBits = None,
     lsb: Annotated[float | None, typer.Option(help="Of a 16-bit sample; from the recorded range when absent.")] = None,
     recordings: Annotated[Path | None, typer.Option(help="That the run was trained on, when they moved since.")] = None,
     name: Annotated[str, typer.Option(help="Prefix of every name in C.")] = "touch",

@@ -41,14 +41,15 @@ from neurotact.cli.options import (
     split_table,
     window_table,
 )
+from neurotact.cli.outcome import print_outcome
 from neurotact.cli.output import print_line, print_row, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import comparison, ledger, repeated, search, train_run, trained, tuning
-from neurotact.networks.outcome import Outcome, summary_of
+from neurotact.networks import ledger, repeated, search, train_run, trained, tuning
+from neurotact.networks.outcome import summary_of
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
@@ -126,19 +127,10 @@ def train_command(
         if as_json:
             print_row("", summary_of(done.as_json()), as_json=True)
         else:
-            _print_outcome(done)
+            print_outcome(done)
             _print_next(out, spikes)
         for caution in done.cautions:
             say(caution)
-
-
-def _print_outcome(outcome: Outcome) -> None:
-    """How good a trained network is, what it costs, and what it mistakes."""
-    for line in comparison.lines(outcome.compared):
-        print(line)
-    print(comparison.costs(outcome.row, outcome.step_ms))
-    print(comparison.confused(outcome.confusion, outcome.classes))
-    print_line(outcome.acausal)
 
 
 def _print_next(run: Path, spikes: Path) -> None:
@@ -243,7 +235,7 @@ def tune(
         print(
             f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s"
         )
-        _print_outcome(outcome)
+        print_outcome(outcome)
         print(f"its settings: {out / 'best.toml'}; every trial: {out / 'trials.csv'}; figure: {out / 'search.png'}")
         _print_next(out / "best", spikes)
     for caution in outcome.cautions:

@@ -6,12 +6,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurotact.data import hdf5
-from neurotact.deploy import formats
+from neurotact.deploy import fine_tuning, formats
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.formats import Formats, Ranges
+from neurotact.deploy.formats import Formats, Ranges, Steps
 from neurotact.errors import InputError
 from neurotact.networks import trained
 
+WEIGHT_BITS = 8
+"""Of a network that was not fine-tuned for others."""
 MOST_TRIALS = 256
 """Of the training trials, as many are looked at for the range of samples."""
 
@@ -39,7 +41,7 @@ def prepared(
     *,
     integer: bool = True,
     recordings: str | Path | None = None,
-    weight_bits: int = 8,
+    weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
     **options: Any,
@@ -47,7 +49,8 @@ def prepared(
     """The chain of a run folder, ready to be written as C; options as for `chain_of`.
 
     integer: in whole numbers. recordings: that the run was trained on, where they moved since.
-    weight_bits, state_bits, lsb: as for `formats.choose`.
+    weight_bits, state_bits, lsb: as for `formats.choose`; absent, weights of a fine-tuned run have the bits and steps
+    that it was fine-tuned for, others 8 bits.
     """
     if not integer:
         return Exported(chain_of(run, **options), None)
@@ -57,7 +60,20 @@ def prepared(
         options["sampling_rate_Hz"] = _rate(restored, recordings)
     chain = chain_of(run, **options)
     ranges = ranges_of(restored, chain, signals.training)
-    return Exported(chain, formats.choose(chain, ranges, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb))
+    return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_whole(restored, weight_bits, state_bits)))
+
+
+def _whole(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
+    """Bits and steps of the weights and bits of the states, as asked for or as the run was fine-tuned for.
+
+    With other weight bits, or fewer state bits, its weights are rounded again.
+    """
+    tuned = fine_tuning.tuned_of(restored)
+    if tuned is None:
+        return {"weight_bits": weight_bits or WEIGHT_BITS, "state_bits": state_bits}
+    bits = {"weight_bits": weight_bits or tuned.weight_bits, "state_bits": state_bits or tuned.state_bits}
+    keeps = bits["weight_bits"] == tuned.weight_bits and bits["state_bits"] >= tuned.state_bits
+    return {**bits, "steps": Steps(*tuned.steps) if keeps else None}
 
 
 def ranges_of(restored: trained.Restored, chain: Chain, training: list[np.ndarray]) -> Ranges:

@@ -134,8 +134,44 @@ class Integrator(NamedTuple):
     bias: np.ndarray
 
 
+class Steps(NamedTuple):
+    """What 1 of a whole weight stands for, in each matrix; `w_out` also in an integrator's bias.
+
+    w_rec: None where hidden neurons do not hear one another.
+    """
+
+    w_in: float
+    w_rec: float | None
+    w_out: float
+
+
+class Layers(NamedTuple):
+    """A network in whole numbers."""
+
+    hidden: Layer
+    readout: Layer | Integrator
+
+    @property
+    def steps(self) -> Steps:
+        """Of its weights.
+
+        >>> network = RSNN(2, 2, hidden=3, model="snn", sampling_rate_Hz=1000.0)
+        >>> layers = layers_of(network, (4.0, 2.0), weight_bits=4, state_bits=16, n_steps=50)
+        >>> most = float(network.w_in.abs().max()) / (2 ** (4 - 1) - 1)
+        >>> math.isclose(layers.steps.w_in, most), layers.steps.w_rec
+        (True, None)
+        """
+        hidden, readout = self
+        shift = 0 if isinstance(readout, Integrator) else readout.shift
+        return Steps(
+            hidden.unit * 2.0**hidden.shift,
+            None if hidden.v is None else hidden.unit * 2.0**hidden.shift_rec,
+            readout.unit * 2.0**shift,
+        )
+
+
 class Formats(NamedTuple):
-    """Everything whole about a chain; `weight_bits` and `state_bits` as asked for."""
+    """Everything whole about a chain; `weight_bits` as asked for."""
 
     raw: Raw
     front: FrontEnd
@@ -155,37 +191,68 @@ class Ranges(NamedTuple):
 
 
 def choose(
-    chain: Chain, ranges: Ranges, *, weight_bits: int = 8, state_bits: int | None = None, lsb: float | None = None
+    chain: Chain,
+    ranges: Ranges,
+    *,
+    weight_bits: int = 8,
+    state_bits: int | None = None,
+    lsb: float | None = None,
+    steps: Steps | None = None,
 ) -> Formats:
     """Formats of a chain; InputError where a value does not fit.
 
-    weight_bits: 2 to 8. state_bits: 8 to 16, or 24; absent, 16 where rounding leaks little beside the time constants
-    (`MOST_LEAK`), else 24. lsb: of the samples; absent, the recorded range fills 16 bits.
+    weight_bits, state_bits, steps: as for `layers_of`. lsb: of the samples; absent, the recorded range fills 16 bits.
     """
+    seen, n_steps = (ranges.hidden, ranges.readout), chain.windows.length
+    hidden, readout = layers_of(
+        chain.network, seen, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps
+    )
+    raw = _raw(ranges, lsb)
+    return Formats(raw, _front_end(chain, raw), hidden, readout, weight_bits, hidden.state_bits)
+
+
+def layers_of(
+    network: RSNN,
+    seen: tuple[float, float],
+    *,
+    weight_bits: int,
+    state_bits: int | None,
+    n_steps: int,
+    steps: Steps | None = None,
+) -> Layers:
+    """The layers of a network in whole numbers; InputError where a value does not fit.
+
+    seen: the largest |I| or |U| of the hidden layer and of the readout (`record_states`).
+    weight_bits: 2 to 8. state_bits: 8 to 16, or 24; absent, 16 where rounding leaks little beside the time constants
+    (`MOST_LEAK`), else 24. n_steps: of a window.
+    steps: of the weights, as fine-tuning left them; absent, the largest weight of a layer fills its bits.
+    """
+    options = {"weight_bits": weight_bits, "n_steps": n_steps, "steps": steps}
     if state_bits is None:
-        chosen = choose(chain, ranges, weight_bits=weight_bits, state_bits=16, lsb=lsb)
-        layers = [each for each in (chosen.hidden, chosen.readout) if isinstance(each, Layer)]
-        if all(each.rounding_leak <= MOST_LEAK for each in layers):
-            return chosen
-        return choose(chain, ranges, weight_bits=weight_bits, state_bits=24, lsb=lsb)
+        layers = layers_of(network, seen, state_bits=16, **options)
+        leaks = [each.rounding_leak for each in layers if isinstance(each, Layer)]
+        return layers if max(leaks) <= MOST_LEAK else layers_of(network, seen, state_bits=24, **options)
     if not 2 <= weight_bits <= 8:
         raise InputError(f"weight_bits: must be from 2 to 8; got {weight_bits}")
     if not (8 <= state_bits <= 16 or state_bits == 24):
         raise InputError(f"state_bits: must be from 8 to 16, or 24; got {state_bits}")
-    raw = _raw(ranges, lsb)
-    network = chain.network
-    hidden = _layer(network, 0, network.w_in, network.w_rec, ranges.hidden, weight_bits, state_bits)
-    readout: Layer | Integrator
+    bits = (weight_bits, state_bits)
+    w_in, w_rec, w_out = steps or (None, None, None)
+    hidden = _layer(network, 0, (network.w_in, network.w_rec), seen[0], bits, (w_in, w_rec))
     if network.bias is not None:
-        readout = _integrator(network, weight_bits, chain.windows.length)
-    else:
-        readout = _layer(network, 1, network.w_out, None, ranges.readout, weight_bits, state_bits)
-    return Formats(raw, _front_end(chain, raw), hidden, readout, weight_bits, state_bits)
+        return Layers(hidden, _integrator(network, weight_bits, n_steps, w_out))
+    return Layers(hidden, _layer(network, 1, (network.w_out, None), seen[1], bits, (w_out, None)))
+
+
+def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ranges:
+    """Ranges over training windows `(window, time, afferent)` and over the samples of their trials."""
+    low, high = min(float(s.min()) for s in signals), max(float(s.max()) for s in signals)
+    return Ranges(low, high, *record_states(network, rasters))
 
 
 @torch.no_grad()
-def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ranges:
-    """Ranges over training windows `(window, time, afferent)` and over the samples of their trials."""
+def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
+    """The largest |I| or |U| of the hidden layer and of the readout over windows `(window, time, afferent)`."""
     seen = torch.linspace(0, len(rasters) - 1, min(len(rasters), WINDOWS)).long()
     spikes = rasters[seen].to(network.w_in.dtype)
     states = [cuba_lif_start(len(spikes), n, network.w_in) for n in (network.spec.hidden, network.n_classes)]
@@ -200,8 +267,7 @@ def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ran
             )  # fmt: skip
             state = states[index]
             largest[index] = max(largest[index], float(state.current.abs().max()), float(state.membrane.abs().max()))
-    low, high = min(float(s.min()) for s in signals), max(float(s.max()) for s in signals)
-    return Ranges(low, high, *largest)
+    return largest[0], largest[1]
 
 
 def _raw(ranges: Ranges, lsb: float | None) -> Raw:
@@ -259,40 +325,80 @@ def _levels(neuron: LIF, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def _layer(
-    network: RSNN, index: int, w: Tensor, v: Tensor | None, seen: float, weight_bits: int, state_bits: int
+    network: RSNN,
+    index: int,
+    matrices: tuple[Tensor, Tensor | None],
+    seen: float,
+    bits: tuple[int, int],
+    given: tuple[float | None, float | None],
 ) -> Layer:
+    """bits: of weights and of states. given: the steps of the matrices, or None for those that are to be chosen."""
+    alpha, beta, threshold = _dynamics(network, index)
+    weights = [np.asarray(each.detach().double()) for each in matrices if each is not None]
+    top, most = (2 ** (n - 1) - 1 for n in bits)
+    least_unit = HEADROOM * max(seen, threshold) / most
+    # Sums of all weights stay below 2^30, beside a state of at most 2^23.
+    most_shift = 29 - math.ceil(math.log2(top * sum(len(each) for each in weights)))
+    steps = [step for step in given if step is not None]
+    if steps:
+        unit = _unit_of(steps, least_unit, most_shift)
+    else:
+        unit, steps = _unit_and_steps(weights, top, least_unit, most_shift)
+    shifts = [round(math.log2(step / unit)) for step in steps]
+    whole = [_whole(each, step, top) for each, step in zip(weights, steps, strict=True)]
+    if threshold > most * unit:
+        raise InputError(f"state_bits: {bits[1]} bits do not hold the threshold beside these weights; give more")
+    v, shift_rec = (whole[1], shifts[1]) if len(whole) > 1 else (None, 0)
+    alpha, beta = (round(decay * 2 ** decay_bits(bits[1])) for decay in (alpha, beta))
+    return Layer(unit, bits[1], whole[0], shifts[0], v, shift_rec, alpha, beta, max(1, round(threshold / unit)))
+
+
+def _dynamics(network: RSNN, index: int) -> list[float]:
+    """Decays and threshold of a layer; InputError where they have no integer form."""
     alpha, beta, threshold = (float(part[index].detach()) for part in (network.alpha, network.beta, network.threshold))
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not 0 <= value <= 1:
             raise InputError(f"network: {name} is {value:g}, which is no decay; train it within 0 to 1")
     if threshold <= 0:
         raise InputError(f"network: a threshold of {threshold:g} has no integer form; train it above 0")
-    weights = [np.asarray(each.detach().double()) for each in (w, v) if each is not None]
-    largest = max(float(np.abs(each).max()) for each in weights) or 1.0
-    top, most = 2 ** (weight_bits - 1) - 1, 2 ** (state_bits - 1) - 1
-    least_unit = HEADROOM * max(seen, threshold) / most
-    shift = max(0, math.floor(math.log2(largest / (top * least_unit))))
-    # Sums of all weights stay below 2^30, beside a state of at most 2^23.
-    shift = min(shift, 29 - math.ceil(math.log2(top * sum(len(each) for each in weights))))
-    unit = max(largest / (top * 2**shift), least_unit)
-    whole, shifts, bits = [], [], decay_bits(state_bits)
-    for each in weights:
-        own = max(0, math.ceil(math.log2(max(float(np.abs(each).max()), 1e-300) / (top * unit)) - 1e-9))
-        whole.append(np.rint(each / (unit * 2**own)).clip(-top, top).astype(np.int64))
-        shifts.append(own)
-    return Layer(
-        unit, state_bits, whole[0], shifts[0], whole[1] if v is not None else None, shifts[-1] if v is not None else 0,
-        round(alpha * 2**bits), round(beta * 2**bits), max(1, round(threshold / unit)),
-    )  # fmt: skip
+    return [alpha, beta, threshold]
 
 
-def _integrator(network: RSNN, weight_bits: int, length: int) -> Integrator:
+def _whole(weights: np.ndarray, step: float, top: int) -> np.ndarray:
+    return np.rint(weights / step).clip(-top, top).astype(np.int64)
+
+
+def _unit_and_steps(
+    weights: Sequence[np.ndarray], top: int, least_unit: float, most_shift: int
+) -> tuple[float, list[float]]:
+    """The unit of a layer's states, and the step of each matrix: the unit times a power of two, by its largest."""
+    sizes = [float(np.abs(each).max()) for each in weights]
+    largest = max((max(sizes) or 1.0) / top, least_unit)
+    unit = largest / 2 ** _shift(largest, least_unit, most_shift)
+    own = [max(0, math.ceil(math.log2(max(size, 1e-300) / (top * unit)) - 1e-9)) for size in sizes]
+    return unit, [unit * 2.0**each for each in own]
+
+
+def _unit_of(steps: Sequence[float], least_unit: float, most_shift: int) -> float:
+    """The unit of a layer's states beside weights whose steps are given."""
+    unit = min(max(steps) / 2 ** _shift(max(steps), least_unit, most_shift), *steps)
+    shifts = [math.frexp(step / unit) for step in steps]
+    if any(mantissa != 0.5 or not 1 <= exponent <= most_shift + 1 for mantissa, exponent in shifts):
+        raise InputError(f"network: weights in steps of {steps} have no common unit; fine-tune it again")
+    return unit
+
+
+def _shift(step: float, least_unit: float, most_shift: int) -> int:
+    return min(max(0, math.floor(math.log2(step / least_unit))), most_shift)
+
+
+def _integrator(network: RSNN, weight_bits: int, n_steps: int, step: float | None) -> Integrator:
     assert network.bias is not None
     w, bias = (np.asarray(each.detach().double()) for each in (network.w_out, network.bias))
     top = 2 ** (weight_bits - 1) - 1
-    unit = (float(np.abs(w).max()) or 1.0) / top
-    whole = np.rint(w / unit).astype(np.int64)
+    unit = step or (float(np.abs(w).max()) or 1.0) / top
+    whole = _whole(w, unit, top)
     begin = np.rint(bias / unit)
-    if np.abs(begin).max() + float(length) * np.abs(whole).sum(axis=0).max() > LARGEST:
+    if np.abs(begin).max() + float(n_steps) * np.abs(whole).sum(axis=0).max() > LARGEST:
         raise InputError("window: an integrator may pass 32 bits in so many steps; shorten the window")
     return Integrator(unit, whole, begin.astype(np.int64))

@@ -9,7 +9,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,7 @@ def run(
     if force and resume:
         raise InputError("--force, --resume: give one of them; --force begins again and --resume goes on")
     with files.locked(folder):
-        _check_place(folder, force=force, resume=resume)
+        check_place(folder, force=force, resume=resume)
         trains = hdf5.load_spikes(spikes)
         seen = trained.seen(trains, task)
         trained.warn_of_onsets(trains, task.window)
@@ -124,7 +124,7 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
                     asked.task,
                     (asked.seed, asked.seed + 1),
                     device=asked.device,
-                    progress=lambda epoch: advance(1, _line(epoch)),
+                    progress=lambda epoch: advance(1, line_of(epoch)),
                     start=start,
                     keep=keeper.keep,
                 )
@@ -168,14 +168,19 @@ class _Keeper:
 
 def _begin(folder: Path, asked: Asked) -> None:
     """Remove what an earlier training left, and say what this one was asked."""
-    for path in (folder / name for name in LEFT if name != ASKED):
-        if not path.is_dir():
-            path.unlink(missing_ok=True)
+    clear(folder, [name for name in LEFT if name != ASKED])
     comment = "# What neurotact train was asked; a training goes on with these settings alone.\n"
     files.write_text(folder / ASKED, comment + to_toml(asked.model_dump(mode="json", exclude_none=True)))
 
 
-def _check_place(folder: Path, *, force: bool, resume: bool) -> None:
+def clear(folder: Path, names: Sequence[str] = LEFT) -> None:
+    """Remove what an earlier training left, in this order."""
+    for path in (folder / name for name in names):
+        if not path.is_dir():
+            path.unlink(missing_ok=True)
+
+
+def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
     """Refuse a folder that holds anything, unless it is to be replaced or gone on with."""
     found = {path.name for path in folder.iterdir()} - {files.LOCK}
     found = {name for name in found if not name.startswith(files.DRAFT)}
@@ -259,5 +264,6 @@ def _terminated_as_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _line(epoch: Epoch) -> str:
+def line_of(epoch: Epoch) -> str:
+    """An epoch beside a bar of progress."""
     return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"

@@ -168,8 +168,13 @@ def fit(
     network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
     network = network.to(device)
     training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
+    return finished(network, training, sides, task), sides
+
+
+def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
+    """A network whose training is over, with the exit rule that its validation windows choose."""
     known = sides.train if task.exit_choice == "steady" else None
-    return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance, known)), sides
+    return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance, known))
 
 
 def new_network(
@@ -231,10 +236,11 @@ def save(
     spikes_path: str | Path,
     task: Task,
     split: Split | None = None,
+    more: Mapping[str, Any] | None = None,
 ) -> None:
     """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
 
-    split: as it was given to `fit`.
+    split: as it was given to `fit`. more: what else `restore` is to find, as JSON holds it.
     """
     folder = Path(folder)
     extra = {
@@ -244,6 +250,7 @@ def save(
         "exit_patience": trained.rule.patience,
         "best_epoch": trained.training.best.epoch,
         **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
+        **(more or {}),
     }
     write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / LOG)
     checkpoint.save(trained.network, folder, extra)
@@ -260,6 +267,8 @@ class Restored(NamedTuple):
     encoder: Mapping[str, Any] | None
     provenance: Provenance | None
     """None where the network was saved without it, by an earlier version."""
+    fine_tuned: Any = None
+    """What `deploy.fine_tuning` saved; None of a network that was not fine-tuned."""
 
 
 class _Extra(Spec):
@@ -290,7 +299,9 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
     provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
     encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
     spikes = folder / known.spikes
-    return Restored(network.to(device), known.task, rule, known.classes, spikes, encoder, provenance)
+    return Restored(
+        network.to(device), known.task, rule, known.classes, spikes, encoder, provenance, extra.get("fine_tuned")
+    )
 
 
 def recall(restored: Restored) -> Provenance | None:

@@ -74,7 +74,7 @@ def new_folder(spikes: Path) -> Path:
 
 
 class Stop:
-    """Raises in place of the n-th call of `train_run._line`, which each epoch makes once."""
+    """Raises in place of the n-th call of `train_run.line_of`, which each epoch makes once."""
 
     def __init__(self, after: int, error: type[BaseException] = KeyboardInterrupt) -> None:
         self.left, self.error = after, error
@@ -89,7 +89,7 @@ class Stop:
 def interrupt(monkeypatch, after: int, spikes: Path, folder: Path, **options) -> int:
     """Interrupt a training when so many epochs are saved; how many it says are."""
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "_line", Stop(after))
+        patch.setattr(train_run, "line_of", Stop(after))
         with pytest.raises(Interrupted) as end:
             run(spikes, folder, NETWORK, TASK, **options)
     return end.value.epochs
@@ -110,7 +110,7 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
 
     again = new_folder(spikes)
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "_line", Stop(3))
+        patch.setattr(train_run, "line_of", Stop(3))
         with pytest.raises(Interrupted):
             run(spikes, again, asked, TASK)
     assert run(spikes, again, asked, TASK, resume=True, tell=told_again.append) is not None
@@ -146,7 +146,7 @@ def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, wh
             run(spikes, folder, NETWORK, TASK)
     assert end.value.epochs == N_EPOCHS
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "_line", Stop(0))  # no epoch is trained again
+        patch.setattr(train_run, "line_of", Stop(0))  # no epoch is trained again
         assert run(spikes, folder, NETWORK, TASK, resume=True) is not None
     assert contents(folder) == whole
 
@@ -368,10 +368,10 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
         return (int(end.value.code or 0), *capsys.readouterr())
 
     with monkeypatch.context() as patch:
-        patch.setattr(train_run, "_line", Stop(0))
+        patch.setattr(train_run, "line_of", Stop(0))
         said = "neurotact: interrupted before the first epoch was over; nothing is saved\n"
         assert typed() == (130, "", said)
-        patch.setattr(train_run, "_line", Stop(3))
+        patch.setattr(train_run, "line_of", Stop(3))
         said = f"neurotact: interrupted after epoch 3; go on with: neurotact {' '.join(words)} --resume\n"
         assert typed("--force") == (130, "", said)
     code, out, err = typed("--resume")

@@ -1,0 +1,14 @@
+"""What is printed of a trained network."""
+
+from neurotact.cli.output import print_line
+from neurotact.networks import comparison
+from neurotact.networks.outcome import Outcome
+
+
+def print_outcome(outcome: Outcome) -> None:
+    """How good a trained network is, what it costs, and what it mistakes."""
+    for line in comparison.lines(outcome.compared):
+        print(line)
+    print(comparison.costs(outcome.row, outcome.step_ms))
+    print(comparison.confused(outcome.confusion, outcome.classes))
+    print_line(outcome.acausal)
