@@ -1,38 +1,56 @@
 """What whole numbers cost the texture paper's chain: weight bits and state bits beside accuracy, SOPs and bytes.
 
-The network is trained in float on the simulated gratings, then rounded; its integer twin (`neurotact.deploy.integer`),
-which the C export equals to the last spike, decides the test windows. Nothing is trained again.
+The network is trained in float on the simulated gratings, then rounded, or fine-tuned with rounded weights
+(`neurotact.deploy.fine_tuning`); its integer twin (`neurotact.deploy.integer`), which the C export equals to the last
+spike, decides the test windows.
 """
 
+import copy
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from itertools import product
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
+import torch
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from pydantic import Field
 
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.windows import WindowSpec
-from neurotact.deploy import formats, integer
+from neurotact.deploy import fine_tuning, formats, integer
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.formats import Formats
+from neurotact.deploy.formats import Formats, Ranges, Steps
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.figures.style import Drawn, add_legend, new_figure, printed, series_style
+from neurotact.figures.style import (
+    MUTED,
+    PALE,
+    SA,
+    Drawn,
+    add_legend,
+    bars,
+    keep_within,
+    new_figure,
+    printed,
+    series_style,
+)
 from neurotact.metrics import synops
 from neurotact.networks import trained
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.trained import Sides, Task, Trained
 from neurotact.papers.texture.simulator import SIMULATOR
 from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, View
 
 FLOAT = 32
+ROUNDING, FINE_TUNING = "rounding", "fine-tuning"
 
 
 class QuantisationData(Spec):
@@ -56,12 +74,14 @@ class Parameters(Spec):
     state_bits: tuple[Literal[8, 9, 10, 11, 12, 13, 14, 15, 16, 24], ...] = Field(
         default=(24, 16, 14, 12, 10), min_length=1
     )
+    fine_tune_epochs: int = Field(default=fine_tuning.EPOCHS, ge=0)
+    """Of fine-tuning; 0 leaves it out."""
     seed: int = Field(default=0, ge=0)
     """Of the split, the weights and the order of training."""
 
 
 VIEW = View(
-    by=("pair", "weight_bits", "state_bits"),
+    by=("pair", "method", "weight_bits", "state_bits"),
     measures={
         "accuracy_test": "test accuracy (%)",
         "exit_accuracy": "with early exit (%)",
@@ -71,8 +91,9 @@ VIEW = View(
     },
     cost="bytes",
     score="exit_accuracy",
-    note="Weights and states are rounded after training. 32 bits: float. Bytes: weights packed to their bits, and one "
-    "window's currents and membranes; code and what conditioning and afferents keep are not among them.",
+    note="Rounding: of weights and states after training. Fine-tuning: trained on with rounded weights, without test "
+    "windows. 32 bits: float. Bytes: weights packed to their bits, and one window's currents and membranes; code and "
+    "what conditioning and afferents keep are not among them.",
 )
 
 
@@ -87,8 +108,23 @@ def load(data: QuantisationData) -> Arrays:
     return {"signals": signals, "labels": labels, "sampling_rate_Hz": np.array(rate_Hz)}
 
 
+class Given(NamedTuple):
+    """A network trained in float with its chain, the windows of every side, and the trials of the test.
+
+    first: step at which a window starts.
+    """
+
+    done: Trained
+    chain: Chain
+    sides: Sides
+    ranges: Ranges
+    task: Task
+    test: Recordings
+    first: int
+
+
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
-    """A row for float and for each pair of weight bits and state bits."""
+    """A row for float, and for each pair of weight bits and state bits one of rounding and one of fine-tuning."""
     conditions = pd.DataFrame({LABEL: arrays["labels"]})
     skin = Recordings(arrays["signals"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="gratings")
     task = Task(window=parameters.data.window, split=SplitSpec(seed=parameters.seed))
@@ -99,49 +135,128 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     encoder = build(AfferentSpec, dict(trains.encoder), source="quantisation")
     chain = chain_of((encoder, done.network), length_ms=task.window.length_ms)._replace(rule=done.rule)
     ranges = formats.record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
-    measured = trained.measure(done, sides.test, trains.populations)["row"]
-    test = skin.select(split.test)
     first = round(task.window.start_ms * 1e-3 * chain.clock_Hz)
+    given = Given(done, chain, sides, ranges, task, skin.select(split.test), first)
+    measured = trained.measure(done, sides.test, trains.populations)["row"]
     columns = ("accuracy_test", "exit_accuracy", "exit_steps", "exit_sops_total")
-    rows = [_row(parameters, chain, FLOAT, FLOAT, {key: measured[key] for key in columns})]
+    row = _row(parameters, chain.network, "float", (FLOAT, FLOAT), {key: measured[key] for key in columns})
+    return [row, *_whole_rows(parameters, given)]
+
+
+def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]]:
+    chain, windows = given.chain, None
     for weight_bits in parameters.weight_bits:
+        tuned: dict[Steps, Chain] = {}  # state bits change the steps of few weight bits, if of any
         for state_bits in parameters.state_bits:
-            chosen = formats.choose(chain, ranges, weight_bits=weight_bits, state_bits=state_bits)
-            windows = integer.encode(chosen.raw.samples(np.asarray(test.signals)), chosen.front)[:, first:]
-            found = _measured(chain, chosen, windows, test.labels)
-            rows.append(_row(parameters, chain, weight_bits, state_bits, found))
-    return rows
+            bits = (weight_bits, state_bits)
+            rounded = formats.choose(chain, given.ranges, weight_bits=weight_bits, state_bits=state_bits)
+            if windows is None:  # samples and afferents are the same for all bits
+                samples = rounded.raw.samples(np.asarray(given.test.signals))
+                windows = integer.encode(samples, rounded.front)[:, given.first :]
+            yield _row(parameters, chain.network, ROUNDING, bits, _measured(chain, rounded, windows, given))
+            if not parameters.fine_tune_epochs:
+                continue
+            steps = formats.Layers(rounded.hidden, rounded.readout).steps
+            if steps not in tuned:
+                tuned[steps] = _fine_tuned(parameters, given, steps, weight_bits)
+            other = tuned[steps]
+            seen = formats.record_states(other.network, given.sides.train.spikes)
+            ranges = given.ranges._replace(hidden=seen[0], readout=seen[1])
+            chosen = formats.choose(other, ranges, weight_bits=weight_bits, state_bits=state_bits, steps=steps)
+            yield _row(parameters, other.network, FINE_TUNING, bits, _measured(other, chosen, windows, given))
+
+
+def _fine_tuned(parameters: Parameters, given: Given, steps: Steps, weight_bits: int) -> Chain:
+    """The chain with its network fine-tuned in these steps, and the exit rule that suits it."""
+    network = copy.deepcopy(given.done.network)
+    training = fine_tuning.fine_tune(
+        network, given.sides.train, given.sides.validation, fine_tuning.grids_of(network, steps, weight_bits),
+        generator=torch.Generator().manual_seed(parameters.seed), epochs=parameters.fine_tune_epochs,
+    )  # fmt: skip
+    done = trained.finished(network, training, given.sides, given.task)
+    return given.chain._replace(network=network, rule=done.rule)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Accuracy over state bits, a line for each number of weight bits."""
+    """Accuracy over bits of states, and over bits of weights with their bytes."""
     yield Drawn(
         "accuracy-over-bits",
-        "Accuracy over bits",
+        "Accuracy over bits of states",
         draw_over_bits(results),
         "Test accuracy with early exit over the bits of currents and membranes, a line for each number of weight bits, "
-        "a panel for each pair of refractory periods (RA-I & SA-I). Dotted: float.",
+        "a panel for each pair of refractory periods (RA-I & SA-I) and each way to whole weights. Dotted: float.",
         "Accuracy rises with the bits of states and is level from some number on.",
+    )
+    yield Drawn(
+        "rounding-and-fine-tuning",
+        "Rounding beside fine-tuning",
+        draw_over_weight_bits(results),
+        f"Test accuracy with early exit over the bits of weights, states of {_usual_bits(results)} bits, and what "
+        "weights and one window's states take. Bars: standard deviation over seeds. Dotted: float.",
+        "Accuracy over bits of weights for rounding and fine-tuning; bytes fall with the bits.",
     )
 
 
 @printed
 def draw_over_bits(results: pd.DataFrame) -> Figure:
-    """One panel for each pair of refractory periods."""
-    pairs = list(dict.fromkeys(results["pair"]))
-    figure = new_figure(2.6)
-    panels = figure.subplots(1, len(pairs), sharey=True, squeeze=False)[0]
-    for axes, pair in zip(panels, pairs, strict=True):
-        rows = results[results["pair"] == pair]
-        whole = rows[rows["weight_bits"] != FLOAT]
-        axes.axhline(100 * rows[rows["weight_bits"] == FLOAT]["exit_accuracy"].mean(), linestyle=":", color="0.4")
-        for index, (bits, part) in enumerate(whole.groupby("weight_bits", sort=False)):
+    """A column of panels for each pair of refractory periods, a row for each way to whole weights."""
+    pairs, whole = list(dict.fromkeys(results["pair"])), results[results["weight_bits"] != FLOAT]
+    methods = list(dict.fromkeys(whole["method"]))
+    figure = new_figure(0.6 + 2.0 * len(methods))
+    panels = figure.subplots(len(methods), len(pairs), sharex=True, sharey=True, squeeze=False)
+    for (row, method), (column, pair) in product(enumerate(methods), enumerate(pairs)):
+        axes = panels[row, column]
+        rows = whole[(whole["pair"] == pair) & (whole["method"] == method)]
+        _draw_float(axes, results, pair)
+        for index, (bits, part) in enumerate(rows.groupby("weight_bits", sort=False)):
             means = part.groupby("state_bits")["exit_accuracy"].mean()
             axes.plot(means.index, 100 * means, label=f"{bits}-bit weights", **series_style(index))
-        axes.set(title=f"t_ref {pair} ms", xlabel="state bits", xticks=sorted(set(whole["state_bits"])))
-    panels[0].set_ylabel("test accuracy (%)")
-    add_legend(figure, panels, ncols=5)
+        axes.set(title=f"t_ref {pair} ms, {method}", xticks=sorted(set(whole["state_bits"])))
+    for axes in panels[-1]:
+        axes.set_xlabel("state bits")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("test accuracy (%)")
+    add_legend(figure, panels.flat, ncols=5)
     return figure
+
+
+@printed
+def draw_over_weight_bits(results: pd.DataFrame) -> Figure:
+    """A panel for each pair of refractory periods, and one of the bytes."""
+    pairs, state_bits = list(dict.fromkeys(results["pair"])), _usual_bits(results)
+    whole = results[results["state_bits"] == state_bits]
+    figure = new_figure(2.6)
+    *panels, sizes = figure.subplots(1, len(pairs) + 1, squeeze=False)[0]
+    for axes in panels[1:]:
+        axes.sharey(panels[0])
+    for axes, pair in zip(panels, pairs, strict=True):
+        _draw_float(axes, results, pair)
+        rows = whole[whole["pair"] == pair]
+        for index, (method, part) in enumerate(rows.groupby("method", sort=False)):
+            found = 100 * part.groupby("weight_bits")["exit_accuracy"].agg(["mean", "std"])
+            axes.errorbar(
+                found.index, found["mean"], bars(found["mean"], found["std"]), label=method, **series_style(index)
+            )
+        axes.set(title=f"t_ref {pair} ms", xlabel="weight bits", xticks=sorted(set(whole["weight_bits"])))
+    panels[0].set_ylabel("test accuracy (%)")
+    keep_within(panels[:1])
+    means = whole.groupby("weight_bits")[["weight_bytes", "state_bytes"]].mean()
+    sizes.bar(means.index, means["weight_bytes"], color=SA, label="weights")
+    sizes.bar(means.index, means["state_bytes"], bottom=means["weight_bytes"], color=PALE, label="states")
+    sizes.set(title="bytes", xlabel="weight bits", xticks=list(means.index))
+    add_legend(figure, [*panels, sizes], ncols=5)
+    return figure
+
+
+def _draw_float(axes: Axes, results: pd.DataFrame, pair: str) -> None:
+    rows = results[(results["pair"] == pair) & (results["weight_bits"] == FLOAT)]
+    axes.axhline(100 * rows["exit_accuracy"].mean(), linestyle=":", color=MUTED)
+
+
+def _usual_bits(results: pd.DataFrame) -> int:
+    """State bits as an export chooses them for this network, 16, or the most that were studied."""
+    known = {int(bits) for bits in results["state_bits"] if bits != FLOAT}
+    return 16 if 16 in known else max(known)
 
 
 def _encoder(parameters: Parameters, training: Recordings) -> AfferentSpec:
@@ -151,7 +266,8 @@ def _encoder(parameters: Parameters, training: Recordings) -> AfferentSpec:
     return calibrate(training, build(AfferentSpec, table, source="quantisation")).encoder
 
 
-def _measured(chain: Chain, chosen: Formats, windows: np.ndarray, labels: np.ndarray) -> dict[str, float]:
+def _measured(chain: Chain, chosen: Formats, windows: np.ndarray, given: Given) -> dict[str, float]:
+    labels = given.test.labels
     full, early = (_inferred(chain, chosen, windows, rule) for rule in (FULL_WINDOW, chain.rule))
     sops = synops.of_network(chain.network, early.input_spikes, early.hidden_spikes).total
     return {
@@ -167,13 +283,13 @@ def _inferred(chain: Chain, chosen: Formats, windows: np.ndarray, rule: ExitRule
 
 
 def _row(
-    parameters: Parameters, chain: Chain, weight_bits: int, state_bits: int, measured: dict[str, float]
+    parameters: Parameters, network: RSNN, method: str, bits: tuple[int, int], measured: dict[str, float]
 ) -> dict[str, Any]:
-    network = chain.network
+    """bits: of weights and of states."""
     n_weights = sum(w.numel() for w in (network.w_in, network.w_rec, network.w_out) if w is not None)
     n_states = 2 * (network.spec.hidden + network.n_classes)
     ra1, sa1 = parameters.t_ref_ms
-    weight_bytes, state_bytes = math.ceil(n_weights * weight_bits / 8), math.ceil(n_states * state_bits / 8)
-    about = {"pair": f"{ra1:g}&{sa1:g}", "weight_bits": weight_bits, "state_bits": state_bits, "seed": parameters.seed}
+    weight_bytes, state_bytes = (math.ceil(n * each / 8) for n, each in zip((n_weights, n_states), bits, strict=True))
+    about = {"pair": f"{ra1:g}&{sa1:g}", "method": method, "weight_bits": bits[0], "state_bits": bits[1]}
     sizes = {"weight_bytes": weight_bytes, "state_bytes": state_bytes, "bytes": weight_bytes + state_bytes}
-    return {**about, **measured, **sizes}
+    return {**about, "seed": parameters.seed, **measured, **sizes}
