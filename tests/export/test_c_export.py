@@ -1,6 +1,7 @@
 """C says what its twin says, spike by spike, for every kind of chain; and its text holds what it must."""
 
 import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -102,6 +103,35 @@ def test_the_source_keeps_to_its_rules(tmp_path):
     assert re.findall(r"#include [<\"](.*)[>\"]", source) == ["skin.h", "stdint.h"]
     assert not re.search(r"\b(float|double|malloc|free|math)\b", re.sub(r"/\*.*?\*/", "", source, flags=re.DOTALL))
     assert {path.name for path in tmp_path.iterdir()} == {"skin.c", "skin.h", "example.c", "README.md"}
+
+
+@needs_compiler
+@pytest.mark.parametrize("variant", ["integer", "float"])
+def test_the_example_decides_and_names_what_is_no_sample(variant, tmp_path):
+    chain = made("paper")
+    formats = chosen(chain, [make_signal(150)]) if variant == "integer" else None
+    c_export.write(chain, tmp_path, formats)
+    build = ["cc", *proof.WARNINGS, "touch.c", "example.c", "-o", "example"]
+    subprocess.run(build, cwd=tmp_path, check=True)
+
+    def run(text: str) -> tuple[int, str, str]:
+        done = subprocess.run([tmp_path / "example"], input=text, capture_output=True, text=True, check=False)
+        return done.returncode, done.stdout, done.stderr
+
+    rows = "".join(f"{9 * k}, {-k}\n" for k in range(90))
+    code, decided, complaint = run(rows)
+    assert (code, complaint) == (0, "")
+    assert [line.split()[0] for line in decided.splitlines()] == ["0", "1"]
+    assert run("left,right\n" + rows)[::2] == (2, _complaint(1, variant))
+    assert run(rows + "5,x\n" + rows)[::2] == (2, _complaint(91, variant))
+    assert run(rows + "5,x\n" + rows)[1] == decided
+    if variant == "integer":
+        assert run("1,2\n0.5,1\n")[::2] == (2, _complaint(2, variant))
+
+
+def _complaint(row: int, variant: str) -> str:
+    kind = "whole numbers" if variant == "integer" else "numbers"
+    return f"sample {row}: is not 2 {kind}; give one line a sample, without a header\n"
 
 
 def test_class_names_are_c_strings(tmp_path):
