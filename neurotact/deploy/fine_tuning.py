@@ -83,9 +83,9 @@ def fine_tune(
 ) -> Training:
     """Train a network on in place, with weights that are seen on their grids, and leave it with those.
 
-    grids: by the name of the weights (`grids_of`). generator: orders the windows. The network's own settings of
-    training hold, with rates that fall to 0 over `epochs`. Epoch 0 is rounding alone; it stays if no epoch is better on
-    the validation windows.
+    grids: by the name of the weights (`grids_of`); those without one are not rounded. generator: orders the windows.
+    The network's own settings of training hold, with rates that fall to 0 over `epochs`. Epoch 0 is rounding alone; it
+    stays if no epoch is better on the validation windows.
     """
     settings = network.spec.training
     if epochs:
@@ -163,7 +163,7 @@ def _trained_on(
             generator=torch.Generator().manual_seed(seed), epochs=epochs,
             progress=lambda epoch: advance(1, train_run.line_of(epoch)),
         )  # fmt: skip
-    # States that have outgrown their bits are refused here, before anything is saved.
+    # What an export would refuse is refused here, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
     return trained.finished(network, training, sides, restored.task)
 

@@ -30,7 +30,6 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.figures.style import (
     MUTED,
     PALE,
-    SA,
     Drawn,
     add_legend,
     bars,
@@ -42,6 +41,7 @@ from neurotact.figures.style import (
 from neurotact.metrics import synops
 from neurotact.networks import trained
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.rounding import Grid
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Sides, Task, Trained
@@ -50,7 +50,7 @@ from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, View
 
 FLOAT = 32
-ROUNDING, FINE_TUNING = "rounding", "fine-tuning"
+TRAINED, TRAINED_ON, ROUNDING, FINE_TUNING = "float", "float, trained on", "rounding", "fine-tuning"
 
 
 class QuantisationData(Spec):
@@ -92,8 +92,8 @@ VIEW = View(
     cost="bytes",
     score="exit_accuracy",
     note="Rounding: of weights and states after training. Fine-tuning: trained on with rounded weights, without test "
-    "windows. 32 bits: float. Bytes: weights packed to their bits, and one window's currents and membranes; code and "
-    "what conditioning and afferents keep are not among them.",
+    "windows; 'float, trained on' is trained as long without rounding. 32 bits: float. Bytes: weights packed to their "
+    "bits, and one window's currents and membranes; code and what conditioning and afferents keep are not among them.",
 )
 
 
@@ -124,7 +124,10 @@ class Given(NamedTuple):
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
-    """A row for float, and for each pair of weight bits and state bits one of rounding and one of fine-tuning."""
+    """A row for float, one for float trained on, and two for each pair of bits: rounding and fine-tuning.
+
+    What more training is worth by itself shows in the second row.
+    """
     conditions = pd.DataFrame({LABEL: arrays["labels"]})
     skin = Recordings(arrays["signals"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="gratings")
     task = Task(window=parameters.data.window, split=SplitSpec(seed=parameters.seed))
@@ -139,8 +142,12 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     given = Given(done, chain, sides, ranges, task, skin.select(split.test), first)
     measured = trained.measure(done, sides.test, trains.populations)["row"]
     columns = ("accuracy_test", "exit_accuracy", "exit_steps", "exit_sops_total")
-    row = _row(parameters, chain.network, "float", (FLOAT, FLOAT), {key: measured[key] for key in columns})
-    return [row, *_whole_rows(parameters, given)]
+    rows = [_row(parameters, chain.network, TRAINED, (FLOAT, FLOAT), {key: measured[key] for key in columns})]
+    if parameters.fine_tune_epochs:
+        measured = trained.measure(_trained_on(parameters, given, {}), sides.test, trains.populations)["row"]
+        found = {key: measured[key] for key in columns}
+        rows.append(_row(parameters, chain.network, TRAINED_ON, (FLOAT, FLOAT), found))
+    return [*rows, *_whole_rows(parameters, given)]
 
 
 def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]]:
@@ -158,7 +165,8 @@ def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]
                 continue
             steps = formats.Layers(rounded.hidden, rounded.readout).steps
             if steps not in tuned:
-                tuned[steps] = _fine_tuned(parameters, given, steps, weight_bits)
+                done = _trained_on(parameters, given, fine_tuning.grids_of(chain.network, steps, weight_bits))
+                tuned[steps] = chain._replace(network=done.network, rule=done.rule)
             other = tuned[steps]
             seen = formats.record_states(other.network, given.sides.train.spikes)
             ranges = given.ranges._replace(hidden=seen[0], readout=seen[1])
@@ -166,15 +174,14 @@ def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]
             yield _row(parameters, other.network, FINE_TUNING, bits, _measured(other, chosen, windows, given))
 
 
-def _fine_tuned(parameters: Parameters, given: Given, steps: Steps, weight_bits: int) -> Chain:
-    """The chain with its network fine-tuned in these steps, and the exit rule that suits it."""
+def _trained_on(parameters: Parameters, given: Given, grids: dict[str, Grid]) -> Trained:
+    """The network fine-tuned on these grids, with the exit rule that suits it; trained as long in float without any."""
     network = copy.deepcopy(given.done.network)
+    order = torch.Generator().manual_seed(parameters.seed)
     training = fine_tuning.fine_tune(
-        network, given.sides.train, given.sides.validation, fine_tuning.grids_of(network, steps, weight_bits),
-        generator=torch.Generator().manual_seed(parameters.seed), epochs=parameters.fine_tune_epochs,
-    )  # fmt: skip
-    done = trained.finished(network, training, given.sides, given.task)
-    return given.chain._replace(network=network, rule=done.rule)
+        network, given.sides.train, given.sides.validation, grids, generator=order, epochs=parameters.fine_tune_epochs
+    )
+    return trained.finished(network, training, given.sides, given.task)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
@@ -184,7 +191,8 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Accuracy over bits of states",
         draw_over_bits(results),
         "Test accuracy with early exit over the bits of currents and membranes, a line for each number of weight bits, "
-        "a panel for each pair of refractory periods (RA-I & SA-I) and each way to whole weights. Dotted: float.",
+        "a panel for each pair of refractory periods (RA-I & SA-I) and each way to whole weights. Dotted: float; "
+        "dashed: float, trained on for as long as fine-tuning.",
         "Accuracy rises with the bits of states and is level from some number on.",
     )
     yield Drawn(
@@ -192,7 +200,8 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Rounding beside fine-tuning",
         draw_over_weight_bits(results),
         f"Test accuracy with early exit over the bits of weights, states of {_usual_bits(results)} bits, and what "
-        "weights and one window's states take. Bars: standard deviation over seeds. Dotted: float.",
+        "weights and one window's states take. Bars: standard deviation over seeds. Dotted: float; dashed: float, "
+        "trained on for as long as fine-tuning.",
         "Accuracy over bits of weights for rounding and fine-tuning; bytes fall with the bits.",
     )
 
@@ -241,7 +250,7 @@ def draw_over_weight_bits(results: pd.DataFrame) -> Figure:
     panels[0].set_ylabel("test accuracy (%)")
     keep_within(panels[:1])
     means = whole.groupby("weight_bits")[["weight_bytes", "state_bytes"]].mean()
-    sizes.bar(means.index, means["weight_bytes"], color=SA, label="weights")
+    sizes.bar(means.index, means["weight_bytes"], color=MUTED, label="weights")
     sizes.bar(means.index, means["state_bytes"], bottom=means["weight_bytes"], color=PALE, label="states")
     sizes.set(title="bytes", xlabel="weight bits", xticks=list(means.index))
     add_legend(figure, [*panels, sizes], ncols=5)
@@ -249,8 +258,10 @@ def draw_over_weight_bits(results: pd.DataFrame) -> Figure:
 
 
 def _draw_float(axes: Axes, results: pd.DataFrame, pair: str) -> None:
-    rows = results[(results["pair"] == pair) & (results["weight_bits"] == FLOAT)]
-    axes.axhline(100 * rows["exit_accuracy"].mean(), linestyle=":", color=MUTED)
+    for method, style in ((TRAINED, ":"), (TRAINED_ON, "--")):
+        rows = results[(results["pair"] == pair) & (results["method"] == method)]
+        if len(rows):
+            axes.axhline(100 * rows["exit_accuracy"].mean(), linestyle=style, color=MUTED, label=method)
 
 
 def _usual_bits(results: pd.DataFrame) -> int:

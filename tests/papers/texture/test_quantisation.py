@@ -3,7 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
+from neurotact.deploy import fine_tuning
+from neurotact.networks.training import Epoch
 from neurotact.papers.texture import quantisation
 from neurotact.papers.texture.quantisation import FLOAT, Parameters, QuantisationData
 from neurotact.spec import build
@@ -36,7 +39,7 @@ def test_there_is_a_row_for_float_and_two_for_each_pair_of_bits(rows):
         (method, *bits) for bits in ((8, 16), (8, 8), (3, 16), (3, 8)) for method in ("rounding", "fine-tuning")
     ]
     found = [(row["method"], row["weight_bits"], row["state_bits"]) for row in rows]
-    assert found == [("float", FLOAT, FLOAT), *expected]
+    assert found == [("float", FLOAT, FLOAT), ("float, trained on", FLOAT, FLOAT), *expected]
     assert {row["pair"] for row in rows} == {"5&1"}
 
 
@@ -65,7 +68,27 @@ def test_fine_tuning_of_no_epoch_is_left_out(made):
 def test_rounding_rows_are_the_same_with_fine_tuning_beside_them(made, rows):
     parameters, arrays = made
     alone = quantisation.run(parameters.model_copy(update={"fine_tune_epochs": 0}), arrays)
-    assert alone == [row for row in rows if row["method"] != "fine-tuning"]
+    assert alone == [row for row in rows if row["method"] in ("float", "rounding")]
+
+
+def test_float_is_trained_on_as_fine_tuning_is_and_the_trained_network_stays(made, monkeypatch):
+    parameters, arrays = made
+    given = []
+
+    def looking(network, training, validation, grids, **options):
+        given.append((network, {name: tensor.clone() for name, tensor in network.state_dict().items()}, grids, options))
+        return fine_tuning.Training((Epoch(0, 1.0, 1.0, 1.0, 1.0),), Epoch(0, 1.0, 1.0, 1.0, 1.0))
+
+    monkeypatch.setattr(quantisation.fine_tuning, "fine_tune", looking)
+    quantisation.run(parameters, arrays)
+    first, *others = given
+    assert first[2] == {}
+    assert {grids["w_in"].most for _, _, grids, _ in others} == {127, 3}
+    for network, weights, _, options in others:
+        assert network is not first[0]
+        assert all(torch.equal(weights[name], first[1][name]) for name in weights)
+        assert options["epochs"] == first[3]["epochs"]
+        assert options["generator"].initial_seed() == first[3]["generator"].initial_seed()
 
 
 def test_figures_show_every_pair_and_way(rows):
