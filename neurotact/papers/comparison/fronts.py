@@ -46,14 +46,14 @@ def _on_front(table: pd.DataFrame) -> np.ndarray:
 
 def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
     way, setting = key  # pyright: ignore[reportGeneralTypeIssues]
-    found = _interval(part["accuracy_test"].to_numpy(), part)
+    found = interval_of(part["accuracy_test"].to_numpy(), part)
     measures = ("accuracy_validation", "sops_total", "energy_estimate_nJ", "signal_ms")
     means = {name: float(part[name].mean()) for name in measures}
     return {"way": way, "setting": setting, "seeds": len(part), "accuracy_test": found.mean, "low": found.low,
             "high": found.high, **means, "share": _share(part, base)}  # fmt: skip
 
 
-def _interval(values: np.ndarray, rows: pd.DataFrame) -> Interval:
+def interval_of(values: np.ndarray, rows: pd.DataFrame) -> Interval:
     """Of a mean over splits; without bounds for one."""
     if len(values) < 2:
         return Interval(float(np.mean(values)), float("nan"), float("nan"))
@@ -121,12 +121,12 @@ def _answer(name: str, rows: pd.DataFrame, share: float) -> str:
     if refractory is best:
         other = f", and {_costs(found[1])}" if len(found) > 1 else ""
         return f"{said}{other}."
-    more = _words(_interval(refractory.lost - best.lost, refractory.rows), "more", "less")
+    more = _words(interval_of(refractory.lost - best.lost, refractory.rows), "more", "less")
     return f"{said}, and {_costs(refractory)}, {more} than {best.way}."
 
 
 def _costs(each: Halved) -> str:
-    found = _interval(each.lost, each.rows)
+    found = interval_of(each.lost, each.rows)
     verb = "costs" if found.mean >= 0 else "gains"
     name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({each.setting})"
     return f"{name} {verb} {_points(found)} at {_percent(each.share)} of the SOPs"
@@ -139,7 +139,7 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
         return "no refractory period was tried"
     most = min(mine, key=lambda part: part["sops_total"].mean())
     lost = base.set_index("seed")["accuracy_test"] - most.set_index("seed")["accuracy_test"]
-    found = _interval(lost.dropna().to_numpy(), most)
+    found = interval_of(lost.dropna().to_numpy(), most)
     verb = "costs" if found.mean >= 0 else "gains"
     share = _share(most, base)
     return (

@@ -13,10 +13,9 @@ from pydantic import Field
 
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import INK, Drawn, new_figure, printed
-from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.networks import recipe
 from neurotact.networks.specs import RSNNSpec
-from neurotact.papers.comparison import ways_to_save
+from neurotact.papers.comparison import fronts, ways_to_save
 from neurotact.papers.comparison.saving import Setting, cut, fit, row_of
 from neurotact.papers.comparison.ways_to_save import SKIPPED, WaysData
 from neurotact.spec import Spec, build, override
@@ -119,14 +118,8 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
             share = float(mine.loc[both, "sops_total"].mean() / whole.loc[both, "sops_total"].mean())
             rows.append({"set": name, "change": change, "seeds": len(both), "share": share,
                          "accuracy_test": float(mine.loc[both, "accuracy_test"].mean()),
-                         **_interval(lost, mine)._asdict()})  # fmt: skip
+                         **fronts.interval_of(lost, mine)._asdict()})  # fmt: skip
     return pd.DataFrame(rows).rename(columns={"mean": "lost"})
-
-
-def _interval(lost: np.ndarray, rows: pd.DataFrame) -> Interval:
-    if len(lost) < 2:
-        return Interval(float(np.mean(lost)), float("nan"), float("nan"))
-    return resampled_interval(lost, int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0]))
 
 
 def answers(results: pd.DataFrame) -> list[str]:
