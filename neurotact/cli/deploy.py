@@ -58,7 +58,7 @@ StallS = Annotated[float, typer.Option("--stall-s", min=1e-3, help="Silence of a
 def stream(
     run: RunFolder,
     from_: Annotated[
-        str, typer.Option("--from", help="- (standard input), a device file, serial:/dev/..., FILE.csv or FILE.h5.")
+        str, typer.Option("--from", help="- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.")
     ] = "-",
     format_: Format = "csv",
     baud: Baud = sources.DEFAULT_BAUD,

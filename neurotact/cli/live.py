@@ -47,7 +47,7 @@ def live(
     from_: Annotated[
         str,
         typer.Option(
-            "--from", help="FILE.h5, - (standard input), a device file, serial:/dev/..., FILE.csv, or gratings."
+            "--from", help="FILE.h5, - (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv, or gratings."
         ),
     ],
     speed: Annotated[

@@ -13,6 +13,7 @@ from live_pages import has_ended, page_of
 from made_chains import make_encoder, make_signal, told
 
 import neurotact as nt
+import neurotact.live
 from neurotact import cli
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
@@ -58,7 +59,7 @@ def refused(monkeypatch, capsys):
     [
         (["--from", "{made}/skin.h5", "--set", "seed=1"], "--set: changes a simulated finger"),
         (["--from", "stiffness"], "has no finger that is moved by hand"),
-        (["--from", "gratings"], "has 8 taxels but the chain feels 2"),
+        (["--from", "gratings"], "samples come at 2000 Hz but the chain was trained at 1000 Hz"),
         (["--from", "gratings", "--set", "sed=1"], "sed: unknown key; did you mean 'seed'"),
         (["--from", "-", "--format", "wav"], "--format wav: is unknown"),
         (["--from", "-", "--unit", "count"], "'count' but 'mV'"),
@@ -83,33 +84,36 @@ def test_input_without_a_sample_is_refused(made, refused, tmp_path):
 def test_without_its_packages_it_says_what_to_install(made, refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     monkeypatch.delitem(sys.modules, "neurotact.live.server", raising=False)
+    monkeypatch.delattr(neurotact.live, "server", raising=False)
     assert "pip install 'neurotact[live]'" in refused(made / "run", "--from", "gratings")
 
 
-def visit(words: list[str], given: bytes | None = None) -> tuple[list[tuple], dict, dict, str, int]:
-    """Open the page of a live session until its source ends: decisions, state, hello, what was said, exit code."""
+def visit(words: list[str], given: bytes | None = None) -> tuple[list[tuple], dict, dict, str]:
+    """Open the page of a live session until its source ends: decisions, state, hello, what was said."""
     command = [sys.executable, "-m", "neurotact", "live", *words]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
-        assert process.stdout
-        assert process.stdin
-        assert process.stderr
-        address = process.stdout.readline().decode().split()[0]
-        port, token = address.removeprefix("http://127.0.0.1:").strip("/").split("/")
-        with page_of(SimpleNamespace(port=int(port), token=token)) as me:
-            me.until(lambda me: me.hello)
-            if given is not None:
-                process.stdin.write(given)
-            process.stdin.close()
-            me.until(has_ended)
-        process.send_signal(signal.SIGINT)
-        said = process.stderr.read().decode()
-        assert process.wait(60) == 0, said
-        return me.told(), me.state, me.hello, said, process.returncode
+        try:
+            assert process.stdout
+            address = process.stdout.readline().decode().split()[0]
+            port, token = address.removeprefix("http://127.0.0.1:").strip("/").split("/")
+            with page_of(SimpleNamespace(port=int(port), token=token)) as me:
+                me.until(lambda me: me.hello)
+                assert process.stdin
+                process.stdin.write(given or b"")
+                process.stdin.close()
+                me.until(has_ended)
+            process.send_signal(signal.SIGINT)
+            assert process.stderr
+            said = process.stderr.read().decode()
+            assert process.wait(60) == 0, said
+        finally:
+            process.kill()
+    return me.told(), me.state, me.hello, said
 
 
 def test_a_visit_to_recordings(made, tmp_path):
-    found, state, hello, said, _ = visit([
+    found, state, hello, said = visit([
         str(made / "run"), "--from", str(made / "skin.h5"), "--speed", "20", "--save-to", str(tmp_path)
     ])  # fmt: skip
     stream, expected = nt.Stream(made / "run"), []

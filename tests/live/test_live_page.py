@@ -77,7 +77,7 @@ def test_sliders_reach_the_running_stream_by_keyboard(window, tmp_path):
     with serving(session_of(chain, feed, save_to=tmp_path)) as server:
         look(window, server)
         window.wait_for(f"{ROWS}.length === 15")
-        window.evaluate("document.getElementById('sa1.t_ref_ms').focus()")
+        window.evaluate("document.getElementById('set-sa1.t_ref_ms').focus()")
         for _ in range(3):
             window.press("ArrowUp")
         window.wait_for("state.settings['sa1.t_ref_ms'] === 5")
@@ -147,15 +147,19 @@ def test_the_page_fits_and_draws_with_sixteen_taxels(window, scheme):
         other = {"name": "prefers-color-scheme", "value": "dark" if scheme == "light" else "light"}
         window.call("Emulation.setEmulatedMedia", features=[other])
         window.wait_for(f"colours['--ink'] !== '{before}' && ({INKED})('signals', colours['--ink']) > 10")
-        assert window.evaluate("Number(document.documentElement.dataset.perSecond)") > 0
-        assert not window.complaints
+        window.wait_for("Number(document.documentElement.dataset.perSecond) > 0")
+        assert not [
+            each for each in window.complaints if "getImageData" not in each
+        ]  # this test reads, the page does not
 
 
 def test_everything_has_a_name(window):
     feed = ByHand("gratings", simulator("gratings"), {"duration_s": 0.4}, 1.0)
     with serving(session_of(make_chain({}, rate_Hz=2000.0, n_taxels=8), feed)) as server:
         look(window, server)
+        ids = window.evaluate("[...document.querySelectorAll('[id]')].map(each => each.id)")
         tree = window.call("Accessibility.getFullAXTree")["nodes"]
+    assert len(ids) == len(set(ids))
     named: dict[str, list[str]] = {}
     for node in tree:
         if not node.get("ignored"):
