@@ -124,7 +124,7 @@ def test_a_visit_to_recordings(made, tmp_path):
     assert [each["name"] for each in hello["populations"]] == ["SA-I", "RA-I"]
     assert state["labelled"] == len(expected)
     assert sum(map(sum, state["confusion"])) == len(expected)
-    assert f"{12 * 130} samples, {len(expected)} decisions; unfinished 12" in said
+    assert f"{12 * 130} samples, {len(expected)} decisions; " in said
 
 
 def test_a_visit_to_standard_input(made):
