@@ -185,7 +185,9 @@ def table(found: ProtocolAnswer, view: View) -> Table:
     what = (
         f"means over {over} rows of results.csv ± their standard error" if most > 1 else "one row of results.csv each"
     )
-    caption = f"The best of each kind{f', {found.setting}' if found.setting else ''}: {what}."
+    setting = f", {found.setting}" if found.setting else ""
+    chosen = ", chosen on validation rows" if found.is_validated else ""
+    caption = f"The best of each kind{setting}{chosen}: {what}."
     heads = ["configuration", view.measures[view.score], view.measures[view.cost], *(SPENT[column] for column in spent)]
     return Table(caption, heads, rows, n_heads=1)
 

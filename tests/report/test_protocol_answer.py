@@ -112,6 +112,9 @@ def test_the_table_has_the_best_of_each_kind_and_guessing():
     rows = (("a", 1, 0.95, 0.90, 900.0), ("a", 2, 0.94, 0.99, 80.0), ("b", 1, 0.5, 0.4, 300.0))
     (found,) = protocol_answer.answers(means(*rows, chance=0.25, signal_ms=150.0), VIEW)
     shown = protocol_answer.table(found, VIEW)
+    assert shown.caption == (
+        "The best of each kind, chosen on validation rows: means over 4 rows of results.csv ± their standard error."
+    )
     assert shown.columns == ["configuration", "test accuracy (%)", "FLOPs", "ms of signal"]
     assert shown.rows == [
         ["a, size 1: best", "90.0 ± 2.0 %", "900", "150"],

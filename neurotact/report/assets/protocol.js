@@ -36,7 +36,7 @@ function isShown(point) {
 function markTraces() {
   const front = study.fronts[study.shown.setting];
   const both = front?.best === front?.cheapest;
-  const marks = !front ? [] : both ? [["best, and cheapest within its error", front.best, 19]] : [["best", front.best, 19], ["cheapest within its error", front.cheapest, 21]];
+  const marks = !front ? [] : both ? [["best and cheapest", front.best, 19]] : [["best", front.best, 19], ["cheapest within error", front.cheapest, 21]];
   return marks.filter(([, index]) => study.points[index].x != null).map(([name, index, size]) => ({
     type: "scatter", mode: "markers", name, cliponaxis: false, hoverinfo: "skip", x: [study.points[index].x], y: [study.points[index].y],
     marker: { symbol: name.startsWith("best") ? "circle-open" : "square-open", size, color: style("--ink"), line: { width: 1.8 } },
