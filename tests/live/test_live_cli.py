@@ -102,11 +102,11 @@ def visit(words: list[str], given: bytes | None = None) -> tuple[list[tuple], di
                 assert process.stdin
                 process.stdin.write(given or b"")
                 process.stdin.close()
+                process.stdin = None
                 me.until(has_ended)
             process.send_signal(signal.SIGINT)
-            assert process.stderr
-            said = process.stderr.read().decode()
-            assert process.wait(60) == 0, said
+            said = process.communicate(timeout=60)[1].decode()
+            assert process.returncode == 0, said
         finally:
             process.kill()
     return me.told(), me.state, me.hello, said
