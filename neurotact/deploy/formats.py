@@ -157,7 +157,7 @@ class Layers(NamedTuple):
 
         >>> network = RSNN(2, 2, hidden=3, model="snn", sampling_rate_Hz=1000.0)
         >>> layers = layers_of(network, (4.0, 2.0), weight_bits=4, state_bits=16, n_steps=50)
-        >>> most = float(network.w_in.abs().max()) / (2 ** (4 - 1) - 1)
+        >>> most = float(network.w_in.detach().abs().max()) / (2 ** (4 - 1) - 1)
         >>> math.isclose(layers.steps.w_in, most), layers.steps.w_rec
         (True, None)
         """

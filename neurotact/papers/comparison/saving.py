@@ -153,8 +153,8 @@ def cut(bench: Bench, setting: Setting) -> Sides:
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
     sides = [trained.examples_of(trains, side, window)[0] for side in bench.split]
     kept, n_taxels = _kept(trains, sides[0].spikes, setting.taxels)
-    cut_sides = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
-    return Sides(*cut_sides, trains, None if bench.encoder is None else trains.encoder, n_taxels)
+    training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
+    return Sides(training, validation, test, trains, None if bench.encoder is None else trains.encoder, n_taxels)
 
 
 def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:

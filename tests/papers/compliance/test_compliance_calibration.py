@@ -30,7 +30,9 @@ def test_pictures_are_drawn():
     shown = compliance_calibration.shown(spec, ("OBJ-17", "OBJ-37"))
     assert [one.label for one in shown] == ["OBJ-17", "OBJ-37"]
     assert (shown[0].finger.shape, shown[0].palm.shape) == ((11, 4), (16, 16))
-    assert len(draw_squeezes(shown).axes) == 6
+    *panels, scale = draw_squeezes(shown).axes
+    assert len(panels) == 6
+    assert scale.get_ylabel()
 
 
 @pytest.mark.slow
