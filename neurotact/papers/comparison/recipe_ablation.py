@@ -78,7 +78,7 @@ def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
     ... )
     >>> found = variants(RSNNSpec(readout="integrator"), asked)
     >>> {name: (spec.readout, spec.model) for name, spec in found.items()}
-    {'readout': ('count', 'rsnn'), 'feed-forward': ('integrator', 'snn')}
+    {'without readout': ('count', 'rsnn'), 'feed-forward': ('integrator', 'snn')}
     """
     table, plain = whole.model_dump(mode="json"), _plain()
     tables = {

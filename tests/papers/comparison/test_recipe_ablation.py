@@ -36,7 +36,7 @@ def test_every_shipped_choice_is_of_the_recipe_and_changes_what_it_names_alone()
     assert found
     for name, spec in found.items():
         changed = {key for key, value in flat(spec).items() if value != every[key]}
-        named = parameters["without"].get(name) or parameters["instead"][name]
+        named = parameters["without"].get(name.removeprefix("without ")) or parameters["instead"][name]
         assert changed <= set(named)
         assert changed
 
@@ -54,10 +54,10 @@ def test_a_key_that_is_taken_away_is_that_of_a_network_without_a_recipe():
     without = {"a": ["tau_mem_ms", "training.relative_learning_rate"], "b": ["input_deviation"]}
     found = variants(WHOLE_SPEC, asked(without=without))
     plain = RSNNSpec()
-    assert found["a"].tau_mem_ms == plain.tau_mem_ms != WHOLE_SPEC.tau_mem_ms
-    assert found["a"].training.relative_learning_rate is None
-    assert found["a"].tau_syn_ms == WHOLE_SPEC.tau_syn_ms
-    assert found["b"].input_deviation is None
+    assert found["without a"].tau_mem_ms == plain.tau_mem_ms != WHOLE_SPEC.tau_mem_ms
+    assert found["without a"].training.relative_learning_rate is None
+    assert found["without a"].tau_syn_ms == WHOLE_SPEC.tau_syn_ms
+    assert found["without b"].input_deviation is None
 
 
 @pytest.mark.parametrize("keys", [{"without": {"a": ["tau_men_ms"]}}, {"instead": {"a": {"tau_men_ms": 5.0}}}])
@@ -69,7 +69,7 @@ def test_a_misspelt_key_is_named(keys):
 def test_the_recipe_and_each_change_leave_a_row():
     parameters = asked(without={"readout": ["readout"]}, instead={"feed-forward": {"model": "snn"}})
     rows = ablation.run(parameters, ablation.load(parameters.data))
-    assert [row["change"] for row in rows] == [WHOLE, "readout", "feed-forward"]
+    assert [row["change"] for row in rows] == [WHOLE, "without readout", "feed-forward"]
     assert rows[2]["sops_recurrent"] == 0 < rows[0]["sops_recurrent"]
     assert len({row["input_spikes"] for row in rows}) == 1
     again = ablation.run(parameters, ablation.load(parameters.data))
