@@ -22,6 +22,8 @@ from neurotact.spec import Spec, build, override
 from neurotact.studies.protocol import Arrays, View
 
 WHOLE = "the recipe"
+LEAST_POINTS = 5.0
+"""To either side of 0 on the figure's axis; intervals that reach beyond it are cut."""
 
 
 class Parameters(Spec):
@@ -81,10 +83,9 @@ def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
     {'without readout': ('count', 'rsnn'), 'feed-forward': ('integrator', 'snn')}
     """
     table, plain = whole.model_dump(mode="json"), _plain()
-    tables = {
-        name: override(table, {key: _of(plain, key) for key in keys}) for name, keys in parameters.without.items()
-    }
-    tables |= {name: override(table, values) for name, values in parameters.instead.items()}
+    changed = {f"without {name}": {key: _of(plain, key) for key in keys} for name, keys in parameters.without.items()}
+    changed |= parameters.instead
+    tables = {name: override(table, values) for name, values in changed.items()}
     specs = {name: build(RSNNSpec, each, source=f"'{name}'") for name, each in tables.items()}
     return {name: spec for name, spec in specs.items() if spec != whole}
 
@@ -152,7 +153,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "What each choice of the recipe is worth",
         draw_changes(changes(shown)),
         "Mean over seeds of the test accuracy that a change loses beside the recipe, on the same split, with its 95 % "
-        "interval where there are several seeds. Left of 0 the change does better.",
+        "interval where there are several seeds; cut where they leave the axis. Left of 0 the change does better.",
         "A panel per set; a mark per change, right of the line at 0 where the change loses accuracy.",
     )
 
@@ -173,7 +174,8 @@ def draw_changes(table: pd.DataFrame) -> Figure:
         reach = [(lost - 100 * mine["low"]).fillna(0), (100 * mine["high"] - lost).fillna(0)]
         axes.errorbar(lost, at, xerr=np.array(reach), fmt="o", color=INK, ms=4, elinewidth=0.8)
         axes.axvline(0, color="0.6", lw=0.8)
-        axes.set(title=name, xlabel="points lost")
+        widest = max(LEAST_POINTS, 2 * float(lost.abs().max()))
+        axes.set(title=name, xlabel="points lost", xlim=(-widest, widest))
         axes.grid(axis="x")
     panels[0].set_yticks(range(len(names)), names)
     panels[0].invert_yaxis()
