@@ -86,7 +86,7 @@ def stream(
     """
     if rate not in ("fast", "real"):
         raise InputError(f"--rate {rate}: is unknown; choose one of fast, real")
-    is_recorded = from_.endswith((".h5", ".hdf5"))
+    is_recorded = sources.is_recorded(from_)
     if is_recorded:
         with hdf5.open_recordings(from_) as stored:
             sampling_rate_Hz, unit = stored.sampling_rate_Hz, unit or stored.unit
@@ -118,7 +118,7 @@ def _run(flow: Stream, decisions, noted: Noted, *, as_json: bool) -> None:
         sys.stderr.close()
         sys.exit(0)
     tally, took_s = flow.tally, time.perf_counter() - began
-    trouble = ", ".join(filter(None, (tally.trouble(), noted.trouble())))
+    trouble = sources.trouble_of(tally, noted)
     say(
         f"{tally.samples} samples, {tally.decisions} decisions, in {took_s:.1f} s; "
         f"{trouble or 'every sample was used as it came'}"

@@ -30,7 +30,7 @@ from neurotact.cli.options import RunFolder, SetOption
 from neurotact.data.recordings import default_channels
 from neurotact.data.sources import simulator
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.sources import DEFAULT_BAUD, Layout
+from neurotact.deploy.sources import DEFAULT_BAUD, Layout, is_recorded, trouble_of
 from neurotact.encoders.afferents import afferent_names
 from neurotact.errors import InputError
 from neurotact.live.feeds import ByHand, Device, Feed, Replay
@@ -83,7 +83,7 @@ def live(
     """
     server = _server_module()
     feed: Feed | None = None
-    if from_.endswith((".h5", ".hdf5")):
+    if is_recorded(from_):
         feed = Replay(from_, speed, loops=loop)
     elif from_ in plugins.names("simulators"):
         feed = ByHand(from_, simulator(from_), spec.parse_assignments(set_ or []), speed)
@@ -111,7 +111,7 @@ def live(
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure
     tally = session.stream.tally
-    trouble = ", ".join(filter(None, (tally.trouble(), session.noted.trouble())))
+    trouble = trouble_of(tally, session.noted)
     say(f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used as it came'}")
     sys.exit(0)
 

@@ -21,6 +21,7 @@ import numpy as np
 from neurotact.data import hdf5
 from neurotact.data.readers.tables import NOT_FINITE, NUMBER
 from neurotact.deploy.stream import Decision, Stream
+from neurotact.deploy.stream_state import Tally
 from neurotact.errors import InputError
 
 READ_BYTES = 1 << 16
@@ -193,6 +194,20 @@ class Frames:
         self.noted.cut_off += bool(self.left)
         if not self.n_good:
             raise InputError(f"{self.where}: holds no sample; give frames of {self.n_taxels} {self.kind.name} values")
+
+
+def is_recorded(path: str) -> bool:
+    """Whether a source is a file of recordings, by its name.
+
+    >>> is_recorded("touches.h5"), is_recorded("-")
+    (True, False)
+    """
+    return path.endswith((".h5", ".hdf5"))
+
+
+def trouble_of(tally: Tally, noted: Noted) -> str:
+    """What was wrong with the samples, in a stream and in its source; empty where nothing was."""
+    return ", ".join(filter(None, (tally.trouble(), noted.trouble())))
 
 
 class Layout(NamedTuple):

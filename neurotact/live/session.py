@@ -216,7 +216,7 @@ class Session:
             self._is_news = True
 
     def do(self, message: messages.Message) -> dict[str, Any] | None:
-        """Do what a page asks for, between two samples; InputError, which the page is told, for what cannot be done."""
+        """Do what a page asks for, between two samples. Raises InputError, whose text the page shows, if it cannot."""
         done: dict[type, Callable[[Any], dict[str, Any] | None]] = {
             messages.Change: self._change, messages.Move: self._move, messages.Speed: self._speed,
             messages.Label: self._touch, messages.Compare: self._compare, messages.Save: self._save,
@@ -297,7 +297,7 @@ class Session:
         write_text(path, comment + to_toml(chain.encoder.model_dump(mode="json", exclude_none=True)))
         return {"kind": "saved", "path": str(path)}
 
-    # --- what pages are told ----------------------------------------------------------------------
+    # --- what goes to the pages -------------------------------------------------------------------
 
     def _tell(self) -> None:
         now_s = time.monotonic()
@@ -353,7 +353,7 @@ class Session:
             "note": feed.note,
             "speed": feed.speed if isinstance(feed, (ByHand, Replay)) else None,
             "values": feed.values if isinstance(feed, ByHand) else None,
-            "trouble": ", ".join(filter(None, (self.stream.tally.trouble(), self.noted.trouble()))),
+            "trouble": sources.trouble_of(self.stream.tally, self.noted),
             "pages": len(self.audience),
             "refused": self.refused,
             "ended": self.ended,
