@@ -18,11 +18,11 @@ from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, cost
 from neurotact.papers.comparison import families, figures
 from neurotact.papers.comparison import spiking as spiking_family
+from neurotact.papers.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact.papers.comparison.tasks import at_most, slowed, source_of, split_groups
 from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, TaskData, View
 
-SKIPPED = "skipped"
 COUNTED = ("macs", "acs", "other_flops", "parameters", "bytes")
 COSTS = ("macs", "acs", "other_flops", "flops", "sops", "parameters", "bytes", "signal_ms", "energy_estimate_nJ")
 
@@ -51,12 +51,12 @@ def load(data: TaskSpec) -> Arrays:
     try:
         source = source_of(data.task)
     except InputError as error:
-        return _left_out(data.task, error)
+        return left_out(data.task, error)
     spec = build(source.data, data.settings.get(data.task, {}), source=f"settings of {data.task}")
     try:
         made = source.make(spec)
     except InputError as error:
-        return _left_out(data.task, error)
+        return left_out(data.task, error)
     front_end = source.front_end(spec, made)
     task = slowed(at_most(made, data.examples))
     slowing = families.averaging(made.sequences.shape[1], *task.sequences.shape[1:])
@@ -76,8 +76,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     """A row of the family on the task; two for the spiking network, which also decides early."""
     head = {"family": parameters.family, SKIPPED: ""}
     if SKIPPED in arrays:
-        nothing = dict.fromkeys(("accuracy_validation", "accuracy_test", "chance", *COSTS), float("nan"))
-        return [{**head, **nothing, SKIPPED: str(arrays[SKIPPED])}]
+        return [{**head, **skipped_row(arrays, ("accuracy_validation", "accuracy_test", "chance", *COSTS))}]
     task = task_of(arrays)
     split = split_groups(task.labels, task.groups, parameters.seed)
     majority = np.unique(task.labels[split.train], return_counts=True)
@@ -89,10 +88,6 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     rows = _spiking(task, arrays, parameters, split) if parameters.family == "RSNN" else None
     rows = rows or [_plain(task, arrays, parameters, split)]
     return [{**head, **shared, **row} for row in rows]
-
-
-def _left_out(task: str, error: InputError) -> Arrays:
-    return {SKIPPED: np.array(f"{task} is left out: {error}")}
 
 
 def task_of(arrays: Arrays) -> TaskData:
@@ -154,7 +149,7 @@ def _costs(spent: Cost) -> dict[str, float]:
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Accuracy against the energy estimate and against the signal that must be waited for, a panel per task."""
-    shown = results[results["accuracy_test"].notna()]
+    shown = of_run(results)
     if shown.empty:
         return
     yield Drawn(

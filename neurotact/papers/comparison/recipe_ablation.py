@@ -17,7 +17,8 @@ from neurotact.networks import recipe
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, ways_to_save
 from neurotact.papers.comparison.saving import Setting, cut, fit, row_of
-from neurotact.papers.comparison.ways_to_save import SKIPPED, WaysData
+from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
+from neurotact.papers.comparison.ways_to_save import WaysData
 from neurotact.spec import Spec, build, override
 from neurotact.studies.protocol import Arrays, View
 
@@ -60,8 +61,7 @@ load = ways_to_save.load
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     """A row for the recipe, and one for each change that alters the network."""
     if SKIPPED in arrays:
-        nothing = dict.fromkeys(VIEW.measures, float("nan"))
-        return [{"change": "", **nothing, SKIPPED: str(arrays[SKIPPED])}]
+        return [{"change": "", **skipped_row(arrays, VIEW.measures)}]
     bench = ways_to_save.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     sides = cut(bench, Setting())
     whole = recipe.resolve(parameters.network, recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz))
@@ -125,7 +125,7 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
 
 def answers(results: pd.DataFrame) -> list[str]:
     """One sentence for each set: what the recipe reaches, and which choice is worth most."""
-    shown = results[results["accuracy_test"].notna()]
+    shown = of_run(results)
     found = changes(shown) if not shown.empty else pd.DataFrame()
     sentences = []
     for name, rows in shown.groupby("set", sort=False):
@@ -145,7 +145,7 @@ def answers(results: pd.DataFrame) -> list[str]:
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Accuracy lost by each change, a panel per set."""
-    shown = results[results["accuracy_test"].notna()]
+    shown = of_run(results)
     if shown.empty:
         return
     yield Drawn(

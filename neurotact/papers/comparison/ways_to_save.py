@@ -27,10 +27,10 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import fronts
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Bench, Fitted, Setting, measured
+from neurotact.papers.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, View
 
-SKIPPED = "skipped"
 CALIBRATED_AT_MS = 1.0
 COLOURS = (
     "#E06C00", "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#CC79A7", "#882255", "#332288", "#c4a000"
@@ -126,7 +126,7 @@ def load(data: WaysData) -> Arrays:
             assert chosen.path is not None
             felt = reader(chosen.read).read(expand(chosen.path))
     except InputError as error:
-        return {SKIPPED: np.array(f"{data.set} is left out: {error}")}
+        return left_out(data.set, error)
     return _arrays_of(felt, chosen)
 
 
@@ -160,8 +160,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     `no recurrence` is left out where the network has none to begin with.
     """
     if SKIPPED in arrays:
-        nothing = dict.fromkeys(VIEW.measures, float("nan"))
-        return [{"way": "", "setting": "", **nothing, SKIPPED: str(arrays[SKIPPED])}]
+        return [{"way": "", "setting": "", **skipped_row(arrays, VIEW.measures)}]
     bench = bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     step_ms = _step_ms(parameters.data, arrays)
     known: dict[str, Fitted] = {}
@@ -239,16 +238,12 @@ def named(setting: Setting, step_ms: float, events: bool) -> str:
 
 def answers(results: pd.DataFrame) -> list[str]:
     """One sentence for each set that was run: what it costs to save half of the SOPs."""
-    return fronts.answers(_run(results))
-
-
-def _run(results: pd.DataFrame) -> pd.DataFrame:
-    return results[results["accuracy_test"].notna()]
+    return fronts.answers(of_run(results))
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     """Accuracy over SOPs, a panel per set and a line per way."""
-    shown = _run(results)
+    shown = of_run(results)
     if shown.empty:
         return
     yield Drawn(

@@ -41,6 +41,11 @@ def test_every_shipped_choice_is_of_the_recipe_and_changes_what_it_names_alone()
         assert changed
 
 
+def test_its_sets_are_those_of_ways_to_save():
+    ours, theirs = (resolve(name).parameters["data"]["sets"] for name in ("recipe-ablation", "ways-to-save"))
+    assert ours == theirs
+
+
 def flat(spec):
     return {**dict(spec), **{f"training.{key}": value for key, value in spec.training}, "training": None}
 
