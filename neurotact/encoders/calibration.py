@@ -172,11 +172,11 @@ def calibrate(
         chosen[part] = getattr(spec, part).model_copy(update={"gain": gain})
         if gain == table.gain[mine].max():
             notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
-    less = "less than a tenth of the liveliest taxel"
+    less = "vary less than a tenth as much as the liveliest taxel"
     if scaling.noise:
-        notes.append(f"{', '.join(scaling.noise)}: noise, {less} and alike in all classes; scaled as if a tenth")
+        notes.append(f"{', '.join(scaling.noise)}: {less} and are the same in all classes; treated as noise")
     if scaling.small:
-        notes.append(f"{', '.join(scaling.small)}: {less}, but differ between classes; scaled by their own deviation")
+        notes.append(f"{', '.join(scaling.small)}: {less} but differ between classes; scaled by their own deviation")
     for note in notes if tell else ():
         log.warning("%s: %s", _source(recordings), note)
     return Calibration(fitted.model_copy(update=chosen), table, isi, tuple(notes))

@@ -58,7 +58,7 @@ def fit(recorded: Trials, excerpts: Sequence[np.ndarray], baseline: Baseline, *,
         )
     liveliest = scale[~still].max()
     quiet = still | (scale < QUIET * liveliest)
-    noise = quiet & (still | ~tells_classes(excerpts, recorded.labels))
+    noise = quiet & ~tells_classes(excerpts, recorded.labels) if (quiet & ~still).any() else still
     scale = np.where(noise, QUIET * liveliest, scale) * (-1 if inverted else 1)
     offset = _short(np.where(noise, mean, mean - REST_SD * scale)) if baseline == "none" else None
     names = np.array(recorded.channels)
