@@ -1,15 +1,21 @@
 """Small chains with spikes enough to decide, and what they make of whole trials: encode, cut, infer."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import torch
 
+from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.networks import trained
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Task
 
 
 def make_encoder(**conditioning) -> AfferentSpec:
@@ -28,6 +34,21 @@ def make_chain(
     net = RSNN(2 * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
     chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
     return chain._replace(rule=ExitRule(patience, from_first_spike=True))
+
+
+def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None = None) -> Path:
+    """In the folder: `skin.h5`, recordings; `spikes.h5`, their spikes; `run`, a network of an epoch."""
+    signals = [make_signal(130, seed=k) for k in range(n_trials)]
+    labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(n_trials)]})
+    named = {} if channels is None else {"channels": channels}
+    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", labels, **named), folder / "skin.h5")
+    trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="first"))
+    hdf5.save_spikes(trains, folder / "spikes.h5")
+    spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
+    task = Task.model_validate({"window": {"length_ms": 40}})
+    done, _ = trained.fit(trains, spec, task, (0, 1))
+    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
+    return folder
 
 
 def make_signal(n_samples: int, n_taxels: int = 2, seed: int = 0) -> np.ndarray:

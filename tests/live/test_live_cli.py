@@ -7,37 +7,19 @@ import sys
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from live_pages import has_ended, page_of
-from made_chains import make_encoder, make_signal, told
+from made_chains import make_run, make_signal, told
 
 import neurotact as nt
 import neurotact.live
 from neurotact import cli
-from neurotact.data import hdf5
-from neurotact.data.recordings import Recordings
-from neurotact.encoders.encoding import encode_recordings
-from neurotact.networks import trained
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A network of an epoch, and its recordings."""
-    folder = tmp_path_factory.mktemp("live")
-    signals = [make_signal(130, seed=k) for k in range(12)]
-    labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(12)]})
-    skin = Recordings(signals, 1000.0, "mV", labels, channels=("left", "right"))
-    hdf5.save_recordings(skin, folder / "skin.h5")
-    trains = encode_recordings(skin, make_encoder(baseline="first"))
-    hdf5.save_spikes(trains, folder / "spikes.h5")
-    spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
-    task = Task.model_validate({"window": {"length_ms": 40}})
-    done, _ = trained.fit(trains, spec, task, (0, 1))
-    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
-    return folder
+    return make_run(tmp_path_factory.mktemp("live"), channels=("left", "right"))
 
 
 @pytest.fixture

@@ -211,7 +211,7 @@ def test_an_allowance_is_a_burst_and_then_a_rate():
     assert refilled.spend()
 
 
-# --- what is told -------------------------------------------------------------------------------------
+# --- messages ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("patience", [None, 5])

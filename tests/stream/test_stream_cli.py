@@ -9,16 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from made_chains import make_encoder, make_signal, told
+from made_chains import make_run, make_signal, told
 
 import neurotact as nt
 from neurotact import cli
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.encoders.encoding import encode_recordings
-from neurotact.networks import trained
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
 
 N = 12
 
@@ -26,18 +22,7 @@ N = 12
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A network of an epoch, with its spikes and recordings beside it."""
-    folder = tmp_path_factory.mktemp("chain")
-    signals = [make_signal(130, seed=k) for k in range(N)]
-    labels = pd.DataFrame({"label": [("felt", "silk")[k % 2] for k in range(N)]})
-    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", labels), folder / "skin.h5")
-    skin = hdf5.load_recordings(folder / "skin.h5")
-    trains = encode_recordings(skin, make_encoder(baseline="first"))
-    hdf5.save_spikes(trains, folder / "spikes.h5")
-    spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
-    task = Task.model_validate({"window": {"length_ms": 40}})
-    done, _ = trained.fit(trains, spec, task, (0, 1))
-    trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
-    return folder
+    return make_run(tmp_path_factory.mktemp("chain"), N)
 
 
 class Done(NamedTuple):

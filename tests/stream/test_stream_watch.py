@@ -50,7 +50,7 @@ def test_a_trace_holds_the_spikes_that_were_decided_on(
     assert begins == pytest.approx((n_steps / chain.clock_Hz).tolist())
     hidden, window = joined(traces, "hidden"), joined(traces, "window")
     assert not hidden[window < 0].any()
-    for decision in found:  # a window that was the oldest all the while is there whole
+    for decision in found:  # a window that was always the oldest has all its steps
         whole = np.flatnonzero(window == decision.window)
         if len(whole) == decision.steps:
             assert hidden[whole].sum() == decision.hidden_spikes
