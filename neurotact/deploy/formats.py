@@ -137,7 +137,7 @@ class Integrator(NamedTuple):
 class Steps(NamedTuple):
     """What 1 of a whole weight stands for, in each matrix; `w_out` also in an integrator's bias.
 
-    w_rec: None where hidden neurons do not hear one another.
+    w_rec: None without recurrence.
     """
 
     w_in: float

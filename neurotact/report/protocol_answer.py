@@ -26,7 +26,8 @@ class Configuration(NamedTuple):
     """One configuration, means over its rows.
 
     index: its row in the table of means. kind: the first of what names it. chosen_by, choice_error: what it is chosen
-    by and its standard error, NaN with one row. score, error: likewise what is told. All scores as the run holds them.
+    by and its standard error, NaN with one row. score, error: the same of what is reported. All scores as the run holds
+    them.
     """
 
     index: int
