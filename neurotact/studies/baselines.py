@@ -88,10 +88,14 @@ def signal_inputs(recordings: Recordings, cuts: Cuts) -> Iterator[Input]:
 
 
 def spike_inputs(trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts) -> Iterator[Input]:
-    """Spikes of each afferent, counted over the window and in `BINS` pieces of it; each spike is one addition."""
+    """Spikes of each afferent, counted over the window and in `BINS` pieces of it; each spike is one addition.
+
+    Events of a sensor that sends events cost nothing to encode.
+    """
     rasters = trains.raster(cuts.windows)
     n_windows, n_steps, n_afferents = rasters.shape
-    encoding = encoding_cost(max(1, n_afferents // 2), n_steps, cuts.length_ms, trains.encoder)
+    n_taxels = max(1, n_afferents // 2)
+    encoding = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder) if trains.encoder else Cost()
     made = encoding + Cost(acs=float(rasters.sum()) / n_windows)
     n_bins = min(BINS, n_steps)
     edges = np.linspace(0, n_steps, n_bins + 1).round().astype(int)
@@ -100,10 +104,13 @@ def spike_inputs(trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts) -> 
     yield Input(SPIKES, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made)
 
 
-def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, stronger: bool) -> Iterator[dict[str, Any]]:
+def rows(
+    inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, stronger: bool, most_machines: int = MOST_MACHINES
+) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
     stronger: also fit the families of `STRONGER`, of which validation windows choose the candidate.
+    most_machines: training windows up to which support vector machines are fitted.
     """
     for one in inputs:
         scaler = StandardScaler().fit(one.features[cuts.sides[0]])
@@ -112,7 +119,7 @@ def rows(inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, stronger: b
         )
         families = {LINEAR: logistic_regression, **(STRONGER if stronger else {})}
         for name, family in families.items():
-            if name == "SVM" and len(sides.y_train) > MOST_MACHINES:
+            if name == "SVM" and len(sides.y_train) > most_machines:
                 continue
             yield _row(one, name, family, sides)
 

@@ -105,11 +105,18 @@ def swept_values(study: ProtocolStudy, cell: ProtocolCell) -> dict[str, Any]:
     ends = [key.rpartition(".")[2] for key in keys]
     named = {}
     for key, end in zip(keys, ends, strict=True):
-        value: Any = cell.parameters
-        for name in key.split("."):
-            value = value.get(name) if isinstance(value, Mapping) else None
+        value = _at(cell.parameters, key)
+        if value is None:  # at its default, a key that came later is not written
+            value = _at(cell.built(), key)
         named[end if ends.count(end) == 1 else key] = str(value) if isinstance(value, (list, dict)) else value
     return named
+
+
+def _at(place: Any, key: str) -> Any:
+    """What stands at a dotted key, in tables or specs; None where nothing does."""
+    for name in key.split("."):
+        place = place.get(name) if isinstance(place, Mapping) else getattr(place, name, None)
+    return place
 
 
 def _without(table: dict[str, Any], keys: list[str]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def cuts(trial_steps, spec=None, clock_Hz=1000.0) -> Cuts:
 def test_spikes_are_counted_over_the_window_and_in_its_tenths():
     rasters = np.zeros((40, 20, 2), np.uint8)
     rasters[0, [0, 1, 5, 19], 0] = 1
-    trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS)
+    trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS, {"model": "lif"})
     whole, binned = baselines.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps))
     assert whole.features[0].tolist() == [4.0, 0.0]
     assert binned.features[0].reshape(10, 2)[:, 0].tolist() == [2, 0, 1, 0, 0, 0, 0, 0, 0, 1]
@@ -36,6 +36,8 @@ def test_spikes_are_counted_over_the_window_and_in_its_tenths():
     assert whole.pair == (1.0, 5.0)
     # Each spike is one addition on top of the encoding: 4 spikes in 40 windows.
     assert whole.made.acs - encoding_cost(1, 20, 20.0, {}).acs == pytest.approx(0.1)
+    events = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS)
+    assert next(baselines.spike_inputs(events, (1.0, 5.0), cuts(trains.trial_steps))).made == Cost(acs=0.1)
 
 
 def test_signals_are_cut_on_the_encoders_clock():
@@ -56,11 +58,11 @@ def test_a_window_behind_the_last_sample_sees_the_last_one():
     assert all(len(piece) >= 1 for piece in pieces)
 
 
-def rows_of(features, stronger=True):
+def rows_of(features, stronger=True, **limits):
     made = cuts(np.full(40, 20))
     labels = np.arange(40) % 2
     one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0))
-    return list(baselines.rows([one], labels, made, stronger=stronger))
+    return list(baselines.rows([one], labels, made, stronger=stronger, **limits))
 
 
 def test_what_a_line_tells_apart_all_tell_apart():
@@ -85,7 +87,7 @@ def test_test_windows_choose_nothing():
         assert {**before, "accuracy_test": 0} == {**after, "accuracy_test": 0}
 
 
-def test_many_windows_are_too_many_for_machines(monkeypatch):
-    monkeypatch.setattr(baselines, "MOST_MACHINES", 23)
+def test_many_windows_are_too_many_for_machines():
     features = np.arange(40.0)[:, None] % 2
-    assert [row["classifier"] for row in rows_of(features)] == ["logistic regression", "ELM"]
+    assert [row["classifier"] for row in rows_of(features, most_machines=23)] == ["logistic regression", "ELM"]
+    assert len(rows_of(features, most_machines=24)) == 3
