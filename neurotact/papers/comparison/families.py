@@ -4,7 +4,7 @@ Features and sequences are standardised on training examples; sequences are firs
 family yields its candidates from the smallest on, and of those that validate equally well the first is taken.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,11 +41,18 @@ def feature_sides(task: TaskData, split: Split) -> Sides:
 
 def sequence_sides(task: TaskData, split: Split, steps: int = STEPS) -> Sides:
     """The sequences of each side, averaged down to at most `steps` steps, each channel standardised on training."""
-    slow = averaged(task.sequences, steps).astype(float)
-    training = slow[split.train]
+    return standardised(averaged(task.sequences, steps).astype(float), task.labels, split)
+
+
+def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
+    """Sequences `(example, time, channel)` of each side, each channel standardised on training.
+
+    sides: what picks the examples of training, validation and test: indices or booleans.
+    """
+    training = sequences[sides[0]]
     offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
-    standard = (slow - offset) / np.where(scale > 0, scale, 1.0)
-    return Sides(*(standard[side] for side in split), *(task.labels[side] for side in split))
+    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
+    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
 
 
 def averaged(sequences: np.ndarray, steps: int) -> np.ndarray:

@@ -4,7 +4,7 @@ A way is a list of settings (`saving.Setting`); all of them share recordings, sp
 """
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -17,7 +17,7 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import expand, reader, simulator
 from neurotact.data.spikes import SpikeTrains, from_rasters
-from neurotact.data.splits import SplitSpec, split_trials
+from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate
@@ -42,6 +42,7 @@ MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">")
 class SetSpec(Spec):
     """A set of touches: simulated, or read in a published format."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("group",)
     simulate: str | None = None
     simulation: dict[str, Any] = {}
     """Keys of the simulator that differ from their defaults."""
@@ -51,6 +52,8 @@ class SetSpec(Spec):
     conditioning: ConditioningSpec = ConditioningSpec()
     """Before the afferents; `resample_Hz` is their clock. Events have none."""
     window: WindowSpec = WindowSpec()
+    group: tuple[str, ...] = ()
+    """Conditions that name a group: trials that agree in them stand on one side where `split` is by groups."""
 
     @model_validator(mode="after")
     def _has_one_source(self) -> "SetSpec":
@@ -62,8 +65,11 @@ class SetSpec(Spec):
 class WaysData(Spec):
     """One of several sets."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("split",)
     set: str
     sets: dict[str, SetSpec]
+    split: Literal["trials", "groups"] = "trials"
+    """What stands on one side of a split, drawn at random: single trials, or the set's groups."""
 
     @model_validator(mode="after")
     def _names_a_set(self) -> "WaysData":
@@ -118,6 +124,8 @@ def load(data: WaysData) -> Arrays:
     """The recordings up to the end of their last window, or the spikes of events; or only why they are left out."""
     chosen = data.chosen
     try:
+        if data.split == "groups" and not chosen.group:
+            raise InputError("the set names no group to split by")
         if chosen.simulate is not None:
             source = simulator(chosen.simulate)
             felt: Recordings | SpikeTrains = source.simulate(source.build(chosen.simulation, data.set), None)
@@ -134,10 +142,10 @@ def _arrays_of(felt: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
     window = chosen.window
     rate_Hz = felt.sampling_rate_Hz
     last_ms = window.start_ms + (window.per_trial or 1) * (window.hop_ms or window.length_ms)
-    shared = {
-        "labels": felt.conditions[LABEL].to_numpy(dtype=str),
-        "sampling_rate_Hz": np.array(rate_Hz),
-    }
+    conditions = felt.conditions[[LABEL, *chosen.group]].astype(str)
+    shared = {"labels": conditions[LABEL].to_numpy(dtype=str), "sampling_rate_Hz": np.array(rate_Hz)}
+    if chosen.group:
+        shared["groups"] = conditions[list(chosen.group)].agg(", ".join, axis=1).to_numpy(dtype=str)
     if isinstance(felt, SpikeTrains):
         whole = Windows(np.arange(len(felt)), np.zeros(len(felt), np.int64), int(felt.trial_steps.min()))
         return {**shared, "raster": felt.raster(whole), "afferents": np.array(felt.afferents)}
@@ -176,10 +184,12 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
 
 def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Bench:
     """What all ways share on one set and seed: gains are calibrated on the training trials."""
-    chosen, labels = data.chosen, arrays["labels"]
+    chosen = data.chosen
     rate_Hz = float(arrays["sampling_rate_Hz"])
-    conditions = pd.DataFrame({LABEL: labels})
-    split = split_trials(labels, SplitSpec(seed=2 * seed))
+    conditions = pd.DataFrame({LABEL: arrays["labels"]})
+    groups = conditions.assign(group=arrays["groups"]) if data.split == "groups" else conditions
+    by = ("group",) if data.split == "groups" else ()
+    split = split_conditions(groups, (), SplitSpec(seed=2 * seed, group=by))
     seeds = (2 * seed, 2 * seed + 1)
     if "raster" in arrays:
         trains = from_rasters(arrays["raster"], rate_Hz, tuple(arrays["afferents"].tolist()), conditions)

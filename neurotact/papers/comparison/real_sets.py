@@ -1,0 +1,215 @@
+"""Spiking networks beside classical classifiers on the same windows, splits and spikes of several sets.
+
+The networks are the default recipe's, with and without recurrence. Logistic regression, support vector machines and
+extreme learning machines see signals and spikes, a GRU sees spikes. The sets and encoders are those of `ways_to_save`.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from pydantic import Field
+
+from neurotact.baselines.families import accuracy, best_of
+from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import SpikeTrains
+from neurotact.figures.style import INK, MUTED, Drawn, new_figure, printed
+from neurotact.metrics.flops import Cost, cost
+from neurotact.metrics.signal_flops import StandardisedSteps
+from neurotact.networks.specs import RSNNSpec
+from neurotact.papers.comparison import families, fronts, ways_to_save
+from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
+from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
+from neurotact.papers.comparison.ways_to_save import WaysData
+from neurotact.spec import Spec
+from neurotact.studies import baselines
+from neurotact.studies.baselines import LINEAR, Cuts, Input
+from neurotact.studies.protocol import Arrays, View
+
+MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
+COLUMNS = 3
+"""Of panels."""
+NETWORK_INPUT = "spikes: every step"
+MOST_MACHINES = 10_000
+"""Training windows up to which support vector machines are fitted: minutes, which a study of its own may take."""
+
+
+class Parameters(Spec):
+    """All classifiers on one set with one split."""
+
+    data: WaysData
+    network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
+    seed: int = Field(default=0, ge=0)
+    """Of the split, the weights and the order of training."""
+
+
+VIEW = View(
+    by=("set", "split", "classifier", "input"),
+    measures={
+        "accuracy_test": "test accuracy (%)",
+        "accuracy_validation": "validation accuracy (%)",
+        "energy_estimate_nJ": "energy estimate (nJ)",
+        "sops_total": "SOPs",
+        "flops": "FLOPs",
+        "parameters": "parameters",
+        "signal_ms": "signal (ms)",
+    },
+    cost="energy_estimate_nJ",
+    score="accuracy_test",
+    note="Each seed has a split of its own, the same for all classifiers. Energy is an estimate of the arithmetic from "
+    "the recording to the decision, encoder included, without memory. SOPs are of networks alone, FLOPs of the others. "
+    "Sets whose recordings are not at hand are left out; the column `skipped` of results.csv says why.",
+    apart=("set", "split"),
+)
+
+load = ways_to_save.load
+
+
+def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
+    """A row for each network, and for each classical classifier on each input."""
+    if SKIPPED in arrays:
+        return [{"classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
+    bench = ways_to_save.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    sides = cut(bench, Setting())
+    rows = [*_spiking(bench, sides), *_classical(bench, sides.trains, parameters.seed)]
+    return [{**row, SKIPPED: ""} for row in rows]
+
+
+def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
+    for name, model in MODELS.items():
+        fitted = fit(sides, bench.network.model_copy(update={"model": model}), bench.seeds)
+        n_parameters = sum(weights.numel() for weights in fitted.network.parameters())
+        row = {"classifier": name, "input": NETWORK_INPUT, "parameters": n_parameters, "flops": float("nan")}
+        yield {**row, **row_of(fitted)}
+
+
+def _classical(bench: Bench, trains: SpikeTrains, seed: int) -> Iterator[dict[str, Any]]:
+    windows = trains.cut(bench.window)
+    cuts = baselines.cuts_of(trains.conditions, windows, trains.sampling_rate_Hz, bench.split, {})
+    labels = trains.labels[windows.trial]
+    inputs: list[Input] = []
+    if isinstance(bench.felt, Recordings):
+        inputs += baselines.signal_inputs(bench.felt, cuts)
+    counts = list(baselines.spike_inputs(trains, (0.0, 0.0), cuts))
+    inputs += counts
+    wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
+              "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
+    found = baselines.rows(inputs, labels, cuts, stronger=True, most_machines=MOST_MACHINES)
+    for row in (*found, _gru(trains, labels, cuts, counts[0].made, seed)):
+        yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
+
+
+def _gru(trains: SpikeTrains, labels: np.ndarray, cuts: Cuts, made: Cost, seed: int) -> dict[str, Any]:
+    """A GRU on spike counts in `families.STEPS` bins; validation windows choose its size. made: cost of the counts."""
+    binned = families.averaged(trains.raster(cuts.windows), families.STEPS).astype(float)
+    sides = families.standardised(binned, labels, cuts.sides)
+    best = best_of(families.gru, sides, seed)
+    spent = made + cost(StandardisedSteps(*binned.shape[1:]), *best.layers)
+    return {
+        "classifier": "GRU",
+        "input": f"{baselines.SPIKES}: {binned.shape[1]} time bins",
+        "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
+        "accuracy_test": accuracy(best, sides.test, sides.y_test),
+        "energy_estimate_nJ": spent.energy_estimate_nJ,
+        "flops": spent.flops,
+        "parameters": spent.parameters,
+        "signal_ms": spent.signal_ms,
+        "n_train": len(sides.y_train),
+        "n_test": len(sides.y_test),
+    }
+
+
+def points(results: pd.DataFrame) -> pd.DataFrame:
+    """A row for each set, split, classifier and input: means over seeds and the 95 % interval of the test accuracy.
+
+    Columns: set, split, classifier, input, seeds, accuracy_test, low and high (NaN for one seed), accuracy_validation,
+    energy_estimate_nJ.
+    """
+    rows = []
+    for key, part in results.groupby(["set", "split", "classifier", "input"], sort=False):
+        assert isinstance(key, tuple)
+        found = fronts.interval_of(part["accuracy_test"].to_numpy(), part)
+        means = {name: float(part[name].mean()) for name in ("accuracy_validation", "energy_estimate_nJ")}
+        rows.append({**dict(zip(("set", "split", "classifier", "input"), key, strict=True)), "seeds": len(part),
+                     "accuracy_test": found.mean, "low": found.low, "high": found.high, **means})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def answers(results: pd.DataFrame) -> list[str]:
+    """One sentence for each set and split: the best network beside the best classical classifier.
+
+    Best by validation accuracy, of equal ones with the least energy; differences are taken seed by seed.
+    """
+    shown = of_run(results)
+    return [_answer(*key, rows) for key, rows in shown.groupby(["set", "split"], sort=False)]  # pyright: ignore
+
+
+def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
+    spikes = rows["classifier"].isin(list(MODELS))
+    ours, theirs = (_best(part) for part in (rows[spikes], rows[~spikes]))
+    gained = ours.set_index("seed")["accuracy_test"] - theirs.set_index("seed")["accuracy_test"]
+    found = fronts.interval_of(100 * gained.to_numpy(), ours)
+    within = f" (95 % interval {found.low:.1f} to {found.high:.1f})" if len(gained) > 1 else " (one seed)"
+    verb = "more" if found.mean >= 0 else "fewer"
+    return (
+        f"{name}, split by {split}: {_words(ours)}; {_words(theirs)}; the network has {abs(found.mean):.1f} points "
+        f"{verb}{within}."
+    )
+
+
+def _best(rows: pd.DataFrame) -> pd.DataFrame:
+    means = rows.groupby(["classifier", "input"], sort=False)[["accuracy_validation", "energy_estimate_nJ"]].mean()
+    first = means.sort_values(["accuracy_validation", "energy_estimate_nJ"], ascending=[False, True]).index[0]
+    return rows[(rows["classifier"] == first[0]) & (rows["input"] == first[1])]
+
+
+def _words(rows: pd.DataFrame) -> str:
+    one, accuracy_test, energy_nJ = rows.iloc[0], 100 * rows["accuracy_test"].mean(), rows["energy_estimate_nJ"].mean()
+    return f"{one['classifier']} on {one['input']} has {accuracy_test:.1f} % at {energy_nJ:,.0f} nJ"
+
+
+def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
+    """Accuracy of each classifier, a panel per set and split."""
+    shown = of_run(results)
+    if shown.empty:
+        return
+    yield Drawn(
+        "real-sets",
+        "Spiking networks beside classical classifiers",
+        draw_points(points(shown)),
+        "Mean test accuracy over seeds with its 95 % interval where there are several, on the same windows and splits. "
+        "Spiking networks are filled. LR: logistic regression.",
+        "A panel per set and split; a mark per classifier and input, further right the more accurate.",
+    )
+
+
+@printed
+def draw_points(table: pd.DataFrame) -> Figure:
+    """A panel per set and split, a mark per classifier and input; networks are filled.
+
+    table: of `points`.
+    """
+    panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
+    names = list(dict.fromkeys(zip(table["classifier"], table["input"], strict=True)))
+    n_columns = min(COLUMNS, len(panels))
+    n_rows = -(-len(panels) // n_columns)
+    figure = new_figure(n_rows * (0.9 + 0.18 * len(names)))
+    grid = figure.subplots(n_rows, n_columns, sharey=True, squeeze=False)
+    for axes, (name, split) in zip(grid.flat, panels, strict=False):
+        for row in table[(table["set"] == name) & (table["split"] == split)].itertuples():
+            at, is_network = names.index((row.classifier, row.input)), row.classifier in MODELS
+            low, high = (np.clip(100 * end, 0, 100) for end in (row.low, row.high))
+            axes.plot([low, high], [at, at], color=MUTED, lw=0.8)
+            axes.plot(100 * row.accuracy_test, at, "o", ms=4, color=INK, mfc=INK if is_network else "none")
+        axes.set(title=f"{name}, by {split}", xlabel="test accuracy (%)")
+        axes.grid(axis="x")
+    for axes in grid.flat[len(panels) :]:
+        axes.remove()
+    short = [classifier.replace(LINEAR, "LR") for classifier, _ in names]
+    grid[0, 0].set_yticks(
+        range(len(names)), [f"{name}, {words}" for name, (_, words) in zip(short, names, strict=True)]
+    )
+    grid[0, 0].invert_yaxis()
+    return figure

@@ -1,0 +1,149 @@
+"""All classifiers see the same windows and sides; a difference between two is taken seed by seed."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.baselines.families import best_of
+from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.papers.comparison import families, real_sets, ways_to_save
+from neurotact.papers.comparison.real_sets import NETWORK_INPUT, Parameters, answers, draw_points, points
+from neurotact.spec import build
+from neurotact.studies import protocol_study
+from neurotact.studies.loading import resolve
+
+SET = {
+    "simulate": "gratings", "simulation": {"trials": 2, "duration_s": 0.4},
+    "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "start", "resample_Hz": 200.0},
+    "window": {"length_ms": 100.0, "start_ms": 250.0, "per_trial": 1}, "group": ["force_N"],
+}  # fmt: skip
+
+
+def asked(split="trials", **keys):
+    network = {"recipe": "default", "hidden": 6, "training": {"epochs": 2, "patience": 2}}
+    data = {"set": "made", "sets": {"made": SET}, "split": split}
+    return build(Parameters, {"data": data, "network": network, **keys}, source="test")
+
+
+def test_its_sets_are_those_of_ways_to_save_with_groups():
+    ours, theirs = (resolve(name).parameters["data"]["sets"] for name in ("real-sets", "ways-to-save"))
+    assert {name: {k: v for k, v in chosen.items() if k != "group"} for name, chosen in ours.items()} == {
+        name: theirs[name] for name in ours
+    }
+
+
+def test_results_name_the_split_also_where_it_is_the_default():
+    study = resolve("real-sets")
+    found = [protocol_study.swept_values(study, cell) for cell in protocol_study.cells(study)]
+    assert {(each["set"], each["split"]) for each in found} == {
+        ("cubes", "trials"), ("cubes", "groups"), ("fabrics", "trials"), ("fabrics", "groups"), ("letters", "trials")
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rows():
+    parameters = asked("groups")
+    return real_sets.run(parameters, real_sets.load(parameters.data))
+
+
+def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
+    names = [(row["classifier"], row["input"]) for row in rows]
+    assert len(set(names)) == len(names) == 2 + 3 * 4 + 1
+    assert names[:2] == [("RSNN", NETWORK_INPUT), ("SNN", NETWORK_INPUT)]
+    assert names[-1] == ("GRU", "spikes: 20 time bins")  # of 20 steps
+    assert {row["n_test"] for row in rows} == {rows[0]["n_test"]}
+    assert {row["n_train"] for row in rows} == {rows[0]["n_train"]}
+    assert len({row["signal_ms"] for row in rows}) == 1
+
+
+def test_a_network_without_recurrence_has_no_recurrent_operations(rows):
+    assert rows[1]["sops_recurrent"] == 0 < rows[0]["sops_recurrent"]
+    assert rows[0]["parameters"] - rows[1]["parameters"] == 6 * 6
+
+
+def test_by_group_no_group_stands_on_two_sides():
+    parameters = asked("groups")
+    arrays = real_sets.load(parameters.data)
+    bench = ways_to_save.bench_of(parameters.data, parameters.network, 0, arrays)
+    groups = [set(arrays["groups"][side]) for side in bench.split]
+    assert all(groups)
+    assert not groups[0] & groups[2]
+    assert not groups[1] & (groups[0] | groups[2])
+
+
+def test_by_trial_the_split_is_as_without_groups():
+    parameters = asked()
+    arrays = real_sets.load(parameters.data)
+    bench = ways_to_save.bench_of(parameters.data, parameters.network, 3, arrays)
+    expected = split_conditions(pd.DataFrame({"label": arrays["labels"]}), (), SplitSpec(seed=6))
+    assert [side.tolist() for side in bench.split] == [side.tolist() for side in expected]
+
+
+def test_a_set_without_groups_is_left_out_by_group():
+    data = {"set": "made", "sets": {"made": {**SET, "group": []}}, "split": "groups"}
+    parameters = build(Parameters, {"data": data}, source="test")
+    (row,) = real_sets.run(parameters, real_sets.load(parameters.data))
+    assert "names no group" in row["skipped"]
+    table = pd.DataFrame([{"set": "made", "split": "groups", **row}])
+    assert answers(table) == []
+    assert list(real_sets.draw(table, {})) == []
+
+
+def test_a_gru_sees_the_spikes_of_each_side_alone(monkeypatch):
+    """What it is fitted on are counts of the training windows, standardised by them."""
+    seen = []
+    monkeypatch.setattr(
+        real_sets, "best_of", lambda family, sides, seed: (seen.append(sides), best_of(few, sides, 0))[1]
+    )
+
+    def few(sides, seed):
+        yield from families.knn(sides._replace(train=flat(sides.train)), seed)
+
+    def flat(x):
+        return x.reshape(len(x), -1)
+
+    monkeypatch.setattr(real_sets, "accuracy", lambda *ignored: 0.5)
+    monkeypatch.setattr("neurotact.baselines.families.accuracy", lambda *ignored: 0.5)
+    parameters = asked()
+    real_sets.run(parameters, real_sets.load(parameters.data))
+    (sides,) = seen
+    assert sides.train.mean(axis=(0, 1)) == pytest.approx(0, abs=1e-12)
+    spread = sides.train.std(axis=(0, 1))
+    assert np.isclose(spread, 1).sum() + (spread == 0).sum() == len(spread)
+
+
+def table(values):
+    """Rows of one set: accuracies by classifier and seed; validation accuracy the same, energy by the order."""
+    return pd.DataFrame([
+        {"set": "made", "split": "trials", "classifier": name, "input": words, "seed": seed, "n_train": 70,
+         "n_test": 15, "accuracy_test": accuracy, "accuracy_validation": accuracy,
+         "energy_estimate_nJ": 100.0 * (place + 1)}
+        for place, ((name, words), accuracies) in enumerate(values.items()) for seed, accuracy in enumerate(accuracies)
+    ])  # fmt: skip
+
+
+def test_one_sentence_sets_the_best_network_beside_the_best_of_the_others():
+    values = {
+        ("RSNN", NETWORK_INPUT): [0.8, 0.9], ("SNN", NETWORK_INPUT): [0.6, 0.6],
+        ("SVM", "spikes: counts"): [0.7, 0.8], ("ELM", "spikes: counts"): [0.5, 0.6],
+    }  # fmt: skip
+    (said,) = answers(table(values))
+    assert said == (
+        "made, split by trials: RSNN on spikes: every step has 85.0 % at 100 nJ; SVM on spikes: counts has 75.0 % at "
+        "300 nJ; the network has 10.0 points more (95 % interval 10.0 to 10.0)."
+    )
+
+
+def test_of_equals_the_one_of_least_energy_is_named():
+    values = {("RSNN", "a"): [0.8], ("SNN", "a"): [0.8], ("SVM", "a"): [0.9], ("ELM", "a"): [0.9]}
+    (said,) = answers(table(values))
+    assert "RSNN on a has 80.0 % at 100 nJ; SVM on a has 90.0 % at 300 nJ; the network has 10.0 points fewer" in said
+
+
+def test_networks_are_filled_and_stand_where_their_accuracy_is():
+    found = points(table({("RSNN", "a"): [0.8, 0.9], ("SVM", "a"): [0.7, 0.7]}))
+    assert found["accuracy_test"].to_numpy() == pytest.approx([0.85, 0.7])
+    (axes,) = draw_points(found).axes
+    marks = [line for line in axes.lines if line.get_marker() == "o"]
+    assert [float(line.get_xdata()[0]) for line in marks] == pytest.approx([85.0, 70.0])
+    assert [line.get_markerfacecolor() == "none" for line in marks] == [False, True]
