@@ -1,5 +1,6 @@
 """Tasks and sets whose recordings are not at hand: what stands in place of their data and of their results."""
 
+import logging
 from collections.abc import Iterable
 
 import numpy as np
@@ -8,13 +9,17 @@ import pandas as pd
 from neurotact.errors import InputError
 from neurotact.studies.protocol import Arrays
 
+log = logging.getLogger("neurotact")
+
 SKIPPED = "skipped"
 """Why there are no results: the name of an array, and a column that is empty for what was run."""
 
 
 def left_out(name: str, error: InputError) -> Arrays:
-    """In place of the data of a task or set."""
-    return {SKIPPED: np.array(f"{name} is left out: {error}")}
+    """In place of the data of a task or set, with a warning."""
+    why = f"{name} is left out: {error}"
+    log.warning("%s", why)
+    return {SKIPPED: np.array(why)}
 
 
 def skipped_row(arrays: Arrays, measures: Iterable[str]) -> dict[str, object]:

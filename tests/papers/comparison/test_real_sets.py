@@ -79,11 +79,12 @@ def test_by_trial_the_split_is_as_without_groups():
     assert [side.tolist() for side in bench.split] == [side.tolist() for side in expected]
 
 
-def test_a_set_without_groups_is_left_out_by_group():
+def test_a_set_without_groups_is_left_out_by_group(caplog):
     data = {"set": "made", "sets": {"made": {**SET, "group": []}}, "split": "groups"}
     parameters = build(Parameters, {"data": data}, source="test")
     (row,) = real_sets.run(parameters, real_sets.load(parameters.data))
     assert "names no group" in row["skipped"]
+    assert row["skipped"] in caplog.text
     table = pd.DataFrame([{"set": "made", "split": "groups", **row}])
     assert answers(table) == []
     assert list(real_sets.draw(table, {})) == []
