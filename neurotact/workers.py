@@ -7,6 +7,7 @@ where that happens to a job too often.
 
 import os
 import signal
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -131,8 +132,12 @@ def one_thread() -> Iterator[None]:
 
 
 def settle() -> None:
-    """In a new process: one thread; Ctrl-C is left to the process that started it, and without that one it ends."""
+    """In a new process: one thread; Ctrl-C is left to the process that started it, and without that one it ends.
+
+    Warnings are printed in one line, as those of the process that started it are.
+    """
     torch.set_num_threads(1)
+    warnings.showwarning = lambda message, *_: say(message)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

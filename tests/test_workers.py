@@ -55,3 +55,24 @@ def test_a_worker_that_loads_its_modules_hears_no_ctrl_c(tmp_path):
     assert len(sent) > 100
     assert (process.returncode, err) == (0, "")
     assert out.splitlines() == ["(True, set())", "set()"]
+
+
+WARNING = """
+import warnings
+from neurotact import workers
+
+def job(_):
+    warnings.warn("the gain silences RA-I", stacklevel=1)
+
+if __name__ == "__main__":
+    with workers.spawned(1) as run:
+        list(run(job, [1]))
+"""
+
+
+def test_a_warning_of_a_worker_is_one_line(tmp_path):
+    script = tmp_path / "warning.py"
+    script.write_text(WARNING)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == ["neurotact: the gain silences RA-I"]
