@@ -61,7 +61,7 @@ def networks():
 
 
 def ways():
-    rows = crossed(task=["gratings", "fabrics"], family=["ELM", "RSNN"], seed=[0, 1])
+    rows = crossed(task=["gratings", "fabrics"], family=["ELM", "SNN"], seed=[0, 1])
     return rows.assign(chance=0.1, energy_estimate_nJ=np.arange(len(rows)) + 1.0)
 
 

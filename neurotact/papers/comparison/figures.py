@@ -21,8 +21,9 @@ from neurotact.figures.style import (
     printed,
     write_out_log_ticks,
 )
+from neurotact.papers.comparison.spiking import EARLY, FAMILY
 
-FAMILIES = ("ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "RSNN", "RSNN, early exit")
+FAMILIES = ("ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", FAMILY, EARLY)
 MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "*", "*")
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#666666", "#CC79A7", "#882255", "#E06C00", "#E06C00")
 COLUMNS = 3
@@ -102,7 +103,7 @@ def _panels(tasks: list[str], height_in: float) -> tuple[Figure, list[Axes]]:
 
 def _style(family: str) -> dict[str, Any]:
     index = FAMILIES.index(family) if family in FAMILIES else 0
-    filled = "none" if family == "RSNN, early exit" else COLOURS[index]
+    filled = "none" if family == EARLY else COLOURS[index]
     size = 8 if MARKS[index] == "*" else 4.5
     edge = COLOURS[index] if family in FAMILIES else INK
     return {"marker": MARKS[index], "color": edge, "mfc": filled, "mec": edge, "ms": size}

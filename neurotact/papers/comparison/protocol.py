@@ -41,7 +41,7 @@ class Parameters(Spec):
     """One cell: a family on a task."""
 
     data: TaskSpec = TaskSpec()
-    family: Literal["ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "RSNN"] = "ELM"
+    family: Literal["ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "SNN"] = "ELM"
     seed: int = Field(default=0, ge=0)
     """Of the split, the weights and the order of training."""
 
@@ -85,7 +85,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
         "n_test": len(split.test),
         "chance": float((task.labels[split.test] == majority[0][majority[1].argmax()]).mean()),
     }
-    rows = _spiking(task, arrays, parameters, split) if parameters.family == "RSNN" else None
+    rows = _spiking(task, arrays, parameters, split) if parameters.family == spiking_family.FAMILY else None
     rows = rows or [_plain(task, arrays, parameters, split)]
     return [{**head, **shared, **row} for row in rows]
 
@@ -198,5 +198,5 @@ VIEW = View(
     "analogue or event-driven encoder would not pay for them. Tasks whose recordings are not at hand are left out; the "
     "column `skipped` of results.csv says why.",
     apart=("task",),
-    spiking=("family", ("RSNN", "RSNN, early exit")),
+    spiking=("family", (spiking_family.FAMILY, spiking_family.EARLY)),
 )

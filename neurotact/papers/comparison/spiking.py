@@ -1,4 +1,4 @@
-"""The spiking family on one task: afferents calibrated on training examples, a recurrent network, early exit."""
+"""The spiking family on one task: afferents calibrated on training examples, the default network, early exit."""
 
 from typing import NamedTuple
 
@@ -18,18 +18,16 @@ from neurotact.networks import trained
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.ledger import encoding_cost, network_cost
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Examples, train
 from neurotact.studies.protocol import TaskData
 
-TRAINING = TrainingSpec(batch=32, epochs=150, patience=40)
-TRIED = (
-    RSNNSpec(tau_mem_ms=5, tau_syn_ms=5, surrogate_scale=20, forward_weight_scale=0.2, training=TRAINING),
-    RSNNSpec(tau_mem_ms=20, tau_syn_ms=10, surrogate_scale=20, forward_weight_scale=0.2, training=TRAINING),
-)
-"""Networks from which validation accuracy chooses: that of networks/rsnn.toml, and that of the study of fabrics."""
+TRIED = (RSNNSpec(recipe="default", hidden=30), RSNNSpec(recipe="default", hidden=50))
+"""Networks from which validation accuracy chooses: the default recipe's in two sizes."""
+FAMILY = "SNN"
+EARLY = f"{FAMILY}, early exit"
 EXIT_TOLERANCE = 0.01
-"""Validation accuracy that early exit may lose."""
+"""Accuracy that early exit may lose on validation windows, and on these and the training windows."""
 
 
 class Decided(NamedTuple):
@@ -67,11 +65,11 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
     best = max(range(len(fits)), key=lambda i: fits[i][1])
     network, accuracy_validation = fits[best]
-    early = trained.exit_rule(network, validation, EXIT_TOLERANCE)
-    settings = f"N {network.spec.hidden}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms, "
-    settings += f"g {network.spec.forward_weight_scale:g}"
+    early = trained.exit_rule(network, validation, EXIT_TOLERANCE, training)
+    kind = "recurrent" if network.spec.recurrent else "feed-forward"
+    settings = f"N {network.spec.hidden}, {kind}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms"
     found = []
-    for name, rule in (("RSNN", FULL_WINDOW), ("RSNN, early exit", early)):
+    for name, rule in ((FAMILY, FULL_WINDOW), (EARLY, early)):
         accuracy_exit = accuracy_validation if rule is FULL_WINDOW else _accuracy(network, validation, rule)
         found.append(Decided(name, settings, accuracy_exit, *_measure(network, trains, test, rule)))
     return found

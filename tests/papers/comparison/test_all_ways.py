@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from neurotact.errors import InputError
+from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import families
 from neurotact.papers.comparison import protocol as all_ways
 from neurotact.papers.comparison import spiking as spiking_family
@@ -29,9 +30,8 @@ def arrays():
 
 @pytest.fixture(autouse=True)
 def short_training(monkeypatch):
-    short = spiking_family.TRAINING.model_copy(update={"epochs": 2})
-    tried = (spiking_family.TRIED[0].model_copy(update={"hidden": 8, "training": short}),)
-    monkeypatch.setattr(spiking_family, "TRIED", tried)
+    short = RSNNSpec.model_validate({"recipe": "default", "hidden": 8, "training": {"epochs": 2}})
+    monkeypatch.setattr(spiking_family, "TRIED", (short,))
     monkeypatch.setattr(families, "RECURRENT_TRAINING", {"epochs": 2, "batch": 16, "learning_rate": 0.01})
 
 
@@ -44,15 +44,15 @@ def test_the_task_is_on_the_clock_of_the_afferents(arrays):
     assert not any(array.dtype == object for array in arrays.values())
 
 
-@pytest.mark.parametrize("family", ["ELM", "k-means", "GRU", "RSNN"])
+@pytest.mark.parametrize("family", ["ELM", "k-means", "GRU", "SNN"])
 def test_rows_of_a_family(arrays, family):
     rows = all_ways.run(Parameters(data=TINY, family=family), arrays)
-    assert [row["family"] for row in rows] == (["RSNN", "RSNN, early exit"] if family == "RSNN" else [family])
+    assert [row["family"] for row in rows] == (["SNN", "SNN, early exit"] if family == "SNN" else [family])
     for row in rows:
         assert row["skipped"] == ""
         assert 0 < row["energy_before_nJ"] < row["energy_estimate_nJ"]
         assert 0 < row["signal_ms"] <= 200.0
-        assert (row["sops"] > 0) == (family == "RSNN")
+        assert (row["sops"] > 0) == (family == "SNN")
         assert row["n_test"] == 6
         assert row["chance"] == 0.5
     assert all_ways.run(Parameters(data=TINY, family=family), arrays) == rows
@@ -79,7 +79,7 @@ def test_figures_hold_a_panel_a_task(arrays):
         {"task": task, "seed": seed, **row}
         for task in ("gratings", "fabrics", "compliance", "stiffness")
         for seed in (0, 1)
-        for family in ("ELM", "RSNN")
+        for family in ("ELM", "SNN")
         for row in all_ways.run(Parameters(data=TINY, family=family, seed=seed), arrays)
     ]
     drawn = list(all_ways.draw(pd.DataFrame(rows), arrays))

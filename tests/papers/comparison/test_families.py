@@ -6,6 +6,7 @@ import pytest
 from neurotact.baselines import families as generic
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
+from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import families
 from neurotact.papers.comparison import spiking as spiking_family
 from neurotact.papers.comparison.tasks import level_spread_rate, split_groups
@@ -100,22 +101,21 @@ def test_costs_before_the_classifier(task, split):
 
 @pytest.fixture
 def short_training(monkeypatch):
-    short = spiking_family.TRAINING.model_copy(update={"epochs": 8, "learning_rate": 0.01})
-    tried = tuple(spec.model_copy(update={"hidden": 12, "training": short}) for spec in spiking_family.TRIED[:1])
-    monkeypatch.setattr(spiking_family, "TRIED", tried)
+    short = RSNNSpec.model_validate({"recipe": "default", "hidden": 12, "training": {"epochs": 8}})
+    monkeypatch.setattr(spiking_family, "TRIED", (short,))
 
 
 @pytest.mark.usefixtures("short_training")
 def test_the_spiking_family_decides_early_too(task, split):
     full, early = spiking_family.decide(task, split, 0)
-    assert (full.name, early.name) == ("RSNN", "RSNN, early exit")
+    assert (full.name, early.name) == ("SNN", "SNN, early exit")
     assert full.cost.signal_ms == 200.0
     assert early.cost.signal_ms <= 200.0
     assert early.accuracy_validation >= full.accuracy_validation - spiking_family.EXIT_TOLERANCE - 1e-9
     # Two taxels, 200 steps: two MACs a step of both populations, one for standardisation.
     assert full.encoder.macs == (4 + 1) * 2 * 200
     assert full.encoder.parameters == 2 + 2 * 2
-    assert full.network.macs == 2 * (12 + 2) * 200
+    assert full.network.macs == 2 * 12 * 200  # an integrator has no membranes
     assert full.network.acs == full.network.sops
     again = spiking_family.decide(task, split, 0)[0]
     assert again == full
