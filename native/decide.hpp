@@ -1,6 +1,8 @@
 // A window of a network, step by step: hidden layer, readout and the race of the classes. Used by infer.cpp and stream.cpp.
 #pragma once
 
+#include <limits>
+
 #include "layer.hpp"
 
 namespace neurotact::NT_ISA {
@@ -19,8 +21,18 @@ struct Leader {
             if (sums[c] > sums[found]) found = c;
         return found;
     }
-    NT_INLINE void after(bool moved) {
-        const int64_t now = moved || standing == 0 ? leading() : index;
+    // By how much the leader exceeds every other class.
+    NT_INLINE double lead() const {
+        double least = std::numeric_limits<double>::infinity();
+        for (int c = 0; c < classes; c++) {
+            const double ahead = (double)(sums[index] - sums[c]);
+            if (c != index && ahead < least) least = ahead;
+        }
+        return least;
+    }
+    // `changed`: whether the sums may be others than a step before.
+    NT_INLINE void after(bool moved, bool changed) {
+        const int64_t now = changed || standing == 0 ? leading() : index;
         const bool same = now == index;
         heard |= moved;
         index = now;
@@ -28,6 +40,7 @@ struct Leader {
         standing_since_spike = same && heard ? standing_since_spike + 1 : heard;
     }
     NT_INLINE bool exits(const ExitRule& rule) const {
+        if (rule.margin > 0) return (heard || !rule.from_first_spike) && lead() >= rule.margin;
         return rule.patience >= 0 && (rule.from_first_spike ? standing_since_spike : standing) > rule.patience;
     }
 };
@@ -42,6 +55,7 @@ public:
           current(carver.take<T>(layer.pitch)), membrane(carver.take<T>(layer.pitch)),
           decided(carver.take<uint64_t>(words(classes))) {}
     static Value* counts_of(const Decisions& to) { return to.counts; }
+    static constexpr bool leaks() { return false; }
     void start(Value* counts) {
         std::memset(current, 0, layer.pitch * sizeof(T));
         std::memset(membrane, 0, layer.pitch * sizeof(T));
@@ -81,19 +95,27 @@ private:
     }
 };
 
-// A readout that adds up a bias and the weights of every hidden spike, in float64 (networks/rsnn.py).
+// A readout that adds up a bias and the weights of every hidden spike, in float64 (networks/readouts.py). `sums` are its
+// values; one that leaks has y beside them.
 template <class T>
 class IntegratingReadout {
 public:
     using Value = double;
     IntegratingReadout(const Net<T>& net, const ForwardTables<T>&, Carver& carver)
-        : weights(net.w_out), bias(net.bias), classes(net.sizes.classes), gained(carver.take<double>(classes)) {}
+        : weights(net.w_out), bias(net.bias), classes(net.sizes.classes), how(net.integration),
+          gained(carver.take<double>(classes)), y(carver.take<double>(classes)) {}
     static Value* counts_of(const Decisions& to) { return to.sums; }
+    bool leaks() const { return how.leaks; }
     template <class Visit>
-    void each_part(const Visit&) {}
-    void start(Value* sums) { std::memcpy(sums, bias, classes * sizeof(double)); }
+    void each_part(const Visit& visit) {
+        if (how.leaks) visit("leaky", y, classes * sizeof(double));
+    }
+    void start(Value* sums) {
+        std::memcpy(sums, bias, classes * sizeof(double));
+        std::memset(y, 0, classes * sizeof(double));
+    }
     NT_INLINE bool step(const uint32_t* rows, int n_rows, Value* sums) {
-        if (n_rows == 0) return false;
+        if (n_rows == 0 && !how.leaks) return false;
         for (int c = 0; c < classes; c++) gained[c] = 0;
         for (int e = 0; e < n_rows; e++) {
             const T* row = weights + (int64_t)rows[e] * classes;
@@ -102,7 +124,8 @@ public:
         bool any = false;
         for (int c = 0; c < classes; c++) {
             any |= gained[c] != 0;
-            sums[c] += gained[c];
+            if (how.leaks) leak(c, sums);
+            else sums[c] += gained[c];
         }
         return any;
     }
@@ -111,7 +134,14 @@ private:
     const T* weights;
     const double* bias;
     const int classes;
-    double* gained;
+    const Integration how;
+    double *gained, *y;
+
+    NT_INLINE void leak(int c, Value* sums) {
+        y[c] = how.decay * y[c] + gained[c];
+        const double now = bias[c] + y[c];
+        if (!how.peak || now > sums[c]) sums[c] = now;
+    }
 };
 
 template <class T, class Readout>
@@ -142,7 +172,8 @@ struct InferState {
                       {current, membrane, current, membrane, nullptr}, spikes.next);
         const uint64_t* emitted = net.neuron.emits_at_once() ? spikes.next : spikes.now;
         n_rows = list_rows(emitted, hid_words, 0, rows, 0);
-        leader.after(readout.step(rows, n_rows, leader.sums));
+        const bool moved = readout.step(rows, n_rows, leader.sums);
+        leader.after(moved, moved || readout.leaks());
         spikes.step();
         return n_rows;
     }

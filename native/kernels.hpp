@@ -37,6 +37,13 @@ struct Dynamics {
     T scale;  // lambda of the surrogate
 };
 
+// A readout that does not spike: y[t+1] = decay y[t] + W s[t]; see networks/readouts.py. Where it leaks, or takes the
+// largest value over time, the network's own passes know it; a plain sum follows from the hidden layer's counts.
+struct Integration {
+    bool leaks, peak;  // peak: leaks too
+    double decay;
+};
+
 // A network: one layer, recurrent where w_rec is given, and a readout where classes > 0.
 // Weights lie (presynaptic, postsynaptic), without gaps.
 template <class T>
@@ -47,13 +54,14 @@ struct Net {
     const T *w_in, *w_rec, *w_out;
     Dynamics<T> hidden, readout;
     const double* bias;  // (class) of an integrator, which adds up w_out of every hidden spike; else null
+    Integration integration;
     int threads;
 };
 
 // Sums over the window, or the window itself; null where not wanted.
 template <class T>
 struct Outputs {
-    T* readout;  // (trial, class) counts
+    T* readout;  // (trial, class) counts, or the values of an integrator that leaks, without its bias
     T* hidden;   // (trial, hidden) counts
     T* raster;   // (trial, time, hidden) of 0 and 1
 };
@@ -74,6 +82,7 @@ struct Tape {
     T *membrane, *readout_membrane;  // (trial, time, pitch)
     T *current, *readout_current;    // the same, only where alpha or beta is learned
     uint64_t *inputs, *spikes;       // (trial, time, words)
+    T* taken;                        // (trial, pitch) steps after which a leaky readout has its value; it has no membranes
 };
 
 constexpr int kPitch = 16;  // of which the neurons of a layer in memory are a multiple: whole vectors of any kind
@@ -87,17 +96,19 @@ struct Layout {
 // of every neuron's own.
 Layout layout_of(const Sizes& sizes, const Neuron& neuron, bool is_double, bool wants_more);
 
-// Exit when the leading class has stood for more than `patience` steps; negative: never.
+// Exit when the leading class has stood for more than `patience` steps or, where `margin` is positive, when it leads by
+// as much. Negative: never.
 struct ExitRule {
     int64_t patience;
     bool from_first_spike;
+    double margin;
 };
 
 // A row a trial; see networks/rsnn.py, Inference.
 struct Decisions {
     int64_t *labels, *steps, *input_spikes, *hidden_spikes;
     int64_t* counts;  // (trial, class), of a readout that spikes
-    double* sums;     // the same, of an integrator
+    double* sums;     // the same, values of an integrator
 };
 
 // A population of afferent LIF neurons driven by conditioned signals; see encoders/afferents.py.

@@ -137,6 +137,21 @@ NT_INLINE void advance_layer(Neuron neuron, const LayerTables<T>& layer, const E
     if (layer.neurons % 64) fired[layer.neurons / 64] &= (1ull << (layer.neurons % 64)) - 1;
 }
 
+// One step of a readout that leaks and does not spike: y[t+1] = decay y[t] + W s[t], in place.
+template <class T>
+NT_INLINE void leak_layer(T decay, int pitch, const EventRows<T>& events, T* y) {
+    each_panel<T>(pitch, [&](int at, auto N) __attribute__((always_inline)) {
+        using S = Simd<T, kWide<T>>;
+        auto sum = load_all<S, N.value>(y + at);
+        for (int q = 0; q < N.value; q++) sum[q] = all<S>(decay) * sum[q];
+        for (int e = 0; e < events.count; e++) {
+            const T* row = events.table + (int64_t)(events.rows[e] - events.first) * pitch + at;
+            for (int q = 0; q < N.value; q++) sum[q] += load<S>(row + q * S::lanes);
+        }
+        store_all(y + at, sum);
+    });
+}
+
 template <class T>
 struct ForwardTables {
     LayerTables<T> hidden, readout;

@@ -34,6 +34,7 @@ struct Shape {
     double scale, readout_scale;
     bool is_double, recurrent, per_neuron, keep_currents;
     Layout layout;
+    Integration integration;
 };
 
 // Calls `run` with a value of the float type of the shape.
@@ -48,9 +49,11 @@ Tape<T> cut_tape(const Shape& shape, int64_t trials, int64_t steps, Carver& carv
     const int64_t hidden = rows * shape.layout.hidden_pitch, readout = rows * shape.layout.readout_pitch;
     Tape<T> tape{};
     tape.membrane = carver.take<T>(hidden);
-    tape.readout_membrane = carver.take<T>(readout);
+    const bool leaks = shape.integration.leaks;
+    tape.readout_membrane = leaks ? nullptr : carver.take<T>(readout);
     tape.current = shape.keep_currents ? carver.take<T>(hidden) : nullptr;
-    tape.readout_current = shape.keep_currents ? carver.take<T>(readout) : nullptr;
+    tape.readout_current = shape.keep_currents && !leaks ? carver.take<T>(readout) : nullptr;
+    tape.taken = leaks ? carver.take<T>((trials + trials % 2) * shape.layout.readout_pitch) : nullptr;
     tape.inputs = carver.take<uint64_t>(rows * words(shape.sizes.inputs));
     tape.spikes = carver.take<uint64_t>(rows * words(shape.sizes.hidden));
     return tape;
@@ -88,7 +91,8 @@ Net<T> make_net(const Shape& shape, int64_t trials, int64_t steps, const SpikesI
                              T(shape.scale)};
     const Dynamics<T> readout{hidden.alpha + 1, hidden.beta + 1, hidden.threshold + 1, stride, T(shape.readout_scale)};
     return {sizes, spikes, shape.neuron, at<const T>(of.w_in), shape.recurrent ? at<const T>(of.w_rec) : nullptr,
-            sizes.classes ? at<const T>(of.w_out) : nullptr, hidden, readout, at<const double>(bias), threads};
+            sizes.classes ? at<const T>(of.w_out) : nullptr, hidden, readout, at<const double>(bias), shape.integration,
+            threads};
 }
 
 // What every call takes: windows, weights and dynamics, by name and no other way, since a swap of two addresses would
@@ -104,15 +108,16 @@ void add_network(nb::module_& m) {
     m.def("make_shape",
           [](int inputs, int hidden, int classes, int membrane, int reset, int recurrent_delay, double scale,
              double readout_scale, bool is_double, bool recurrent, bool per_neuron, bool keep_currents, bool with_inputs,
-             bool with_raster) -> Shape {
+             bool with_raster, bool leaks, bool peak, double decay) -> Shape {
               const Sizes sizes{0, 0, inputs, hidden, classes};
               const Neuron neuron{Membrane(membrane), Reset(reset), recurrent_delay};
               const Layout layout = layout_of(sizes, neuron, is_double, with_inputs || with_raster || per_neuron);
-              return {sizes, neuron, scale, readout_scale, is_double, recurrent, per_neuron, keep_currents, layout};
+              return {sizes,      neuron,        scale,  readout_scale,       is_double, recurrent,
+                      per_neuron, keep_currents, layout, {leaks, peak, decay}};
           },
           nb::kw_only(), "inputs"_a, "hidden"_a, "classes"_a, "membrane"_a, "reset"_a, "recurrent_delay"_a, "scale"_a,
           "readout_scale"_a, "is_double"_a, "recurrent"_a, "per_neuron"_a, "keep_currents"_a, "with_inputs"_a,
-          "with_raster"_a);
+          "with_raster"_a, "leaks"_a, "peak"_a, "decay"_a);
     m.def("tape_bytes", &tape_bytes, NT_WINDOW_NAMES);
     m.def("new_tape", &new_tape, NT_WINDOW_NAMES);
     m.def("forward",
@@ -152,7 +157,7 @@ void add_network(nb::module_& m) {
           "g_w_rec"_a, "g_w_out"_a, "g_spikes"_a, "g_dynamics"_a, "threads"_a);
     m.def("infer",
           [](const Shape& shape, NT_WINDOW, NT_SPIKES, NT_PARAMETERS, Address bias, int64_t patience,
-             bool from_first_spike, Address labels, Address steps_run, Address input_spikes, Address hidden_spikes,
+             bool from_first_spike, double margin, Address labels, Address steps_run, Address input_spikes, Address hidden_spikes,
              Address counts, Address sums, int threads) {
               nb::gil_scoped_release release;
               const SpikesIn in{at<const void>(spikes), SpikesIn::Kind(spike_kind), trial_stride, time_stride};
@@ -162,11 +167,11 @@ void add_network(nb::module_& m) {
               return with_real(shape, [&](auto real) {
                   using T = decltype(real);
                   return kernels<T>().infer(make_net<T>(shape, trials, steps, in, of, bias, threads),
-                                            {patience, from_first_spike}, to);
+                                            {patience, from_first_spike, margin}, to);
               });
           },
           NT_WINDOW_NAMES, NT_SPIKES_NAMES, NT_PARAMETERS_NAMES, "bias"_a, "patience"_a, "from_first_spike"_a,
-          "labels"_a, "steps_run"_a, "input_spikes"_a, "hidden_spikes"_a, "counts"_a, "sums"_a, "threads"_a);
+          "margin"_a, "labels"_a, "steps_run"_a, "input_spikes"_a, "hidden_spikes"_a, "counts"_a, "sums"_a, "threads"_a);
 }
 
 template <class T>
@@ -287,7 +292,7 @@ void add_stream(nb::module_& m) {
                 double base_new, double base_kept, Address offset, Address scale, bool rectify, double sa_gain,
                 double ra_gain, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
                 int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int at_once, int64_t patience,
-                bool from_first_spike, NT_PARAMETERS, Address bias, int64_t most_decisions) {
+                bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_decisions) {
                  if (shape.is_double || shape.sizes.inputs != 2 * taxels || taxels < 1 || at_once < 1 || length < 1)
                      throw std::invalid_argument("stream: needs a network in float32 with two inputs a taxel");
                  const StreamPlan plan{taxels, float(factor), smooth, resampled, rectify, float(smooth_new),
@@ -295,7 +300,7 @@ void add_stream(nb::module_& m) {
                                        float(base_new), float(base_kept), nullptr, nullptr, float(sa_gain),
                                        float(ra_gain), float(decay), float(v_rest), float(v_reset), float(v_threshold),
                                        sa_silent, ra_silent, length, start, hop, quiet, at_once,
-                                       {patience, from_first_spike}, {}};
+                                       {patience, from_first_spike, margin}, {}};
                  new (self) Stream(plan, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
                                    most_decisions);
              },
@@ -303,7 +308,7 @@ void add_stream(nb::module_& m) {
              "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
              "rectify"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
              "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "at_once"_a, "patience"_a, "from_first_spike"_a,
-             NT_PARAMETERS_NAMES, "bias"_a, "most_decisions"_a)
+             "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_decisions"_a)
         .def("push",
              [](Stream& self, const Samples& samples, bool held) {
                  if ((int64_t)samples.shape(1) != self.taxels()) throw std::invalid_argument("samples: another width");

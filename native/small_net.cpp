@@ -137,6 +137,26 @@ NT_INLINE void advance(Neuron neuron, Layer<S, N>& layer, const Vectors<S, N>& b
     layer.spikes = spikes & lanes;
 }
 
+// Of a readout that leaks and does not spike, `membrane` is its value and `count` the step after which it was taken, the
+// earliest of equal ones: the largest so far, else the last.
+template <class S, int N, class T>
+NT_INLINE void take(Layer<S, N>& layer, bool peak, T step) {
+    for (int q = 0; q < N; q++) {
+        const typename S::Mask more = S::greater(layer.current[q], layer.membrane[q]);
+        const typename S::V now = all<S>(step);
+        layer.membrane[q] = peak ? S::only(more, layer.current[q]) + S::clear(more, layer.membrane[q]) : layer.current[q];
+        layer.count[q] = peak ? S::only(more, now) + S::clear(more, layer.count[q]) : now;
+    }
+}
+
+// alpha, beta and threshold of the readout; one that leaks decays by `decay`.
+template <class T>
+Dynamics<T> readout_of(const Net<T>& net, const T* decay) {
+    Dynamics<T> found = net.sizes.classes ? net.readout : net.hidden;
+    if (net.integration.leaks) found.alpha = decay;
+    return found;
+}
+
 NT_INLINE int64_t lag_of(const Neuron& neuron) { return neuron.emits_at_once() || neuron.recurrent_delay; }
 
 template <class S, int N, class T>
@@ -161,7 +181,9 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     const auto alpha = all<SH>(net.hidden.alpha[0]);
     const Same<SH> beta{all<SH>(net.hidden.beta[0])}, threshold{all<SH>(net.hidden.threshold[0])};
     const bool reads_out = n.classes > 0, delayed = neuron.recurrent_delay > 0;
-    const Dynamics<T>& dynamics_out = reads_out ? net.readout : net.hidden;
+    const bool leaks = net.integration.leaks, peak = net.integration.peak;
+    const T decay = (T)net.integration.decay;
+    const Dynamics<T> dynamics_out = readout_of(net, &decay);
     const auto alpha_out = all<SO>(dynamics_out.alpha[0]);
     const Same<SO> beta_out{all<SO>(dynamics_out.beta[0])}, threshold_out{all<SO>(dynamics_out.threshold[0])};
     const uint64_t hidden_lanes = n.hidden == 64 ? ~0ull : (1ull << n.hidden) - 1;
@@ -210,7 +232,9 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
         NT_EACH_TRIAL(s) {
             spikes_before[s] = hidden[s].spikes;
             advance(neuron, hidden[s], before[s], beta, threshold, hidden_lanes);
-            if (reads_out && t >= lag) {
+            if (leaks) {
+                if (t >= lag) take(readout[s], peak, (T)(t - lag + 1));
+            } else if (reads_out && t >= lag) {
                 advance(neuron, readout[s], before_out[s], beta_out, threshold_out, ~0ull);
                 write_readout(s, t - lag);
             }
@@ -231,13 +255,20 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
                     for (int q = 0; q < NO; q++)
                         readout[s].current[q] +=
                             load<SO>(tables.events + event_row(n.inputs + i) * F::pitch + HP + q * SO::lanes);
+            if (leaks) {
+                take(readout[s], peak, (T)steps);
+                continue;
+            }
             advance(neuron, readout[s], before_out, beta_out, threshold_out, ~0ull);
             write_readout(s, steps - 1);
         }
+    if (leaks && tape)
+        for (int s = 0; s < N; s++) store_all(tape->taken + (first + s) * OP, readout[s].count);
     const bool last_is_sent = neuron.emits_at_once() || steps == 0;
     for (int s = 0; s < N && first + s < n.trials; s++) {
         if (out.hidden) write_counts(hidden[s], last_is_sent, n.hidden, out.hidden + (first + s) * n.hidden);
-        if (out.readout) write_counts(readout[s], last_is_sent, n.classes, out.readout + (first + s) * n.classes);
+        if (leaks) readout[s].count = readout[s].membrane;
+        if (out.readout) write_counts(readout[s], last_is_sent || leaks, n.classes, out.readout + (first + s) * n.classes);
     }
 }
 
@@ -300,6 +331,20 @@ NT_INLINE Vectors<S, N> layer_back(Neuron neuron, const Constants<S>& constants,
     return gradient.current;
 }
 
+// The same of a readout that leaks: a value that was taken after step t, as `after` says, hands its gradient to y[t+1].
+template <class S, int N, class T>
+NT_INLINE Vectors<S, N> leak_back(const Constants<S>& constants, LayerBack<S, N>& layer,
+                                  const Vectors<S, N>& value_gradient, T step) {
+    Vectors<S, N> complete;
+    const typename S::V now = all<S>(step);
+    for (int q = 0; q < N; q++) {
+        const auto not_later = S::clear(S::greater(layer.after[q], now), value_gradient[q]);
+        complete[q] = layer.adjoint.current[q] + S::clear(S::greater(now, layer.after[q]), not_later);
+        layer.adjoint.current[q] = constants.alpha.v * complete[q];
+    }
+    return complete;
+}
+
 // sum[s] += g[s] matrix for every trial s, in the vectors At to At + W: `matrix` has a row of N vectors for each neuron
 // i of g, an even number of rows. Even and odd rows are summed apart, so that more additions are under way at a time:
 // side by side where the registers hold both sums, else one after the other.
@@ -345,7 +390,9 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
     const Neuron neuron = net.neuron;
     const bool reads_out = n.classes > 0, delayed = neuron.recurrent_delay > 0, recurs = net.w_rec != nullptr;
     const Constants<SH> constants(net.hidden);
-    const Constants<SO> constants_out(reads_out ? net.readout : net.hidden);
+    const bool leaks = net.integration.leaks;
+    const T decay = (T)net.integration.decay;
+    const Constants<SO> constants_out(readout_of(net, &decay));
     const Events list(n);
     const int64_t steps = n.steps, lag = lag_of(neuron);
     if (steps == 0) return;
@@ -368,12 +415,18 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
         if (grad.hidden && real) std::memcpy(count_gradient[s], grad.hidden + trial * n.hidden, n.hidden * sizeof(T));
         if (grad.readout && real) std::memcpy(class_gradient[s], grad.readout + trial * n.classes, n.classes * sizeof(T));
         hidden[s].after = load_all<SH, NH>(membrane + (s * steps + last) * HP);
-        if (reads_out) readout[s].after = load_all<SO, NO>(readout_membrane + (s * steps + last) * OP);
+        if (leaks) readout[s].after = load_all<SO, NO>(tape.taken + trial * OP);
+        else if (reads_out) readout[s].after = load_all<SO, NO>(readout_membrane + (s * steps + last) * OP);
         spike_gradient[s] = Vectors<SH, NH>{};
     }
     const int out_rows = n.classes + n.classes % 2, hidden_rows = n.hidden + n.hidden % 2;
     Vectors<SO, NO> complete_out[N]{};
     const auto readout_back = [&](int s, int64_t step) __attribute__((always_inline)) {
+        if (leaks) {
+            complete_out[s] = leak_back(constants_out, readout[s], load_all<SO, NO>(class_gradient[s]), (T)(step + 1));
+            store_all(g_out[s], complete_out[s]);
+            return;
+        }
         const int64_t at = (s * steps + step) * OP;
         const Vectors<SO, NO> before = step ? load_all<SO, NO>(readout_membrane + at - OP) : Vectors<SO, NO>{};
         Vectors<SO, NO> decided{};  // s[T] is sent only where step T-1 emits it

@@ -43,6 +43,15 @@ struct ForwardLayer {
         }
         return state;
     }
+    // Of a readout that leaks, `membrane` is its value and `counts` the step after which it was taken, the earliest of
+    // equal ones: the largest so far, else the last.
+    void take(bool peak, int64_t step) {
+        for (int i = 0; i < pitch; i++) {
+            if (peak && !(current[i] > membrane[i])) continue;
+            membrane[i] = current[i];
+            counts[i] = (T)step;
+        }
+    }
     // Counts of the spikes that were sent: all, or all but the last ones.
     void write(const uint64_t* but, T* to) const {
         for (int i = 0; i < neurons; i++) to[i] = counts[i] - (but ? (T)(but[i / 64] >> (i % 64) & 1) : T(0));
@@ -81,6 +90,7 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
     const Neuron neuron = net.neuron;
     const int64_t in_words = words(n.inputs), hid_words = words(n.hidden);
     const bool at_once = neuron.emits_at_once(), one_list = returns_what_it_sends(net);
+    const bool leaks = net.integration.leaks;
     const auto row_of = [&](T* part, int pitch) { return part ? part + trial * n.steps * pitch : nullptr; };
     T* membrane = row_of(tape ? tape->membrane : nullptr, s.hidden.pitch);
     T* current = row_of(tape ? tape->current : nullptr, s.hidden.pitch);
@@ -106,7 +116,12 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         if (n.classes) {
             EventRows<T> sent{tables.readout_table, s.rows + n_in, n_rows - n_in, (uint32_t)n.inputs};
             if (!one_list) sent = {tables.readout_table, s.sent, list_rows(emitted, hid_words, 0, s.sent, 0), 0};
-            advance_layer(neuron, tables.readout, sent, s.readout.at(t, readout_membrane, readout_current), s.decided);
+            if (leaks) {
+                leak_layer((T)net.integration.decay, s.readout.pitch, sent, s.readout.current);
+                s.readout.take(net.integration.peak, t + 1);
+            } else {
+                advance_layer(neuron, tables.readout, sent, s.readout.at(t, readout_membrane, readout_current), s.decided);
+            }
         }
         if (tape)
             for (int64_t k = 0; k < hid_words; k++) tape->spikes[row * hid_words + k] = s.spikes.next[k];
@@ -114,7 +129,12 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
     }
     const bool all_sent = at_once || n.steps == 0;
     if (out.hidden) s.hidden.write(all_sent ? nullptr : s.spikes.now, out.hidden + trial * n.hidden);
-    if (out.readout) s.readout.write(all_sent ? nullptr : s.decided, out.readout + trial * n.classes);
+    if (leaks) {
+        if (out.readout) std::memcpy(out.readout + trial * n.classes, s.readout.membrane, n.classes * sizeof(T));
+        if (tape) std::memcpy(tape->taken + trial * s.readout.pitch, s.readout.counts, s.readout.pitch * sizeof(T));
+    } else if (out.readout) {
+        s.readout.write(all_sent ? nullptr : s.decided, out.readout + trial * n.classes);
+    }
     return binary;
 }
 
@@ -422,7 +442,21 @@ private:
             }
         if (n.classes) add_product(readout_history, readout_pitch, tables.out, s.emitted, trials);
     }
+    // A value that was taken after step t hands its gradient to y[t+1].
+    void leak_back(int64_t t, T* history) {
+        const T decay = (T)net.integration.decay;
+        for (int m = 0; m < trials; m++) {
+            const int64_t at = (int64_t)m * readout_pitch;
+            const T* taken = tape.taken + (first_trial + m) * readout_pitch;
+            T *carried = s.readout_current + at, *complete = history + at;
+            for (int c = 0; c < readout_pitch; c++) {
+                complete[c] = carried[c] + (taken[c] == (T)(t + 1) ? s.class_gradient[at + c] : T(0));
+                carried[c] = decay * complete[c];
+            }
+        }
+    }
     void readout_back(int64_t t, T* history) {
+        if (net.integration.leaks) return leak_back(t, history);
         const bool heard = net.neuron.emits_at_once() || t + 1 < n.steps;
         for (int m = 0; m < trials; m++) {
             const int64_t row = ((first_trial + m) * n.steps + t) * readout_pitch, at = (int64_t)m * readout_pitch;

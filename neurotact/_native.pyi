@@ -34,6 +34,9 @@ def make_shape(
     keep_currents: bool,
     with_inputs: bool,
     with_raster: bool,
+    leaks: bool,
+    peak: bool,
+    decay: float,
 ) -> Shape: ...
 def tape_bytes(shape: Shape, *, trials: int, steps: int) -> int: ...
 def new_tape(shape: Shape, *, trials: int, steps: int) -> Tensor: ...
@@ -98,6 +101,7 @@ def infer(
     bias: int,
     patience: int,
     from_first_spike: bool,
+    margin: float,
     labels: int,
     steps_run: int,
     input_spikes: int,

@@ -208,6 +208,7 @@ def train(
     split_seed: int = 0,
     split: Settings | None = None,
     exit_tolerance: float = 0.01,
+    exit_by: str = "stability",
     seed: int = 0,
     device: str = "cpu",
     force: bool = False,
@@ -225,11 +226,14 @@ def train(
     split: how else trials are divided: group, test_where, order, folds, fold, validation and test, as for the method
     `split` of `windows`, such as `{"test_where": {"speed": 450}}`.
     exit_tolerance: validation accuracy that early exit may lose.
+    exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     force: replace a training that is in the folder. resume: go on with one that was interrupted.
     Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys.
     """
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = trained.task_of("train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance)
+    task = trained.task_of(
+        "train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by
+    )
     what, place = _network(network, settings), Path(folder)
     train_run.run(Path(spikes), place, what, task, seed=seed, device=device, force=force, resume=resume)
     return summary_of(files.read_json(place / train_run.RESULT))
@@ -247,7 +251,7 @@ def infer(
     """Decide every window of spike trains with the network in `folder`: one row per window, with its spikes and SOPs.
 
     Columns: trial, side (training, validation, test, unseen), label, predicted, steps, input_spikes, hidden_spikes and
-    sops_*. test_only: the network's own test trials alone. early_exit: stop where the validated patience says so.
+    sops_*. test_only: the network's own test trials alone. early_exit: stop where the validated rule says so.
     Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
     """
     _instance("spikes", spikes, SpikeTrains, "nt.encode and nt.load return them")

@@ -23,17 +23,26 @@ def make_encoder(**conditioning) -> AfferentSpec:
     return AfferentSpec.model_validate(table)
 
 
+READOUTS: dict[str, dict] = {
+    "count": {"readout": "count"},
+    "integrator": {"readout": "integrator"},
+    "leaky": {"readout": "integrator", "readout_tau_ms": 9.0},
+    "max": {"readout": "max"},
+}
+
+
 def make_chain(
-    conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None, windows: dict | None = None,
-    n_taxels: int = 2, seed: int = 0, **network,
+    conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None, margin: float | None = None,
+    windows: dict | None = None, n_taxels: int = 2, seed: int = 0, readout: str = "count", **network,
 ) -> Chain:  # fmt: skip
+    """readout: of `READOUTS`."""
     encoder = make_encoder(**conditioning)
-    settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **network}
+    settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **READOUTS[readout], **network}
     clock_Hz = encoder.conditioning.resample_Hz or rate_Hz
     generator = torch.Generator().manual_seed(seed)
     net = RSNN(2 * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
     chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
-    return chain._replace(rule=ExitRule(patience, from_first_spike=True))
+    return chain._replace(rule=ExitRule(patience, from_first_spike=True, margin=margin))
 
 
 def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None = None) -> Path:

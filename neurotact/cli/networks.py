@@ -14,6 +14,7 @@ from neurotact.cli.options import (
     MOST_WORKERS,
     Align,
     DeviceOption,
+    ExitBy,
     Fold,
     FoldOrAll,
     Folds,
@@ -58,7 +59,7 @@ SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes
 """What of a SOP summary fits a terminal; the files hold all of it."""
 SIDES = {
     synops.TRAINING: "training windows: seen in training, so that their accuracy is not that of new touches",
-    synops.VALIDATION: "validation windows: they chose the epoch and the patience",
+    synops.VALIDATION: "validation windows: they chose the epoch and when to exit",
     synops.TEST: "test windows",
     synops.UNSEEN: "unseen windows: of trials on no side of the split",
     synops.UNKNOWN: "windows that may have been seen in training: the network was saved without its trials",
@@ -91,6 +92,7 @@ def train_command(
     stratify: Stratify = None,
     split_seed: SplitSeed = 0,
     tolerance: Tolerance = 0.01,
+    exit_by: ExitBy = "stability",
     seed: Seed = 0,
     device: DeviceOption = "cpu",
     resume: Annotated[
@@ -108,7 +110,7 @@ def train_command(
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold or 0)
-    task = trained.task_of("train", window, split, stratify, tolerance)
+    task = trained.task_of("train", window, split, stratify, tolerance, exit_by)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
     options["tell"] = lambda line: None if as_json else print(line)

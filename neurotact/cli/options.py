@@ -82,6 +82,14 @@ OnsetDeviations = Annotated[
     typer.Option("--onset-deviations", help="With --align onset: contact begins so many deviations above the rest."),
 ]
 Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
+ExitBy = Annotated[
+    str,
+    typer.Option(
+        "--exit-by",
+        help="What early exit waits for: stability, the leading class unchanged for long enough, or margin, a lead "
+        "that is large enough; how long or how large is chosen on validation windows.",
+    ),
+]
 OtherEncoder = Annotated[
     bool, typer.Option("--allow-other-encoder", help="Take spikes that are encoded otherwise than in training.")
 ]

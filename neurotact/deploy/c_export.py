@@ -13,6 +13,7 @@ import numpy as np
 from neurotact import __version__, files
 from neurotact.data.causal import Conditioner
 from neurotact.deploy import formats as whole
+from neurotact.deploy import integer
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats, Integrator
 from neurotact.errors import InputError
@@ -86,6 +87,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "integrator": integrator, "recurrent": spec.recurrent, "membrane_kind": spec.membrane, "reset": spec.reset,
         "delay": spec.recurrent and spec.recurrent_delay_steps,
         "patience": chain.rule.patience, "from_first_spike": chain.rule.from_first_spike,
+        "margin_words": chain.rule.margin and f"{chain.rule.margin:g}",
         "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
         "rectify": conditioning.rectify,
         **(_in_float(chain) if formats is None else _in_whole_numbers(chain, formats)),
@@ -118,6 +120,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     offset, scale = conditioning.offset is not None, conditioning.scale is not None
     for key, values in (("offset", conditioning.offset), ("scale", conditioning.scale)):
         tables += [] if values is None else [_floats(key, np.array(values, np.float32))]
+    integration, margin = network.integration, chain.rule.margin
     if network.bias is not None:
         tables.append(_table("bias", "double", [float(b).hex() for b in network.bias.detach().double()]))
     high_pass = conditioner.past.smoothing if conditioning.baseline == "high-pass" else None
@@ -125,6 +128,9 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     return {
         "value": "float", "sum": "double", "state": "float", "wide": "float",
         "count": "double" if network.bias is not None else _count(chain),
+        "readout_leak": integration.decay.hex() if integration is not None and integration.leaks else None,
+        "peak": integration is not None and integration.peak,
+        "margin": margin if margin is None or integration is None else margin.hex(),
         "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1),
         "silent_sa1": sa1.refractory_steps, "silent_ra1": ra1.refractory_steps,
         "smoothing": _both(conditioner.smoothing)[0], "smoothing_keep": _both(conditioner.smoothing)[1],
@@ -169,6 +175,7 @@ def _in_whole_numbers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "value": "int32_t", "sum": "int64_t", "wide": "int32_t",
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
+        "readout_leak": None, "peak": False, "margin": integer.whole_margin(chain.rule, readout),
         "silent_type": _unsigned(max(front.silent_sa1, front.silent_ra1) + 1),
         "silent_sa1": front.silent_sa1, "silent_ra1": front.silent_ra1,
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,

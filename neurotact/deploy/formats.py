@@ -232,6 +232,11 @@ def layers_of(
         layers = layers_of(network, seen, state_bits=16, **options)
         leaks = [each.rounding_leak for each in layers if isinstance(each, Layer)]
         return layers if max(leaks) <= MOST_LEAK else layers_of(network, seen, state_bits=24, **options)
+    if network.leaks:
+        raise InputError(
+            f"readout: '{network.spec.readout}' with a leak has no form in whole numbers; export it in float, or train "
+            "with readout = 'integrator' and no readout_tau_ms"
+        )
     if not 2 <= weight_bits <= 8:
         raise InputError(f"weight_bits: must be from 2 to 8; got {weight_bits}")
     if not (8 <= state_bits <= 16 or state_bits == 24):

@@ -5,6 +5,7 @@ reaches zero; states saturate to their bits once a step. NumPy computes in 64 bi
 formats see to it that nothing overflows in 32 bits in C either.
 """
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -132,6 +133,7 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
     out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[1]), np.int64)
     if isinstance(readout, Integrator):
         counts = counts + readout.bias
+    margin = whole_margin(rule, readout)
     race = _Race(counts, *(np.zeros(n_windows, np.int64) for _ in range(4)))
     running = np.full(n_windows, n_steps > 0)
     sent_all = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
@@ -150,10 +152,17 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
         sent_all[running, t] = sent[running]
         race = race.after(gained)
         found.labels[running], found.heard[running] = race.index[running], race.heard[running]
-        running = running & ~race.exits(rule)
+        running = running & ~race.exits(rule, margin)
         if not running.any():
             break
     return found
+
+
+def whole_margin(rule: ExitRule, readout: Layer | Integrator) -> int | None:
+    """The margin of a rule in what the readout counts: spikes, or the unit of an integrator's weights; rounded up."""
+    if rule.margin is None:
+        return None
+    return math.ceil(rule.margin / (readout.unit if isinstance(readout, Integrator) else 1.0))
 
 
 class _Neurons(NamedTuple):
@@ -214,7 +223,11 @@ class _Race(NamedTuple):
         since = np.where(same & (heard > 0), self.standing_since_spike + 1, heard)
         return _Race(counts, index, np.where(same, self.standing + 1, 1), since, heard)
 
-    def exits(self, rule: ExitRule) -> np.ndarray:
+    def exits(self, rule: ExitRule, margin: int | None) -> np.ndarray:
+        if margin is not None:
+            rivals = np.delete(np.sort(self.counts, axis=1), -1, axis=1)
+            leads = self.counts.max(axis=1) - rivals.max(axis=1, initial=-(2**40)) >= margin
+            return leads & (self.heard > 0) if rule.from_first_spike else leads
         if rule.patience is None:
             return np.zeros(len(self.index), bool)
         return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience

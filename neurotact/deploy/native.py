@@ -61,8 +61,7 @@ class CompiledStream:
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, at_once=plan.at_once,
-            patience=-1 if chain.rule.patience is None else chain.rule.patience,
-            from_first_spike=chain.rule.from_first_spike, **networks.addresses_of(network),
+            **networks.exits_at(chain.rule), **networks.addresses_of(network),
             bias=0 if bias is None else bias.ctypes.data, most_decisions=most_steps + plan.at_once + 1,
         )  # fmt: skip
         self.push = self._stream.push
@@ -183,9 +182,10 @@ class CompiledStream:
             current, membrane = (row(read(np.float32)) for _ in range(2))
             spikes = row(_bits(read(np.uint64), n_classes))
             readout = CubaLIFState(current, membrane, spikes, torch.zeros_like(spikes))
+        leaky = row(read(np.float64)) if network.leaks else None
         counts = row(read(np.int64 if spiking else np.float64))
         index, standing, since = (torch.tensor([each]) for each in read(np.int64).tolist())
-        leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]))
+        leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]), leaky)
         return Running(window, start, steps, hidden, readout, leader, sent, heard, held)
 
 
@@ -196,6 +196,8 @@ def _parts_of(window: Running) -> list[bytes]:
     parts += [_bytes(hidden.current), _bytes(hidden.membrane), _words(hidden.spikes), _words(hidden.spikes_before)]
     if readout is not None:
         parts += [_bytes(readout.current), _bytes(readout.membrane), _words(readout.spikes)]
+    if leader.leaky is not None:
+        parts.append(_bytes(leader.leaky))
     race = np.array([int(leader.index), int(leader.standing), int(leader.standing_since_spike)], np.int64)
     return [*parts, _bytes(leader.counts), race.tobytes(), bytes([bool(leader.heard)])]
 

@@ -31,7 +31,7 @@ class Running(NamedTuple):
 def begin(network: RSNN, window: int, start: int) -> Running:
     """Before a window's first step."""
     readout = None if network.bias is not None else cuba_lif_start(1, network.n_classes, network.w_out)
-    leader = Leader.start(1, network.n_classes, network.w_in.device, network.level)
+    leader = Leader.start(1, network.n_classes, network.w_in.device, network.integration)
     return Running(window, start, 0, cuba_lif_start(1, network.spec.hidden, network.w_in), readout, leader)
 
 
@@ -54,7 +54,7 @@ def step(network: RSNN, arriving: np.ndarray, state: Running) -> Running:
         steps=state.steps + 1,
         hidden=hidden,
         readout=readout,
-        leader=state.leader.after(gained),
+        leader=state.leader.after(gained, network.integration),
         input_spikes=state.input_spikes + len(arriving),
         hidden_spikes=state.hidden_spikes + len(heard),
     )

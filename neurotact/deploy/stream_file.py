@@ -34,7 +34,8 @@ def fingerprint(chain: Chain) -> str:
     """SHA-256 of all that decides what a state means: encoder, network, exit rule, windows and rate."""
     table = {
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
-        "rule": asdict(chain.rule), "windows": asdict(chain.windows), "classes": chain.classes,
+        "rule": {key: value for key, value in asdict(chain.rule).items() if (key, value) != ("margin", None)},
+        "windows": asdict(chain.windows), "classes": chain.classes,
         "rates": [chain.sampling_rate_Hz, chain.clock_Hz],
     }  # fmt: skip
     digest = hashlib.sha256(json.dumps(table, sort_keys=True).encode())
@@ -110,7 +111,8 @@ def _parts(state: StreamState) -> tuple[dict[str, Any], Arrays]:
         layers = {"hidden": window.hidden, "readout": window.readout, "leader": window.leader}
         for name, layer in layers.items():
             if layer is not None:
-                arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in layer._asdict().items()}
+                parts = ((key, each) for key, each in layer._asdict().items() if each is not None)
+                arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in parts}
         windows.append({key: value for key, value in window._asdict().items() if isinstance(value, int)})
     table = {
         "n_samples": done.n_samples, "n_steps": done.n_steps, "n_carried": done.carried and done.carried[1],
@@ -172,12 +174,12 @@ def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Ru
             *(torch.from_numpy(take(f"{prefix}{name}.{key}", (1, size), np.float32)) for key in CubaLIFState._fields)
         )
 
-    kinds = {"counts": np.float64 if integrates else np.int64, "heard": np.bool_}
+    kinds = {"counts": np.float64 if integrates else np.int64, "heard": np.bool_, "leaky": np.float64}
+    sizes = {"counts": (1, network.n_classes), "leaky": (1, network.n_classes)}
     race = {
-        key: torch.from_numpy(
-            take(f"{prefix}leader.{key}", (1, network.n_classes) if key == "counts" else (1,), kinds.get(key, np.int64))
-        )
+        key: torch.from_numpy(take(f"{prefix}leader.{key}", sizes.get(key, (1,)), kinds.get(key, np.int64)))
         for key in Leader._fields
+        if key != "leaky" or network.leaks
     }
     leader = Leader(**race)
     if not 0 <= int(leader.index) < network.n_classes:

@@ -178,8 +178,10 @@ def _front_end(cost: str) -> Finding:
 
 
 def _exit(rule: ExitRule, cost: str) -> Finding:
-    return Finding("early exit", _patience(rule), "whole windows", rule.patience is None, cost)
+    return Finding("early exit", _waits_for(rule), "whole windows", rule.never, cost)
 
 
-def _patience(rule: ExitRule) -> str:
+def _waits_for(rule: ExitRule) -> str:
+    if rule.margin is not None:
+        return f"margin {rule.margin:g}"
     return "none" if rule.patience is None else f"patience {rule.patience} steps"

@@ -122,6 +122,7 @@ class Session:
             "afferents": self.afferents,
             "hidden": chain.network.spec.hidden,
             "integrates": chain.network.bias is not None,
+            "exit_margin": chain.rule.margin,
             "clock_Hz": chain.clock_Hz,
             "sampling_rate_Hz": chain.sampling_rate_Hz,
             "bucket_s": self._frames.bucket_s,
@@ -246,7 +247,9 @@ class Session:
         if patience is not None and not (patience == int(patience) and 1 <= patience <= chain.windows.length):
             raise InputError(f"patience: must be a whole number of steps from 1 to {chain.windows.length}")
         encoder = build(AfferentSpec, override(chain.encoder.model_dump(mode="json"), wanted), source="live")
-        rule = ExitRule(None if patience is None else int(patience), from_first_spike=True)
+        rule = chain.rule
+        if patience != rule.patience:
+            rule = ExitRule(None if patience is None else int(patience), from_first_spike=True)
         self.stream = self.stream.changed(encoder=encoder, rule=rule)
         then = self._settings()
         changes = {key: (now[key], value) for key, value in then.items() if now[key] != value}
@@ -293,6 +296,8 @@ class Session:
         stop = (
             "none: full windows" if patience is None else f"{patience} steps ({1e3 * patience / chain.clock_Hz:g} ms)"
         )
+        if (margin := chain.rule.margin) is not None:
+            stop = f"none, but a margin of {margin:g}"
         comment = f"# Set by hand in neurotact live on {json.dumps(self.run_name)}; patience of the exit: {stop}.\n"
         write_text(path, comment + to_toml(chain.encoder.model_dump(mode="json", exclude_none=True)))
         return {"kind": "saved", "path": str(path)}

@@ -495,20 +495,29 @@ class PoissonAfferents(Layer):
 class Integrator(Layer):
     """A readout that adds up its weights of every spike that it hears, from its biases on.
 
-    sops: operations into this layer in one decision, a mean or a number: an AC each. Nothing is done without a spike.
+    sops: operations into this layer in one decision, a mean or a number: an AC each. Without a leak nothing is done
+    without a spike.
+    leaky_steps: steps in which what was added up decays, a MAC per neuron and step; 0 without a leak.
+    peak: whether the largest value over time counts: a comparison more per neuron and step, and a second state.
     """
 
     inputs: int
     neurons: int
     sops: float
+    leaky_steps: float = 0.0
+    peak: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.sops >= 0:
-            raise InputError(f"Integrator: sops must be >= 0; got {self.sops}")
+        if not (self.sops >= 0 and self.leaky_steps >= 0):
+            raise InputError(f"Integrator: sops and steps must be >= 0; got {self.sops} and {self.leaky_steps}")
 
     def cost(self) -> Cost:
-        return _with_weights(self.neurons * (self.inputs + 1), self.neurons, acs=self.sops, sops=self.sops)
+        updates, states = self.neurons * self.leaky_steps, self.neurons * (2 if self.peak else 1)
+        return _with_weights(
+            self.neurons * (self.inputs + 1), states, macs=updates, acs=self.sops,
+            other_flops=updates if self.peak else 0, sops=self.sops,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -139,7 +139,7 @@ def shapes_of(spec: RSNNSpec, n_inputs: int, n_classes: int) -> dict[str, tuple[
     {'w_in': (16, 20), 'w_out': (20, 8), 'alpha': (2,), 'beta': (2,), 'threshold': (2,)}
     """
     recurrent = {"w_rec": (spec.hidden, spec.hidden)} if spec.recurrent else {}
-    bias = {"bias": (n_classes,)} if spec.readout == "integrator" else {}
+    bias = {"bias": (n_classes,)} if spec.integrates else {}
     dynamics = dict.fromkeys(("alpha", "beta", "threshold"), (2,))
     return {"w_in": (n_inputs, spec.hidden), **recurrent, "w_out": (spec.hidden, n_classes), **bias, **dynamics}
 

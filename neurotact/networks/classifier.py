@@ -1,7 +1,7 @@
 """The spiking network as a scikit-learn estimator."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from neurotact.metrics import synops
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import begin, exit_rule, synops_of
+from neurotact.networks.trained import ExitBy, begin, exit_rule, synops_of
 from neurotact.networks.training import Examples, Training, train
 from neurotact.spec import load
 
@@ -40,6 +40,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
     exit_tolerance : accuracy on validation windows that early exit may lose.
+    exit_by : "stability", so that a window exits when its leading class has stood for long enough, or "margin", when it
+        leads by far enough.
     sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` leave it.
     random_state : random seed of the initial weights and of the order of the windows.
     device : a torch device.
@@ -79,6 +81,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         settings: Mapping[str, Any] | None = None,
         validation_fraction: float = 0.15,
         exit_tolerance: float = 0.01,
+        exit_by: ExitBy = "stability",
         sampling_rate_Hz: float | None = None,
         random_state: int | np.random.RandomState | None = None,
         device: str = "cpu",
@@ -95,6 +98,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         self.settings = settings
         self.validation_fraction = validation_fraction
         self.exit_tolerance = exit_tolerance
+        self.exit_by = exit_by
         self.sampling_rate_Hz = sampling_rate_Hz
         self.random_state = random_state
         self.device = device
@@ -112,6 +116,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         validation: `(X, y)` for early stopping and for the exit rule; held out from X when None.
         groups: the trial of each window; windows of one trial are then held out together.
         """
+        if self.exit_by not in get_args(ExitBy):
+            raise InputError(f"exit_by: must be {' or '.join(get_args(ExitBy))}; got {self.exit_by!r}")
         rate_Hz = self._clock(X)
         spikes, labels = spike_windows(X), np.asarray(y)
         labels = trial_labels(labels, len(spikes))
@@ -138,7 +144,9 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         order = torch.Generator().manual_seed(order_seed)
         self.training_: Training = train(network, train_side, validation_side, generator=order)
         self.network_: RSNN = network
-        self.exit_rule_: ExitRule = exit_rule(network, validation_side, self.exit_tolerance, train_side)
+        self.exit_rule_: ExitRule = exit_rule(
+            network, validation_side, self.exit_tolerance, train_side, cast(ExitBy, self.exit_by)
+        )
         self.classes_ = classes
         self.n_features_in_ = spikes.shape[2]
         self.sampling_rate_Hz_ = rate_Hz
@@ -159,7 +167,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         return self.classes_[labels]
 
     def decision_function(self, X: ArrayLike) -> np.ndarray:
-        """Readout of each window `(window, class)`: spike counts, or the sums of an integrator; for two classes their
+        """Readout of each window `(window, class)`: spike counts, or the values of an integrator; for two classes their
         difference `(window,)`.
         """
         counts = self._infer(X, FULL_WINDOW).readout.cpu().numpy()

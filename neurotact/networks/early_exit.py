@@ -1,5 +1,6 @@
-"""Early exit: stop a trial when its leading class has stood long enough (texture paper, Algorithm 1)."""
+"""Early exit: stop a trial when its leading class has stood for long (texture paper, Algorithm 1), or leads by far."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -7,37 +8,49 @@ import torch
 from torch import Tensor
 
 from neurotact.errors import InputError
+from neurotact.networks.readouts import Integration
 
 
 @dataclass(frozen=True)
 class ExitRule:
-    """Exit when the leading class is unchanged for `patience` + 1 consecutive steps.
+    """Exit when the leading class is unchanged for `patience` + 1 consecutive steps, or when it leads by a `margin`.
 
     The class that leads has the largest count of readout spikes so far or, where the readout is an integrator, the
-    largest sum.
+    largest value.
 
-    patience: steps; None never exits, so that the full window is simulated.
-    from_first_spike: count from the first step at which the trial's readout moves (`validated`): its first spike, or
-        the first hidden spike that an integrator adds; not from its first step (the paper's Algorithm 1, where a
-        silent readout is led by class 0).
+    patience: steps. from_first_spike: count from the first step at which the trial's readout moves (`validated`): its
+        first spike, or the first hidden spike that an integrator adds; not from its first step (the paper's
+        Algorithm 1, where a silent readout is led by class 0).
+    margin: by how much the leader's count or value exceeds that of every other class, in place of a patience.
+    Without patience and margin no trial exits: the full window is simulated.
     """
 
     patience: int | None = None
     from_first_spike: bool = False
+    margin: float | None = None
 
     def __post_init__(self) -> None:
         if self.patience is not None and self.patience < 1:
             raise InputError(f"patience: must be >= 1 step; got {self.patience}")
+        if self.margin is not None and not 0 < self.margin < math.inf:
+            raise InputError(f"margin: must be a positive number; got {self.margin}")
+        if self.patience is not None and self.margin is not None:
+            raise InputError("margin: stands in place of a patience; give one of the two")
+
+    @property
+    def never(self) -> bool:
+        """Whether no trial exits."""
+        return self.patience is None and self.margin is None
 
 
 FULL_WINDOW = ExitRule()
 
 
 class Leader(NamedTuple):
-    """The race of the classes: counts `(trial, class)`, who leads and for how many steps it has stood.
+    """The race of the classes: counts or values `(trial, class)`, who leads and for how many steps it has stood.
 
     `standing` is 0 before the first step, and 1 at the step where a leader is first seen. `heard` says whether the
-    readout has moved.
+    readout has moved. `leaky` is y of an integrator that leaks, `(trial, class)`; else None.
     """
 
     counts: Tensor
@@ -45,33 +58,50 @@ class Leader(NamedTuple):
     standing: Tensor
     standing_since_spike: Tensor
     heard: Tensor
+    leaky: Tensor | None = None
 
     @staticmethod
-    def start(n_trials: int, n_classes: int, device: torch.device, level: Tensor | None = None) -> "Leader":
-        """Before the first step.
-
-        level: what an integrator has of each class then, its bias, `(class,)`; absent, spikes are counted from 0.
-        """
+    def start(n_trials: int, n_classes: int, device: torch.device, integration: Integration | None = None) -> "Leader":
+        """Before the first step; without an `integration` spikes are counted from 0."""
         zero = torch.zeros(n_trials, dtype=torch.int64, device=device)
-        none = torch.zeros(n_classes, dtype=torch.int64, device=device) if level is None else level
-        counts = none.expand(n_trials, n_classes).clone()
-        return Leader(counts, zero, zero, zero, zero.to(torch.bool))
+        leaky = None
+        if integration is None:
+            counts = zero[:, None].expand(n_trials, n_classes).clone()
+        else:
+            y, counts = integration.start(n_trials)
+            leaky = y if integration.leaks else None
+        return Leader(counts, zero, zero, zero, zero.to(torch.bool), leaky)
 
-    def after(self, gained: Tensor) -> "Leader":
-        """The race one step later, `gained` being spikes or what an integrator adds; ties go to the lowest index."""
-        counts = self.counts + gained
+    def after(self, gained: Tensor, integration: Integration | None = None) -> "Leader":
+        """The race one step later, `gained` being spikes or what an integrator hears; ties go to the lowest index."""
+        leaky = self.leaky
+        if integration is None or leaky is None:
+            counts = self.counts + gained
+        else:
+            leaky, counts = integration.after(gained, leaky, self.counts)
         index = counts.argmax(dim=1)
         same = index == self.index
         standing = torch.where(same, self.standing + 1, 1)
         heard = self.heard | gained.any(dim=1)
         since = torch.where(same & heard, self.standing_since_spike + 1, heard.to(torch.int64))
-        return Leader(counts, index, standing, since, heard)
+        return Leader(counts, index, standing, since, heard, leaky)
+
+    def lead(self) -> Tensor:
+        """By how much the leader exceeds every other class, `(trial,)` float64; infinite where there is no other."""
+        if self.counts.shape[1] < 2:
+            return torch.full(self.index.shape, math.inf, dtype=torch.float64, device=self.index.device)
+        first, second = self.counts.topk(2, dim=1).values.unbind(dim=1)
+        return (first - second).double()
 
     def exits(self, rule: ExitRule) -> Tensor:
         """Which trials stop now, `(trial,)` boolean."""
+        if rule.margin is not None:
+            far = self.lead() >= rule.margin
+            return far & self.heard if rule.from_first_spike else far
         if rule.patience is None:
             return torch.zeros_like(self.index, dtype=torch.bool)
         return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience
 
     def select(self, keep: Tensor) -> "Leader":
-        return Leader(*(part[keep] for part in self))
+        """The race of some trials."""
+        return Leader(*(None if part is None else part[keep] for part in self))  # pyright: ignore[reportArgumentType]

@@ -1,11 +1,12 @@
-"""Choosing when to stop: the patience of a network, from readout rasters of whole windows.
+"""Choosing when to stop: the patience or the margin of a network, from readout rasters of whole windows.
 
-`validated_rule` picks one patience per network on validation trials and never sees a test label; `steady_rule` also
-looks at the training trials, so that few validation trials do not mislead it; `oracle_exit` reproduces the texture
-paper's Algorithm 1, which knows the true label. All patiences are judged at once: a trial exits at the first step at
-which its leader has stood for patience + 1 steps.
+`least` picks one patience or margin per network on validation trials and never sees a test label; `steady` also looks
+at the training trials, so that few validation trials do not mislead it; `oracle_exit` reproduces the texture paper's
+Algorithm 1, which knows the true label. All patiences are judged at once: a trial exits at the first step at
+which its leader has stood for patience + 1 steps. So are margins: at the first step at which it leads by as much.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -13,14 +14,18 @@ import torch
 from torch import Tensor
 
 from neurotact.errors import InputError
-from neurotact.networks.early_exit import ExitRule, Leader
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.networks.readouts import Integration
+
+MARGINS = 200
+"""Margins that are tried, evenly up to the largest lead of validation windows."""
 
 
 class Exits(NamedTuple):
-    """Where each trial stops for every patience from 1 to the window's length T, `(trial, T)` int64 each.
+    """Where each trial stops by each of many rules, `(trial, rule)` int64 each.
 
-    steps: simulated steps, T where there is no exit; labels: the class that leads then.
-    Column p - 1 belongs to patience p.
+    steps: simulated steps, the window's length T where there is no exit; labels: the class that leads then.
+    Of patiences, column p - 1 belongs to patience p, from 1 to T; of margins, the last column never exits.
     """
 
     steps: Tensor
@@ -46,24 +51,22 @@ class OracleExit(NamedTuple):
     patience: Tensor
 
 
-def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, level: Tensor | None = None) -> Exits:
+def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, integration: Integration | None = None) -> Exits:
     """Exit step and label of every trial for every patience.
 
     rasters: readout spikes of whole windows, `(trial, time, class)`, zeros and ones (not cumulated), as
-        `RSNN.simulate` gives them; of an integrator what it adds at each step.
+        `RSNN.simulate` gives them; of an integrator what it hears at each step.
     from_first_spike: as in ExitRule.
-    level: where an integrator begins, `RSNN.level`; absent, spikes are counted.
+    integration: how an integrator adds up, `RSNN.integration`; absent, spikes are counted.
 
     >>> exits(torch.tensor([[[0, 1], [0, 0], [0, 0]]])).steps.tolist()
     [[2, 3, 3]]
     """
-    spikes = _checked(rasters, level)
-    n_trials, n_steps, n_classes = spikes.shape
-    leader = Leader.start(n_trials, n_classes, spikes.device, level)
+    spikes = _checked(rasters, integration)
+    n_trials, n_steps, _ = spikes.shape
     first = torch.full((n_trials, n_steps + 1), n_steps, dtype=torch.int64, device=spikes.device)
     leading = torch.empty(n_trials, n_steps, dtype=torch.int64, device=spikes.device)
-    for t in range(n_steps):
-        leader = leader.after(spikes[:, t])
+    for t, leader in enumerate(_race(spikes, integration)):
         leading[:, t] = leader.index
         standing = leader.standing_since_spike if from_first_spike else leader.standing
         # A leader that has stood s steps stood s - 1 a step before: the first s is the first of at least s.
@@ -73,11 +76,56 @@ def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, level: Te
     return Exits(steps, leading.gather(1, steps - 1))
 
 
+def largest_lead(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> float:
+    """By how much any leader ever exceeds every other class, once the readout moves; 0 where it never does."""
+    race = _race(_checked(rasters, integration), integration)
+    return max(float(torch.where(leader.heard, leader.lead(), 0.0).max()) for leader in race)
+
+
+def margins_up_to(largest: float, integration: Integration | None = None) -> Tensor:
+    """The margins to try, ascending, of at most `MARGINS`; whole numbers where spikes are counted.
+
+    >>> margins_up_to(3.0).tolist(), len(margins_up_to(3.0, Integration(torch.zeros(2))))
+    ([1.0, 2.0, 3.0], 200)
+    """
+    if not 0 < largest < float("inf"):
+        return torch.zeros(0, dtype=torch.float64)
+    margins = torch.arange(1, MARGINS + 1, dtype=torch.float64) / MARGINS * largest
+    return margins if integration is not None else margins.ceil().unique()
+
+
+def margin_exits(rasters: Tensor | np.ndarray, margins: Tensor, integration: Integration | None = None) -> Exits:
+    """Exit step and label of every trial for every margin, ascending, and for none; arguments as for `exits`.
+
+    No trial exits before its readout moves.
+
+    >>> margin_exits(torch.tensor([[[0, 1], [0, 0], [0, 1]]]), torch.tensor([1.0, 2.0, 3.0])).steps.tolist()
+    [[1, 3, 3, 3]]
+    """
+    spikes = _checked(rasters, integration)
+    n_steps = spikes.shape[1]
+    race = [(torch.where(each.heard, each.lead(), -1.0), each.index) for each in _race(spikes, integration)]
+    leads, leading = (torch.stack(part, dim=1) for part in zip(*race, strict=True))
+    wanted = margins.to(leads).expand(len(leads), -1).contiguous()
+    reached = torch.searchsorted(leads.cummax(dim=1).values.contiguous(), wanted)
+    steps = torch.cat([(reached + 1).clamp(max=n_steps), reached.new_full((len(leads), 1), n_steps)], dim=1)
+    return Exits(steps, leading.gather(1, steps - 1))
+
+
+def _race(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
+    """The race after each step."""
+    integration = None if integration is None else integration.detach()
+    leader = Leader.start(spikes.shape[0], spikes.shape[2], spikes.device, integration)
+    for t in range(spikes.shape[1]):
+        leader = leader.after(spikes[:, t], integration)
+        yield leader
+
+
 def exit_curve(
     rasters: Tensor | np.ndarray,
     labels: Tensor | np.ndarray,
     from_first_spike: bool = True,
-    level: Tensor | None = None,
+    integration: Integration | None = None,
 ) -> ExitCurve:
     """Accuracy and mean steps over patience; arguments as for `exits`, with the true classes `(trial,)`.
 
@@ -85,60 +133,66 @@ def exit_curve(
     >>> curve.accuracy.tolist(), curve.mean_steps.tolist()
     ([0.0, 1.0, 1.0], [2.0, 3.0, 3.0])
     """
-    found = exits(rasters, from_first_spike, level)
+    found = exits(rasters, from_first_spike, integration)
     right = found.labels == _labels(labels, found)[:, None]
     patience = torch.arange(1, found.steps.shape[1] + 1, device=found.steps.device)
     return ExitCurve(patience, right.double().mean(dim=0), found.steps.double().mean(dim=0))
 
 
-def validated_rule(
-    rasters: Tensor | np.ndarray,
-    labels: Tensor | np.ndarray,
-    tolerance: float = 0.0,
-    level: Tensor | None = None,
-) -> ExitRule:
-    """The rule of least patience whose accuracy is within `tolerance` of the full window's.
+def right_of(found: Exits, labels: Tensor | np.ndarray) -> Tensor:
+    """How many trials are right by each rule, `(rule,)`.
 
-    rasters, labels, level: of *validation* trials, as for `exit_curve`.
-    tolerance: accuracy that may be lost, such as 0.01 for one point; a rule may also be more accurate.
-    The rule counts from the first step at which the readout moves; a trial that does not exit runs the full window.
-
-    >>> validated_rule(torch.tensor([[[1, 0], [0, 1], [0, 1]]]), torch.tensor([1])).patience
-    2
-    """
-    curve = exit_curve(rasters, labels, from_first_spike=True, level=level)
-    return ExitRule(int(curve.patience[_within(curve.accuracy, tolerance)][0]), from_first_spike=True)
-
-
-def right_of_patience(rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, level: Tensor | None = None) -> Tensor:
-    """How many trials are right with each patience from 1 to the window's length, `(patience,)`; as for `exit_curve`.
-
-    >>> right_of_patience(torch.tensor([[[1, 0], [0, 1], [0, 1]]]), torch.tensor([1])).tolist()
+    >>> right_of(exits(torch.tensor([[[1, 0], [0, 1], [0, 1]]])), torch.tensor([1])).tolist()
     [0, 1, 1]
     """
-    found = exits(rasters, from_first_spike=True, level=level)
     return (found.labels == _labels(labels, found)[:, None]).sum(dim=0)
 
 
-def steady_rule(validation: Tensor, n_validation: int, training: Tensor, n_training: int, tolerance: float) -> ExitRule:
-    """The rule of least patience from which on no patience loses more than `tolerance`, on both kinds of trials.
+def least(right: Tensor, n_trials: int, tolerance: float) -> int:
+    """The first of ascending rules whose accuracy is within `tolerance` of the full window's, the last one's.
 
-    validation, training: trials that are right with each patience, as of `right_of_patience`, of so many trials. The
-    loss is measured on validation trials, and on all trials together. With 20 validation trials one is 5 points, and
-    a patience that is lucky on them is often not on others: on real presses (20 validation trials, 6 networks)
-    `validated_rule` lost 7.6 points of test accuracy on average, and this rule 1.5.
+    right: of *validation* trials, how many are right by each rule, as of `right_of`.
+    tolerance: accuracy that may be lost, such as 0.01 for one point; a rule may also be more accurate.
 
-    >>> steady_rule(torch.tensor([3, 2, 3]), 3, torch.tensor([9, 9, 9]), 9, tolerance=0.1).patience
-    3
+    >>> least(torch.tensor([0, 1, 1]), 1, tolerance=0.0)
+    1
+    """
+    return int(torch.nonzero(_within(right.double() / n_trials, tolerance))[0])
+
+
+def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: int, tolerance: float) -> int:
+    """The first of ascending rules from which on none loses more than `tolerance`, on both kinds of trials.
+
+    validation, training: trials that are right by each rule, as of `right_of`, of so many trials. The loss is
+    measured on validation trials, and on all trials together. With 20 validation trials one is 5 points, and a
+    patience that is lucky on them is often not on others: on real presses (20 validation trials, 6 networks) `least`
+    lost 7.6 points of test accuracy on average, and this one 1.5.
+
+    >>> steady(torch.tensor([3, 2, 3]), 3, torch.tensor([9, 9, 9]), 9, tolerance=0.1)
+    2
     """
     accuracies = (validation / n_validation, (validation + training) / (n_validation + n_training))
     lost = ~torch.stack([_within(accuracy.double(), tolerance) for accuracy in accuracies]).all(dim=0)
     worst = torch.nonzero(lost)
-    return ExitRule(int(worst[-1]) + 2 if len(worst) else 1, from_first_spike=True)
+    return int(worst[-1]) + 1 if len(worst) else 0
+
+
+def patience_rule(place: int) -> ExitRule:
+    """The rule at a place of the columns of `exits`, counted from the first step at which the readout moves."""
+    return ExitRule(place + 1, from_first_spike=True)
+
+
+def margin_rule(margins: Tensor, place: int) -> ExitRule:
+    """The rule at a place of the columns of `margin_exits`, the last of which is the full window.
+
+    >>> margin_rule(torch.tensor([0.5, 1.0]), 1).margin, margin_rule(torch.tensor([0.5, 1.0]), 2).never
+    (1.0, True)
+    """
+    return ExitRule(from_first_spike=True, margin=float(margins[place])) if place < len(margins) else FULL_WINDOW
 
 
 def _within(accuracy: Tensor, tolerance: float) -> Tensor:
-    """Whether the accuracy with each patience is within `tolerance` of the full window's, its last."""
+    """Whether the accuracy by each rule is within `tolerance` of the full window's, its last."""
     if not 0 <= tolerance <= 1:
         raise InputError(f"tolerance: is an accuracy from 0 to 1; got {tolerance}")
     # Accuracies are multiples of 1 / trials: a rounding error of the tolerance must not decide.
@@ -146,7 +200,7 @@ def _within(accuracy: Tensor, tolerance: float) -> Tensor:
 
 
 def oracle_exit(
-    rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patience: int, level: Tensor | None = None
+    rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patience: int, integration: Integration | None = None
 ) -> OracleExit:
     """The texture paper's Algorithm 1, line 17 read as count = 0: knows the true label, so reproduces, not predicts.
 
@@ -159,7 +213,7 @@ def oracle_exit(
     {'steps': tensor([3]), 'labels': tensor([1]), 'patience': tensor([2])}
     """
     ExitRule(patience)  # refuses a patience below 1
-    found = exits(rasters, from_first_spike=False, level=level)
+    found = exits(rasters, from_first_spike=False, integration=integration)
     n_steps = found.steps.shape[1]
     start = min(patience, n_steps) - 1
     right = found.labels[:, start:] == _labels(labels, found)[:, None]
@@ -168,11 +222,11 @@ def oracle_exit(
     return OracleExit(found.steps.gather(1, at)[:, 0], found.labels.gather(1, at)[:, 0], at[:, 0] + 1)
 
 
-def _checked(rasters: Tensor | np.ndarray, level: Tensor | None) -> Tensor:
+def _checked(rasters: Tensor | np.ndarray, integration: Integration | None) -> Tensor:
     spikes = torch.as_tensor(rasters)
     if spikes.ndim != 3 or 0 in spikes.shape:
         raise InputError(f"rasters: have shape {tuple(spikes.shape)} where some (trial, time, class) is expected")
-    if level is not None:
+    if integration is not None:
         return spikes.detach()
     if not ((spikes == 0) | (spikes == 1)).all():
         raise InputError("rasters: hold zeros and ones, a readout spike each; got other values (cumulated counts?)")

@@ -99,9 +99,10 @@ def network_cost(
     (22800, 1280, 1620)
     """
     into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
+    leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
     readout = (
-        Integrator(spec.hidden, n_classes, sops=into_readout)
-        if spec.readout == "integrator"
+        Integrator(spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max")
+        if spec.integrates
         else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
     )
     return cost(

@@ -14,6 +14,7 @@ from torch.autograd.function import once_differentiable
 from neurotact.errors import InputError
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.kernels import native
+from neurotact.networks.readouts import Integration
 from neurotact.networks.specs import RSNNSpec
 from neurotact.neurons import CubaLIF, Decay, Membrane, Reset
 
@@ -48,16 +49,18 @@ class Network(Protocol):
     @property
     def n_classes(self) -> int: ...
     @property
-    def level(self) -> Tensor | None: ...
+    def integration(self) -> Integration | None: ...
 
 
-def rsnn_counts(spikes: Tensor, network: Network) -> tuple[Tensor, Tensor]:
+def rsnn_counts(spikes: Tensor, network: Network, w_out: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Spike counts of a window, `(trial, class)` and `(trial, hidden)`, in the weights' float type.
+
+    Of a readout that leaks the first are its values, without the bias. w_out: in place of the network's own.
 
     Differentiable in the three weights, in alpha, beta and threshold where they require it, and in the input spikes
     where they do. Those hold 0 and 1 only; InputError otherwise.
     """
-    weights = _weights(network)
+    weights = _weights(network, w_out)
     dynamics = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
     spikes = _readable(spikes, network.w_in)
     learns = [t is not None and t.requires_grad for t in (*weights, *dynamics, spikes)]
@@ -153,14 +156,15 @@ def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor
     dynamics = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
     spikes = _readable(spikes, weights[0])
     n_trials, n_steps, _ = spikes.shape
-    n_classes, level = network.n_classes, network.level
+    n_classes, integration = network.n_classes, network.integration
+    level = None if integration is None else integration.level
     labels, steps, input_spikes, hidden_spikes = torch.empty(4, n_trials, dtype=torch.int64).unbind()
     readout = torch.empty(n_trials, n_classes, dtype=torch.int64 if level is None else torch.float64)
     integrates = level is not None
     binary = native.infer(
         _shape_of(network, keep_currents=False, with_inputs=False), trials=n_trials, steps=n_steps,
         **_spikes_at(spikes, weights), **_parameters(weights, dynamics), bias=_at(level, n_classes),
-        patience=-1 if rule.patience is None else rule.patience, from_first_spike=rule.from_first_spike,
+        **exits_at(rule),
         labels=labels.data_ptr(), steps_run=steps.data_ptr(),
         input_spikes=input_spikes.data_ptr(), hidden_spikes=hidden_spikes.data_ptr(),
         counts=0 if integrates else readout.data_ptr(), sums=readout.data_ptr() if integrates else 0,
@@ -262,12 +266,22 @@ def isas() -> tuple[str, ...]:
 
 def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> Any:
     spec = network.spec
+    how = network.integration
+    decay, peak = (None, False) if how is None or not how.leaks else (how.decay, how.peak)
     return _shape(
         *network.w_in.shape, network.n_classes, network.neuron,
-        spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale,
+        spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale, decay, peak,
         is_double=network.w_in.dtype is torch.float64, recurrent=network.w_rec is not None, per_neuron=False,
         keep_currents=keep_currents, with_inputs=with_inputs, with_raster=False,
     )  # fmt: skip
+
+
+def exits_at(rule: ExitRule) -> dict[str, Any]:
+    """An exit rule as the kernels take it."""
+    return {
+        "patience": -1 if rule.patience is None else rule.patience, "from_first_spike": rule.from_first_spike,
+        "margin": -1.0 if rule.margin is None else rule.margin,
+    }  # fmt: skip
 
 
 def shape_of(network: Network) -> Any:
@@ -283,12 +297,21 @@ def addresses_of(network: Network) -> dict[str, int]:
 
 @lru_cache(maxsize=256)
 def _shape(
-    n_inputs: int, n_hidden: int, n_classes: int, neuron: CubaLIF, scale: float, readout_scale: float, **more: bool
+    n_inputs: int,
+    n_hidden: int,
+    n_classes: int,
+    neuron: CubaLIF,
+    scale: float,
+    readout_scale: float,
+    decay: float | None = None,
+    peak: bool = False,
+    **more: bool,
 ) -> Any:
     return native.make_shape(
         inputs=n_inputs, hidden=n_hidden, classes=n_classes,
         membrane=get_args(Membrane).index(neuron.membrane), reset=get_args(Reset).index(neuron.reset),
-        recurrent_delay=neuron.recurrent_delay_steps, scale=scale, readout_scale=readout_scale, **more,
+        recurrent_delay=neuron.recurrent_delay_steps, scale=scale, readout_scale=readout_scale,
+        leaks=decay is not None, peak=peak, decay=1.0 if decay is None else decay, **more,
     )  # fmt: skip
 
 
@@ -324,12 +347,13 @@ def _readable(spikes: Tensor, like: Tensor) -> Tensor:
     return spikes if spikes.stride(2) == 1 else spikes.contiguous()
 
 
-def _weights(network: Network) -> Weights:
-    """The three projections; none among the hidden neurons of a feed-forward network."""
+def _weights(network: Network, w_out: Tensor | None = None) -> Weights:
+    """The three projections, or another `w_out`; none among the hidden neurons of a feed-forward network."""
+    w_out = network.w_out if w_out is None else w_out
     if network.w_rec is None:
-        w_in, w_out = _same_kind(network.w_in, network.w_out)
+        w_in, w_out = _same_kind(network.w_in, w_out)
         return w_in, None, w_out
-    w_in, w_rec, w_out = _same_kind(network.w_in, network.w_rec, network.w_out)
+    w_in, w_rec, w_out = _same_kind(network.w_in, network.w_rec, w_out)
     return w_in, w_rec, w_out
 
 

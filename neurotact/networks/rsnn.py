@@ -2,8 +2,9 @@
 
 Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading study.
 
-An integrator adds up a bias and the weights of every hidden spike. It does so in float64, where sums of float32 weights
-are all but always exact, so that neither the order of the spikes nor the size of a batch moves a decision.
+A readout that does not spike adds up a bias and the weights of every hidden spike, with a leak or without one
+(`readouts.Integration`). It does so in float64, where sums of float32 weights are all but always exact, so that neither
+the order of the spikes nor the size of a batch moves a decision.
 """
 
 import math
@@ -16,6 +17,7 @@ from neurotact.errors import InputError
 from neurotact.networks import kernels, native, reference
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
 from neurotact.networks.kernels import Backend
+from neurotact.networks.readouts import Integration
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
@@ -28,7 +30,7 @@ RASTER_VALUES = 2**25
 class Counts(NamedTuple):
     """Spikes a window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`.
 
-    `readout` of an integrator is its sum at the end of the window.
+    `readout` of an integrator is its value at the end of the window.
     """
 
     readout: Tensor
@@ -38,7 +40,7 @@ class Counts(NamedTuple):
 class Rasters(NamedTuple):
     """Spikes each step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`.
 
-    `readout` of an integrator is what it adds at each step, to `RSNN.level` at first, in float64.
+    `readout` of an integrator is what it hears at each step, in float64; `RSNN.integration` adds it up.
     """
 
     hidden: Tensor
@@ -48,10 +50,10 @@ class Rasters(NamedTuple):
 class Inference(NamedTuple):
     """What a network decided and what it did for it, one row per trial.
 
-    labels: index of the largest readout count or sum, ties to the lowest, `(trial,)` int64.
+    labels: index of the largest readout count or value, ties to the lowest, `(trial,)` int64.
     steps: steps that were simulated, `(trial,)` int64.
     input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64.
-    readout: spikes of each readout neuron in those steps, `(trial, class)` int64; sums of an integrator, float64.
+    readout: spikes of each readout neuron in those steps, `(trial, class)` int64; values of an integrator, float64.
     """
 
     labels: Tensor
@@ -110,7 +112,7 @@ class RSNN(nn.Module):
         self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
         self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
         self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
-        self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.readout == "integrator" else None
+        self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.integrates else None
         self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, sampling_rate_Hz), dtype)
         self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, sampling_rate_Hz), dtype)
         self.threshold = self._dynamics("threshold", 1.0, dtype)
@@ -146,20 +148,40 @@ class RSNN(nn.Module):
         return FastSigmoid(readout_scale)
 
     @property
-    def level(self) -> Tensor | None:
-        """Where an integrator begins, its bias in float64 `(class,)`; None where readout spikes are counted."""
-        return None if self.bias is None else self._level()
+    def integration(self) -> Integration | None:
+        """How a readout that does not spike adds up what it hears; None where readout spikes are counted."""
+        if self.bias is None:
+            return None
+        leak_ms = self.spec.readout_leak_ms
+        decay = 1.0 if leak_ms is None else decay_per_step(leak_ms, self.sampling_rate_Hz)
+        return Integration(self.bias.to(torch.float64), decay, self.spec.readout == "max")
 
-    def forward(self, spikes: Tensor) -> Counts:
-        """Spike counts over the whole window, for training."""
+    @property
+    def leaks(self) -> bool:
+        """Whether the readout is an integrator whose value depends on when spikes came."""
+        return (integration := self.integration) is not None and integration.leaks
+
+    def forward(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
+        """Spike counts over the whole window, for training.
+
+        heard: factors of what an integrator that leaks hears of each hidden neuron, `(hidden,)`; all 1 where absent.
+        """
         self._check(spikes)
-        if self.bias is not None:
+        integration = self.integration
+        if integration is None:
+            if self._native():
+                return Counts(*native.rsnn_counts(spikes, self))
+            rasters = self.simulate(spikes)
+            return Counts(rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1))
+        if not integration.leaks:
             hidden = self._hidden_counts(spikes)
             return Counts(self.sums(hidden), hidden)
+        w_out = self.w_out if heard is None else self.w_out * heard[:, None]
         if self._native():
-            return Counts(*native.rsnn_counts(spikes, self))
-        rasters = self.simulate(spikes)
-        return Counts(rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1))
+            values, hidden = native.rsnn_counts(spikes, self, w_out)
+            return Counts(values + integration.level.to(values), hidden)
+        hidden, _ = self._layer(spikes.to(w_out.dtype), self.w_in, self.w_rec, 0, False)
+        return Counts(integration.of(hidden.double() @ w_out.double()).to(w_out.dtype), hidden.sum(dim=1))
 
     def _hidden_counts(self, spikes: Tensor) -> Tensor:
         if self._native():
@@ -168,8 +190,9 @@ class RSNN(nn.Module):
         return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
 
     def sums(self, hidden: Tensor) -> Tensor:
-        """What an integrator has added up at the end of a window, from the hidden neurons' counts."""
-        return (self.added(hidden) + self._level()).to(self.w_out.dtype)
+        """What an integrator without a leak has added up at the end of a window, from the hidden neurons' counts."""
+        assert self.bias is not None
+        return (self.added(hidden) + self.bias.to(torch.float64)).to(self.w_out.dtype)
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
         """Every spike of every neuron; differentiable. `ordered` runs the reference, adding as the kernels do."""
@@ -184,12 +207,8 @@ class RSNN(nn.Module):
         readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
         return Rasters(hidden, readout)
 
-    def _level(self) -> Tensor:
-        assert self.bias is not None
-        return self.bias.to(torch.float64)
-
     def added(self, hidden: Tensor) -> Tensor:
-        """What an integrator adds for hidden spikes or counts of them, `(..., class)`."""
+        """What an integrator hears of hidden spikes or counts of them, `(..., class)`."""
         return hidden.double() @ self.w_out.double()
 
     @torch.no_grad()
@@ -201,26 +220,27 @@ class RSNN(nn.Module):
         self._check(spikes)
         if self._native():
             return Inference(*native.rsnn_infer(spikes, self, rule))
-        if self.bias is not None:
+        if (integration := self.integration) is not None:
             n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
             parts = spikes.split(max(1, RASTER_VALUES // max(1, n_values)))
-            return Inference(*map(torch.cat, zip(*(self._infer_sums(part, rule) for part in parts), strict=True)))
+            found = (self._infer_sums(part, rule, integration) for part in parts)
+            return Inference(*map(torch.cat, zip(*found, strict=True)))
         return self._infer_by_steps(spikes, rule)
 
-    def _infer_sums(self, spikes: Tensor, rule: ExitRule) -> Inference:
+    def _infer_sums(self, spikes: Tensor, rule: ExitRule, integration: Integration) -> Inference:
         """The decisions of an integrator."""
         n_trials, n_steps, _ = spikes.shape
         steps = torch.full((n_trials,), n_steps, device=spikes.device)
-        if rule.patience is None:
+        if rule.never and not integration.leaks:
             hidden = self._hidden_counts(spikes)
-            sums = self.added(hidden) + self._level()
+            sums = self.added(hidden) + integration.level
             sent, heard = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
             return Inference(sums.argmax(dim=1), steps, sent, heard, sums)
         hidden, gained = self.simulate(spikes)
-        leader = Leader.start(n_trials, self.n_classes, spikes.device, self.level)
+        leader = Leader.start(n_trials, self.n_classes, spikes.device, integration)
         labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
         for t in range(n_steps):
-            leader = leader.after(gained[:, t])
+            leader = leader.after(gained[:, t], integration)
             stops = running & (leader.exits(rule) | (t + 1 == n_steps))
             labels[stops], sums[stops], steps[stops] = leader.index[stops], leader.counts[stops], t + 1
             running = running & ~stops

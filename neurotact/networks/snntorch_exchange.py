@@ -21,6 +21,7 @@ from torch import Tensor, nn
 
 from neurotact.errors import InputError
 from neurotact.networks.kernels import Backend
+from neurotact.networks.readouts import Integration
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
@@ -35,7 +36,8 @@ class SnnTorchNetwork(nn.Module):
     """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
 
     fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic; None in
-        place of the last where the readout is an integrator, which adds up what `fc_out` gives, from `level` on.
+        place of the last where the readout does not spike: what `fc_out` gives is added up, from `level` on, with
+        `decay` per step and, with `peak`, up to the largest value over time.
     late: steps by which layers answer late: 0 for `immediate`, 2 for `eq4` and `delayed`.
     recurrent_delay: further steps by which a hidden spike comes back to the hidden layer.
     """
@@ -49,16 +51,18 @@ class SnnTorchNetwork(nn.Module):
         late: int = 0,
         recurrent_delay: int = 0,
         level: nn.Parameter | None = None,
+        decay: float = 1.0,
+        peak: bool = False,
     ) -> None:
         super().__init__()
         self.fc_in, self.hidden, self.fc_out, self.readout = fc_in, hidden, fc_out, readout
-        self.level = level
+        self.level, self.decay, self.peak = level, decay, peak
         self.late, self.recurrent_delay = late, recurrent_delay
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
         """`hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)` spikes, from a state of zero.
 
-        `readout` of an integrator is its running sum after each step.
+        `readout` of an integrator is its value after each step.
         """
         # Layers hear `(trial, 1, ...)`, and the very tensors that others sent: snnTorch's export to NIR finds the
         # connections by them, and sees one shape.
@@ -66,7 +70,8 @@ class SnnTorchNetwork(nn.Module):
         hidden = torch.cat(sent, dim=1)
         if self.readout is None:
             assert self.level is not None
-            return hidden, torch.cat([self.fc_out(heard) for heard in sent], dim=1).cumsum(dim=1) + self.level
+            gained = torch.cat([self.fc_out(heard) for heard in sent], dim=1)
+            return hidden, torch.stack([*Integration(self.level, self.decay, self.peak).over(gained)], dim=1)
         nothing = hidden.new_zeros(len(hidden), 1, self.fc_out.out_features)
         syn, mem, readout = nothing, nothing, [nothing] * self.late
         for heard in sent[: len(sent) - self.late]:
@@ -140,9 +145,11 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     _forget(hidden)
     late = 0 if network.spec.membrane == "immediate" else 2
     level = None if network.bias is None else nn.Parameter(network.bias.detach().clone())
+    how = network.integration
     made = SnnTorchNetwork(
-        _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level
-    )
+        _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level,
+        1.0 if how is None else how.decay, how is not None and how.peak,
+    )  # fmt: skip
     return made.to(network.w_in.device)
 
 

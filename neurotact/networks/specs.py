@@ -2,12 +2,14 @@
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
-LATER_KEYS = ("recurrent_delay_steps", "readout_surrogate_scale", "readout", "input_deviation", "recipe")
+LATER_KEYS = (
+    "recurrent_delay_steps", "readout_surrogate_scale", "readout", "readout_tau_ms", "input_deviation", "recipe",
+)  # fmt: skip
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
 
 
@@ -51,8 +53,8 @@ class TrainingSpec(Spec):
     input_jitter_ms: float = Field(default=0.0, ge=0)
     """By up to how much each training step moves each input spike in time, earlier or later, drawn anew."""
     readout_dropout: float = Field(default=0.0, ge=0, lt=1)
-    """The share of hidden neurons that an integrator does not hear in a training step, drawn anew for each window; a
-    readout that counts hears all."""
+    """The share of hidden neurons that an integrator does not hear in a training step, drawn anew for each window, or
+    for each training step where it leaks or takes a maximum; a readout that counts hears all."""
 
 
 class RSNNSpec(Spec):
@@ -90,9 +92,12 @@ class RSNNSpec(Spec):
     """r: v ~ N(0, (g r / sqrt(hidden))^2)."""
     learn: tuple[Literal["alpha", "beta", "threshold"], ...] = ()
     """Which dynamics are learned with the weights: one value for the hidden layer, one for the readout."""
-    readout: Literal["count", "integrator"] = "count"
+    readout: Literal["count", "integrator", "max"] = "count"
     """count: readout neurons spike and are counted. integrator: a bias and the weights of all hidden spikes are added
-    up; such a readout does not spike."""
+    up. max: the weights are added up with a leak, and the largest value over time counts. The last two do not spike."""
+    readout_tau_ms: float | None = Field(default=None, gt=0)
+    """Time constant with which what an integrator or a maximum has added up decays. Absent, an integrator keeps all,
+    and a maximum leaks with `tau_mem_ms`."""
     input_deviation: float | None = Field(default=None, gt=0)
     """Thresholds by which the free membrane (without reset or recurrence) of each hidden neuron deviates over the
     training windows: its initial input weights are scaled so, and those of an integrator so that each class deviates
@@ -105,6 +110,22 @@ class RSNNSpec(Spec):
     def recurrent(self) -> bool:
         """Whether hidden neurons hear one another."""
         return self.model == "rsnn"
+
+    @property
+    def integrates(self) -> bool:
+        """Whether the readout adds up weights and a bias, and does not spike."""
+        return self.readout != "count"
+
+    @property
+    def readout_leak_ms(self) -> float | None:
+        """The time constant of a readout that does not spike; None where nothing leaks."""
+        return self.tau_mem_ms if self.readout == "max" and self.readout_tau_ms is None else self.readout_tau_ms
+
+    @model_validator(mode="after")
+    def _leak_has_a_readout(self) -> "RSNNSpec":
+        if self.readout_tau_ms is not None and self.readout == "count" and self.recipe is None:
+            raise ValueError("readout_tau_ms needs readout = 'integrator' or 'max'; set that, or drop the key")
+        return self
 
     @model_serializer(mode="wrap")
     def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -21,9 +21,8 @@ from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks import checkpoint, recipe
+from neurotact.networks import checkpoint, exit_choice, recipe
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import oracle_exit, right_of_patience, steady_rule, validated_rule
 from neurotact.networks.kernels import Backend
 from neurotact.networks.provenance import SIDES, Provenance, first_difference, provenance_of
 from neurotact.networks.rsnn import RSNN, Inference
@@ -34,12 +33,15 @@ from neurotact.tables import write_table
 
 LOG = "training.csv"
 """The training log: a row per epoch."""
+ExitBy = Literal["stability", "margin"]
+AT_ONCE = 256
+"""Windows that are simulated together."""
 
 
 class Task(Spec):
     """What a network is trained and tested on: which trials, which windows, which sides of the split."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice",)
+    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice", "exit_by")
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     stratify: tuple[str, ...] = ()
@@ -50,6 +52,9 @@ class Task(Spec):
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
     from which on all are, on validation windows and on those and the training windows together."""
+    exit_by: ExitBy = "stability"
+    """stability: a window exits when its leader has stood for a patience. margin: when it leads by a margin, which is
+    chosen in place of the patience."""
 
     @property
     def training_window(self) -> WindowSpec:
@@ -64,13 +69,14 @@ def task_of(
     split: Mapping[str, Any],
     stratify: Sequence[str] | None,
     exit_tolerance: float = 0.01,
+    exit_by: str = "stability",
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
     window, split: keys of `WindowSpec` and of `SplitSpec`.
     """
     table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
-    return build(Task, {**table, "exit_choice": "steady"}, source=source)
+    return build(Task, {**table, "exit_choice": "steady", "exit_by": exit_by}, source=source)
 
 
 class Sides(NamedTuple):
@@ -174,7 +180,8 @@ def fit(
 def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
     """A network whose training is over, with the exit rule that its validation windows choose."""
     known = sides.train if task.exit_choice == "steady" else None
-    return Trained(network, training, exit_rule(network, sides.validation, task.exit_tolerance, known))
+    rule = exit_rule(network, sides.validation, task.exit_tolerance, known, task.exit_by)
+    return Trained(network, training, rule)
 
 
 def new_network(
@@ -205,28 +212,52 @@ def begin(
 
 
 @torch.no_grad()
-def exit_rule(network: RSNN, validation: Examples, tolerance: float, training: Examples | None = None) -> ExitRule:
-    """Early exit that keeps the accuracy on validation windows within `tolerance`, with the least patience.
+def exit_rule(
+    network: RSNN,
+    validation: Examples,
+    tolerance: float,
+    training: Examples | None = None,
+    by: ExitBy = "stability",
+) -> ExitRule:
+    """Early exit that keeps the accuracy on validation windows within `tolerance`, with the least patience or margin.
 
-    training: windows that are judged beside those of validation, by `steady_rule`; without them `validated_rule`.
+    training: windows that are judged beside those of validation, by `steady`; without them `least`.
+    by: what a window exits by.
     """
-    if training is not None:
-        known, more = _right_of_patience(network, validation), _right_of_patience(network, training)
-        return steady_rule(known, len(validation.labels), more, len(training.labels), tolerance)
-    device = network.w_in.device
-    rasters = torch.cat([network.simulate(part.to(device)).readout for part in validation.spikes.split(1024)])
-    return validated_rule(rasters, validation.labels.to(device), tolerance, network.level)
+    integration = network.integration
+    margins = None
+    if by == "margin":
+        leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
+        margins = exit_choice.margins_up_to(max(leads), integration)
+    known = _right(network, validation, margins)
+    if training is None:
+        place = exit_choice.least(known, len(validation.labels), tolerance)
+    else:
+        more = _right(network, training, margins)
+        place = exit_choice.steady(known, len(validation.labels), more, len(training.labels), tolerance)
+    return exit_choice.patience_rule(place) if margins is None else exit_choice.margin_rule(margins, place)
 
 
-def _right_of_patience(network: RSNN, examples: Examples) -> Tensor:
-    """Windows that are right with each patience, a part of them at a time."""
-    device = network.w_in.device
-    parts = zip(examples.spikes.split(256), examples.labels.split(256), strict=True)
+def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
+    """Windows that are right with each patience or margin."""
+    integration = network.integration
     found = (
-        right_of_patience(network.simulate(spikes.to(device)).readout, labels.to(device), network.level)
-        for spikes, labels in parts
+        exit_choice.right_of(
+            exit_choice.exits(readout, integration=integration)
+            if margins is None
+            else exit_choice.margin_exits(readout, margins, integration),
+            labels,
+        )
+        for readout, labels in _readouts(network, examples)
     )
     return torch.stack([*found]).sum(dim=0).cpu()
+
+
+def _readouts(network: RSNN, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:
+    """Readout rasters and labels, a part of the windows at a time."""
+    device = network.w_in.device
+    for spikes, labels in zip(examples.spikes.split(AT_ONCE), examples.labels.split(AT_ONCE), strict=True):
+        yield network.simulate(spikes.to(device)).readout, labels.to(device)
 
 
 def save(
@@ -248,6 +279,7 @@ def save(
         "spikes": os.path.relpath(spikes_path, folder),
         "task": task.model_dump(mode="json"),
         "exit_patience": trained.rule.patience,
+        **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         "best_epoch": trained.training.best.epoch,
         **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
         **(more or {}),
@@ -278,6 +310,7 @@ class _Extra(Spec):
     classes: tuple[str, ...]
     spikes: str
     exit_patience: int | None = Field(ge=1, le=2**31 - 1)
+    exit_margin: float | None = Field(default=None, gt=0)
 
 
 def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
@@ -285,16 +318,16 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
     folder = Path(folder)
     network, metadata = checkpoint.load(folder, backend=backend)
     path, extra = folder / checkpoint.NETWORK, metadata["extra"]
-    missing = [key for key in _Extra.model_fields if key not in extra]
+    missing = [key for key, field in _Extra.model_fields.items() if field.is_required() and key not in extra]
     if missing:
         raise InputError(f"{path}: '{missing[0]}' is missing; make the network with neurotact train")
-    known = build(_Extra, {key: extra[key] for key in _Extra.model_fields}, source=str(path))
+    known = build(_Extra, {key: extra[key] for key in _Extra.model_fields if key in extra}, source=str(path))
     if len(known.classes) != network.n_classes:
         raise InputError(
             f"{path}: names {len(known.classes)} classes where the network knows {network.n_classes}; "
             "make the network with neurotact train"
         )
-    rule = ExitRule(known.exit_patience, from_first_spike=True)
+    rule = ExitRule(known.exit_patience, from_first_spike=True, margin=known.exit_margin)
     table = {key: extra[key] for key in Provenance.model_fields if key in extra}
     provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
     encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
@@ -436,6 +469,7 @@ def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarr
         "exit_steps_sd": float(steps.std(correction=0)),
         **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
         "exit_patience": trained.rule.patience,
+        **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
         **_oracle(network, test),
         "window_steps": test.spikes.shape[1],
         "epochs": len(trained.training.epochs),
@@ -466,10 +500,11 @@ ORACLE_PATIENCE = 120
 def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
     steps, right, sops = [], [], []
-    for spikes, labels in zip(test.spikes.split(256), test.labels.split(256), strict=True):
+    integration = None if network.integration is None else network.integration.cpu()
+    for spikes, labels in zip(test.spikes.split(AT_ONCE), test.labels.split(AT_ONCE), strict=True):
         rasters = network.simulate(spikes.to(network.w_in.device))
-        level = None if network.level is None else network.level.cpu()
-        found = oracle_exit(rasters.readout.cpu(), labels, min(ORACLE_PATIENCE, spikes.shape[1]), level)
+        patience = min(ORACLE_PATIENCE, spikes.shape[1])
+        found = exit_choice.oracle_exit(rasters.readout.cpu(), labels, patience, integration)
         ran = torch.arange(spikes.shape[1]) < found.steps[:, None]
         sent, heard = ((part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden))
         steps.append(found.steps)

@@ -178,7 +178,7 @@ def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torc
 
 
 def partly_heard(hidden: Tensor, dropout: float, generator: torch.Generator) -> Tensor:
-    """Counts `(trial, hidden)`, some of which are 0 and the others the larger for it, so that their mean stays."""
+    """Counts `(..., hidden)`, some of which are 0 and the others the larger for it, so that their mean stays."""
     kept = torch.rand(hidden.shape, generator=generator) >= dropout
     return hidden * kept.to(hidden) / (1 - dropout)
 
@@ -243,10 +243,7 @@ def _pass(
             spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
         spikes = spikes.to(device)
         optimiser.zero_grad()
-        counts = network(spikes)
-        if spec.readout_dropout and network.bias is not None:
-            heard = partly_heard(counts.hidden, spec.readout_dropout, generator)
-            counts = counts._replace(readout=network.sums(heard))
+        counts = _heard_in_part(network, spikes, generator)
         batch_loss = loss(counts, labels, spec)
         batch_loss.backward()
         norms.append(_relative_norm(network))
@@ -256,6 +253,17 @@ def _pass(
         correct += int((counts.readout.argmax(dim=1) == labels).sum())
     _watch(norms, rates.epochs_before + 1)
     return total / len(order), correct / len(order)
+
+
+def _heard_in_part(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Counts:
+    """The counts of a batch, of which an integrator hears a part where its drop-out says so."""
+    dropout = network.spec.training.readout_dropout
+    if not dropout or network.bias is None:
+        return network(spikes)
+    if network.leaks:
+        return network(spikes, partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out))
+    counts = network(spikes)
+    return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
 
 
 def _go_back(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from neurotact.metrics import synops
 from neurotact.networks.exit_choice import exits, oracle_exit
+from neurotact.networks.readouts import Integration
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Examples
 
@@ -22,16 +23,16 @@ AT_ONCE = 256
 class SimulatedWindows(NamedTuple):
     """Windows as a network hears them.
 
-    readout: spikes, or what an integrator adds, `(window, time, class)`; level: where an integrator begins, `(class,)`,
-    None where spikes are counted; input, hidden: spikes of all neurons up to and with each step
-    `(window, time)` int64; labels: the true classes `(window,)`.
+    readout: spikes, or what an integrator hears, `(window, time, class)`; integration: how it adds up, None where
+    spikes are counted; input, hidden: spikes of all neurons up to and with each step `(window, time)` int64; labels:
+    the true classes `(window,)`.
     """
 
     readout: Tensor
     input: Tensor
     hidden: Tensor
     labels: Tensor
-    level: Tensor | None = None
+    integration: Integration | None = None
 
 
 @torch.no_grad()
@@ -43,8 +44,8 @@ def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
         readout.append(rasters.readout.cpu() if network.bias is not None else rasters.readout.cpu().to(torch.uint8))
         sent.append(_until(spikes))
         heard.append(_until(rasters.hidden.cpu()))
-    level = None if network.level is None else network.level.cpu()
-    return SimulatedWindows(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels, level)
+    integration = None if network.integration is None else network.integration.detach().cpu()
+    return SimulatedWindows(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels, integration)
 
 
 def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
@@ -56,8 +57,8 @@ def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) 
     for cut_ms in cuts_ms:
         n_steps = round(cut_ms * 1e-3 * network.sampling_rate_Hz)
         if 1 <= n_steps <= heard.readout.shape[1]:
-            begin = 0 if heard.level is None else heard.level
-            chosen = (begin + heard.readout[:, :n_steps].sum(dim=1)).argmax(dim=1)
+            until = heard.readout[:, :n_steps]
+            chosen = (until.sum(dim=1) if heard.integration is None else heard.integration.of(until)).argmax(dim=1)
             steps = torch.full_like(chosen, n_steps)
             rows.append({"cut_ms": cut_ms, **_judged(network, heard, steps, chosen)})
     return rows
@@ -101,13 +102,13 @@ def exit_curve(
 
 def _validated(heard: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
-    found = exits(heard.readout, level=heard.level)
+    found = exits(heard.readout, integration=heard.integration)
     return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
 
 
 def _oracle(heard: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """The same by the texture paper's Algorithm 1, which begins at each patience and knows the true labels."""
-    return [oracle_exit(heard.readout, heard.labels, patience, heard.level)[:2] for patience in patiences]
+    return [oracle_exit(heard.readout, heard.labels, patience, heard.integration)[:2] for patience in patiences]
 
 
 def _judged(network: RSNN, heard: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:

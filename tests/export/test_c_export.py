@@ -27,6 +27,10 @@ KINDS = {
         {"offset": (1.0, 1.2), "scale": (0.5, 0.7)},
         {"readout": "integrator", "patience": 4, "windows": {"length_ms": 30, "hop_ms": 9}},
     ),
+    "leaky": ({"scale": (0.5, 0.7)}, {"readout": "leaky", "patience": 6, "windows": {"length_ms": 30, "hop_ms": 9}}),
+    "max": ({"offset": (1.0, 1.2)}, {"readout": "max", "margin": 1.5, "membrane": "immediate"}),
+    "margin": ({"ema_cutoff_Hz": 30.0}, {"margin": 2.0}),
+    "margin of an integrator": ({"scale": (0.5, 0.7)}, {"readout": "integrator", "margin": 3.0}),
     "contact": ({}, {"windows": {"length_ms": 25, "contact": True, "quiet_ms": 4, "start_ms": 11}, "patience": 2}),
     "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {"rate_Hz": 370.0, "reset": "hard"}),
     "slower": ({"resample_Hz": 1000.0}, {"rate_Hz": 1700.0, "membrane": "delayed", "recurrent_delay_steps": 1}),
@@ -45,6 +49,10 @@ def made(kind: str):
 def test_c_says_what_its_twin_says(kind, variant, tmp_path):
     chain = made(kind)
     signals = [make_signal(150, chain.n_taxels, seed=k) for k in range(3)]
+    if variant == "integer" and chain.network.leaks:
+        with pytest.raises(InputError, match="with a leak has no form in whole numbers; export it in float, or train"):
+            chosen(chain, signals, state_bits=16)
+        return
     formats = None if variant == "float" else chosen(chain, signals, state_bits=16)
     difference, expected = compare(chain, tmp_path, formats)
     assert difference is None

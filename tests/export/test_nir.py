@@ -45,7 +45,7 @@ def spikes(n_trials=3, n_steps=60, seed=0) -> np.ndarray:
     membrane=st.sampled_from(MEMBRANES),
     reset=st.sampled_from(RESETS),
     delay=st.integers(0, 1),
-    readout=st.sampled_from(["count", "integrator"]),
+    readout=st.sampled_from(["count", "integrator", "leaky"]),
     model=st.sampled_from(["rsnn", "snn"]),
     seed=st.integers(0, 99),
     dt_s=st.sampled_from([None, 1e-4, 0.37]),
@@ -54,7 +54,8 @@ def spikes(n_trials=3, n_steps=60, seed=0) -> np.ndarray:
 def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
     tmp_path, membrane, reset, delay, readout, model, seed, dt_s
 ):
-    net = network(seed, membrane=membrane, reset=reset, recurrent_delay_steps=delay, readout=readout, model=model)
+    kind = {"readout": "integrator", "readout_tau_ms": 9.0} if readout == "leaky" else {"readout": readout}
+    net = network(seed, membrane=membrane, reset=reset, recurrent_delay_steps=delay, model=model, **kind)
     path = tmp_path / "net.nir"
     nt.to_nir(net, path, dt_s=dt_s, force=True)
     written = nir.read(path)
@@ -65,6 +66,21 @@ def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
     assert back.sampling_rate_Hz == net.sampling_rate_Hz
     assert [*back.state_dict()] == [*net.state_dict()]
     assert all(torch.equal(a, b) for a, b in zip(net.state_dict().values(), back.state_dict().values(), strict=True))
+
+
+def test_a_maximum_over_time_is_refused_but_for_the_plain_form():
+    net = network(readout="max")
+    with pytest.raises(InputError, match=r"NIR has no node for the 'max'.*readout = 'integrator'"):
+        nt.to_nir(net)
+    said = note.of(nt.to_nir(net, plain=True), "graph")
+    assert said is not None
+    assert "with a decay of 20 ms, from the bias on, and take the largest value over time" in said.differences[-1]
+
+
+def test_the_note_carries_a_margin(tmp_path):
+    rule = ExitRule(from_first_spike=True, margin=1.5)
+    net = network()
+    assert note.of(graph.of(net, rule=rule), "graph").rule == rule
 
 
 def test_the_sums_of_an_integrator_begin_at_its_bias():
@@ -241,7 +257,7 @@ def test_the_default_network_goes_to_snntorch_and_its_export(tmp_path):
     assert torch.equal(hidden, ours.hidden)
     # Sums of so many float32 terms, in another order: each addition rounds to half a unit in the last place of the sum.
     rounding = sums.shape[1] * torch.finfo(torch.float32).eps * sums.abs().max().item()
-    torch.testing.assert_close(sums.double(), ours.readout.cumsum(dim=1) + net.level, rtol=0, atol=rounding)
+    torch.testing.assert_close(sums.double(), ours.readout.cumsum(dim=1) + net.integration.level, rtol=0, atol=rounding)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         made = export_to_nir(theirs, torch.ones(1, 9, 6), ignore_dims=[0, 1])

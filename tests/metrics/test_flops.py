@@ -158,7 +158,7 @@ def test_an_integrator_by_hand():
 
 @pytest.mark.parametrize("sops", [-1.0, float("nan")])
 def test_an_integrator_of_impossible_operations_is_refused(sops):
-    with pytest.raises(InputError, match="Integrator: sops must be >= 0"):
+    with pytest.raises(InputError, match="Integrator: sops and steps must be >= 0"):
         Integrator(3, 4, sops=sops)
 
 

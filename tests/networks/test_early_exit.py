@@ -9,14 +9,23 @@ from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit_choice import (
     exit_curve,
     exits,
+    largest_lead,
+    least,
+    margin_exits,
+    margin_rule,
+    margins_up_to,
     oracle_exit,
-    right_of_patience,
-    steady_rule,
-    validated_rule,
+    patience_rule,
+    right_of,
+    steady,
 )
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
+
+
+def least_rule(raster, true, tolerance: float = 0.0) -> ExitRule:
+    return patience_rule(least(right_of(exits(raster), true), len(true), tolerance))
 
 
 def algorithm_1_for_loop(T_D: np.ndarray, Patience: int) -> tuple[int, int] | None:
@@ -136,13 +145,13 @@ def test_the_oracle_is_algorithm_1_with_the_true_label(raster, patience, seed):
 
 @given(readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.01, 0.2, 1.0]))
 @settings(max_examples=60)
-def test_the_validated_rule_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
+def test_the_rule_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
     true = np.random.default_rng(seed).integers(0, raster.shape[2], len(raster))
 
     def right(rule: ExitRule) -> int:
         return sum(by_rule(T_D, rule)[1] == label for T_D, label in zip(raster, true, strict=True))
 
-    rule = validated_rule(raster, true, tolerance)
+    rule = least_rule(raster, true, tolerance)
     assert rule.from_first_spike
     assert rule.patience is not None
     floor = right(FULL_WINDOW) - tolerance * len(raster) - 1e-9
@@ -153,24 +162,24 @@ def test_the_validated_rule_is_the_least_that_keeps_the_accuracy(raster, seed, t
 @given(readouts(), readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.34]))
 @settings(deadline=None)
 def test_no_patience_above_the_steady_one_loses_more_than_it_may(one, other, seed, tolerance):
-    """And it is the least of that kind, at least what `validated_rule` takes."""
+    """And it is the least of that kind, at least what `least` takes."""
     steps, classes = (min(a, b) for a, b in zip(one.shape[1:], other.shape[1:], strict=True))
     draw, right, sizes = np.random.default_rng(seed), [], []
     for raster in (one[:, :steps, :classes], other[:, :steps, :classes]):
         true = torch.from_numpy(draw.integers(0, classes, len(raster)))
-        right.append(right_of_patience(raster, true))
+        right.append(right_of(exits(raster), true))
         sizes.append(len(raster))
         assert right[-1].tolist() == pytest.approx((exit_curve(raster, true).accuracy * len(raster)).tolist())
         if len(right) == 1:
-            least = validated_rule(raster, true, tolerance)
-    patience = steady_rule(right[0], sizes[0], right[1], sizes[1], tolerance).patience
+            lowest = least_rule(raster, true, tolerance)
+    patience = patience_rule(steady(right[0], sizes[0], right[1], sizes[1], tolerance)).patience
     lost = [
         max((w[-1] - w[p]).item() / n for w, n in ((right[0], sizes[0]), (right[0] + right[1], sum(sizes))))
         for p in range(steps)
     ]
     assert all(loss <= tolerance + 1e-9 for loss in lost[patience - 1 :])
     assert patience == 1 or lost[patience - 2] > tolerance
-    assert patience >= least.patience
+    assert patience >= lowest.patience
 
 
 def test_the_curve_of_exits_worked_by_hand():
@@ -180,14 +189,64 @@ def test_the_curve_of_exits_worked_by_hand():
     assert curve.patience.tolist() == [1, 2, 3, 4, 5, 6]
     assert curve.mean_steps.tolist() == [2, 3, 6, 6, 6, 6]
     assert curve.accuracy.tolist() == [1, 1, 1, 1, 1, 1]
-    assert validated_rule(torch.tensor([one]), torch.tensor([1])) == ExitRule(1, from_first_spike=True)
+    assert least_rule(torch.tensor([one]), torch.tensor([1])) == ExitRule(1, from_first_spike=True)
     # Two trials: the second is led by class 1 until its last step, and truly class 0.
     other = [[0, 1], [0, 0], [0, 0], [0, 0], [0, 0], [1, 0]]
     curve = exit_curve(torch.tensor([one, other]), torch.tensor([1, 0]))
     assert curve.accuracy.tolist() == [0.5, 0.5, 0.5, 0.5, 1, 1]
     assert curve.mean_steps.tolist() == [2, 3, 5, 5.5, 6, 6]
-    assert validated_rule(torch.tensor([one, other]), torch.tensor([1, 0])).patience == 5
-    assert validated_rule(torch.tensor([one, other]), torch.tensor([1, 0]), tolerance=0.5).patience == 1
+    assert least_rule(torch.tensor([one, other]), torch.tensor([1, 0])).patience == 5
+    assert least_rule(torch.tensor([one, other]), torch.tensor([1, 0]), tolerance=0.5).patience == 1
+
+
+def by_margin(T_D: np.ndarray, margin: float) -> tuple[int, int]:
+    """Step by step: the first step at or after the first spike at which the leader is `margin` counts ahead."""
+    for i in range(1, len(T_D) + 1):
+        counts = np.sort(T_D[:i].sum(axis=0))
+        if T_D[:i].any() and (len(counts) == 1 or counts[-1] - counts[-2] >= margin):
+            return i, int(T_D[:i].sum(axis=0).argmax())
+    return len(T_D), int(T_D.sum(axis=0).argmax())
+
+
+@given(readouts())
+@settings(max_examples=60, deadline=None)
+def test_exits_of_every_margin_are_those_step_by_step(raster):
+    margins = margins_up_to(5.0)
+    found = margin_exits(raster, margins)
+    assert found.steps.shape == (len(raster), len(margins) + 1)
+    for trial, T_D in enumerate(raster):
+        for place, margin in enumerate([*margins.tolist(), 1e9]):
+            wanted = by_margin(T_D, margin)
+            if margin == 1e9:  # the full window
+                wanted = (len(T_D), int(T_D.sum(axis=0).argmax()))
+            assert (int(found.steps[trial, place]), int(found.labels[trial, place])) == wanted
+
+
+@given(readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.2]))
+@settings(max_examples=60, deadline=None)
+def test_the_margin_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
+    if raster.shape[2] < 2:
+        return
+    true = np.random.default_rng(seed).integers(0, raster.shape[2], len(raster))
+    margins = margins_up_to(largest_lead(raster))
+    rule = margin_rule(margins, least(right_of(margin_exits(raster, margins), true), len(true), tolerance))
+
+    def right(margin: float) -> int:
+        return sum(by_margin(T_D, margin)[1] == label for T_D, label in zip(raster, true, strict=True))
+
+    whole = sum(int(T_D.sum(axis=0).argmax()) == label for T_D, label in zip(raster, true, strict=True))
+    floor = whole - tolerance * len(raster) - 1e-9
+    tried = [margin for margin in margins.tolist() if rule.never or margin < rule.margin]
+    assert all(right(margin) < floor for margin in tried)
+    assert rule.never or right(rule.margin) >= floor
+
+
+def test_margins_reach_the_largest_lead_and_a_silent_readout_has_none():
+    raster = torch.tensor([[[1, 0], [1, 0], [0, 1]]])
+    assert largest_lead(raster) == 2
+    assert margins_up_to(2.0).tolist() == [1, 2]
+    assert largest_lead(torch.zeros(2, 4, 3)) == 0
+    assert margin_rule(margins_up_to(0.0), 0) == FULL_WINDOW
 
 
 def test_the_oracle_worked_by_hand():
@@ -266,9 +325,9 @@ def test_what_makes_no_sense_is_refused():
     with pytest.raises(InputError, match="patience: must be >= 1"):
         oracle_exit(raster, labels, 0)
     with pytest.raises(InputError, match="tolerance"):
-        validated_rule(raster, labels, -0.1)
+        least_rule(raster, labels, -0.1)
     with pytest.raises(InputError, match="labels: have shape"):
-        validated_rule(raster, labels[:1])
+        least_rule(raster, labels[:1])
     with pytest.raises(InputError, match="zeros and ones"):
         exits(raster + 2)
     with pytest.raises(InputError, match="rasters: have shape"):

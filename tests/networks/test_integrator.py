@@ -43,7 +43,7 @@ def test_it_adds_a_bias_and_the_weights_of_every_hidden_spike(backend, model):
     assert torch.equal(counts.hidden, rasters.hidden.sum(dim=1))
     expected = net.bias.double() + torch.einsum("nth,hc->nc", rasters.hidden.double(), net.w_out.double())
     torch.testing.assert_close(counts.readout, expected.float())
-    torch.testing.assert_close(rasters.readout.sum(dim=1) + net.level, expected)
+    torch.testing.assert_close(rasters.readout.sum(dim=1) + net.integration.level, expected)
 
 
 @pytest.mark.skipif(kernels.native is None, reason="no kernels")
@@ -78,7 +78,7 @@ def test_early_exit_is_the_definition_step_by_step(backend, seed, patience, from
     found = net.infer(given_spikes, ExitRule(patience, from_first))
     rasters = net.simulate(given_spikes, ordered=backend == "native")
     for trial in range(len(given_spikes)):
-        total, leader, standing, heard = net.level.clone(), 0, 0, False
+        total, leader, standing, heard = net.integration.level.clone(), 0, 0, False
         for t in range(STEPS):
             total = total + rasters.readout[trial, t]
             heard = heard or bool(rasters.readout[trial, t].any())
@@ -145,7 +145,7 @@ def test_a_patience_that_never_ends_is_the_full_window(backend, seed):
 @each_backend
 def test_all_patiences_at_once_are_each_by_itself(backend, seed, patience):
     net = network(seed, backend)
-    curve = exits(net.simulate(spikes(seed)).readout, level=net.level)
+    curve = exits(net.simulate(spikes(seed)).readout, integration=net.integration)
     alone = net.infer(spikes(seed), ExitRule(patience, from_first_spike=True))
     assert torch.equal(curve.steps[:, patience - 1], alone.steps)
     assert torch.equal(curve.labels[:, patience - 1], alone.labels)

@@ -138,6 +138,19 @@ def test_an_integrating_readout_costs_its_operations_alone():
     assert adding.parameters == counting.parameters + 8
 
 
+def test_a_leak_costs_a_mac_and_a_maximum_a_comparison_more_per_class_and_step():
+    measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
+    of = {"measured": measured, "steps": 300, "signal_ms": 150}
+    adding, leaky, largest = (
+        ledger.network_cost(RSNNSpec(hidden=30, **readout), 16, 8, **of)
+        for readout in ({"readout": "integrator"}, {"readout": "integrator", "readout_tau_ms": 5.0}, {"readout": "max"})
+    )
+    assert leaky.macs - adding.macs == largest.macs - adding.macs == 8 * 300
+    assert (leaky.other_flops - adding.other_flops, largest.other_flops - leaky.other_flops) == (0, 8 * 300)
+    assert leaky.sops == largest.sops == adding.sops
+    assert leaky.bytes == adding.bytes == largest.bytes - 4 * 8
+
+
 def test_every_key_of_conditioning_has_its_cost():
     """A new step of conditioning must be counted here too."""
     counted = {key for conditioning, _ in ADDED for key in conditioning}

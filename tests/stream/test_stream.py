@@ -5,7 +5,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_chains import make_chain, make_encoder, make_signal, offline, told
+from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline, told
 
 from neurotact.backend import native
 from neurotact.data.sources import simulator
@@ -54,23 +54,23 @@ def fitting(decisions, n_steps: int, length: int) -> list:
     conditioning=st.sampled_from(CONDITIONINGS),
     rate_Hz=st.sampled_from([None, 35.6, 700.0, 1000.0, 1700.0, 3333.3]),
     windows=st.sampled_from(WINDOWS),
-    patience=st.sampled_from([None, 1, 5]),
+    rule=st.sampled_from([{}, {"patience": 1}, {"patience": 5}, {"margin": 1.0}, {"margin": 2.3}]),
     kind=st.sampled_from(MEMBRANES),
     delay=st.integers(0, 1),
-    readout=st.sampled_from(["count", "integrator"]),
+    readout=st.sampled_from([*READOUTS]),
     model=st.sampled_from(["rsnn", "snn"]),
     backend=st.sampled_from(BACKENDS),
 )
 @settings(max_examples=60, deadline=None)
 def test_a_stream_decides_what_the_whole_trial_decides(
-    seed, n_samples, sizes, conditioning, rate_Hz, windows, patience, kind, delay, readout, model, backend
+    seed, n_samples, sizes, conditioning, rate_Hz, windows, rule, kind, delay, readout, model, backend
 ):
     if rate_Hz:
         high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
         conditioning = conditioning | {"resample_Hz": 1000.0} | high_enough
     n_samples = min(n_samples, 20) if rate_Hz == 35.6 else n_samples
     chain = make_chain(
-        conditioning, rate_Hz=rate_Hz or 1000.0, patience=patience, windows=windows, seed=seed,
+        conditioning, rate_Hz=rate_Hz or 1000.0, **rule, windows=windows, seed=seed,
         membrane=kind[0], reset=kind[1], recurrent_delay_steps=delay, readout=readout, model=model,
     )  # fmt: skip
     signal = make_signal(n_samples, seed=seed)

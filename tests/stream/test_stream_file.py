@@ -7,7 +7,7 @@ import pytest
 import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_chains import make_chain, make_signal
+from made_chains import READOUTS, make_chain, make_signal
 from safetensors import safe_open
 from test_stream import CONDITIONINGS, MEMBRANES, WINDOWS
 
@@ -25,7 +25,7 @@ BACKENDS = ["reference", *(["native"] if native else [])]
     rate_Hz=st.sampled_from([None, 700.0, 1700.0]),
     windows=st.sampled_from(WINDOWS),
     kind=st.sampled_from(MEMBRANES),
-    readout=st.sampled_from(["count", "integrator"]),
+    readout=st.sampled_from([*READOUTS]),
     backends=st.tuples(st.sampled_from(BACKENDS), st.sampled_from(BACKENDS)),
 )
 @settings(max_examples=25)

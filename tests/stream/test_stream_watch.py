@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_chains import make_chain, make_encoder, make_signal, offline
+from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline
 
 from neurotact.backend import native
 from neurotact.deploy.stream import Stream
@@ -28,7 +28,7 @@ def joined(traces, name: str) -> np.ndarray:
 
 @given(
     seed=st.integers(0, 30), size=st.integers(1, 60), rate_Hz=st.sampled_from([1000.0, 700.0, 1700.0]),
-    membrane=st.sampled_from(["eq4", "delayed", "immediate"]), readout=st.sampled_from(["count", "integrator"]),
+    membrane=st.sampled_from(["eq4", "delayed", "immediate"]), readout=st.sampled_from([*READOUTS]),
     patience=st.sampled_from([None, 4]), hop_ms=st.sampled_from([30, 7]), backend=st.sampled_from(BACKENDS),
 )  # fmt: skip
 @settings(max_examples=15, deadline=None)

@@ -71,8 +71,8 @@ def report(
     found = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
     readout = found.readout.numpy()
     written = of(graph, "graph")
-    if network.level is not None and written is not None and written.form == "exact":
-        readout = np.cumsum(readout, axis=1) + network.level.numpy()
+    if network.integration is not None and written is not None and written.form == "exact":
+        readout = torch.stack([*network.integration.detach().over(found.readout.detach())], dim=1).numpy()
     reference = {"hidden": found.hidden.numpy(), "readout": readout}
     heard = np.asarray(spikes, np.float64)
     if conditioned is not None:

@@ -20,6 +20,7 @@ import torch
 
 from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
 from neurotact.deploy.nir_exchange.package import nir
+from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN
 
 Layered = tuple[dict[str, Any], Edges]
@@ -74,7 +75,7 @@ class Neuron(NamedTuple):
 
 
 def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
-    """Nodes and edges from `input` (afferents) to `output`: readout spikes, or the running sums of an integrator.
+    """Nodes and edges from `input` (afferents) to `output`: readout spikes, or the running values of an integrator.
 
     plain: each layer as CubaLIF and Linear alone, which snnTorch and Norse load; `differences` says what is lost.
     """
@@ -126,9 +127,17 @@ def _hidden(network: RSNN, neuron: Neuron, clock: Clock, *, plain: bool) -> Any:
 
 
 def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
+    how = network.integration
     assert network.bias is not None
+    assert how is not None
+    if how.peak:
+        raise InputError(
+            "readout: NIR has no node for the 'max' of a readout over time; write it with --plain, or train with "
+            "readout = 'integrator'"
+        )
     bias = _array(network.bias)
-    return {"sum": clock.adder(len(bias)), "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
+    adds = clock.leak(how.decay, len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
+    return {"sum": adds, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
 
 
 def differences(network: RSNN) -> list[str]:
@@ -144,7 +153,12 @@ def differences(network: RSNN) -> list[str]:
     if spec.recurrent and spec.recurrent_delay_steps:
         found.append("the recurrent delay of a step is left out")
     if network.bias is not None:
-        found.append("the output is what an integrator adds in each step; add it up, from the bias on")
+        leak_ms = spec.readout_leak_ms
+        decays = "" if leak_ms is None else f" with a decay of {leak_ms:g} ms"
+        largest = ", and take the largest value over time" if spec.readout == "max" else ""
+        found.append(
+            f"the output is what an integrator adds in each step; add it up{decays}, from the bias on{largest}"
+        )
     return found
 
 

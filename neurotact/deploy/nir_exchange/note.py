@@ -42,12 +42,14 @@ class Note(Spec):
     exit_patience: int | None = Field(default=None, ge=1)
     """Early exit: decide when the leading class has stood for more steps than this, counted from the first readout
     spike; NIR has no word for it."""
+    exit_margin: float | None = Field(default=None, gt=0)
+    """In place of a patience: decide when the leading class is ahead by this."""
     exit_from_first_spike: bool = True
     neurotact: str = __version__
 
     @property
     def rule(self) -> ExitRule:
-        return ExitRule(self.exit_patience, self.exit_from_first_spike)
+        return ExitRule(self.exit_patience, self.exit_from_first_spike, self.exit_margin)
 
     def metadata(self) -> dict[str, Any]:
         """As a graph's metadata."""

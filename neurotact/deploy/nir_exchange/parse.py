@@ -92,7 +92,7 @@ def _own(graph: Any, written: Note, source: str, backend: Backend) -> FromNIR:
     values = {
         "w_in": nodes["w_in"].weight.T, "w_out": nodes["w_out"].weight.T,
         **({"w_rec": nodes["hidden/w_rec"].weight.T} if spec.recurrent else {}),
-        **({"bias": nodes["level"].bias} if spec.readout == "integrator" else {}),
+        **({"bias": nodes["level"].bias} if spec.integrates else {}),
         **{
             name: np.array([a, b if b is not None else c])
             for name, a, b, c in zip(("alpha", "beta", "threshold"), hidden, readout, written.unused, strict=True)
@@ -112,7 +112,7 @@ def _own(graph: Any, written: Note, source: str, backend: Backend) -> FromNIR:
 
 def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -> tuple[Any, Any, Any]:
     """alpha, beta and threshold of a layer; None of an integrator."""
-    if layer == "readout" and spec.readout == "integrator":
+    if layer == "readout" and spec.integrates:
         return None, None, None
     found = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
              if name == layer or name.startswith(f"{layer}/")}  # fmt: skip

@@ -1,0 +1,71 @@
+"""Readouts that do not spike: how they add up what they hear, and what they decide on."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Integration:
+    """y[t+1] = d y[t] + W s[t] from y[0] = 0, in float64; the class of the largest value decides.
+
+    The value is b + y, that of the last step, or with `peak` b + max over time of y, y[0] included. Both are readouts
+    of surrogate-gradient learning: "last time step" and "max over time" (Cramer et al. 2020, Sec. II-C; the synaptic
+    filter of their readout is left out). With d = 1 it is the sum over the window.
+
+    level: b, the bias, `(class,)` float64. decay: d, what is left of y after a step. peak: the maximum over time.
+
+    >>> gained = torch.tensor([[[4.0], [0.0], [1.0]]])
+    >>> level = torch.tensor([0.5], dtype=torch.float64)
+    >>> [float(Integration(level, decay, peak).of(gained)) for decay, peak in ((1.0, False), (0.5, False), (0.5, True))]
+    [5.5, 2.5, 4.5]
+    """
+
+    level: Tensor
+    decay: float = 1.0
+    peak: bool = False
+
+    @property
+    def leaks(self) -> bool:
+        """Whether the value depends on when spikes came, and not on their number alone."""
+        return self.decay != 1 or self.peak
+
+    def start(self, n_trials: int) -> tuple[Tensor, Tensor]:
+        """Y and the value before the first step, `(trial, class)` each."""
+        value = self.level.expand(n_trials, -1).clone()
+        return torch.zeros_like(value), value
+
+    def after(self, gained: Tensor, y: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
+        """Y and the value one step later; `gained` is W s[t]."""
+        if not self.leaks:
+            return y, value + gained
+        y = self.decay * y + gained
+        now = self.level + y
+        # Of equal values the earliest has the gradient.
+        return y, torch.where(now > value, now, value) if self.peak else now
+
+    def over(self, gained: Tensor) -> Iterator[Tensor]:
+        """The value after each step of windows `(trial, time, class)`."""
+        y, value = self.start(len(gained))
+        for each in gained.unbind(dim=1):
+            y, value = self.after(each, y, value)
+            yield value
+
+    def of(self, gained: Tensor) -> Tensor:
+        """The value at the end of windows `(trial, time, class)`, `(trial, class)`."""
+        if not self.leaks:
+            return self.level + gained.sum(dim=1)
+        value = self.start(len(gained))[1]
+        for value in self.over(gained):  # noqa: B007
+            pass
+        return value
+
+    def detach(self) -> "Integration":
+        """The same, which no gradient reaches."""
+        return Integration(self.level.detach(), self.decay, self.peak)
+
+    def cpu(self) -> "Integration":
+        """The same for values on the CPU."""
+        return Integration(self.level.cpu(), self.decay, self.peak)
