@@ -234,8 +234,8 @@ def layers_of(
         return layers if max(leaks) <= MOST_LEAK else layers_of(network, seen, state_bits=24, **options)
     if network.leaks:
         raise InputError(
-            f"readout: '{network.spec.readout}' with a leak has no form in whole numbers; export it in float, or train "
-            "with readout = 'integrator' and no readout_tau_ms"
+            f"readout: '{network.spec.readout}' with a leak has no form in whole numbers; export it with "
+            "--variant float, or train with readout = 'integrator' and no readout_tau_ms"
         )
     if not 2 <= weight_bits <= 8:
         raise InputError(f"weight_bits: must be from 2 to 8; got {weight_bits}")

@@ -12,8 +12,9 @@ class Integration:
     """y[t+1] = d y[t] + W s[t] from y[0] = 0, in float64; the class of the largest value decides.
 
     The value is b + y, that of the last step, or with `peak` b + max over time of y, y[0] included. Both are readouts
-    of surrogate-gradient learning: "last time step" and "max over time" (Cramer et al. 2020, Sec. II-C; the synaptic
-    filter of their readout is left out). With d = 1 it is the sum over the window.
+    of surrogate-gradient learning: "last time step" and "max over time" (Cramer et al. 2020, doi
+    10.1109/TNNLS.2020.3044364; the synaptic filter of their readout is left out). With d = 1 it is the sum over the
+    window.
 
     level: b, the bias, `(class,)` float64. decay: d, what is left of y after a step. peak: the maximum over time.
 

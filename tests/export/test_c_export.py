@@ -50,7 +50,7 @@ def test_c_says_what_its_twin_says(kind, variant, tmp_path):
     chain = made(kind)
     signals = [make_signal(150, chain.n_taxels, seed=k) for k in range(3)]
     if variant == "integer" and chain.network.leaks:
-        with pytest.raises(InputError, match="with a leak has no form in whole numbers; export it in float, or train"):
+        with pytest.raises(InputError, match="no form in whole numbers; export it with --variant float, or train"):
             chosen(chain, signals, state_bits=16)
         return
     formats = None if variant == "float" else chosen(chain, signals, state_bits=16)

@@ -323,6 +323,39 @@ def test_test_windows_alone_are_those_of_the_test_trials(made, early_exit):
         infer(restored, trains.select(split.train), test_only=True)
 
 
+def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
+    trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
+    task = Task(window={"length_ms": N_STEPS}, exit_by="margin")
+    done = fitted()._replace(rule=ExitRule(from_first_spike=True, margin=2.0))
+    trained.save(done, tmp_path / "two", trains, tmp_path / "two.h5", task)
+    restored = trained.restore(tmp_path / "two")
+    assert restored.rule == done.rule
+    assert restored.task.exit_by == "margin"
+    table = infer(restored, trains, early_exit=True)
+    examples, _ = trained.examples_of(trains, np.arange(len(trains)), task.window)
+    found = restored.network.infer(examples.spikes, restored.rule)
+    assert table["steps"].tolist() == found.steps.tolist()
+    assert found.steps.min() < N_STEPS
+    assert trained.measure(done, examples, trains.populations)["row"]["exit_margin"] == 2.0
+
+
+def test_a_task_of_before_is_written_as_it_was():
+    assert "exit_by" not in Task().model_dump()
+    assert Task(exit_by="margin").model_dump()["exit_by"] == "margin"
+
+
+@pytest.mark.parametrize("choice", ["least", "steady"])
+def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
+    trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
+    monkeypatch.setattr(trained, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
+    monkeypatch.setattr(trained, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    task = Task(window={"length_ms": N_STEPS}, exit_choice=choice, exit_by="margin")
+    split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
+    rule = trained.fit(trains, SPEC, task, (0, 1), split=split)[0].rule
+    assert rule.patience is None
+    assert rule.never or rule.margin == int(rule.margin)
+
+
 def test_early_exit_pays_for_the_steps_that_were_simulated(tmp_path):
     """As counted in `test_test_windows_are_measured_as_by_hand`, on the way through the files."""
     trains = trains_of(*[(STEADY, 0), (SILENT, 1)] * 10)
