@@ -326,6 +326,7 @@ def tune(
     trials: int = 100,
     seed: int = 0,
     objective: str = "accuracy",
+    max_sops: float | None = None,
     tuner: str = "tpe",
     length_ms: float = 150.0,
     start_ms: float = 0.0,
@@ -341,7 +342,8 @@ def tune(
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
     space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
-    objective: "accuracy", or "accuracy-sops". The journal, tables, figure, `best.toml` and the best network are
+    objective: "accuracy", or "accuracy-sops". max_sops: a budget, the SOPs per window that the best network may take on
+    average. The journal, tables, figure, `best.toml` and the best network are
     saved in `folder`; given the same folder again, the search goes on there. Windows and split: as for `train`.
     """
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
@@ -351,6 +353,7 @@ def tune(
         "trials": trials,
         "seed": seed,
         "objective": objective,
+        "max_sops": max_sops,
         "tuner": tuner,
     }
     asked = spec.build(tuning.SearchSpec, table, source="tune")

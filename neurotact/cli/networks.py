@@ -173,6 +173,10 @@ def tune(
     sops_weight: Annotated[
         float, typer.Option("--sops-weight", min=0, help="w in accuracy - w log10(SOPs), the objective accuracy-sops.")
     ] = 0.1,
+    max_sops: Annotated[
+        float | None,
+        typer.Option("--max-sops", help="A budget: SOPs per window that the best network may take on average."),
+    ] = None,
     tuner: Annotated[str, typer.Option(help="tpe, random or grid.")] = "tpe",
     batch: Annotated[int, typer.Option(min=1, help="Trials proposed at once; proposals depend on it.")] = 8,
     assessor: Annotated[str, typer.Option(help="median-stop ends hopeless trials early; or none.")] = "median-stop",
@@ -209,6 +213,7 @@ def tune(
         "seed": seed,
         "objective": objective,
         "sops_weight": sops_weight,
+        "max_sops": max_sops,
         "assessor": assessor,
         "start_epoch": start_epoch,
     }

@@ -20,7 +20,7 @@ def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
     """Write what a search found: `search.write_tables`, and the figure `search.png`."""
     search.write_tables(problem, folder, trials)
     table = search.trials_table(trials)
-    front = None if problem.search.objective == "accuracy" else search.front_table(table)
+    front = search.front_table(table) if problem.search.weighs_sops else None
     found = search.importance(table, list(problem.search.space))
     save(draw_search(table, found, front, search.value_words(problem.search)), folder / "search.png")
 

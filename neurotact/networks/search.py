@@ -9,6 +9,7 @@ import json
 import math
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -172,6 +173,7 @@ def search(problem: Problem, folder: Path, run: Run, advance: Advance = silent) 
         done += ended
     if known:
         raise InputError(f"{folder / JOURNAL}: holds trials that this search does not propose; remove the folder")
+    _warn_beyond(problem.search.max_sops, done)
     return done, Timing(perf_counter() - began, proposals)
 
 
@@ -197,6 +199,17 @@ def best_of(trials: Sequence[Trial]) -> Trial:
         why = next((f"; trial {t.id}: {t.error}" for t in trials if t.error), "")
         raise InputError(f"search: none of {len(trials)} trials finished{why}; change the space or the training")
     return max(finished, key=lambda trial: (_value(trial), -trial.id))
+
+
+def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
+    """Warn where no finished trial stays within the budget."""
+    taken = [trial.sops for trial in trials if trial.outcome == FINISHED and trial.sops is not None]
+    if max_sops is not None and taken and min(taken) > max_sops:
+        warnings.warn(
+            f"search: no trial stays within {max_sops:,g} SOPs, the cheapest takes {min(taken):,.0f}; allow more SOPs, "
+            "search smaller networks or stronger rate penalties, or lengthen the refractory periods",
+            stacklevel=3,
+        )
 
 
 def read_journal(path: Path) -> list[Trial]:
@@ -277,11 +290,11 @@ def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
 
 
 def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> None:
-    """Write what the journal says for people: best.toml, trials.csv and, with two objectives, pareto.csv."""
+    """Write what the journal says for people: best.toml, trials.csv and, where SOPs decide too, pareto.csv."""
     best = best_of(trials)
     table = trials_table(trials)
     write_table(table, folder / "trials.csv")
-    if problem.search.objective != "accuracy":
+    if problem.search.weighs_sops:
         write_table(front_table(table), folder / "pareto.csv")
     network = problem.network_of(best.parameters)
     comment = f"# The best of {len(trials)} trials (trial {best.id}), by {value_words(problem.search)}.\n"
@@ -458,6 +471,7 @@ def as_cell(value: Any) -> Any:
 
 def value_words(search: SearchSpec) -> str:
     """What the search maximises, in words."""
-    if search.objective == "accuracy":
-        return "validation accuracy"
-    return f"validation accuracy - {search.sops_weight:g} log10(SOPs)"
+    words = "validation accuracy"
+    if search.objective == "accuracy-sops":
+        words += f" - {search.sops_weight:g} log10(SOPs)"
+    return words if search.max_sops is None else f"{words} within {search.max_sops:,g} SOPs"

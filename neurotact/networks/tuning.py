@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
@@ -43,6 +43,7 @@ LARGEST_LOGARITHM = math.log(specs.LARGEST)
 class SearchSpec(Spec):
     """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("max_sops",)
     space: dict[str, dict[str, Any]]
     """What is searched, a table of `_type` and `_value` for each key of the network."""
     tuner: Literal["tpe", "random", "grid"] = "tpe"
@@ -57,6 +58,8 @@ class SearchSpec(Spec):
     """Validation accuracy, or that less `sops_weight` times the decimal logarithm of the SOPs of a window."""
     sops_weight: float = Field(default=0.1, ge=0)
     """With 0.1, half the SOPs are worth three points of accuracy."""
+    max_sops: float | None = Field(default=None, gt=0)
+    """A budget: SOPs that a window may take on average. Any network within it counts for more than any beyond it."""
     assessor: Literal["median-stop", "none"] = "median-stop"
     """median-stop ends a trial whose best epoch is below the median of the finished trials' mean so far."""
     start_epoch: int = Field(default=10, ge=1)
@@ -84,10 +87,20 @@ class SearchSpec(Spec):
         >>> spec = SearchSpec(space={"hidden": {"_type": "choice", "_value": [20]}}, objective="accuracy-sops")
         >>> round(spec.value(0.9, 1000.0), 6)
         0.6
+        >>> round(spec.model_copy(update={"max_sops": 100.0}).value(0.9, 1000.0), 6)
+        -1.4
         """
-        if self.objective == "accuracy":
-            return accuracy
-        return accuracy - self.sops_weight * math.log10(max(sops, 1.0))
+        value = accuracy
+        if self.objective == "accuracy-sops":
+            value -= self.sops_weight * math.log10(max(sops, 1.0))
+        if self.max_sops is not None and sops > self.max_sops:
+            value -= 1 + math.log10(sops / self.max_sops)
+        return value
+
+    @property
+    def weighs_sops(self) -> bool:
+        """Whether SOPs decide with accuracy, so that their Pareto front is shown."""
+        return self.objective == "accuracy-sops" or self.max_sops is not None
 
 
 def load_space(name: str) -> dict[str, dict[str, Any]]:

@@ -13,6 +13,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from neurotact import cli, spec
 from neurotact.data import hdf5
@@ -85,6 +87,43 @@ def test_the_journal_tells_each_trial_and_no_times(journal):
         assert list(line) == ["id", "parameters", "epochs", "outcome", "accuracy", "sops", "value"]
         assert set(line["parameters"]) == set(SPACE)
         assert line["value"] == line["accuracy"] - 0.1 * np.log10(line["sops"])
+
+
+@given(
+    objective=st.sampled_from(["accuracy", "accuracy-sops"]), budget=st.floats(1.0, 1e6), weight=st.floats(0, 1),
+    within=st.tuples(st.floats(0, 1), st.floats(0, 1)), beyond=st.tuples(st.floats(0, 1), st.floats(1.001, 1e3)),
+)  # fmt: skip
+def test_any_network_within_the_budget_counts_for_more_than_any_beyond_it(objective, budget, weight, within, beyond):
+    spec = SearchSpec(space=SPACE, objective=objective, sops_weight=weight, max_sops=budget)
+    assert spec.value(within[0], within[1] * budget) > spec.value(beyond[0], beyond[1] * budget)
+    free = spec.model_copy(update={"max_sops": None})
+    assert spec.value(within[0], within[1] * budget) == free.value(within[0], within[1] * budget)
+
+
+def test_beyond_the_budget_fewer_operations_are_better():
+    spec = SearchSpec(space=SPACE, max_sops=100.0)
+    assert spec.value(0.5, 200.0) > spec.value(0.5, 400.0)
+
+
+def test_a_search_under_a_budget_keeps_to_it(trains, tmp_path):
+    free = run(trains, tmp_path / "free", objective="accuracy")
+    taken = sorted(trial.sops for trial in free if trial.outcome == search.FINISHED)
+    assert search.best_of(free).sops > taken[0]
+    budget = float(np.mean(taken[:2]))
+    trials = run(trains, tmp_path / "bound", objective="accuracy", max_sops=budget)
+    assert search.best_of(trials).sops <= budget
+    search.write_tables(problem(trains, objective="accuracy", max_sops=budget), tmp_path / "bound", trials)
+    assert (tmp_path / "bound" / "pareto.csv").is_file()
+    assert f"within {budget:,g} SOPs" in (tmp_path / "bound" / "best.toml").read_text()
+
+
+def test_a_budget_that_nothing_keeps_to_is_said(trains, tmp_path):
+    with pytest.warns(UserWarning, match=r"no trial stays within 0.5 SOPs, the cheapest takes \d"):
+        run(trains, tmp_path, objective="accuracy", max_sops=0.5)
+
+
+def test_without_a_budget_a_search_is_written_as_before():
+    assert "max_sops" not in SearchSpec(space=SPACE).model_dump()
 
 
 def test_a_stopped_trial_is_told_its_last_epoch(trains, tmp_path):
