@@ -16,11 +16,13 @@ from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
+from neurotact.spec import override
 
 
-def make_encoder(**conditioning) -> AfferentSpec:
+def make_encoder(afferents: dict | None = None, **conditioning) -> AfferentSpec:
+    """afferents: changes of the two types, dotted keys."""
     table = {"sa1": {"gain": 8.0, "t_ref_ms": 2}, "ra1": {"gain": 30.0, "t_ref_ms": 1}, "conditioning": conditioning}
-    return AfferentSpec.model_validate(table)
+    return AfferentSpec.model_validate(override(table, afferents or {}))
 
 
 READOUTS: dict[str, dict] = {
@@ -33,14 +35,15 @@ READOUTS: dict[str, dict] = {
 
 def make_chain(
     conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None, margin: float | None = None,
-    windows: dict | None = None, n_taxels: int = 2, seed: int = 0, readout: str = "count", **network,
+    windows: dict | None = None, n_taxels: int = 2, seed: int = 0, readout: str = "count",
+    afferents: dict | None = None, **network,
 ) -> Chain:  # fmt: skip
-    """readout: of `READOUTS`."""
-    encoder = make_encoder(**conditioning)
+    """readout: of `READOUTS`; afferents: as for `make_encoder`."""
+    encoder = make_encoder(afferents, **conditioning)
     settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **READOUTS[readout], **network}
     clock_Hz = encoder.conditioning.resample_Hz or rate_Hz
     generator = torch.Generator().manual_seed(seed)
-    net = RSNN(2 * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
+    net = RSNN(encoder.n_per_taxel * n_taxels, 3, sampling_rate_Hz=clock_Hz, generator=generator, **settings)
     chain = chain_of((encoder, net), sampling_rate_Hz=rate_Hz, **(windows or {"length_ms": 40}))
     return chain._replace(rule=ExitRule(patience, from_first_spike=True, margin=margin))
 

@@ -17,6 +17,7 @@ from neurotact import spec
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
+from neurotact.encoders.afferents import afferent_names
 from neurotact.errors import InputError
 from neurotact.networks import tuning
 from neurotact.networks.rsnn import RSNN
@@ -48,7 +49,7 @@ def test_an_encoder_encodes_without_a_warning(name):
         warnings.simplefilter("error")
         encoder = encoders.load(name)
         spikes, _ = encoders.encode(np.zeros((1, 10, 2), np.float32), 2000.0, encoder)
-    assert spikes.shape == (1, 10, 4)
+    assert spikes.shape == (1, 10, len(afferent_names(("a", "b"), encoder.model_dump())))
 
 
 @pytest.mark.parametrize("name", of_kind["networks"])

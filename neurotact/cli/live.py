@@ -128,7 +128,9 @@ def _afferents(run: Path, chain: Chain, feed: Feed) -> tuple[str, ...]:
     """The names that the network was trained with, or those of the source's taxels."""
     provenance = trained.restore(run).provenance
     known = None if provenance is None else provenance.afferents
-    return known if known and len(known) == chain.network.n_inputs else afferent_names(feed.taxels)
+    if known and len(known) == chain.network.n_inputs:
+        return known
+    return afferent_names(feed.taxels, chain.encoder.model_dump())
 
 
 def _server_module():

@@ -69,6 +69,7 @@ def write(
 
 def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, Any]:
     """What the templates are filled with."""
+    chain.require_pairs("C")
     network, plan, encoder = chain.network, chain.windows, chain.encoder
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None

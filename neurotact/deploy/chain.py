@@ -14,6 +14,9 @@ from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.spec import build
 
+PAIR = 2
+"""Afferents under a taxel with one SA-I and one RA-I."""
+
 
 class Chain(NamedTuple):
     """Conditioning and encoder, network, exit rule and windows.
@@ -35,7 +38,16 @@ class Chain(NamedTuple):
 
     @property
     def n_taxels(self) -> int:
-        return self.network.n_inputs // 2
+        return self.network.n_inputs // self.encoder.n_per_taxel
+
+    def require_pairs(self, what: str) -> None:
+        """InputError for an encoder of more than one SA-I and one RA-I under each taxel; `what` cannot take it."""
+        n = self.encoder.n_per_taxel
+        if n != PAIR:
+            raise InputError(
+                f"encoder: {what} holds one SA-I and one RA-I under each taxel, not {n} afferents; stream it or export "
+                "it to nir, or train without sa1.grades, sa1.opposite and ra1.grades"
+            )
 
 
 def chain_of(
@@ -94,12 +106,13 @@ def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
             f"encoder: a chain is deployed with LIF afferents, and this one is '{encoder.model}'; encode and train "
             "with sa1-ra1-lif"
         )
-    if network.n_inputs % 2:
+    if network.n_inputs % encoder.n_per_taxel:
+        under = "an SA-I and an RA-I" if encoder.n_per_taxel == PAIR else f"{encoder.n_per_taxel}"
         raise InputError(
-            f"network: hears {network.n_inputs} afferents, not an SA-I and an RA-I under each taxel; train it on "
-            "spikes of this encoder"
+            f"network: hears {network.n_inputs} afferents, not {under} under each taxel; train it on spikes of this "
+            "encoder"
         )
-    n_taxels = network.n_inputs // 2
+    n_taxels = network.n_inputs // encoder.n_per_taxel
     for key in ("offset", "scale"):
         values = getattr(encoder.conditioning, key)
         if values is not None and len(values) != n_taxels:

@@ -286,6 +286,7 @@ def _raw(ranges: Ranges, lsb: float | None) -> Raw:
 
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
+    chain.require_pairs("a chain in whole numbers")
     encoder, clock_Hz = chain.encoder, chain.clock_Hz
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)

@@ -19,7 +19,7 @@ from neurotact.backend import Backend, use_native
 from neurotact.data.causal import Conditioner
 from neurotact.data.recordings import unit_factor
 from neurotact.deploy import running, stream_file
-from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.chain import PAIR, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders import afferents
@@ -85,7 +85,8 @@ class Stream:
         each = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
         self._sops = tuple(int(cost) for cost in each)
         self._compiled: CompiledStream | None = None
-        if use_native(backend, self.chain.network.w_in.device.type == "cpu", "a network on the CPU"):
+        compilable = self.chain.network.w_in.device.type == "cpu" and encoder.n_per_taxel == PAIR
+        if use_native(backend, compilable, "a network on the CPU, and one SA-I and one RA-I under each taxel"):
             most_steps = math.ceil(self._at_once * max(1.0, self.chain.clock_Hz / rate_Hz)) + 1
             self._compiled = CompiledStream(self.chain, self.conditioner, most_steps)
         self._watch = watch

@@ -147,9 +147,10 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
     if "encoder.last" in left:
         sa1, ra1 = (
             LIFState(
-                take(f"encoder.{name}.membrane_mV", (1, n), f32), take(f"encoder.{name}.silent_steps", (1, n), np.int32)
+                take(f"encoder.{name}.membrane_mV", (1, n * copies), f32),
+                take(f"encoder.{name}.silent_steps", (1, n * copies), np.int32),
             )
-            for name in ("sa1", "ra1")
+            for name, copies in (("sa1", len(chain.encoder.sa1.gains)), ("ra1", len(chain.encoder.ra1.gains)))
         )  # fmt: skip
         encoder = EncoderState(sa1, ra1, take("encoder.last", (1, n), f32))
     if len(table["windows"]) > chain.windows.at_once:

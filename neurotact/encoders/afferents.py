@@ -1,12 +1,15 @@
 """SA-I and RA-I afferents: LIF neurons driven by a taxel's signal and by its rate of change.
 
-Texture paper, Eqs. 1 to 3 and Tables II and III. SA-I feels `gain x`, RA-I feels `gain |dx/dt|`.
+Texture paper, Eqs. 1 to 3 and Tables II and III. SA-I feels `gain x`, RA-I feels `gain |dx/dt|`. A taxel may have
+several afferents of a type: grades, which feel the same more or less strongly, and SA-I that feel the signal's fall.
 """
 
-from typing import ClassVar, Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from neurotact.backend import Backend, use_native
 from neurotact.data.conditioning import ConditioningSpec
@@ -15,14 +18,41 @@ from neurotact.errors import InputError
 from neurotact.neurons import LIF, LIFState, decay_per_step, lif_start, lif_step, refractory_steps
 from neurotact.spec import Spec
 
+POPULATIONS = {"sa1": "SA-I", "ra1": "RA-I"}
+"""The key of each type in an encoder's spec and the first word of its afferents' names, in the order of the output."""
+MOST_GRADES = 16
+Gains = tuple[Sequence[float], Sequence[float]]
+"""In mV of the SA-I and of the RA-I under each taxel."""
+
 
 class AfferentType(Spec):
-    """One population: an afferent of this type under each taxel."""
+    """The afferents of one type: under each taxel one, or one for each grade and polarity."""
+
+    later_keys: ClassVar[tuple[str, ...]] = ("grades", "opposite")
 
     gain: float = Field(gt=0)
     """Drive in mV, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
     t_ref_ms: float = Field(default=1.0, ge=0)
     """Refractory period."""
+    grades: tuple[Annotated[float, Field(gt=0)], ...] = Field(default=(1.0,), min_length=1, max_length=MOST_GRADES)
+    """An afferent for each, with the gain times the grade: it fires from the threshold divided by the grade on."""
+    opposite: bool = False
+    """As many again feel the signal's fall below zero, by the same gains (SA-I alone)."""
+
+    @field_validator("grades")
+    @classmethod
+    def _differ(cls, grades: tuple[float, ...]) -> tuple[float, ...]:
+        if list(grades) != sorted(set(grades)):
+            raise ValueError("must rise from each to the next")
+        if len(grades) == 1 and grades[0] != 1:
+            raise ValueError("must be [1.0] where there is one grade; change the gain")
+        return grades
+
+    @property
+    def gains(self) -> tuple[float, ...]:
+        """Of each afferent under a taxel, in the order of `marks`; negative where it feels the fall."""
+        rising = tuple(self.gain * grade for grade in self.grades)
+        return rising + (tuple(-gain for gain in rising) if self.opposite else ())
 
 
 class AfferentSpec(Spec):
@@ -52,7 +82,16 @@ class AfferentSpec(Spec):
     def _can_fire(self) -> "AfferentSpec":
         if self.v_threshold_mV <= max(self.v_rest_mV, self.v_reset_mV):
             raise ValueError("v_threshold_mV must be above v_rest_mV and v_reset_mV, else the neuron never rests")
+        if self.ra1.opposite:
+            raise ValueError("ra1.opposite must be false: RA-I feels rise and fall alike")
+        if self.sa1.opposite and self.conditioning.rectify:
+            raise ValueError("sa1.opposite must be false where conditioning.rectify is true: no signal is below zero")
         return self
+
+    @property
+    def n_per_taxel(self) -> int:
+        """How many afferents each taxel has; 2 where there is one SA-I and one RA-I."""
+        return len(self.sa1.gains) + len(self.ra1.gains)
 
     def neuron(self, kind: AfferentType, sampling_rate_Hz: float) -> LIF:
         """The neuron of a population on a clock."""
@@ -66,7 +105,7 @@ class AfferentSpec(Spec):
 
 
 class EncoderState(NamedTuple):
-    """What an encoder remembers between pieces: both populations and the signal's last sample, `(trial, taxel)`.
+    """What an encoder remembers between pieces: both types, `(trial, afferent)`, and the last sample `(trial, taxel)`.
 
     `last` is None before the first sample.
     """
@@ -85,7 +124,7 @@ def encode(
     out: np.ndarray | None = None,
     backend: Backend = "auto",
 ) -> tuple[np.ndarray, EncoderState]:
-    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
     The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole. The
     arithmetic is done in the signal's float type. At the very first sample the derivative is 0.
@@ -101,56 +140,108 @@ def encode(
     signal = checked(signal)
     neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
     # RA-I feels the change per ms; per sample it is this much.
-    gains = (spec.sa1.gain, spec.ra1.gain * sampling_rate_Hz * 1e-3)
-    state = _start(signal, neurons) if state is None else state
+    gains = (spec.sa1.gains, tuple(gain * sampling_rate_Hz * 1e-3 for gain in spec.ra1.gains))
+    state = _start(signal, gains, neurons) if state is None else state
     if use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64"):
-        spikes, populations, last = native.encode(signal, gains, neurons, (state.sa1, state.ra1), state.last, out)
-        return spikes, EncoderState(*populations, last)
+        return _encode_natively(signal, gains, neurons, state, out)
     return _encode_by_steps(signal, gains, neurons, state, out)
 
 
-def _encode_by_steps(
-    signal: np.ndarray,
-    gains: tuple[float, float],
-    neurons: tuple[LIF, LIF],
-    state: EncoderState,
-    out: np.ndarray | None,
+def _encode_natively(
+    signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF], state: EncoderState, out: np.ndarray | None
 ) -> tuple[np.ndarray, EncoderState]:
-    """The definition: a step at a time."""
+    """By the kernel, which takes one SA-I and one RA-I under each taxel: a call for each pair of them."""
+    if len(gains[0]) == len(gains[1]) == 1:
+        pair = gains[0][0], gains[1][0]
+        spikes, populations, last = native.encode(signal, pair, neurons, (state.sa1, state.ra1), state.last, out)
+        return spikes, EncoderState(*populations, last)
     n_trials, n_steps, n_taxels = signal.shape
-    spikes = np.empty((n_trials, n_steps, 2 * n_taxels), np.uint8) if out is None else out
-    drive, last = drives(signal, gains, state.last)
-    sa1, ra1 = state.sa1, state.ra1
-    for t in range(n_steps):
-        spikes[:, t, :n_taxels], sa1 = lif_step(neurons[0], drive[:, t, :n_taxels], sa1)
-        spikes[:, t, n_taxels:], ra1 = lif_step(neurons[1], drive[:, t, n_taxels:], ra1)
+    n_copies = len(gains[0]), len(gains[1])
+    spikes = np.empty((n_trials, n_steps, n_taxels * sum(n_copies)), np.uint8) if out is None else out
+    columns = spikes[..., : n_taxels * n_copies[0]], spikes[..., n_taxels * n_copies[0] :]
+    following: tuple[list[LIFState], list[LIFState]] = [], []
+    last = state.last
+    for copy in range(max(n_copies)):
+        # Where one type has fewer afferents, its first is computed again and dropped.
+        at = [copy if copy < n else 0 for n in n_copies]
+        blocks = [slice(n_taxels * each, n_taxels * (each + 1)) for each in at]
+        states = tuple(
+            LIFState(*(values[:, block] for values in whole))
+            for whole, block in zip((state.sa1, state.ra1), blocks, strict=True)
+        )
+        pair = gains[0][at[0]], gains[1][at[1]]
+        found, after, last = native.encode(signal, pair, neurons, (states[0], states[1]), state.last)
+        for kind in (kind for kind in (0, 1) if copy < n_copies[kind]):
+            columns[kind][..., blocks[kind]] = found[..., n_taxels * kind : n_taxels * (kind + 1)]
+            following[kind].append(after[kind])
+    sa1, ra1 = (LIFState(*(np.concatenate(each, axis=1) for each in zip(*kind, strict=True))) for kind in following)
     return spikes, EncoderState(sa1, ra1, last)
 
 
-def afferent_names(taxels: tuple[str, ...]) -> tuple[str, ...]:
+def _encode_by_steps(
+    signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF], state: EncoderState, out: np.ndarray | None
+) -> tuple[np.ndarray, EncoderState]:
+    """The definition: a step at a time."""
+    drive, last = drives(signal, gains, state.last)
+    spikes = np.empty(drive.shape, np.uint8) if out is None else out
+    sa1, ra1 = state.sa1, state.ra1
+    n_sa1 = signal.shape[2] * len(gains[0])
+    for t in range(signal.shape[1]):
+        spikes[:, t, :n_sa1], sa1 = lif_step(neurons[0], drive[:, t, :n_sa1], sa1)
+        spikes[:, t, n_sa1:], ra1 = lif_step(neurons[1], drive[:, t, n_sa1:], ra1)
+    return spikes, EncoderState(sa1, ra1, last)
+
+
+def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingProxyType({})) -> tuple[str, ...]:
     """Names in the order of every encoder's output: SA-I of every taxel, then RA-I of every taxel.
+
+    encoder: its spec as a table. Where a taxel has several afferents of a type, the first of every taxel come first.
 
     >>> afferent_names(("taxel1", "taxel2"))
     ('SA-I taxel1', 'SA-I taxel2', 'RA-I taxel1', 'RA-I taxel2')
+    >>> afferent_names(("taxel1",), {"sa1": {"grades": [0.5, 1.0]}})
+    ('SA-I taxel1 x0.5', 'SA-I taxel1 x1', 'RA-I taxel1')
     """
-    return tuple(f"{kind} {taxel}" for kind in ("SA-I", "RA-I") for taxel in taxels)
+    kinds = [(name, marks(encoder.get(part) or {})) for part, name in POPULATIONS.items()]
+    return tuple(f"{name} {taxel}{mark}" for name, its in kinds for mark in its for taxel in taxels)
 
 
-def drives(
-    signal: np.ndarray, gains: tuple[float, float], last: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """What SA-I and RA-I afferents feel, `(trial, time, 2 taxel)`, and the signal's last sample (Eqs. 2 and 3).
+def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
+    """What ends the names of the afferents that a taxel has of one type, by its table; all the same number of words.
 
-    gains: SA-I drive for each unit of the signal; RA-I drive for each unit of change from one sample to the next.
+    >>> marks({}), marks({"grades": [0.5, 2.0]}), marks({"opposite": True})
+    (('',), (' x0.5', ' x2'), (' rising', ' falling'))
+    """
+    grades = kind.get("grades") or (1.0,)
+    ends = [f" x{float(grade)!r}".removesuffix(".0") for grade in grades] if len(grades) > 1 else [""]
+    poles = (" rising", " falling") if kind.get("opposite") else ("",)
+    return tuple(pole + end for pole in poles for end in ends)
+
+
+def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
+    """How many taxels have so many afferents, by the encoder's spec as a table; at least one.
+
+    >>> taxels_of(16, {}), taxels_of(50, {"sa1": {"grades": [0.5, 1.0, 2.0, 4.0]}})
+    (8, 10)
+    """
+    return max(1, n_afferents // len(afferent_names(("",), encoder)))
+
+
+def drives(signal: np.ndarray, gains: Gains, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
+    """What the afferents feel, `(trial, time, afferent)`, and the signal's last sample (Eqs. 2 and 3).
+
+    gains: of the SA-I under a taxel, for each unit of the signal; of its RA-I, for each unit of change from one sample
+        to the next.
     last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
 
-    >>> drives(np.array([[[1.0], [3.0]]]), (2.0, 10.0), None)[0].tolist()
-    [[[2.0, 0.0], [6.0, 20.0]]]
+    >>> drives(np.array([[[1.0], [3.0]]]), ((2.0, -2.0), (10.0,)), None)[0].tolist()
+    [[[2.0, -2.0, 0.0], [6.0, -6.0, 20.0]]]
     """
-    gain_sa1, gain_ra1 = map(signal.dtype.type, gains)
+    kind = signal.dtype.type
     before = signal[:, :1] if last is None else last[:, None]
     change = np.abs(np.diff(signal, axis=1, prepend=before[:, : signal.shape[1]]))
-    return np.concatenate([gain_sa1 * signal, gain_ra1 * change], axis=2), signal[:, -1] if signal.shape[1] else last
+    felt = [kind(gain) * source for source, its in zip((signal, change), gains, strict=True) for gain in its]
+    return np.concatenate(felt, axis=2), signal[:, -1] if signal.shape[1] else last
 
 
 def checked(signal: np.ndarray) -> np.ndarray:
@@ -161,7 +252,10 @@ def checked(signal: np.ndarray) -> np.ndarray:
     return signal
 
 
-def _start(signal: np.ndarray, neurons: tuple[LIF, LIF]) -> EncoderState:
-    shape = (signal.shape[0], signal.shape[2])
-    sa1, ra1 = neurons
-    return EncoderState(lif_start(sa1, shape, signal.dtype), lif_start(ra1, shape, signal.dtype), None)
+def _start(signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF]) -> EncoderState:
+    n_trials, _, n_taxels = signal.shape
+    sa1, ra1 = (
+        lif_start(neuron, (n_trials, n_taxels * len(its)), signal.dtype)
+        for neuron, its in zip(neurons, gains, strict=True)
+    )
+    return EncoderState(sa1, ra1, None)

@@ -45,8 +45,10 @@ def compare(
     """Calibrate with each baseline and polarity, and fully with the best of those that know the past alone.
 
     The best lets SA-I separate the classes best. RA-I feels changes of either sign, so that polarity is the same to it.
-    Raises InputError where no alternative can be calibrated.
+    Raises InputError where no alternative can be calibrated, and for an encoder that has both polarities.
     """
+    if spec.sa1.opposite:
+        raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")
     coarse = rule.model_copy(update=COARSE)
     rows = []
     for baseline, polarity in product(BASELINES, POLARITIES):

@@ -27,7 +27,9 @@ from neurotact.data.conditioning import (
 )
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
-from neurotact.encoders.afferents import AfferentSpec, encode
+from neurotact.encoders import grading
+from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, AfferentType, encode
+from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges
@@ -35,7 +37,6 @@ from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms
 from neurotact.neurons import LIF
 from neurotact.spec import Spec
 
-POPULATIONS = {"sa1": "SA-I", "ra1": "RA-I"}
 CLOCK_HZ = 1000.0
 """A clock that can express a refractory period of 1 ms."""
 FLOOR_OF_TAU = 0.1
@@ -156,7 +157,9 @@ def calibrate(
     drawn = recordings.select(_draw(recordings.labels, rule.trials_per_class, rng))
     clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = _excerpts(drawn, conditioning, rule.excerpt_s, rng)
-    scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted)
+    # Of both polarities the mean is the zero: what lies below it is felt too.
+    rest_sd = 0.0 if spec.sa1.opposite else REST_SD
+    scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
     conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
     standardised = Spool(_standardised(excerpts, conditioning))
@@ -169,7 +172,10 @@ def calibrate(
         best = _choose(table[mine], rule, f"{_source(recordings)}: {afferent}")
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
-        chosen[part] = getattr(spec, part).model_copy(update={"gain": gain})
+        chosen[part] = _graded(felt, fitted, part, gain)
+        n_lost = len(getattr(spec, part).grades) - len(chosen[part].grades)
+        if n_lost:
+            notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are left out")
         if gain == table.gain[mine].max():
             notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
     less = "vary less than a tenth as much as the liveliest taxel"
@@ -222,6 +228,16 @@ def way_of(spec: AfferentSpec, given: Container[str]) -> tuple[Callable[..., Cal
     """
     chooses = spec.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in given
     return (calibrate_causally, len(PAST)) if chooses else (calibrate, 1)
+
+
+def _graded(felt: Felt, spec: AfferentSpec, part: str, gain: float) -> AfferentType:
+    """The afferents of a type with their gain, and with as many grades as they have, set anew (`grading`)."""
+    kind: AfferentType = getattr(spec, part)
+    n_grades = len(kind.grades)
+    if n_grades == 1:
+        return kind.model_copy(update={"gain": gain})
+    values = grading.sample(*_drives(felt, spec)[part])
+    return kind.model_copy(update={"gain": gain, "grades": grading.fit(values, spec, gain, n_grades)})
 
 
 def _chosen_separation(found: Calibration) -> float:
@@ -292,7 +308,10 @@ def _search(
     grids = _candidates(felt, spec, rule)
     rows, isi = [], []
     for gains in zip(*grids.values(), strict=True):
-        tried = {part: getattr(spec, part).model_copy(update={"gain": g}) for part, g in zip(grids, gains, strict=True)}
+        tried = {
+            part: getattr(spec, part).model_copy(update={"gain": gain, "grades": (1.0,)})
+            for part, gain in zip(grids, gains, strict=True)
+        }
         for (part, afferent), gain, fired in zip(
             POPULATIONS.items(), gains, _fire(felt, spec.model_copy(update=tried)), strict=True
         ):
@@ -302,7 +321,7 @@ def _search(
                 "silent_share": float(1 - fired.n_heard / len(labels)),
                 "floor_share": fired.n_at_floor / fired.n_intervals if fired.n_intervals else 0.0,
                 "separation": _separation(fired.shares, labellings),
-                "spikes_per_s": float(fired.n_spikes / (sum(n_steps) / rate_Hz * felt.n_channels)),
+                "spikes_per_s": float(fired.n_spikes / (sum(n_steps) / rate_Hz * fired.shares.shape[1])),
             }
             rows.append(row)
             edges_ms = _edges(felt, spec, part) / rate_Hz * 1e3
@@ -335,7 +354,8 @@ def _fire(felt: Felt, spec: AfferentSpec) -> Iterator[Fired]:
     for signal, n_steps in _side_by_side(felt.signals):
         spikes, _ = encode(signal, felt.sampling_rate_Hz, spec)
         spikes[np.arange(signal.shape[1]) >= n_steps[:, None]] = 0
-        for part, raster in zip(POPULATIONS, np.split(spikes, 2, axis=2), strict=True):
+        n_sa1 = felt.n_channels * len(spec.sa1.gains)
+        for part, raster in zip(POPULATIONS, (spikes[..., :n_sa1], spikes[..., n_sa1:]), strict=True):
             isi_steps = _isi_steps(raster)
             neuron = spec.neuron(getattr(spec, part), felt.sampling_rate_Hz)
             parts[part].append(
@@ -380,16 +400,9 @@ def _edges(felt: Felt, spec: AfferentSpec, part: str) -> np.ndarray:
 
 def _candidates(felt: Felt, spec: AfferentSpec, rule: CalibrationRule) -> dict[str, list[float]]:
     """Gains of each population, from a little below the one at which its strongest drive just reaches threshold."""
-    per_ms = felt.sampling_rate_Hz * 1e-3
-    n_values = {"sa1": felt.n_channels * sum(felt.signals.lengths)}
-    n_values["ra1"] = n_values["sa1"] - felt.n_channels * len(felt.signals)
-    drives = {
-        "sa1": (x.ravel() for x in felt.signals),
-        "ra1": (np.abs(np.diff(x, axis=0)).ravel() * per_ms for x in felt.signals),
-    }
     grids = {}
-    for part, drive in drives.items():
-        strongest = _strongest(drive, n_values[part])
+    for part, (drive, n_values) in _drives(felt, spec).items():
+        strongest = _strongest((x.ravel() for x in drive), n_values)
         if strongest <= 0:
             raise InputError(
                 f"{_source(felt)}: the conditioned training trials never drive {POPULATIONS[part]} afferents; check "
@@ -398,6 +411,22 @@ def _candidates(felt: Felt, spec: AfferentSpec, rule: CalibrationRule) -> dict[s
         first = (spec.v_threshold_mV - spec.v_rest_mV) / strongest / rule.step**STEPS_BELOW
         grids[part] = [float(f"{first * rule.step**k:.3g}") for k in range(rule.candidates)]
     return grids
+
+
+def _drives(felt: Felt, spec: AfferentSpec) -> dict[str, tuple[Iterator[np.ndarray], int]]:
+    """What each type feels by a gain of 1, trial by trial `(time, taxel)`, and how many values that is.
+
+    Of SA-I of both polarities the size alone: one of the two feels it.
+    """
+    per_ms = felt.sampling_rate_Hz * 1e-3
+    n_values = felt.n_channels * sum(felt.signals.lengths)
+    return {
+        "sa1": ((np.abs(x) if spec.sa1.opposite else x for x in felt.signals), n_values),
+        "ra1": (
+            (np.abs(np.diff(x, axis=0)) * per_ms for x in felt.signals),
+            n_values - felt.n_channels * len(felt.signals),
+        ),
+    }
 
 
 def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:

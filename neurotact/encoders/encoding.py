@@ -119,11 +119,12 @@ def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
 
 def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
     """What spike trains and their file say of themselves."""
+    table = spec.model_dump(mode="json", exclude_none=True)
     return {
         "sampling_rate_Hz": _clock(recordings, spec),
-        "afferents": afferent_names(recordings.channels),
+        "afferents": afferent_names(recordings.channels, table),
         "conditions": recordings.conditions,
-        "encoder": spec.model_dump(mode="json", exclude_none=True),
+        "encoder": table,
         "source": recordings.source,
     }
 

@@ -5,12 +5,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from neurotact.encoders.afferents import POPULATIONS, marks
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
-POPULATIONS = (("SA-I", "sa1"), ("RA-I", "ra1"))
-"""Each population as it is called, and as the encoder's spec names it; their afferents come in this order."""
 SATURATED = 0.9
 """Share of the highest rate that a refractory period allows, above which an afferent tells no more of its drive."""
 
@@ -27,7 +26,7 @@ def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
     Traceback (most recent call last):
     neurotact.errors.InputError: sa1.t_ref_ms: 20 ms is not shorter than the shortest trial, which lasts 10 ms; shorten it
     """  # noqa: E501
-    for _, part in POPULATIONS:
+    for part in POPULATIONS:
         t_ref_ms = getattr(encoder, part).t_ref_ms
         if t_ref_ms >= 1e3 * trial_s:
             raise InputError(
@@ -45,7 +44,10 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
     >>> list(complaints(np.array([0, 3]), n_steps=1000, clock_Hz=1000.0, encoder=load("sa1-ra1-lif")))
     ['no SA-I afferent fires in any trial; raise sa1.gain, or find gains for this sensor with neurotact calibrate']
     """
-    for (name, part), fired in zip(POPULATIONS, np.split(counts, len(POPULATIONS)), strict=True):
+    table = encoder.model_dump()
+    n_each = [len(marks(table[part])) for part in POPULATIONS]
+    n_sa1 = len(counts) * n_each[0] // sum(n_each)
+    for (part, name), fired in zip(POPULATIONS.items(), (counts[:n_sa1], counts[n_sa1:]), strict=True):
         population = getattr(encoder, part)
         silent_steps = max(0, math.ceil(population.t_ref_ms * 1e-3 * clock_Hz - 1e-9))
         highest_Hz = clock_Hz / (silent_steps + 1)

@@ -123,7 +123,7 @@ def encode(
     if state is None:
         shape = (signal.shape[0], 2 * signal.shape[2])
         state = IzhikevichEncoderState(izhikevich_start(neuron, shape, signal.dtype), None)
-    gains = (spec.sa1.gain_mV_per_ms, spec.ra1.gain_mV_per_ms * sampling_rate_Hz * 1e-3)
+    gains = ((spec.sa1.gain_mV_per_ms,), (spec.ra1.gain_mV_per_ms * sampling_rate_Hz * 1e-3,))
     current, last = drives(signal, gains, state.last)
     least = izhikevich_least_current(neuron)
     if current.min(initial=0.0) < least:

@@ -92,7 +92,7 @@ def encode(
         state = PoissonState(numbers, 0, np.zeros((n_trials, 2 * n_taxels), np.int32), None)
     if state.trials.shape != (n_trials,):
         raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one a trial")
-    gains = (spec.sa1.gain_Hz, spec.ra1.gain_Hz * sampling_rate_Hz * 1e-3)
+    gains = ((spec.sa1.gain_Hz,), (spec.ra1.gain_Hz * sampling_rate_Hz * 1e-3,))
     rates_Hz, last = drives(signal, gains, state.last)
     spikes = np.zeros(rates_Hz.shape, np.uint8)
     for i, afferent, uniform in _uniforms(spec.seed, state, n_steps, n_taxels):

@@ -25,8 +25,8 @@ def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_
     afferents), restless. At most `MOST_TRIALS` trials are encoded, evenly taken.
     """
     chosen = np.unique(np.linspace(0, len(recordings) - 1, min(len(recordings), MOST_TRIALS)).round().astype(int))
-    n_afferents = 2 * recordings.n_channels
-    counts, steps = np.zeros((2, n_afferents)), np.zeros(2)
+    names = afferent_names(recordings.channels, spec.model_dump())
+    counts, steps = np.zeros((2, len(names))), np.zeros(2)
     for raster, n_rest in _encoded(recordings.select(chosen), spec, rest_ms):
         for i, part in enumerate((raster[:n_rest], raster[n_rest:])):
             counts[i] += part.sum(axis=0)
@@ -38,7 +38,7 @@ def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_
         rest_share, share = np.nan_to_num(counts[0] / total), total / max(1.0, total.sum())
     return pd.DataFrame(
         {
-            "afferent": afferent_names(recordings.channels), "rest_Hz": rest_Hz, "later_Hz": later_Hz,
+            "afferent": names, "rest_Hz": rest_Hz, "later_Hz": later_Hz,
             "rest_share": rest_share, "share": share,
             "restless": (rest_Hz >= LEAST_Hz) & (rest_Hz >= RESTLESS * later_Hz),
         }

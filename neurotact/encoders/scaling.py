@@ -34,7 +34,14 @@ class Scaling(NamedTuple):
     noise: tuple[str, ...]
 
 
-def fit(recorded: Trials, excerpts: Sequence[np.ndarray], baseline: Baseline, *, inverted: bool = False) -> Scaling:
+def fit(
+    recorded: Trials,
+    excerpts: Sequence[np.ndarray],
+    baseline: Baseline,
+    *,
+    inverted: bool = False,
+    rest_sd: float = REST_SD,
+) -> Scaling:
     """Scale each taxel by its standard deviation over the excerpts, `(time, taxel)`, one for each of the trials.
 
     A quiet taxel counts as noise, and is scaled by a tenth of the liveliest one's deviation so that it stays small,
@@ -44,7 +51,8 @@ def fit(recorded: Trials, excerpts: Sequence[np.ndarray], baseline: Baseline, *,
     A baseline already says where each trial's zero is, so that nothing more is subtracted. Without one, the level
     itself is what SA-I feels: counted from the mean, it would silence SA-I in every trial of less than mean pressure.
 
-    recorded: the trials as recorded. inverted: the scales are negative.
+    recorded: the trials as recorded. inverted: the scales are negative. rest_sd: how many deviations below its mean a
+    taxel rests where no baseline is taken off.
     Raises InputError for signals that never move.
     """
     mean, scale = (np.array(values) for values in fit_standardisation(excerpts))
@@ -60,7 +68,7 @@ def fit(recorded: Trials, excerpts: Sequence[np.ndarray], baseline: Baseline, *,
     quiet = still | (scale < QUIET * liveliest)
     noise = quiet & ~tells_classes(excerpts, recorded.labels) if (quiet & ~still).any() else still
     scale = np.where(noise, QUIET * liveliest, scale) * (-1 if inverted else 1)
-    offset = _short(np.where(noise, mean, mean - REST_SD * scale)) if baseline == "none" else None
+    offset = _short(np.where(noise, mean, mean - rest_sd * scale)) if baseline == "none" else None
     names = np.array(recorded.channels)
     return Scaling(offset, _short(scale), tuple(names[quiet & ~noise].tolist()), tuple(names[noise].tolist()))
 

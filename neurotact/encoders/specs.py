@@ -9,7 +9,7 @@ from pydantic import Discriminator, Tag
 
 from neurotact import spec as specs
 from neurotact.encoders import afferents, izhikevich, poisson
-from neurotact.encoders.afferents import AfferentSpec, EncoderState
+from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, EncoderState, marks
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
 from neurotact.encoders.poisson import PoissonSpec, PoissonState
 from neurotact.errors import InputError, nearest
@@ -35,8 +35,14 @@ def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any],
     return lambda _spec, taxels, steps, _step_ms: layer(taxels, steps)
 
 
+def _lif_layer(spec: Mapping[str, Any], taxels: int, steps: int, step_ms: float) -> Layer:
+    del step_ms
+    n_sa1, n_ra1 = (len(marks(spec.get(part) or {})) for part in POPULATIONS)
+    return Afferents(taxels, steps, n_sa1, n_ra1)
+
+
 MODELS = {
-    "lif": Model(AfferentSpec, EncoderState, afferents.encode, _of_size(Afferents)),
+    "lif": Model(AfferentSpec, EncoderState, afferents.encode, _lif_layer),
     "izhikevich": Model(IzhikevichSpec, IzhikevichEncoderState, izhikevich.encode, izhikevich.layer),
     "poisson": Model(PoissonSpec, PoissonState, poisson.encode, _of_size(PoissonAfferents), is_random=True),
 }
@@ -78,7 +84,7 @@ def encode(
     *,
     trials: np.ndarray | None = None,
 ) -> tuple[np.ndarray, AnyState]:
-    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
+    """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, SA-I first.
 
     The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole.
     trials: numbers of the trials, `(trial,)`, by which random encoders draw; 0, 1, ... when absent.

@@ -22,7 +22,7 @@ from neurotact.deploy.chain import Chain
 from neurotact.deploy.sources import Arrived, Noted
 from neurotact.deploy.stream import Stream
 from neurotact.deploy.stream_state import Trace
-from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.errors import InputError, nearest
 from neurotact.files import write_text
 from neurotact.live import messages
@@ -37,8 +37,6 @@ STATE_S = 0.2
 """Between two messages about counts and settings, unless something was asked for."""
 MOST_WAITING = 64
 """Requests that wait to be done; what comes while so many wait is dropped."""
-POPULATIONS = ("sa1", "ra1")
-"""The keys of an encoder's populations, in the order of its afferents."""
 PATIENCE = "patience"
 LONGEST_t_ref_ms = 1_000.0
 

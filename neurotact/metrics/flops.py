@@ -438,19 +438,23 @@ class Projection(Layer):
 
 @dataclass(frozen=True)
 class Afferents(Layer):
-    """LIF encoders of SA-I and RA-I for `taxels` taxels each, over `steps` steps.
+    """LIF encoders of SA-I and RA-I for `taxels` taxels, over `steps` steps.
 
     Per afferent and step: gain times drive and the membrane's decay (two MACs) and the comparison with the threshold;
-    RA-I takes a difference and its absolute value beside. Refractory steps are counted as the others.
+    RA-I takes a difference and its absolute value beside, once a taxel. Refractory steps are counted as the others.
+
+    sa1, ra1: afferents of each type under a taxel.
     """
 
     taxels: int
     steps: int
+    sa1: int = 1
+    ra1: int = 1
 
     def cost(self) -> Cost:
-        each = self.taxels * self.steps
-        state = 5 * self.taxels  # both membranes, both refractory counters, the sample before
-        return _with_weights(2, state, macs=4 * each, acs=each, other_flops=3 * each)
+        each, n = self.taxels * self.steps, self.sa1 + self.ra1
+        state = (2 * n + 1) * self.taxels  # membranes, refractory counters, the sample before
+        return _with_weights(n, state, macs=2 * n * each, acs=each, other_flops=(n + 1) * each)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from neurotact.encoders.afferents import taxels_of
 from neurotact.encoders.specs import MODELS
 from neurotact.metrics.flops import (
     Cost,
@@ -47,8 +48,9 @@ def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mappin
     encoder: its spec, as spike trains carry it; LIF without conditioning where it says neither.
 
     Every step of the encoder's clock counts, the moving average too where a slower recording is resampled after it.
-    Parameters are what a sensor's calibration fits: one gain per population, an offset and a scale per taxel. Constants
-    all afferents share (decay, threshold, t_ref, the average's weight) are none, as in every layer of the ledger.
+    Parameters are what a sensor's calibration fits: one gain per population (one per grade and polarity), an offset and
+    a scale per taxel. Constants all afferents share (decay, threshold, t_ref, the average's weight) are none, as in
+    every layer of the ledger.
 
     >>> lif = {"conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "mean"}}
     >>> encoding_cost(8, 300, 150.0, {}).flops, encoding_cost(8, 300, 150.0, lif).flops
@@ -135,7 +137,7 @@ def decision_ledger(
     measured = summary.iloc[-1]
     steps = float(measured["steps"])
     signal_ms = 1e3 * steps / rate_Hz
-    encoding = encoding_cost(max(1, n_afferents // 2), steps, signal_ms, encoder)
+    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder)
     network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
     return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
 
@@ -158,7 +160,7 @@ def study_ledger(
     baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
     encoder: as for `encoding_cost`.
     """
-    n_taxels = max(1, n_afferents // 2)
+    n_taxels = taxels_of(n_afferents, encoder)
     rows: list[tuple[str, Cost]] = []
     if baseline is not None and "samples" in baseline:
         window_ms = 1e3 * float(results["window_steps"].iloc[0]) / rate_Hz
@@ -197,4 +199,4 @@ def row_cost(
     own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model)})
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
     network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
-    return encoding_cost(max(1, n_afferents // 2), steps, signal_ms, encoder) + network
+    return encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) + network

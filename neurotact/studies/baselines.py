@@ -16,6 +16,7 @@ from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
+from neurotact.encoders.afferents import taxels_of
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
 from neurotact.metrics.signal_flops import Averaging
 from neurotact.networks.ledger import encoding_cost
@@ -94,7 +95,7 @@ def spike_inputs(trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts) -> 
     """
     rasters = trains.raster(cuts.windows)
     n_windows, n_steps, n_afferents = rasters.shape
-    n_taxels = max(1, n_afferents // 2)
+    n_taxels = taxels_of(n_afferents, trains.encoder)
     encoding = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder) if trains.encoder else Cost()
     made = encoding + Cost(acs=float(rasters.sum()) / n_windows)
     n_bins = min(BINS, n_steps)

@@ -89,6 +89,15 @@ def test_a_stream_decides_what_the_float_variant_decides(tmp_path):
     assert [row for row in found if row[1] + chain.windows.length <= 150] == expected[0].decisions
 
 
+def test_several_afferents_a_taxel_are_refused(tmp_path):
+    chain = make_chain({}, afferents={"sa1.grades": [0.5, 1.0]})
+    with pytest.raises(InputError, match="C holds one SA-I and one RA-I under each taxel, not 3 afferents"):
+        c_export.write(chain, tmp_path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(InputError, match="a chain in whole numbers holds one SA-I"):
+        chosen(chain, [make_signal(150)], state_bits=16)
+
+
 def test_a_difference_is_named():
     one = proof.Spoken([(0,), ()], {0: [(1,)]}, [(0, 0, 2, 1, 1, 1, 0)])
     assert proof.first_difference([one], [one]) is None

@@ -131,13 +131,22 @@ def nt_changed(net: nt.RSNN):
 
 # --- afferents --------------------------------------------------------------------------------------
 
+SEVERAL = (
+    {},
+    {"sa1.grades": [0.5, 1.0]},
+    {"sa1.opposite": True},
+    {"sa1.opposite": True, "ra1.grades": [0.3, 0.5, 1, 2]},
+)
+"""Afferents of three taxels, of two, and of one, as many as the network hears."""
+
 
 @given(
-    sa=st.integers(0, 7), ra=st.integers(0, 7), seed=st.integers(0, 99), v_reset=st.sampled_from([-65.0, -70.0, -60.0])
-)
-@settings(max_examples=25)
-def test_lowered_afferents_rest_as_long_as_the_encoder_says(sa, ra, seed, v_reset):
-    encoder = make_encoder()
+    sa=st.integers(0, 7), ra=st.integers(0, 7), seed=st.integers(0, 99), v_reset=st.sampled_from([-65.0, -70.0, -60.0]),
+    several=st.sampled_from(SEVERAL),
+)  # fmt: skip
+@settings(max_examples=40)
+def test_lowered_afferents_rest_as_long_as_the_encoder_says(sa, ra, seed, v_reset, several):
+    encoder = make_encoder(several)
     encoder = encoder.model_copy(
         update={
             "sa1": encoder.sa1.model_copy(update={"t_ref_ms": sa}),
@@ -145,7 +154,7 @@ def test_lowered_afferents_rest_as_long_as_the_encoder_says(sa, ra, seed, v_rese
             "v_reset_mV": v_reset,
         }
     )
-    signal = make_signal(150, n_taxels=3, seed=seed).astype(np.float64)[None]
+    signal = make_signal(150, n_taxels=6 // encoder.n_per_taxel, seed=seed).astype(np.float64)[None]
     raster, _ = afferents.encode(signal, 1000.0, encoder)
     made = graph.of(network(), encoder, lower_refractory=True)
     found = compare.report(network(), made, raster, conditioned=signal, encoder=encoder)
@@ -169,8 +178,9 @@ def test_a_refractory_period_that_is_not_lowered_stands_in_the_note_and_makes_a_
     assert (row["layer"], row["first_step"], row["other"]) == ("afferents", second - 2, 1.0)
 
 
-def test_an_encoder_its_rule_and_classes_come_back(tmp_path):
-    net, encoder = network(dtype=torch.float32), make_encoder(baseline="start")
+@pytest.mark.parametrize("several", SEVERAL)
+def test_an_encoder_its_rule_and_classes_come_back(tmp_path, several):
+    net, encoder = network(dtype=torch.float32), make_encoder(several, baseline="start")
     made = graph.of(
         net, encoder, rule=ExitRule(12, from_first_spike=True), classes=("felt", "silk", "wood"), lower_refractory=True
     )

@@ -79,6 +79,43 @@ def test_a_stream_decides_what_the_whole_trial_decides(
     assert told(fitting(found, len(raster), chain.windows.length)) == expected
 
 
+SEVERAL = (
+    {"sa1.grades": [0.3, 0.6, 1.0, 1.7]},
+    {"sa1.opposite": True},
+    {"sa1.opposite": True, "sa1.grades": [0.5, 1.0], "ra1.grades": [0.4, 1.0, 3.0]},
+)
+"""Afferents of a taxel."""
+
+
+@given(
+    seed=st.integers(0, 50),
+    sizes=st.lists(st.integers(1, 90), min_size=1, max_size=4),
+    afferents=st.sampled_from(SEVERAL),
+    conditioning=st.sampled_from(CONDITIONINGS[:3]),
+    windows=st.sampled_from(WINDOWS),
+    at=st.integers(0, 200),
+)
+@settings(max_examples=15, deadline=None)
+def test_several_afferents_a_taxel_decide_in_a_stream_as_on_the_whole_trial(
+    tmp_path, seed, sizes, afferents, conditioning, windows, at
+):
+    chain = make_chain(conditioning, patience=5, windows=windows, seed=seed, afferents=afferents)
+    signal = make_signal(200, seed=seed)
+    raster, expected = offline(chain, signal)
+    one, other = Stream(chain), Stream(chain)
+    found = [each for block in blocks_of(signal[:at], sizes) for each in one.push(block)]
+    one.save(tmp_path / "state", force=True)
+    other.load(tmp_path / "state")
+    found += [each for block in blocks_of(signal[at:], sizes) for each in other.push(block)]
+    assert told(fitting([*found, *other.finish()], len(raster), chain.windows.length)) == expected
+
+
+def test_several_afferents_a_taxel_have_no_compiled_step():
+    chain = make_chain({}, afferents=SEVERAL[0])
+    with pytest.raises(InputError, match="'native' needs a network on the CPU, and one SA-I and one RA-I"):
+        Stream(chain, backend="native")
+
+
 def test_the_made_chains_spike_and_decide_differently():
     """Else the law above would hold of silence."""
     labels, exits, hidden = set(), 0, 0
@@ -131,7 +168,8 @@ def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
     ("encoder", "n_inputs", "options", "message"),
     [
         (specs.load("izhikevich"), 4, {}, "with LIF afferents"),
-        (make_encoder(), 3, {}, "hears 3 afferents"),
+        (make_encoder(), 3, {}, "hears 3 afferents, not an SA-I and an RA-I under each taxel"),
+        (make_encoder({"sa1.grades": [0.5, 1.0]}), 4, {}, "hears 4 afferents, not 3 under each taxel"),
         (make_encoder(offset=(1.0, 2.0, 3.0)), 4, {}, "offset has 3 values"),
         (make_encoder(), 4, {"sampling_rate_Hz": 500.0}, "come at 500 Hz but"),
         (make_encoder(resample_Hz=1000.0), 4, {}, "rate of the samples must be given"),

@@ -48,6 +48,22 @@ def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch
     assert ledger["parameters"].iloc[-1] == 16 * 4 + 4 * 2 + 2
 
 
+def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monkeypatch):
+    monkeypatch.setattr(runner, "executor", in_this_process)
+    monkeypatch.setattr(network_engine, "in_a_process", lambda function, *arguments: function(*arguments))
+    sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]], "seed": [0]}
+    path = study_of(tmp_path, sweep=sweep, calibrate=True, quick={})
+    out, several = tmp_path / "run", {"encoder": "sa1-ra1-lif-graded", "encoder.sa1.opposite": True}
+    runner.run(loading.resolve(path, {**several, "network.hidden": 4, "network.training.epochs": 1}), out)
+    report.write(out)
+    results = pd.read_csv(out / "results.csv")
+    assert (results["spikes_sa"] > 0).all()
+    assert (out / "report.html").is_file()
+    ledger = pd.read_csv(out / "ledger.csv")
+    # 8 taxels: 8 SA-I and an RA-I under each, a gain for each of the nine, and a scale of each taxel.
+    assert ledger["parameters"].iloc[-1] - (72 * 4 + 4 * 4 + 4 * 2 + 9) in (8, 16)
+
+
 def test_only_lif_encoders_are_calibrated(tmp_path):
     path = study_of(tmp_path, encoder="poisson", calibrate=True, sweep={"seed": [0, 1]}, quick={})
     with pytest.raises(InputError, match=r"calibrate\.model: must be 'lif'; got 'poisson'"):

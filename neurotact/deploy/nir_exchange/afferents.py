@@ -10,6 +10,7 @@ membrane to fire and so to its reset, and takes those spikes out.
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
 from neurotact.deploy.nir_exchange.package import nir
@@ -21,7 +22,8 @@ def of_encoder(
 ) -> tuple[dict[str, Any], Edges]:
     """Nodes and edges from `input` to the node `afferents`."""
     sa1, ra1 = (encoder.neuron(each, clock_Hz) for each in (encoder.sa1, encoder.ra1))
-    n = 2 * n_taxels
+    n_each = [n_taxels * len(kind.gains) for kind in (encoder.sa1, encoder.ra1)]
+    n = sum(n_each)
     tau = clock.tau(sa1.decay, "tau_mem_ms")
     # A neuron here spikes at its threshold, NIR's above it.
     level = np.nextafter(np.float32(sa1.v_threshold_mV - sa1.v_rest_mV), np.float32(-np.inf))
@@ -29,10 +31,10 @@ def of_encoder(
         tau=np.full(n, tau), r=np.ones(n), v_leak=np.zeros(n), v_threshold=np.full(n, np.float64(level)),
         v_reset=np.full(n, sa1.v_reset_mV - sa1.v_rest_mV),
     )  # fmt: skip
-    gains = np.repeat([encoder.sa1.gain, encoder.ra1.gain], n_taxels)
-    nodes: dict[str, Any] = {"gain": linear(np.diag(gains)), "afferents": lif}
+    blocks = [np.kron(np.array(kind.gains)[:, None], np.eye(n_taxels)) for kind in (encoder.sa1, encoder.ra1)]
+    nodes: dict[str, Any] = {"gain": linear(block_diag(*blocks).T), "afferents": lif}
     if lower_refractory:
-        silent = np.repeat([sa1.refractory_steps, ra1.refractory_steps], n_taxels)
+        silent = np.repeat([sa1.refractory_steps, ra1.refractory_steps], n_each)
         nodes["afferents"] = _refractory(lif, silent, clock)
     return nodes, [("input", "gain"), ("gain", "afferents")]
 

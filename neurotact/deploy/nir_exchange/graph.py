@@ -37,9 +37,11 @@ def of(
     nodes, edges = layers.of_network(network, clock, plain=plain)
     n_inputs, silent = network.n_inputs, None
     if encoder is not None:
-        if n_inputs % 2:
-            raise InputError(f"network: hears {n_inputs} afferents, not an SA-I and an RA-I under each taxel")
-        front, links = afferents.of_encoder(encoder, n_inputs // 2, rate_Hz, clock, lower_refractory=lower_refractory)
+        if n_inputs % encoder.n_per_taxel:
+            raise InputError(f"network: hears {n_inputs} afferents, not {encoder.n_per_taxel} under each taxel")
+        n_taxels = n_inputs // encoder.n_per_taxel
+        front, links = afferents.of_encoder(encoder, n_taxels, rate_Hz, clock, lower_refractory=lower_refractory)
+        n_inputs = 2 * n_taxels
         edges = links + [("afferents" if a == "input" else a, b) for a, b in edges]
         nodes = {**front, **nodes}
         silent = {key: encoder.neuron(getattr(encoder, key), rate_Hz).refractory_steps for key in ("sa1", "ra1")}

@@ -10,7 +10,7 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
-from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.encoders.afferents import AfferentSpec, AfferentType, taxels_of
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
@@ -98,7 +98,7 @@ def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule)
     measured = {f"sops_{name}": float(v.mean()) for name, v in trained.synops_of(found, network)._asdict().items()}
     steps = float(found.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-    encoder = encoding_cost(len(trains.afferents) // 2, steps, signal_ms, trains.encoder)
+    encoder = encoding_cost(taxels_of(len(trains.afferents), trains.encoder), steps, signal_ms, trains.encoder)
     sizes = len(trains.afferents), network.n_classes
     network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
     return trained.accuracy_of(found, test), encoder, network_spent
