@@ -265,7 +265,8 @@ def resolve(
 ) -> StudySpec:
     """Load a study file with its parts whole, and what it leaves open chosen for its recordings (`suited`).
 
-    overrides: dotted keys that name the part first, such as `network.hidden`; a swept key stops being swept.
+    overrides: dotted keys that name the part first, such as `network.hidden`; a swept key stops being swept. The part
+        alone, `encoder` or `network`, names another spec.
     quick: apply the file's `[quick]` table of overrides first.
     data: the file of recordings of a study that names none.
     """
@@ -276,15 +277,18 @@ def resolve(
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     # A study's own table `set` says what it changes in its parts.
     overrides = {**specs.pop_table(table, "set", path), **overrides}
+    named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
     for part, load in PARTS.items():
-        if isinstance(table.get(part), str):
+        if part in named:
+            table[part] = _whole(load(named[part]))
+        elif isinstance(table.get(part), str):
             table[part] = _whole(load(_beside(path, table[part])))
     table = suited.suit(table, overrides, data, path)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_beside(path, search["space"])))
-    if overrides or quick:
+    if overrides or named or quick:
         table.pop("as_shipped", None)
     study = specs.build(StudySpec, table | ({"as_shipped": True} if is_shipped else {}), source=str(path))
     if study.search is not None and study.network is not None:

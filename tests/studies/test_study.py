@@ -35,6 +35,17 @@ def test_an_override_of_a_swept_key_ends_its_sweep():
     assert {c.network.hidden for c in study.cells(resolve(network__hidden=9))} == {9}
 
 
+def test_a_part_is_changed_for_another_spec_by_its_name():
+    graded = resolve(encoder="sa1-ra1-lif-graded")
+    assert len(graded.encoder.sa1.grades) == 4
+    both = resolve(encoder="sa1-ra1-lif-graded", encoder__sa1__opposite=True, network="default")
+    assert both.encoder.sa1.opposite
+    assert both.network.recipe == "default"
+    assert resolve(encoder="poisson", network="snn").network.model == "snn"
+    with pytest.raises(InputError, match="grades: there is no such spec in encoders"):
+        resolve(encoder="grades")
+
+
 def test_quick_is_a_smaller_sweep_and_gives_way_to_overrides():
     assert {c.network.hidden for c in study.cells(study.resolve(TINY, quick=True))} == {4}
     larger = study.resolve(TINY, {"network.hidden": 7}, quick=True)
