@@ -9,6 +9,7 @@ from .api import plot_raster as plot_raster
 from .api import read as read
 from .api import read_events as read_events
 from .api import read_folder as read_folder
+from .api import read_nwb as read_nwb
 from .api import report_study as report_study
 from .api import run_study as run_study
 from .api import save as save
@@ -16,6 +17,7 @@ from .api import save_network as save_network
 from .api import simulate as simulate
 from .api import train as train
 from .api import tune as tune
+from .data.nwb_output import to_nwb as to_nwb
 from .data.recordings import Recordings as Recordings
 from .data.spikes import SpikeTrains as SpikeTrains
 from .data.windowed import SpikeArray as SpikeArray

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from neurotact import files, spec
 from neurotact.data import hdf5, sources
-from neurotact.data.readers import event_files, folder
+from neurotact.data.readers import event_files, folder, nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -107,6 +107,14 @@ def read_events(
     Raises InputError, which names the file and the place.
     """
     return event_files.read(path, settings, names=names, naming=naming)
+
+
+def read_nwb(path: str | Path, settings: Settings | None = None) -> Recordings | SpikeTrains:
+    """The spike trains of the units of an NWB file, cut into its trials; with `series` recordings of a time series.
+
+    settings: trials, label, step_ms, name, series, unit. Raises InputError, which names the file and the fix.
+    """
+    return nwb.read(path, settings)
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:

@@ -27,6 +27,7 @@ from neurotact.cli.options import Recordings as RecordingsFile
 from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.nwb_output import to_nwb
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import alternatives, calibration, firing, resting
@@ -129,7 +130,7 @@ def raster(
     recordings: Annotated[Path | None, typer.Option(help="The recordings, when they moved since encoding.")] = None,
     force: Force = False,
 ) -> None:
-    """Draw a trial's spikes (.png, .svg, .pdf), or write all events (.csv).
+    """Draw a trial's spikes (.png, .svg, .pdf), or write those of all trials (.csv, .nwb).
 
     The signal is drawn above the spikes.
     """
@@ -140,6 +141,8 @@ def raster(
         raise InputError(f"--trial {trial}: {spikes} holds trials 0 to {len(trains) - 1}; choose one of them")
     if out.suffix == ".csv":
         rasters.write_events(trains, out)
+    elif out.suffix == ".nwb":
+        to_nwb(trains, out, force=force)
     else:
         signal = _signal_of(trains, trial, recordings, spikes)
         rasters.write_raster(trains, trial, out, signal=signal, start_s=start_s, stop_s=stop_s)

@@ -11,13 +11,13 @@ from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Source
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
-from neurotact.data.readers import event_files, folder
+from neurotact.data.readers import event_files, folder, nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
-IMPORTED = (".csv", ".npz", ".npy", ".lvm", ".h5", ".hdf5", ".txt", ".tsv")
+IMPORTED = (".csv", ".npz", ".npy", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
 """Files of recordings as they were published."""
 
 app = new_app("Read recordings as they were published into one HDF5 file.")
@@ -119,6 +119,31 @@ def import_events(
     }  # fmt: skip
     naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
     _save(event_files.read(source, spec, names=_names(names or []), naming=naming), out)
+
+
+@app.command("nwb")
+def import_nwb(
+    source: Source,
+    out: OutFile,
+    trials: Annotated[str, typer.Option(help="The table of intervals whose rows are trials.")] = "trials",
+    label: Annotated[str, typer.Option(help="Its column with the class of each trial.")] = "label",
+    step_ms: Annotated[
+        float | None,
+        typer.Option("--step-ms", help="The clock of spikes.", show_default="the file's resolution, else 1"),
+    ] = None,
+    name: Annotated[
+        str, typer.Option(help="The column of units with their names.", show_default="afferent, else their ids")
+    ] = nwb.AFFERENT,
+    series: Annotated[
+        str | None, typer.Option(help="Read this time series as recordings, a taxel per column, and no spikes.")
+    ] = None,
+    unit: Annotated[str | None, typer.Option(help="Of the series.", show_default="as the file says")] = None,
+    force: Force = False,
+) -> None:
+    """Neurodata Without Borders: spike times of units, or a time series, cut into the trials of an NWB 2 file."""
+    _check_import(source, out, force)
+    asked = {"trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit}
+    _save(nwb.read(source, asked), out)
 
 
 def _names(assignments: list[str]) -> dict[str, str]:

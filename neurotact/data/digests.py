@@ -15,6 +15,8 @@ from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
 
 DIGITS = 16
+DIGEST = "recorded_digest"
+"""What other programs' files call the digest of what was recorded."""
 
 
 def recorded_digest(recordings: Trials, trial: int) -> str:

@@ -260,6 +260,14 @@ class Declared:
             )
         return self.texts(name) if dataset.dtype.kind in "OS" else self.numbers(name, "iufb")
 
+    def holds(self, name: str) -> bool:
+        """Whether something is called so in this very file."""
+        try:
+            self._found(name)
+        except KeyError:
+            return False
+        return True
+
     def group(self, name: str) -> h5py.Group:
         """A group of this very file."""
         found = self._found(name)

@@ -18,6 +18,8 @@ UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 MOST_AFFERENTS = 65_536
 ROW = 2**31
 """From one row of a grid to the next, before its width is known."""
+SLACK = 1e-6
+"""Of a step, for times that count from long before the trial and have lost so much to rounding."""
 BYTES_PER_EVENT = 64
 """What an event takes in memory while it is put on the clock."""
 ON_OFF = ("OFF", "ON")
@@ -216,13 +218,17 @@ def clock_of(first_s: float, last_s: float, spec: EventSpec, source: str) -> int
     return math.floor(last_s * 1e3 / spec.step_ms + 1e-9) + 1
 
 
-def one_trial(time_s: np.ndarray, units: np.ndarray, step_ms: float, n_steps: int, n_afferents: int) -> TrialSpikes:
+def one_trial(
+    time_s: np.ndarray, units: np.ndarray, step_ms: float, n_steps: int, n_afferents: int, slack: float = 1e-9
+) -> TrialSpikes:
     """The events of one trial on the clock: those of an afferent within one step are one spike, later ones left out.
+
+    slack: share of a step by which an event may stand before it, as binary fractions put it there.
 
     >>> one_trial(np.array([0.004, 0.001, 0.0012, 0.02]), np.array([0, 1, 1, 0]), 1.0, 10, 2).steps.tolist()
     [1, 4]
     """
-    steps = np.floor(time_s * (1e3 / step_ms) + 1e-9).astype(np.int64)
+    steps = np.floor(time_s * (1e3 / step_ms) + slack).astype(np.int64)
     spikes = np.unique(steps * n_afferents + units.astype(np.int64))
     spikes = spikes[: np.searchsorted(spikes, n_steps * n_afferents)]
     return TrialSpikes(spikes // n_afferents, (spikes % n_afferents).astype(np.uint16), n_steps)

@@ -1,0 +1,345 @@
+"""Neurodata Without Borders (NWB 2, HDF5): spike times of units, or a time series, cut into the trials of the file.
+
+The layout is that of the NWB schema (doi 10.7554/eLife.78362): `units`, tables of `intervals`, `TimeSeries`. It is read
+as HDF5, dataset by dataset, so that what a file declares is bounded before it is read; its own schema is not looked at.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from neurotact.data.digests import DIGEST
+from neurotact.data.hdf5_input import Declared, attribute, reading
+from neurotact.data.readers import clock
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, one_trial
+from neurotact.data.recordings import LABEL, Recordings
+from neurotact.data.sources import Reader
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.windows import LONGEST_STEPS
+from neurotact.errors import InputError
+from neurotact.files import check_size
+from neurotact.spec import Spec, build
+
+NOTES, OURS = "general/notes", "neurotact"
+"""Where neurotact writes what NWB has no place for (JSON), and the key that says so."""
+AFFERENT = "afferent"
+"""The column of units with the names of afferents."""
+STEP_MS = 1.0
+KEPT = ("id", "start_time", "stop_time", "timeseries", "tags", DIGEST)
+"""Columns of trials that are no conditions."""
+SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
+"""Of units that NWB spells out."""
+MOST_NAMED = 8
+
+
+class NWBSpec(Spec):
+    """Which parts of a file are read, and how."""
+
+    step_ms: float | None = Field(default=None, gt=0)
+    """The clock of spikes; the file's resolution of spike times when absent, else 1 ms."""
+    trials: str = "trials"
+    """The table of intervals whose rows are trials."""
+    label: str = LABEL
+    """Its column with the class of each trial."""
+    name: str = AFFERENT
+    """The column of units with their names; `unit` and the id where there is none."""
+    series: str | None = None
+    """A time series, which is read in place of the units; its columns are taxels."""
+    unit: str | None = None
+    """Of the series; what the file says when absent."""
+
+
+class _Trials(NamedTuple):
+    """When each trial starts and stops in s, `(trial,)`, its conditions, and digests where the file has them."""
+
+    start_s: np.ndarray
+    stop_s: np.ndarray
+    conditions: pd.DataFrame
+    digests: list[str]
+
+
+def read(path: str | Path, spec: Mapping[str, Any] | None = None) -> SpikeTrains | Recordings:
+    """The spike trains of the units of an NWB file, or with `series` the recordings of a time series.
+
+    spec: keys of `NWBSpec`. A spike at t belongs to each trial with start <= t < stop, and stands in the step
+    floor((t - start) / step); those of a unit within one step are one. What neurotact wrote comes back to the step.
+    Raises InputError for a file that is damaged, too large, or without trials, classes or spikes.
+    """
+    asked = build(NWBSpec, spec or {}, "import nwb")
+    with reading(path, "NWB", "the program that made it") as file:
+        declared = Declared(file, path)
+        trials = _trials(declared, asked)
+        return _spikes(declared, trials, asked) if asked.series is None else _recordings(declared, trials, asked)
+
+
+READER = Reader("Neurodata Without Borders: spike times of units in trials, an NWB 2 file.", read)
+
+
+# --- trials -----------------------------------------------------------------------------------------
+
+
+def _trials(declared: Declared, spec: NWBSpec) -> _Trials:
+    path, place = declared.path, f"intervals/{spec.trials}"
+    if not declared.holds(place):
+        there = _named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
+        raise InputError(f"{path}: holds no {place} ({there}); name the table of trials with --trials")
+    start_s, stop_s = (declared.numbers(f"{place}/{name}").astype(float) for name in ("start_time", "stop_time"))
+    if len(start_s) != len(stop_s) or not len(start_s):
+        raise InputError(f"{path}: {place} has {len(start_s)} starts and {len(stop_s)} stops; give one of each a trial")
+    wrong = np.flatnonzero(~(np.isfinite(start_s) & np.isfinite(stop_s) & (start_s < stop_s)))
+    if len(wrong):
+        at = wrong[0]
+        raise InputError(f"{path}: trial {at} lasts from {start_s[at]:g} s to {stop_s[at]:g} s; correct it or drop it")
+    columns = dict(_columns(declared, place, len(start_s)))
+    if spec.label not in columns:
+        raise InputError(
+            f"{path}: no column of {place} is called {spec.label} ({', '.join(columns) or 'it has none of its own'}); "
+            "name the class with --label"
+        )
+    labels = columns.pop(spec.label)
+    columns.pop(LABEL, None)
+    conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **columns})
+    digests = declared.texts(f"{place}/{DIGEST}") if declared.holds(f"{place}/{DIGEST}") else []
+    return _Trials(start_s, stop_s, conditions, digests if len(digests) == len(start_s) else [])
+
+
+def _columns(declared: Declared, place: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
+    """The columns of a table with one value a trial, in its own order."""
+    group = declared.group(place)
+    for name in _order(group, declared.path):
+        if name in KEPT or f"{name}_index" in group or not declared.holds(f"{place}/{name}"):
+            continue
+        found = group[name]
+        if isinstance(found, h5py.Dataset) and (found.shape or ()) == (n_trials,):
+            values = declared.column(f"{place}/{name}", n_trials)
+            elements = f"{place}/{name}_elements"
+            if declared.holds(elements) and not isinstance(values, list):
+                meant = np.array(declared.texts(elements), object)
+                values = [str(text) for text in meant[values.astype(np.int64)]]
+            yield name, values.astype(np.int64) if isinstance(values, np.ndarray) and values.dtype == bool else values
+
+
+def _order(group: h5py.Group, path: str | Path) -> list[str]:
+    """The names of a table's columns in the order of its attribute `colnames`, others after them."""
+    listed: list[str] = []
+    if "colnames" in group.attrs:
+        found = h5py.h5a.open(group.id, b"colnames")
+        check_size(path, found.get_storage_size())
+        listed = [each.decode() if isinstance(each, bytes) else str(each) for each in np.ravel(group.attrs["colnames"])]
+    return list(dict.fromkeys([*(name for name in listed if name in group), *group]))
+
+
+def _named(group: h5py.Group) -> str:
+    names = [str(name) for name, _ in zip(group, range(MOST_NAMED), strict=False)]
+    return f"there is {', '.join(names)}" if names else "there is none"
+
+
+# --- spikes -----------------------------------------------------------------------------------------
+
+
+def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
+    path = declared.path
+    if not declared.holds("units/spike_times"):
+        raise InputError(
+            f"{path}: holds no spike times of units; name a time series with --series ({_of_series(declared)})"
+        )
+    time_s = declared.numbers("units/spike_times").astype(float)
+    afferents = _afferents(declared, spec)
+    unit = _unit_of_each(declared, len(time_s), len(afferents))
+    if not np.isfinite(time_s).all():
+        at = int(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise InputError(f"{path}: spike {at} of '{afferents[unit[at]]}' is at {time_s[at]} s; drop it")
+    notes = _notes(declared)
+    own_Hz = float(notes.get("sampling_rate_Hz") or 1 / _resolution_s(declared))
+    rate_Hz = own_Hz if spec.step_ms is None else 1e3 / spec.step_ms
+    steps = np.maximum(1, np.ceil((trials.stop_s - trials.start_s) * rate_Hz - SLACK))
+    if steps.max() > LONGEST_STEPS:
+        raise InputError(f"{path}: a trial has {steps.max():g} steps of {1e3 / rate_Hz:g} ms; give a longer --step-ms")
+    order = np.argsort(time_s, kind="stable")
+    found = list(_on_clock(time_s[order], unit[order], trials, steps.astype(np.int64), rate_Hz, len(afferents), path))
+    digests = trials.digests or [""] * len(found)
+    return from_trials(
+        (each._replace(digest=digest) for each, digest in zip(found, digests, strict=True)),
+        rate_Hz,
+        afferents,
+        trials.conditions,
+        notes.get("encoder") if rate_Hz == own_Hz else None,
+        source=str(notes.get("source") or path),
+    )
+
+
+def _on_clock(
+    time_s: np.ndarray,
+    unit: np.ndarray,
+    trials: _Trials,
+    n_steps: np.ndarray,
+    rate_Hz: float,
+    n_afferents: int,
+    path: str | Path,
+) -> Iterator[TrialSpikes]:
+    """The spikes of each trial; trials may overlap, and each has them then."""
+    slack_s = SLACK / rate_Hz
+    first, last = (np.searchsorted(time_s, at - slack_s) for at in (trials.start_s, trials.stop_s))
+    check_size(f"{path}: the spikes of its trials", BYTES_PER_EVENT * int((last - first).sum()))
+    for start_s, n, begin, end in zip(trials.start_s, n_steps.tolist(), first, last, strict=True):
+        since_s = np.maximum(time_s[begin:end] - start_s, 0.0)
+        yield one_trial(since_s, unit[begin:end], 1e3 / rate_Hz, n, n_afferents, SLACK)
+
+
+def _afferents(declared: Declared, spec: NWBSpec) -> tuple[str, ...]:
+    """The names of the units: of the column that is asked for, else `unit` and the id."""
+    path, ids = declared.path, declared.numbers("units/id", "iu").tolist()
+    if not 0 < len(ids) <= MOST_AFFERENTS:
+        raise InputError(f"{path}: has {len(ids)} units where 1 to {MOST_AFFERENTS} can be read; keep as many")
+    if declared.holds(f"units/{spec.name}"):
+        names = tuple(str(name) for name in declared.column(f"units/{spec.name}", len(ids)))
+    elif spec.name != AFFERENT:
+        raise InputError(f"{path}: units have no column {spec.name} ({_named(declared.group('units'))}); give another")
+    else:
+        names = tuple(f"unit{each}" for each in ids)
+    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
+    if twice is not None:
+        raise InputError(f"{path}: two units are called '{twice[:40]}'; name units by another column (--name)")
+    return names
+
+
+def _unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray:
+    """The unit of each spike: `spike_times_index` holds where the spikes of each end."""
+    ends = declared.numbers("units/spike_times_index", "iu").astype(np.int64)
+    counts = np.diff(ends, prepend=0)
+    if len(ends) != n_units or (counts < 0).any() or (len(ends) and ends[-1] != n_spikes):
+        raise InputError(f"{declared.path}: units/spike_times_index does not fit the spikes of {n_units} units")
+    return np.repeat(np.arange(n_units), counts)
+
+
+def _resolution_s(declared: Declared) -> float:
+    """The smallest difference of spike times, by the file; 1 ms where it does not say a usable one."""
+    dataset = declared.file["units/spike_times"]
+    found = float(attribute(dataset, "resolution", declared.path)) if "resolution" in dataset.attrs else math.nan
+    return found if 1e-9 < found < 1e3 else STEP_MS * 1e-3
+
+
+def _notes(declared: Declared) -> dict[str, Any]:
+    """What neurotact noted in the file; empty in another program's."""
+    if not declared.holds(NOTES):
+        return {}
+    try:
+        found = json.loads(str(declared.value(NOTES)))[OURS]
+        rate_Hz = float(found["sampling_rate_Hz"])
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return {}
+    is_whole = isinstance(found.get("encoder"), dict) and isinstance(found.get("source"), str)
+    return found if is_whole and math.isfinite(rate_Hz) and rate_Hz > 0 else {}
+
+
+# --- recordings -------------------------------------------------------------------------------------
+
+
+def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recordings:
+    path, place = declared.path, _place_of(declared, str(spec.series))
+    data = declared.streamed(f"{place}/data")
+    if data.ndim > 2 or not data.size:
+        raise InputError(f"{path}: {place} has the shape {data.shape} where (time, taxel) is expected; name another")
+    factor, offset = _conversion(declared, place, 1 if data.ndim == 1 else data.shape[1])
+    cuts, rate_Hz, stamps = _cuts(declared, place, len(data), trials)
+    n_samples = sum(stop - start for start, stop in cuts)
+    check_size(f"{path}: the trials of {place}", 8 * n_samples * math.prod(data.shape[1:]))
+    signals = []
+    for trial, (start, stop) in enumerate(cuts):
+        signal = data[start:stop].reshape(stop - start, -1) * factor + offset
+        if stamps is not None:
+            signal = clock.on_clock(signal[stamps[trial].keep], stamps[trial], rate_Hz)
+        signals.append(signal)
+    unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")
+    return Recordings(signals, rate_Hz, SYMBOLS.get(unit, unit), trials.conditions, source=str(path))
+
+
+def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.ndarray, float]:
+    """What stored numbers are multiplied by, a channel each, and what is added then (NWB: conversion, offset)."""
+    attributes = declared.file[f"{place}/data"].attrs
+    factor, offset = (
+        float(attribute(declared.file[f"{place}/data"], name, declared.path)) if name in attributes else default
+        for name, default in (("conversion", 1.0), ("offset", 0.0))
+    )
+    own = np.ones(n_channels)
+    if declared.holds(f"{place}/channel_conversion"):
+        own = declared.numbers(f"{place}/channel_conversion").astype(float)
+    if len(own) != n_channels:
+        raise InputError(f"{declared.path}: {place} has {n_channels} channels but {len(own)} conversions of them")
+    return factor * own, offset
+
+
+def _cuts(
+    declared: Declared, place: str, n_samples: int, trials: _Trials
+) -> tuple[list[tuple[int, int]], float, list[clock.Stamps] | None]:
+    """From which sample to before which each trial lasts, samples per second, and stamps where there is no rate."""
+    path, stamps = declared.path, None
+    if declared.holds(f"{place}/starting_time"):
+        begin = declared.file[f"{place}/starting_time"]
+        first_s, rate_Hz = float(declared.value(f"{place}/starting_time")), float(attribute(begin, "rate", path))
+        if not (math.isfinite(first_s) and math.isfinite(rate_Hz) and rate_Hz > 0):
+            raise InputError(f"{path}: {place} starts at {first_s} s with {rate_Hz} samples per second; correct it")
+        bounds = [np.ceil((at - first_s) * rate_Hz - SLACK) for at in (trials.start_s, trials.stop_s)]
+        outside = (bounds[0] < 0) | (bounds[1] > n_samples + 1)
+    else:
+        rate_Hz, time_s = 0.0, declared.numbers(f"{place}/timestamps").astype(float)
+        if len(time_s) != n_samples or (np.diff(time_s) < 0).any() or not np.isfinite(time_s).all():
+            raise InputError(f"{path}: {place}/timestamps must rise and be one a sample; correct them")
+        bounds = [np.searchsorted(time_s, at) for at in (trials.start_s, trials.stop_s)]
+        outside = bounds[1] - bounds[0] < 2
+    wrong = np.flatnonzero(outside)
+    if len(wrong):
+        at = wrong[0]
+        raise InputError(
+            f"{path}: trial {at} lasts from {trials.start_s[at]:g} s to {trials.stop_s[at]:g} s, where {place} has no "
+            "samples; drop the trial or name another series"
+        )
+    cuts = [(int(a), min(int(b), n_samples)) for a, b in zip(*bounds, strict=True)]
+    if rate_Hz == 0.0:
+        stamps = [
+            clock.stamps_of(time_s[a:b], "s", f"{path}: {place}, trial {trial}", a, None)
+            for trial, (a, b) in enumerate(cuts)
+        ]
+        rate_Hz = clock.rate_of(stamps)
+    return cuts, rate_Hz, stamps
+
+
+def _place_of(declared: Declared, name: str) -> str:
+    """Where a time series of that name, or at that place, lies."""
+    found = [place for place in _places(declared) if name in (place, place.rpartition("/")[2])]
+    if len(found) != 1:
+        what = "no time series is" if not found else f"{len(found)} time series are"
+        raise InputError(f"{declared.path}: {what} called '{name}' ({_of_series(declared)}); give its whole place")
+    return found[0]
+
+
+def _of_series(declared: Declared) -> str:
+    places = [place for place, _ in zip(_places(declared), range(MOST_NAMED), strict=False)]
+    return f"there is {', '.join(places)}" if places else "there is none"
+
+
+def _places(declared: Declared) -> Iterator[str]:
+    """The time series of a file: groups with data and its times."""
+    for top in ("acquisition", "stimulus/presentation", "processing"):
+        if declared.holds(top):
+            yield from _below(declared.group(top), top, depth=3)
+
+
+def _below(group: h5py.Group, place: str, depth: int) -> Iterator[str]:
+    for name in group:
+        own = f"{place}/{name}"
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        found = group[name]
+        if isinstance(found, h5py.Group):
+            if "data" in found and ("starting_time" in found or "timestamps" in found):
+                yield own
+            elif depth > 1:
+                yield from _below(found, own, depth - 1)
