@@ -17,6 +17,8 @@ from .api import save_network as save_network
 from .api import simulate as simulate
 from .api import train as train
 from .api import tune as tune
+from .data.neo_blocks import from_neo as from_neo
+from .data.neo_blocks import to_neo as to_neo
 from .data.nwb_output import to_nwb as to_nwb
 from .data.recordings import Recordings as Recordings
 from .data.spikes import SpikeTrains as SpikeTrains

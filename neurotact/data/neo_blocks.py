@@ -1,0 +1,165 @@
+"""Spike trains as blocks of Neo (doi 10.3389/fninf.2014.00010) and back: a segment is a trial, a train an afferent."""
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.digests import DIGEST
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, one_trial
+from neurotact.data.recordings import LABEL
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.windows import LONGEST_STEPS
+from neurotact.errors import InputError
+from neurotact.files import check_size
+
+NOT_SAID_HZ = 1.0
+"""The sampling rate that Neo gives to spike trains without one."""
+
+
+def to_neo(spikes: SpikeTrains) -> Any:
+    """A `neo.Block` with a segment per trial and in it a spike train per afferent, in ms from the trial's start.
+
+    Label and conditions are annotations of the segment; the encoder (JSON) and the source are those of the block.
+    Raises InputError where neo is not installed, and for trials without a step, which Neo cannot hold.
+
+    >>> from neurotact.data.spikes import from_rasters
+    >>> raster = np.zeros((1, 4, 2), np.uint8)
+    >>> raster[0, 1, 0] = raster[0, 3, 1] = 1
+    >>> felt = from_rasters(raster, 2000.0, ("SA-I a", "RA-I a"), pd.DataFrame({"label": ["felt"]}))
+    >>> segment = to_neo(felt).segments[0]
+    >>> segment.annotations["label"], [(train.name, train.magnitude.tolist()) for train in segment.spiketrains]
+    ('felt', [('SA-I a', [0.5]), ('RA-I a', [1.5])])
+    """
+    neo = _neo()
+    if not (spikes.trial_steps > 0).all():
+        raise InputError("spikes: hold a trial without a step; drop it")
+    rate_Hz = spikes.sampling_rate_Hz
+    block = neo.Block(name="spikes", sampling_rate_Hz=rate_Hz, encoder=json.dumps(dict(spikes.encoder)))
+    block.annotate(source=spikes.source)
+    rows = spikes.conditions.to_dict("records")
+    for trial, (row, n_steps) in enumerate(zip(rows, spikes.trial_steps.tolist(), strict=True)):
+        segment = neo.Segment(name=f"trial {trial}", index=trial)
+        segment.annotate(**{str(key): value for key, value in row.items()})
+        if spikes.trial_digests:
+            segment.annotations[DIGEST] = spikes.trial_digests[trial]
+        units, steps = np.asarray(spikes.units[trial], np.int64), np.asarray(spikes.steps[trial], np.int64)
+        order = np.argsort(units, kind="stable")
+        ends = np.searchsorted(units[order], np.arange(1, len(spikes.afferents)))
+        for name, own in zip(spikes.afferents, np.split(steps[order], ends), strict=True):
+            train = neo.SpikeTrain(
+                own * 1e3 / rate_Hz, units="ms", t_stop=n_steps * 1e3 / rate_Hz, sampling_rate=rate_Hz * _hertz(),
+                name=name,
+            )  # fmt: skip
+            segment.spiketrains.append(train)
+        block.segments.append(segment)
+    return block
+
+
+def from_neo(block: Any, *, step_ms: float | None = None, label: str = LABEL) -> SpikeTrains:
+    """The spike trains of a `neo.Block`, a trial per segment; those of the same name are one afferent.
+
+    step_ms: the clock; that of the block of `to_neo` or of its spike trains when None, else 1 ms. A spike stands in the
+    step floor((t - t_start) / step) from the beginning of its segment on.
+    label: the annotation of segments with their class. Other annotations that all segments have are conditions.
+    Raises InputError for another object, for segments without spike trains or classes, and for what no clock holds.
+    """
+    _neo()
+    segments: list[Any] = list(getattr(block, "segments", ()))
+    if not segments or not all(len(segment.spiketrains) for segment in segments):
+        raise InputError("block: must be a neo.Block whose segments each hold spike trains; drop segments without any")
+    rate_Hz, is_own = _clock(block, segments, step_ms)
+    afferents = _afferents(segments)
+    n_spikes = sum(len(train) for segment in segments for train in segment.spiketrains)
+    check_size(f"block: {n_spikes} spikes", BYTES_PER_EVENT * n_spikes)
+    places = {name: place for place, name in enumerate(afferents)}
+    trials = [_trial(segment, trial, rate_Hz, places) for trial, segment in enumerate(segments)]
+    return from_trials(
+        trials, rate_Hz, afferents, _conditions(segments, label),
+        _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
+    )  # fmt: skip
+
+
+def _clock(block: Any, segments: Sequence[Any], step_ms: float | None) -> tuple[float, bool]:
+    """Steps per second, and whether they are those of the block."""
+    own_Hz = block.annotations.get("sampling_rate_Hz")
+    if own_Hz is None:
+        given = segments[0].spiketrains[0].sampling_rate
+        given_Hz = NOT_SAID_HZ if given is None else float(given.rescale("Hz").magnitude)
+        own_Hz = 1e3 if given_Hz == NOT_SAID_HZ else given_Hz
+    rate_Hz = float(own_Hz) if step_ms is None else 1e3 / step_ms if step_ms > 0 else math.nan
+    if not (math.isfinite(rate_Hz) and rate_Hz > 0):
+        raise InputError(f"step_ms: must be a positive number; got {step_ms if step_ms is not None else own_Hz}")
+    return rate_Hz, rate_Hz == own_Hz
+
+
+def _names(segment: Any) -> list[str]:
+    return [str(train.name) if train.name else f"unit{place}" for place, train in enumerate(segment.spiketrains)]
+
+
+def _afferents(segments: Sequence[Any]) -> tuple[str, ...]:
+    found: dict[str, None] = {}
+    for trial, segment in enumerate(segments):
+        names = _names(segment)
+        if len(set(names)) < len(names):
+            twice = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"block: segment {trial} has two spike trains called '{twice[:40]}'; rename one of them")
+        found |= dict.fromkeys(names)
+    if len(found) > MOST_AFFERENTS:
+        raise InputError(f"block: has {len(found)} units, more than {MOST_AFFERENTS}; keep fewer")
+    return tuple(found)
+
+
+def _trial(segment: Any, trial: int, rate_Hz: float, places: dict[str, int]) -> TrialSpikes:
+    """The spikes of a segment on the clock; those of a unit within one step are one."""
+    trains = segment.spiketrains
+    start_s = min(float(train.t_start.rescale("s").magnitude) for train in trains)
+    stop_s = max(float(train.t_stop.rescale("s").magnitude) for train in trains)
+    n_steps = max(1, math.ceil((stop_s - start_s) * rate_Hz - SLACK)) if math.isfinite(stop_s - start_s) else 0
+    if not 0 < n_steps <= LONGEST_STEPS:
+        raise InputError(f"block: segment {trial} lasts from {start_s:g} s to {stop_s:g} s; no clock holds it")
+    times_s = [np.asarray(train.rescale("s").magnitude, np.float64) - start_s for train in trains]
+    units = np.repeat([places[name] for name in _names(segment)], [len(each) for each in times_s])
+    # A spike at the very end of its train stands in the last step.
+    since_s = np.concatenate(times_s).clip(0.0, (n_steps - 0.5) / rate_Hz)
+    found = one_trial(since_s, units, 1e3 / rate_Hz, n_steps, len(places), SLACK)
+    return found._replace(digest=str(segment.annotations.get(DIGEST, "")))
+
+
+def _conditions(segments: Sequence[Any], label: str) -> pd.DataFrame:
+    for trial, segment in enumerate(segments):
+        if label not in segment.annotations:
+            known = ", ".join(map(str, segment.annotations)) or "it has none"
+            raise InputError(f"block: segment {trial} has no annotation '{label}' ({known}); give another `label`")
+    shared = [
+        key for key, value in segments[0].annotations.items()
+        if key not in (label, LABEL, DIGEST) and isinstance(value, (bool, int, float, str))
+        and all(type(segment.annotations.get(key)) is type(value) for segment in segments)
+    ]  # fmt: skip
+    columns = {key: [segment.annotations[key] for segment in segments] for key in shared}
+    return pd.DataFrame({LABEL: [str(segment.annotations[label]) for segment in segments], **columns})
+
+
+def _encoder(block: Any) -> dict[str, Any]:
+    try:
+        found = json.loads(block.annotations.get("encoder", "{}"))
+    except (TypeError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _neo() -> Any:
+    try:
+        import neo  # pyright: ignore[reportMissingImports]
+    except ImportError as error:
+        raise InputError(f"neo: cannot be imported ({error}); pip install 'neurotact[neuro]'") from error
+    return neo
+
+
+def _hertz() -> Any:
+    import quantities  # pyright: ignore[reportMissingImports]
+
+    return quantities.Hz
