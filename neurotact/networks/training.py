@@ -116,7 +116,7 @@ def train(
         fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
         log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
         if not all(p.isfinite().all() for p in network.parameters()):
-            raise InputError(f"training: weights are not finite after epoch {len(log)}; lower training.learning_rate")
+            raise not_finite(len(log))
         if progress:
             progress(log[-1])
         if best_of(log, network.spec.training.keep) is log[-1]:
@@ -140,6 +140,11 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
 
 
+def not_finite(epoch: int) -> InputError:
+    """Why a training ends whose weights overflowed."""
+    return InputError(f"training: weights are not finite after epoch {epoch}; lower training.learning_rate")
+
+
 def _optimiser(network: RSNN) -> torch.optim.Optimizer:
     spec = network.spec.training
     if spec.optimiser == "adamax":
@@ -147,15 +152,36 @@ def _optimiser(network: RSNN) -> torch.optim.Optimizer:
     return torch.optim.Adam(_groups(network), lr=spec.learning_rate, betas=spec.betas, fused=True)
 
 
+def rates_of(network: RSNN) -> dict[str, float]:
+    """The learning rate of each trained parameter before any schedule, in the network's order.
+
+    >>> from neurotact.networks.specs import RSNNSpec
+    >>> rates_of(RSNN(2, 2, RSNNSpec(model="snn", hidden=3), 1000.0))
+    {'w_in': 0.001, 'w_out': 0.001}
+    """
+    spec = network.spec.training
+    trained = {name: p.detach() for name, p in network.named_parameters() if p.requires_grad}
+    if spec.relative_learning_rate is None:
+        return dict.fromkeys(trained, spec.learning_rate)
+    deviation = {name: float(p.square().mean().sqrt()) if p.ndim == 2 else 0.0 for name, p in trained.items()}
+    return {name: spec.relative_learning_rate * size or spec.learning_rate for name, size in deviation.items()}
+
+
+def rate_left(spec: TrainingSpec, epochs: float) -> float:
+    """The share of the learning rates that the schedule leaves after so many epochs.
+
+    >>> rate_left(TrainingSpec(epochs=10), 5.0), round(rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
+    (1.0, 0.5)
+    """
+    return 0.5 * (1 + math.cos(math.pi * epochs / spec.epochs)) if spec.schedule == "cosine" else 1.0
+
+
 def _groups(network: RSNN) -> list[dict[str, Any]]:
     """What is trained: one group or, with relative rates, each parameter with its own, in the network's order."""
     trained = [p for p in network.parameters() if p.requires_grad]
-    spec = network.spec.training
-    if spec.relative_learning_rate is None:
+    if network.spec.training.relative_learning_rate is None:
         return [{"params": trained}]
-    relative = spec.relative_learning_rate
-    own = [relative * float(p.detach().square().mean().sqrt()) if p.ndim == 2 else 0.0 for p in trained]
-    return [{"params": [p], "lr": rate or spec.learning_rate} for p, rate in zip(trained, own, strict=True)]
+    return [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
 
 
 def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
@@ -192,10 +218,9 @@ class _Rates(NamedTuple):
 
     def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
         """Give the groups their rates after this share of the epoch."""
-        if self.spec.schedule == "cosine":
-            done = (self.epochs_before + share) / self.spec.epochs
-            for group, rate in zip(optimiser.param_groups, self.first, strict=True):
-                group["lr"] = rate * 0.5 * (1 + math.cos(math.pi * done))
+        left = rate_left(self.spec, self.epochs_before + share)
+        for group, rate in zip(optimiser.param_groups, self.first, strict=True):
+            group["lr"] = rate * left
 
 
 EXPLODED = 1e6
