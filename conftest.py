@@ -2,4 +2,5 @@
 
 from importlib.util import find_spec
 
-collect_ignore = [] if find_spec("pynwb") else ["neurotact/data/nwb_output.py"]
+NEEDS = {"pynwb": "neurotact/data/nwb_output.py", "triton": "neurotact/networks/population/kernels.py"}
+collect_ignore = [path for package, path in NEEDS.items() if not find_spec(package)]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before torch is imported: small tensors are slower on many threads
+os.environ.setdefault("TRITON_INTERPRET", "1")  # before torch's optimisers import Triton, where it is installed
 
 ROOT = Path(__file__).parents[1]
 

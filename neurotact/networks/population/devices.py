@@ -1,0 +1,39 @@
+"""Where a population is trained: a CUDA device, or Triton's interpreter on the CPU, which tests the same code."""
+
+import os
+from importlib.util import find_spec
+
+import torch
+
+from neurotact.errors import InputError
+
+INTERPRET = "TRITON_INTERPRET"
+
+
+def device_of(name: str) -> torch.device:
+    """The device of this name (`cuda`, `cuda:1`) to train a population on.
+
+    With TRITON_INTERPRET=1 in the environment it is the CPU, where the interpreter runs the kernels, very slowly.
+    Raises InputError, in one line, where Triton or the device is absent.
+    """
+    if not name.startswith("cuda"):
+        raise InputError(f"--device {name}: a population is trained on cuda, or without --device on the CPU's cores")
+    if find_spec("triton") is None:
+        raise InputError(
+            f"--device {name}: needs Triton, which is not installed; pip install 'neurotact[gpu]' (Linux x86-64)"
+        )
+    if interpreted():
+        return torch.device("cpu")
+    if not torch.cuda.is_available():
+        raise InputError(f"--device {name}: PyTorch finds no CUDA device here; leave --device out to use the CPU")
+    device = torch.device(name)
+    if (device.index or 0) >= torch.cuda.device_count():
+        raise InputError(
+            f"--device {name}: is one of {torch.cuda.device_count()} devices, counted from 0; take another"
+        )
+    return device
+
+
+def interpreted() -> bool:
+    """Whether Triton is to run its kernels in its interpreter; it reads this when it is first imported."""
+    return os.environ.get(INTERPRET, "0").lower() in ("1", "true", "on", "yes", "y")
