@@ -51,6 +51,7 @@ from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks import ledger, repeated, search, train_run, trained, tuning
 from neurotact.networks.outcome import summary_of
+from neurotact.networks.population import trials as population
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
@@ -199,6 +200,7 @@ def tune(
     workers: Annotated[
         int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
     ] = 2,
+    device: Annotated[str, typer.Option(help="cpu, or cuda: each batch is trained at once on one GPU.")] = "cpu",
     as_json: Json = False,
 ) -> None:
     """Search a network's hyperparameters on validation windows.
@@ -225,16 +227,17 @@ def tune(
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
         spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
         task,
+        device,
     )
     with files.locked(out):
         try:
-            with search.processes(spikes, workers) as run, track("tune", trials) as advance:
+            with population.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
                 found, timing = search.search(problem, out, run, advance)
         except KeyboardInterrupt:
             say(f"interrupted; the same command goes on in {out}")
             sys.exit(INTERRUPTED)
         save_found(problem, found, out)
-        outcome = search.save_best(problem, spikes, out, found)
+        outcome = search.save_best(problem, spikes, out, found, device)
     best = search.best_of(found)
     if as_json:
         print_row("", summary_of(outcome.as_json()), as_json=True)

@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,6 +31,8 @@ from neurotact.errors import InputError
 from neurotact.metrics.fronts import pareto_front
 from neurotact.networks import trained, tuning
 from neurotact.networks.outcome import Outcome, outcome_of
+from neurotact.networks.population import training as population
+from neurotact.networks.population.devices import device_of
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Sides, Task
@@ -49,11 +51,14 @@ FOREST_LEAST = 16
 class Problem(Spec):
     """What is searched: everything that decides the journal's bytes, and nothing of where files lie."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("device",)
     search: SearchSpec
     network: RSNNSpec
     """What the space does not name."""
     task: Task
     spikes_sha256: str
+    device: Literal["cpu", "cuda"] = "cpu"
+    """Where its trials are trained: rounding differs."""
 
     def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
         return tuning.apply(self.network, parameters, source="search.space")
@@ -116,15 +121,18 @@ class Timing(NamedTuple):
     proposals: float
 
 
-def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task) -> Problem:
-    """The problem of searching on these spike trains.
+def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:
+    """The problem of searching on these spike trains, on the CPU or a device that is there.
 
     InputError when the space does not suit the network, or the training trials hold less than two classes.
     """
+    if device != "cpu":
+        device_of(device)
     tuning.check(search.space, network, source="search.space")
     trained.trials_of(trains, task)
     trained.warn_of_onsets(trains, task.window)
-    return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains))
+    kind: Literal["cpu", "cuda"] = "cpu" if device == "cpu" else "cuda"
+    return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains), device=kind)
 
 
 def here(trains: SpikeTrains, task: Task) -> Run:
@@ -183,9 +191,15 @@ def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
     epochs: list[float] = []
     try:
         network, accuracy, outcome = _train(job, trains, sides, epochs)
-        sops = trained.mean_sops(network, sides.validation)
+        return trial_of(job, network, accuracy, outcome, sides, epochs)
     except InputError as error:
         return Trial(number, parameters, epochs, FAILED, error=str(error))
+
+
+def trial_of(job: Job, network: RSNN, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
+    """The line of a network that was trained, with what its decisions on validation windows cost."""
+    number, parameters = job.proposal
+    sops = trained.mean_sops(network, sides.validation)
     value = job.problem.search.value(accuracy, sops)
     if not math.isfinite(value):
         return Trial(number, parameters, epochs, FAILED, error=f"its value is {value}")
@@ -301,20 +315,26 @@ def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> Non
     files.write_text(folder / "best.toml", comment + spec.to_toml(network.model_dump(mode="json")))
 
 
-def train_best(problem: Problem, trains: SpikeTrains, best: Trial) -> tuple[trained.Trained, Sides]:
-    """Train a trial's network again: its own seeds give the network that the search saw."""
+def train_best(
+    problem: Problem, trains: SpikeTrains, best: Trial, device: str = "cpu"
+) -> tuple[trained.Trained, Sides]:
+    """Train a trial's network again: its own seeds give the network that the search saw.
+
+    device: where its trials were trained.
+    """
     seeds = problem.seeds_of(Proposal(best.id, best.parameters))
-    return trained.fit(trains, problem.network_of(best.parameters), problem.task, seeds)
+    what = trains, problem.network_of(best.parameters), problem.task, seeds
+    return trained.fit(*what) if device == "cpu" else population.fit(*what, device=device_of(device))
 
 
-def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial]) -> Outcome:
+def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial], device: str = "cpu") -> Outcome:
     """Train the best network again, write it into `folder/best` as `neurotact train` does; what it came to.
 
     It is trained with one thread, as in the search, so that it is the same network to the last bit.
     """
     trains = hdf5.load_spikes(spikes)
     with workers.one_thread():
-        fitted, sides = train_best(problem, trains, best_of(trials))
+        fitted, sides = train_best(problem, trains, best_of(trials), device)
     trained.save(fitted, folder / "best", trains, spikes, problem.task)
     outcome = outcome_of(fitted, sides, trains, problem.task)
     files.write_json(folder / "best" / "result.json", outcome.as_json())

@@ -12,12 +12,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
+from neurotact.networks import trained
 from neurotact.networks import training as alone
 from neurotact.networks.population.adam import Adam
 from neurotact.networks.population.losses import Settings, losses
 from neurotact.networks.population.population import Batch, Form, Population, packed
 from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import Sides, Task, Trained
 from neurotact.networks.training import Epoch, Examples, Training
 
 TAPE_BYTES = 2**30
@@ -87,6 +91,18 @@ def train(members: Sequence[Member], device: torch.device, watch: Watch = lambda
         found = group.train(lambda own, epoch, places=places: watch(places[own], epoch))
         ended |= dict(zip(places, found, strict=True))
     return [ended[place] for place in range(len(members))]
+
+
+def fit(
+    trains: SpikeTrains, spec: RSNNSpec, task: Task, seeds: tuple[int, int], *, device: torch.device
+) -> tuple[Trained, Sides]:
+    """Train one network as `trained.fit` does, as a population of one: the numbers that it has among others."""
+    sides = trained.sides_of(trains, task)
+    network, order = trained.new_network(trains, spec, seeds, sides.train.spikes)
+    (end,) = train([Member(network, sides.train, sides.validation, order)], device)
+    if end.error is not None:
+        raise end.error
+    return trained.finished(network, end.training, sides, task), sides
 
 
 class _Windows:

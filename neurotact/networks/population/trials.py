@@ -1,0 +1,81 @@
+"""The trials of a search, a batch of them trained at once as a population.
+
+The journal gets their lines when all of a batch are trained. Which trials the median-stop rule ends does not change by
+that: it compares with trials of earlier batches alone.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+
+from neurotact.data import hdf5
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+from neurotact.networks import search, trained
+from neurotact.networks.population.devices import device_of
+from neurotact.networks.population.training import Ended, Member, check, train
+from neurotact.networks.search import Job, Problem, Run, Trial
+from neurotact.networks.trained import Sides
+from neurotact.networks.training import Epoch
+
+
+@contextmanager
+def runner(problem: Problem, spikes: Path, n_workers: int, device: str) -> Iterator[Run]:
+    """Trials trained on a device or, on the CPU, in processes; see `search.processes`."""
+    if device == "cpu":
+        with search.processes(spikes, n_workers) as run:
+            yield run
+    else:
+        yield on_device(problem, hdf5.load_spikes(spikes), device_of(device))
+
+
+def on_device(problem: Problem, trains: SpikeTrains, device: torch.device) -> Run:
+    """Trials trained as populations; InputError where the problem's network cannot be."""
+    sides = trained.sides_of(trains, problem.task)
+    network, _ = trained.new_network(trains, problem.network, (0, 0), sides.train.spikes)
+    check(network, sides.train.spikes.shape[1])
+    return lambda jobs: iter(_run(jobs, trains, sides, device))
+
+
+def _run(jobs: Sequence[Job], trains: SpikeTrains, sides: Sides, device: torch.device) -> list[Trial]:
+    members: list[Member] = []
+    placed: list[Job] = []
+    trials: dict[int, Trial] = {}
+    for job in jobs:
+        try:
+            members.append(_member(job, trains, sides))
+            placed.append(job)
+        except InputError as error:
+            trials[job.proposal.id] = _failed(job, error, [])
+    epochs: list[list[float]] = [[] for _ in placed]
+
+    def watch(place: int, epoch: Epoch) -> bool:
+        epochs[place].append(epoch.validation_accuracy)
+        job = placed[place]
+        return job.median_stop is not None and job.median_stop.stops(job.proposal.id, epochs[place])
+
+    ended = train(members, device, watch) if members else []
+    for job, member, end, seen in zip(placed, members, ended, epochs, strict=True):
+        trials[job.proposal.id] = _trial(job, member, end, sides, seen)
+    return [trials[job.proposal.id] for job in jobs]
+
+
+def _member(job: Job, trains: SpikeTrains, sides: Sides) -> Member:
+    spec = job.problem.network_of(job.proposal.parameters)
+    network, order = trained.new_network(trains, spec, job.problem.seeds_of(job.proposal), sides.train.spikes)
+    check(network, sides.train.spikes.shape[1])
+    return Member(network, sides.train, sides.validation, order)
+
+
+def _trial(job: Job, member: Member, end: Ended, sides: Sides, epochs: list[float]) -> Trial:
+    if end.error is not None:
+        return _failed(job, end.error, epochs)
+    accuracy = epochs[-1] if end.stopped else end.training.best.validation_accuracy
+    outcome = search.STOPPED if end.stopped else search.FINISHED
+    return search.trial_of(job, member.network, accuracy, outcome, sides, epochs)
+
+
+def _failed(job: Job, error: InputError, epochs: list[float]) -> Trial:
+    return Trial(*job.proposal, epochs, search.FAILED, error=str(error))
