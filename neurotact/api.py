@@ -390,16 +390,18 @@ def run_study(
     quick: bool = False,
     workers: int = 2,
     scheduler: str | None = None,
+    device: str = "cpu",
 ) -> pd.DataFrame:
     """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
 
     settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
     data: the file of recordings of a study that names none: `run_study("own-recordings", "mine", data="touches.h5")`.
     quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
+    device: "cuda" trains all networks at once on one GPU.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     """
     study = loading.resolve(name, settings, quick=quick, data=data)
-    runner.run(study, Path(folder), workers, scheduler)
+    runner.run(study, Path(folder), workers, scheduler, device)
     return _reported(Path(folder))
 
 

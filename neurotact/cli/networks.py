@@ -28,6 +28,7 @@ from neurotact.cli.options import (
     OutFile,
     OutFolder,
     PerTrial,
+    PopulationDevice,
     RestMs,
     RunFolder,
     Seed,
@@ -200,7 +201,7 @@ def tune(
     workers: Annotated[
         int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
     ] = 2,
-    device: Annotated[str, typer.Option(help="cpu, or cuda: each batch is trained at once on one GPU.")] = "cpu",
+    device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
     """Search a network's hyperparameters on validation windows.

@@ -21,6 +21,9 @@ Force = Annotated[bool, typer.Option("--force", help="Replace the output if it a
 OutFolder = Annotated[Path, typer.Option("-o", "--out", help="The folder to write.")]
 EncoderOption = Annotated[str, typer.Option(help="Name or path of an encoder spec.")]
 DeviceOption = Annotated[str, typer.Option(help="A torch device: cpu, cuda, cuda:1, mps.")]
+PopulationDevice = Annotated[
+    str, typer.Option("--device", help="cpu, or cuda: networks are trained at once on one GPU.")
+]
 WorkersOption = Annotated[
     int | None,
     typer.Option(

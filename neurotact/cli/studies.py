@@ -14,6 +14,7 @@ from neurotact.cli.options import (
     Json,
     Order,
     OutFolder,
+    PopulationDevice,
     SchedulerOption,
     SetOption,
     StudyFolder,
@@ -53,6 +54,7 @@ def study_run(
     set_: SetOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
     """Run a study: every cell of its sweep, the tables, the figures, the report.
@@ -64,7 +66,7 @@ def study_run(
     what = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(what, "notes", ()):
         say(note)
-    _run_study(what, out, workers, scheduler, as_json)
+    _run_study(what, out, (workers, scheduler, device), as_json)
 
 
 @app.command("resume")
@@ -72,10 +74,11 @@ def study_resume(
     folder: StudyFolder,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
     """Go on with a study that was interrupted."""
-    _run_study(runner.load(folder), folder, workers, scheduler, as_json)
+    _run_study(runner.load(folder), folder, (workers, scheduler, device), as_json)
 
 
 @app.command("report")
@@ -85,11 +88,14 @@ def study_report(folder: StudyFolder, as_json: Json = False) -> None:
     _print_report(report.write(folder), as_json)
 
 
-def _run_study(what: loading.Study, out: Path, workers: int | None, scheduler: str | None, as_json: bool) -> None:
+def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | None, str], as_json: bool) -> None:
+    workers, scheduler, device = where
     if workers and scheduler:
         raise InputError("--workers, --scheduler: give one of them; a cluster has the workers that have joined it")
+    if device != "cpu" and (workers or scheduler):
+        raise InputError("--device, --workers, --scheduler: give one of them; a GPU trains all networks at once")
     try:
-        runner.run(what, out, workers or 2, scheduler)
+        runner.run(what, out, workers or 2, scheduler, device)
         page = report.write(out)
     except KeyboardInterrupt:
         say(f"interrupted; go on with: neurotact study resume {out}")

@@ -324,7 +324,11 @@ def train_best(
     """
     seeds = problem.seeds_of(Proposal(best.id, best.parameters))
     what = trains, problem.network_of(best.parameters), problem.task, seeds
-    return trained.fit(*what) if device == "cpu" else population.fit(*what, device=device_of(device))
+    if device == "cpu":
+        return trained.fit(*what)
+    sides = trained.sides_of(trains, problem.task)
+    (fitted,) = population.fit([population.Asked(*what, sides)], device_of(device))
+    return fitted, sides
 
 
 def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial], device: str = "cpu") -> Outcome:

@@ -165,16 +165,21 @@ def fit(
     Warns where no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)
-    if not sides.train.spikes.any():
-        warnings.warn(
-            f"training: none of the {len(sides.train.labels)} training windows holds a spike, so that nothing is "
-            "learned; raise the encoder's gains (neurotact calibrate) or move the window",
-            stacklevel=2,
-        )
+    warn_of_silence(sides.train)
     network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
     network = network.to(device)
     training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
     return finished(network, training, sides, task), sides
+
+
+def warn_of_silence(training: Examples) -> None:
+    """Warn of training windows without a spike."""
+    if not training.spikes.any():
+        warnings.warn(
+            f"training: none of the {len(training.labels)} training windows holds a spike, so that nothing is "
+            "learned; raise the encoder's gains (neurotact calibrate) or move the window",
+            stacklevel=3,
+        )
 
 
 def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:

@@ -8,6 +8,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.networks import search, trained, truncated
 from neurotact.networks.conditions import by_condition
+from neurotact.networks.population.devices import device_of
+from neurotact.networks.population.trials import on_device
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import Task
 from neurotact.studies import encoded
@@ -18,24 +20,36 @@ SEARCH = "search"
 """The folder of a cell's search."""
 
 
-def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None) -> Files:
+def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: str = "cpu") -> Files:
     """Train and measure a cell, or measure its spike trains where it has no network.
 
     It may run on any machine: it reads and keeps nothing but what is passed.
 
     kept: where the journal of the cell's search is kept, so that a search that was interrupted goes on; without it,
-    or without a search, no journal is read or saved.
+    or without a search, no journal is read or saved. device: where a search trains its trials.
     """
     if cell.network is None:
         return encoded.run(cell, trains)
     began = perf_counter()
     task = task_of(cell)
-    with scratch() as empty:
-        searched = _search(cell, cell.network, trains, task, kept or empty) if cell.search else None
-    if searched is None:
+    if cell.search is None:
         fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
-    else:
-        fitted, sides = searched.fitted, searched.sides
+        return left_by(cell, trains, fitted, sides, perf_counter() - began)
+    with scratch() as empty:
+        searched = _search(cell, cell.network, trains, task, kept or empty, device)
+    return left_by(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
+
+
+def left_by(
+    cell: Cell,
+    trains: SpikeTrains,
+    fitted: trained.Trained,
+    sides: trained.Sides,
+    seconds: float,
+    searched: "Searched | None" = None,
+) -> Files:
+    """What a cell leaves whose network is trained, which took so many seconds."""
+    began, task = perf_counter() - seconds, task_of(cell)
     result = trained.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
     result["row"] = {
         "dataset": cell.dataset,
@@ -96,19 +110,20 @@ class Searched(NamedTuple):
     files: Files
 
 
-def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path) -> Searched:
+def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path, device: str) -> Searched:
     """Search the cell's network on its validation trials and train the best one again.
 
     The search's seed is drawn from the cell's content, so that cells which differ in their seed alone search anew.
     """
     assert cell.search is not None
     spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
-    problem = search.problem_of(trains, spec, network, task)
+    problem = search.problem_of(trains, spec, network, task, device)
     place = kept / SEARCH
-    trials, _ = search.search(problem, place, search.here(trains, task))
+    here = search.here(trains, task) if device == "cpu" else on_device(problem, trains, device_of(device))
+    trials, _ = search.search(problem, place, here)
     search.write_tables(problem, place, trials)
     best = search.best_of(trials)
-    fitted, sides = search.train_best(problem, trains, best)
+    fitted, sides = search.train_best(problem, trains, best, device)
     row = {"trial": best.id, **{f"network.{key}": search.as_cell(value) for key, value in best.parameters.items()}}
     written = (path for path in sorted(place.iterdir()) if not path.name.startswith(DRAFT))
     left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}

@@ -1,6 +1,6 @@
-"""Where a study's cells are computed: in processes of this machine, or on the workers of a cluster.
+"""Where a study's cells are computed: in processes of this machine, on the workers of a cluster, or on a GPU.
 
-Either yields each cell with what it leaves, as it is done, and who asked writes that down: workers need no disk that is
+Each yields each cell with what it leaves, as it is done, and who asked writes that down: workers need no disk that is
 shared, and what is written is not lost by anything that happens later.
 """
 
@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 from neurotact.studies.cluster import cluster
+from neurotact.studies.device import on_device
 from neurotact.studies.engine import Engine, Load, MapCells, RunCell
 from neurotact.studies.store import AnyCell, Files, cell_folder
 from neurotact.workers import spawned_as_done
 
 
-def executor(n_workers: int, scheduler: str | None = None) -> AbstractContextManager[MapCells]:
-    """So many processes of this machine, or the cluster whose Dask scheduler has that address."""
+def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") -> AbstractContextManager[MapCells]:
+    """So many processes of this machine, the cluster whose Dask scheduler has that address, or that CUDA device."""
+    if device != "cpu":
+        return on_device(device)
     return processes(n_workers) if scheduler is None else cluster(scheduler)
 
 

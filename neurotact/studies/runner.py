@@ -21,20 +21,22 @@ from neurotact.versions import versions
 
 STUDY = "study.toml"
 VERSIONS = "versions.json"
+DEVICE = "device"
 
 
-def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None) -> None:
+def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None, device: str = "cpu") -> None:
     """Run what is not yet done of `study` in `folder`, then write its tables; `report.write` shows them.
 
     scheduler: address of a Dask scheduler, whose workers compute the cells in place of `workers` processes here.
+    device: a CUDA device that trains networks in their place, all at once.
     Each cell trains with one thread and seeds of its own, so that who computes it changes no number.
     What was damaged since it was written is written again, and a line on stderr names it.
     Raises InputError when the folder holds another study or anything else, when another process works in it, and when
     the scheduler cannot be used.
     """
     with files.locked(folder), ExitStack() as at_last:
-        with executor(workers, scheduler) as map_cells:
-            _claim(folder, study)
+        with executor(workers, scheduler, device) as map_cells:
+            _claim(folder, study, device)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # of worker processes that were stopped
             _compute(study, folder, map_cells)
@@ -123,7 +125,7 @@ def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
             yield cell, cell_folder(folder, cell).relative_to(folder).as_posix(), why
 
 
-def _claim(folder: Path, study: Study) -> None:
+def _claim(folder: Path, study: Study, device: str) -> None:
     """Make `folder` this study's; refuse one that is another's.
 
     A folder without a manifest, which got lost or was never there, is taken by the study that it holds.
@@ -141,17 +143,22 @@ def _claim(folder: Path, study: Study) -> None:
         raise InputError(f"{folder}: already holds another study; choose another folder or remove it")
     manifest.seal(folder, [], made_from)
     files.write_text(path, to_toml(study))
-    _keep_versions(folder)
+    _keep_versions(folder, device)
 
 
-def _keep_versions(folder: Path) -> None:
-    """Write the versions that a study begins with; a line on stderr tells which others it goes on with."""
-    here, began = versions(), manifest.sound_json(folder, VERSIONS)
+def _keep_versions(folder: Path, device: str) -> None:
+    """Write the versions that a study begins with; a line on stderr tells which others it goes on with.
+
+    A GPU is one of them; the CPU, where most studies run, is not named.
+    """
+    gpu = {} if device == "cpu" else {DEVICE: "cuda"}
+    here, began = versions() | gpu, manifest.sound_json(folder, VERSIONS)
     if began is None:
         manifest.say_flaws("", manifest.flaws(folder, [VERSIONS]), "written again with the versions that are here now")
         files.write_json(folder / VERSIONS, here)
         manifest.seal(folder, [VERSIONS])
         return
+    began, here = {DEVICE: "cpu", **began}, {DEVICE: "cpu", **here}
     others = [name for name in here if name != "python" and here[name] != began.get(name)]
     if others:
         told = ", ".join(f"{name} {here[name]} (was {began.get(name)})" for name in others)

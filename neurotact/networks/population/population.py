@@ -49,6 +49,11 @@ class Form(NamedTuple):
         """Words of 32 bits that hold the afferents of a step."""
         return -(-self.inputs // 32)
 
+    @property
+    def warps(self) -> dict[str, int]:
+        """Of a program of each kernel: the fewest whose registers do not spill, or all but (compiled for sm_90)."""
+        return {"forward": 4, "backward": 4 if self.hidden <= 32 else 8}
+
     def constants(self) -> dict[str, object]:
         inputs, hidden, classes = self.padded
         return {
@@ -185,7 +190,7 @@ class Population:
         _kernels().forward[n_places, -(-n_trials // TILE)](
             self.bits, batch.windows, batch.members, self.sizes, batch.trials, self.constants, self.weights,
             *tape, *counts, n_trials, self.form.steps, self.form.inputs,
-            **self.form.constants(), KEEP=keep, num_warps=4, enable_fp_fusion=False,
+            **self.form.constants(), KEEP=keep, num_warps=self.form.warps["forward"], enable_fp_fusion=False,
         )  # fmt: skip
         return counts, tape if keep else None
 
@@ -198,18 +203,13 @@ class Population:
             self.bits, batch.windows, batch.members, batch.trials, self.constants, self.weights,
             *tape, g.hidden.contiguous(), g.readout.contiguous(), parts,
             n_trials, self.form.steps, self.form.inputs, n_tiles,
-            **self.form.constants(), num_warps=self._warps, enable_fp_fusion=False,
+            **self.form.constants(), num_warps=self.form.warps["backward"], enable_fp_fusion=False,
         )  # fmt: skip
         # One after another: a sum over a dimension may take its terms in an order that depends on the others.
         total = parts[:, 0]
         for tile in range(1, n_tiles):
             total = total + parts[:, tile]
         return total
-
-    @property
-    def _warps(self) -> int:
-        """Of a program backward: with fewer, its registers spill (compiled for sm_90)."""
-        return 4 if self.form.hidden <= 32 else 8
 
 
 def _kernels() -> Any:

@@ -93,16 +93,34 @@ def train(members: Sequence[Member], device: torch.device, watch: Watch = lambda
     return [ended[place] for place in range(len(members))]
 
 
-def fit(
-    trains: SpikeTrains, spec: RSNNSpec, task: Task, seeds: tuple[int, int], *, device: torch.device
-) -> tuple[Trained, Sides]:
-    """Train one network as `trained.fit` does, as a population of one: the numbers that it has among others."""
-    sides = trained.sides_of(trains, task)
-    network, order = trained.new_network(trains, spec, seeds, sides.train.spikes)
-    (end,) = train([Member(network, sides.train, sides.validation, order)], device)
-    if end.error is not None:
-        raise end.error
-    return trained.finished(network, end.training, sides, task), sides
+class Asked(NamedTuple):
+    """A network to train from nothing, as `trained.fit` is asked; what has the same windows shares them."""
+
+    trains: SpikeTrains
+    spec: RSNNSpec
+    task: Task
+    seeds: tuple[int, int]
+    sides: Sides
+
+    def member(self) -> Member:
+        """The untrained network; InputError where it cannot be trained here."""
+        training = self.sides.train
+        network, order = trained.new_network(self.trains, self.spec, self.seeds, training.spikes)
+        check(network, training.spikes.shape[1])
+        return Member(network, training, self.sides.validation, order)
+
+
+def fit(asked: Sequence[Asked], device: torch.device) -> list[Trained]:
+    """Train networks as `trained.fit` does, all at once; each has the numbers that it has in any population."""
+    for sides in {id(each.sides): each.sides for each in asked}.values():
+        trained.warn_of_silence(sides.train)
+    members = [each.member() for each in asked]
+    fitted = []
+    for each, member, end in zip(asked, members, train(members, device), strict=True):
+        if end.error is not None:
+            raise end.error
+        fitted.append(trained.finished(member.network, end.training, each.sides, each.task))
+    return fitted
 
 
 class _Windows:

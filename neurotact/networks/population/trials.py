@@ -15,7 +15,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks import search, trained
 from neurotact.networks.population.devices import device_of
-from neurotact.networks.population.training import Ended, Member, check, train
+from neurotact.networks.population.training import Asked, Ended, Member, train
 from neurotact.networks.search import Job, Problem, Run, Trial
 from neurotact.networks.trained import Sides
 from neurotact.networks.training import Epoch
@@ -34,8 +34,7 @@ def runner(problem: Problem, spikes: Path, n_workers: int, device: str) -> Itera
 def on_device(problem: Problem, trains: SpikeTrains, device: torch.device) -> Run:
     """Trials trained as populations; InputError where the problem's network cannot be."""
     sides = trained.sides_of(trains, problem.task)
-    network, _ = trained.new_network(trains, problem.network, (0, 0), sides.train.spikes)
-    check(network, sides.train.spikes.shape[1])
+    Asked(trains, problem.network, problem.task, (0, 0), sides).member()
     return lambda jobs: iter(_run(jobs, trains, sides, device))
 
 
@@ -63,10 +62,9 @@ def _run(jobs: Sequence[Job], trains: SpikeTrains, sides: Sides, device: torch.d
 
 
 def _member(job: Job, trains: SpikeTrains, sides: Sides) -> Member:
-    spec = job.problem.network_of(job.proposal.parameters)
-    network, order = trained.new_network(trains, spec, job.problem.seeds_of(job.proposal), sides.train.spikes)
-    check(network, sides.train.spikes.shape[1])
-    return Member(network, sides.train, sides.validation, order)
+    problem, proposal = job.problem, job.proposal
+    spec = problem.network_of(proposal.parameters)
+    return Asked(trains, spec, problem.task, problem.seeds_of(proposal), sides).member()
 
 
 def _trial(job: Job, member: Member, end: Ended, sides: Sides, epochs: list[float]) -> Trial:
