@@ -76,7 +76,7 @@ def check(network: RSNN) -> None:
         raise InputError(
             f"--device cuda: the network has {', '.join(large)}; leave --device out to train it on the CPU"
         )
-    other = "readout = 'integrator'" if network.bias is not None else "learned dynamics" if spec.learn else None
+    other = f"readout = '{spec.readout}'" if spec.readout != "count" else "learned dynamics" if spec.learn else None
     if other is None and (network.w_in.dtype != torch.float32 or not isinstance(network.spike, FastSigmoid)):
         other = "float64 or a surrogate of its own"
     if other:

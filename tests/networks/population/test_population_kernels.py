@@ -175,6 +175,7 @@ def test_weights_come_back_as_they_went():
         (RSNN(4, 3, RSNNSpec(hidden=65), 400.0), "65 hidden"),
         (RSNN(129, 3, RSNNSpec(hidden=6), 400.0), "129 inputs"),
         (RSNN(4, 3, RSNNSpec(hidden=6, readout="integrator"), 400.0), "integrator"),
+        (RSNN(4, 3, RSNNSpec(hidden=6, readout="max"), 400.0), "max"),
         (RSNN(4, 3, RSNNSpec(hidden=6, learn=("beta",)), 400.0), "learned dynamics"),
         (RSNN(4, 3, RSNNSpec(hidden=6), 400.0, dtype=torch.float64), "float64"),
     ],
