@@ -34,7 +34,9 @@ COMMANDS = {
     "import": Place("recordings", "app", "Read recordings as they were published into one HDF5 file."),
     "calibrate": Place("encoding", "calibrate", "Find an encoder's gains for a sensor, from its training trials."),
     "encode": Place("encoding", "encode", "Turn whole trials into the spikes of SA-I and RA-I afferents."),
-    "raster": Place("encoding", "raster", "Draw a trial's spikes (.png, .svg, .pdf), or write all events (.csv)."),
+    "raster": Place(
+        "encoding", "raster", "Draw a trial's spikes (.png, .svg, .pdf), or write those of all trials (.csv, .nwb)."
+    ),
     "train": Place("networks", "train_command", "Train a network on windows of spike trains."),
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count what it cost."),

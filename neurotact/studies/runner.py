@@ -125,7 +125,7 @@ def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
             yield cell, cell_folder(folder, cell).relative_to(folder).as_posix(), why
 
 
-def _claim(folder: Path, study: Study, device: str) -> None:
+def _claim(folder: Path, study: Study, device: str = "cpu") -> None:
     """Make `folder` this study's; refuse one that is another's.
 
     A folder without a manifest, which got lost or was never there, is taken by the study that it holds.

@@ -22,7 +22,7 @@ def study_of(tmp_path: Path, **parts) -> Path:
 
 
 @contextmanager
-def in_this_process(workers, scheduler):
+def in_this_process(workers, scheduler, device):
     yield lambda engine, cells, folder: (
         (cell, engine.run_cell(cell, engine.load_given(folder / cell.given), None)) for cell in cells
     )
