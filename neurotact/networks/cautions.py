@@ -90,7 +90,7 @@ def training(log: pd.DataFrame, spec: TrainingSpec) -> Iterator[str]:
             "(--set training.relative_learning_rate=0.02)"
         )
     elif spec.schedule == "constant" and len(losses) >= spec.epochs and log["epoch"].max() + 1 >= spec.epochs:
-        yield f"training stopped at its {spec.epochs} epochs before it had settled; raise training.epochs"
+        yield f"training stopped after epoch {spec.epochs}, its last, before it had settled; raise training.epochs"
 
 
 def together(found: Sequence[Sequence[str]]) -> list[str]:

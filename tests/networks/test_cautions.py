@@ -55,7 +55,7 @@ def log(losses) -> pd.DataFrame:
     [
         ([2.0, 1.0, 0.5], "cosine", 3, None),  # the rates fell to 0: all epochs are meant to run
         ([2.0, 1.0, 0.5], "constant", 100, None),
-        ([2.0, 1.0, 0.5], "constant", 3, "stopped at its 3 epochs"),
+        ([2.0, 1.0, 0.5], "constant", 3, "stopped after epoch 3, its last"),
         ([2.0, np.inf, 0.5], "cosine", 3, "became infinite"),
         ([2.0, np.nan], "cosine", 3, "became infinite"),
         ([2.0, 0.5, 2.1], "cosine", 3, "diverged"),

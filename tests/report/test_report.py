@@ -415,7 +415,7 @@ def test_what_to_beware_of_is_told_with_the_number_of_networks(tmp_path):
     what = make_study(network=study.PARTS["network"]("rsnn").model_copy(update={"training": TrainingSpec(epochs=20)}))
     networks.write(what, make_run(what, tmp_path, grating_conditions()))
     cautions = read_json(tmp_path / "answer.json")["cautions"]
-    assert any(line.startswith("24 of 24 networks: training stopped at its 20 epochs") for line in cautions)
+    assert any(line.startswith("24 of 24 networks: training stopped after epoch 20, its last") for line in cautions)
 
 
 def test_classes_stand_in_their_natural_order():
