@@ -22,6 +22,31 @@ def _constant(constants, member, number: tl.constexpr):
 
 
 @triton.jit
+def _dynamics(constants, member):
+    """Decays of current and membrane, and thresholds, each of the hidden layer and of the readout."""
+    alpha = _constant(constants, member, 0)
+    alpha_out = _constant(constants, member, 1)
+    beta = _constant(constants, member, 2)
+    beta_out = _constant(constants, member, 3)
+    threshold = _constant(constants, member, 4)
+    threshold_out = _constant(constants, member, 5)
+    return alpha, alpha_out, beta, beta_out, threshold, threshold_out
+
+
+@triton.jit
+def _work(windows, members, trials, most_trials, BT: tl.constexpr):
+    """A program's place, tile, network, first slot, trials of the tile, number of real trials, and windows."""
+    place = tl.program_id(0).to(tl.int64)
+    tile = tl.program_id(1)
+    member = tl.load(members + place).to(tl.int64)
+    n_trials = tl.load(trials + place)
+    trial = tile * BT + tl.arange(0, BT)
+    slot = place * most_trials
+    window = tl.load(windows + slot + trial, mask=trial < n_trials, other=0)
+    return place, tile, member, slot, trial, n_trials, window
+
+
+@triton.jit
 def _membrane_step(membrane, current_before, current, beta, threshold, MEMBRANE: tl.constexpr, RESET: tl.constexpr):
     """U[t+1] from U[t], I[t] and I[t+1]."""
     keep = membrane <= threshold
@@ -75,15 +100,9 @@ def forward(
     MEMBRANE: tl.constexpr, RESET: tl.constexpr, DELAYED: tl.constexpr, RECURRENT: tl.constexpr, KEEP: tl.constexpr,
 ):  # fmt: skip
     """Run windows of a batch of each network; see `population.Population` for the arrays."""
-    place = tl.program_id(0).to(tl.int64)
-    tile = tl.program_id(1)
-    member = tl.load(members + place).to(tl.int64)
-    n_trials = tl.load(trials + place)
+    _, tile, member, slot, trial, n_trials, window = _work(windows, members, trials, most_trials, BT)
     n_hidden = tl.load(sizes + member)
-    trial = tile * BT + tl.arange(0, BT)
     real = trial < n_trials
-    slot = place * most_trials
-    window = tl.load(windows + slot + trial, mask=real, other=0)
     lane = tl.arange(0, HP)
     out_lane = tl.arange(0, OP)
     # Within a place 32 bits count: the host sees to it.
@@ -94,12 +113,7 @@ def forward(
     w_in = weights + member * (IP * HP + HP * HP + HP * OP)
     w_rec = w_in + IP * HP
     w_out = w_rec + HP * HP
-    alpha = _constant(constants, member, 0)
-    alpha_out = _constant(constants, member, 1)
-    beta = _constant(constants, member, 2)
-    beta_out = _constant(constants, member, 3)
-    threshold = _constant(constants, member, 4)
-    threshold_out = _constant(constants, member, 5)
+    alpha, alpha_out, beta, beta_out, threshold, threshold_out = _dynamics(constants, member)
 
     current = tl.zeros([BT, HP], tl.float32)
     membrane = tl.zeros([BT, HP], tl.float32)
@@ -188,14 +202,8 @@ def backward(
 
     g_hidden, g_readout: dL/d counts; gradients: `(place, tile, weight)`.
     """
-    place = tl.program_id(0).to(tl.int64)
-    tile = tl.program_id(1)
-    member = tl.load(members + place).to(tl.int64)
-    n_trials = tl.load(trials + place)
-    trial = tile * BT + tl.arange(0, BT)
+    place, tile, member, slot, trial, n_trials, window = _work(windows, members, trials, most_trials, BT)
     real = trial < n_trials
-    slot = place * most_trials
-    window = tl.load(windows + slot + trial, mask=real, other=0)
     lane = tl.arange(0, HP)
     out_lane = tl.arange(0, OP)
     kept = trial[:, None] * (n_steps * HP) + lane[None, :]
@@ -210,12 +218,7 @@ def backward(
     w_out = w_rec + HP * HP
     rec_transposed = tl.trans(tl.load(w_rec + lane[:, None] * HP + lane[None, :]))
     out_transposed = tl.trans(tl.load(w_out + lane[:, None] * OP + out_lane[None, :]))
-    alpha = _constant(constants, member, 0)
-    alpha_out = _constant(constants, member, 1)
-    beta = _constant(constants, member, 2)
-    beta_out = _constant(constants, member, 3)
-    threshold = _constant(constants, member, 4)
-    threshold_out = _constant(constants, member, 5)
+    alpha, alpha_out, beta, beta_out, threshold, threshold_out = _dynamics(constants, member)
     scale = _constant(constants, member, 6)
     scale_out = _constant(constants, member, 7)
     counted = tl.load(g_hidden + slot * HP + trial[:, None] * HP + lane[None, :], mask=real[:, None], other=0.0)
