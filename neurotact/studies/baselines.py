@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines.families import Family, Sides, accuracy, best_of, elm, logistic_regression, svm
+from neurotact.baselines.families import Candidate, Family, Sides, accuracy, best_of, elm, logistic_regression, svm
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
@@ -129,11 +129,13 @@ def _row(one: Input, name: str, family: Family, sides: Sides) -> dict[str, Any]:
     best = best_of(family, sides, 0)
     spent = one.made + cost(Standardise(one.features.shape[1]), *best.layers)
     ra_ms, sa_ms = one.pair if one.pair else (None, None)
+    named = {"classifier": name, "input": f"{one.source}: {one.words}", "t_ref_ra_ms": ra_ms, "t_ref_sa_ms": sa_ms}
+    return {**named, **measured(best, sides, spent)}
+
+
+def measured(best: Candidate, sides: Sides, spent: Cost) -> dict[str, Any]:
+    """How a fitted classifier did on each side, and what a decision costs; spent: from the recording on."""
     return {
-        "classifier": name,
-        "input": f"{one.source}: {one.words}",
-        "t_ref_ra_ms": ra_ms,
-        "t_ref_sa_ms": sa_ms,
         "settings": best.settings,
         "n_train": len(sides.y_train),
         "n_validation": len(sides.y_validation),

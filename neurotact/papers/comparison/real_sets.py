@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
-from neurotact.baselines.families import accuracy, best_of
+from neurotact.baselines.families import best_of
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, new_figure, printed
@@ -107,18 +107,8 @@ def _gru(trains: SpikeTrains, labels: np.ndarray, cuts: Cuts, made: Cost, seed: 
     sides = families.standardised(binned, labels, cuts.sides)
     best = best_of(families.gru, sides, seed)
     spent = made + cost(StandardisedSteps(*binned.shape[1:]), *best.layers)
-    return {
-        "classifier": "GRU",
-        "input": f"{baselines.SPIKES}: {binned.shape[1]} time bins",
-        "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
-        "accuracy_test": accuracy(best, sides.test, sides.y_test),
-        "energy_estimate_nJ": spent.energy_estimate_nJ,
-        "flops": spent.flops,
-        "parameters": spent.parameters,
-        "signal_ms": spent.signal_ms,
-        "n_train": len(sides.y_train),
-        "n_test": len(sides.y_test),
-    }
+    named = {"classifier": "GRU", "input": f"{baselines.SPIKES}: {binned.shape[1]} time bins"}
+    return {**named, **baselines.measured(best, sides, spent)}
 
 
 def points(results: pd.DataFrame) -> pd.DataFrame:

@@ -103,7 +103,7 @@ def test_a_gru_sees_the_spikes_of_each_side_alone(monkeypatch):
     def flat(x):
         return x.reshape(len(x), -1)
 
-    monkeypatch.setattr(real_sets, "accuracy", lambda *ignored: 0.5)
+    monkeypatch.setattr("neurotact.studies.baselines.accuracy", lambda *ignored: 0.5)
     monkeypatch.setattr("neurotact.baselines.families.accuracy", lambda *ignored: 0.5)
     parameters = asked()
     real_sets.run(parameters, real_sets.load(parameters.data))
