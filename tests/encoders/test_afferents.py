@@ -29,6 +29,16 @@ def touches(draw, least_steps: int = 0) -> np.ndarray:
     return signal.astype(draw(st.sampled_from([np.float32, np.float64])))
 
 
+def in_pieces(signal, encoder, cuts):
+    """The spikes of a signal that is encoded in pieces, and the state after the last; cuts: shares of its length."""
+    bounds = [0, *sorted(round(cut * signal.shape[1]) for cut in cuts), signal.shape[1]]
+    pieces, state = [], None
+    for start, stop in pairwise(bounds):
+        spikes, state = encode(signal[:, start:stop], RATE_HZ, encoder, state)
+        pieces.append(spikes)
+    return np.concatenate(pieces, axis=1), state
+
+
 t_refs = st.sampled_from([0.0, 0.5, 1.0, 5.0, 10.0])
 
 
@@ -37,12 +47,8 @@ t_refs = st.sampled_from([0.0, 0.5, 1.0, 5.0, 10.0])
 def test_pieces_equal_the_whole(signal, t_ref_sa, t_ref_ra, cuts):
     encoder = spec(t_ref_sa, t_ref_ra)
     whole, end = encode(signal, RATE_HZ, encoder)
-    bounds = [0, *sorted(round(cut * signal.shape[1]) for cut in cuts), signal.shape[1]]
-    pieces, state = [], None
-    for start, stop in pairwise(bounds):
-        spikes, state = encode(signal[:, start:stop], RATE_HZ, encoder, state)
-        pieces.append(spikes)
-    assert np.array_equal(np.concatenate(pieces, axis=1), whole)
+    found, state = in_pieces(signal, encoder, cuts)
+    assert np.array_equal(found, whole)
     assert state is not None
     for mine, its in zip((*end.sa1, *end.ra1), (*state.sa1, *state.ra1), strict=True):
         assert np.array_equal(mine, its)

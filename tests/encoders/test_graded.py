@@ -1,14 +1,13 @@
 """Several afferents a taxel: each is a plain one of its own gain, and all keep the laws of plain ones."""
 
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_afferents import RATE_HZ, touches
+from test_afferents import RATE_HZ, in_pieces, touches
 from test_calibration import RULE, slides
 
 from neurotact import spec as specs
@@ -62,12 +61,7 @@ def test_each_population_is_a_plain_one_whose_gain_is_multiplied(backend, signal
 def test_pieces_equal_the_whole_by_the_kernel_and_by_the_definition(signal, sa1, ra1, opposite, cuts):
     encoder = spec(sa1, ra1, opposite=opposite)
     whole, _ = encode(signal, RATE_HZ, encoder, backend="reference")
-    bounds = [0, *sorted(round(cut * signal.shape[1]) for cut in cuts), signal.shape[1]]
-    pieces, state = [], None
-    for start, stop in pairwise(bounds):
-        spikes, state = encode(signal[:, start:stop], RATE_HZ, encoder, state)
-        pieces.append(spikes)
-    assert np.array_equal(np.concatenate(pieces, axis=1), whole)
+    assert np.array_equal(in_pieces(signal, encoder, cuts)[0], whole)
 
 
 @given(signal=touches(), sa1=grades)
