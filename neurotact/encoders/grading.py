@@ -7,7 +7,7 @@ import numpy as np
 from neurotact.encoders.afferents import AfferentSpec
 
 MOST_VALUES = 1_000_000
-"""Of what is felt; of longer trials every second step is looked at, or every third, and so on."""
+"""Steps of a trial that are sampled; of a longer trial every second step is, or every third, and so on."""
 
 
 def sample(felt: Iterable[np.ndarray], n_values: int) -> np.ndarray:

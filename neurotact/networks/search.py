@@ -122,7 +122,7 @@ class Timing(NamedTuple):
 
 
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:
-    """The problem of searching on these spike trains, on the CPU or a device that is there.
+    """The problem of searching on these spike trains, on the CPU or an available device.
 
     InputError when the space does not suit the network, or the training trials hold less than two classes.
     """

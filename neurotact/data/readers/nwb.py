@@ -1,7 +1,7 @@
 """Neurodata Without Borders (NWB 2, HDF5): spike times of units, or a time series, cut into the trials of the file.
 
 The layout is that of the NWB schema (doi 10.7554/eLife.78362): `units`, tables of `intervals`, `TimeSeries`. It is read
-as HDF5, dataset by dataset, so that what a file declares is bounded before it is read; its own schema is not looked at.
+as HDF5, dataset by dataset, so that what a file declares is bounded before it is read. Its schema is ignored.
 """
 
 import json
