@@ -5,10 +5,12 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "dispatch.hpp"
@@ -200,8 +202,8 @@ void encode(bool is_double, int64_t trials, int64_t steps, int taxels, Address s
 class Stream {
 public:
     Stream(const StreamPlan& from, const Shape& shape, const Parameters& of, Address bias, Address offset, Address scale,
-           int64_t most)
-        : plan(from), decided(most) {
+           int64_t most_samples, int64_t most_decisions)
+        : plan(from), most(most_samples), decided(most_decisions), last(from.taxels) {
         const Sizes& n = shape.sizes;
         const int64_t sizes[] = {(int64_t)n.inputs * n.hidden, of.w_rec ? (int64_t)n.hidden * n.hidden : 0,
                                  (int64_t)n.hidden * n.classes, 2, 2, 2};
@@ -221,13 +223,42 @@ public:
     }
     Stream(const Stream&) = delete;
 
-    // How many windows were decided; -1, and nothing done, where a sample is not finite.
-    int64_t push(const float* samples, int64_t n, bool held) {
+    // What was decided, a tuple for each window; None, and nothing done, where a sample is not finite.
+    nb::object push(const float* samples, int64_t n, bool held) {
         for (int64_t i = 0; i < n * plan.taxels; i++)
-            if (!(samples[i] - samples[i] == 0)) return -1;
-        return kernels->push(plan, stream, samples, n, held, decided.data());
+            if (!(samples[i] - samples[i] == 0)) return nb::none();
+        const int64_t n_decided = kernels->push(plan, stream, samples, n, held, decided.data());
+        nb::list found;
+        for (int64_t i = 0; i < n_decided; i++) {
+            const Decided& d = decided[i];
+            found.append(nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
+                                        d.heard != 0));
+        }
+        return found;
     }
-    void begin() { kernels->begin(plan, stream); }
+    // The same of samples in a form that needs no preparation, at most `most` of them, which are counted; else None.
+    nb::object take(nb::handle given) {
+        nb::ndarray<const float, nb::c_contig, nb::device::cpu> samples;
+        if (!nb::try_cast(given, samples, false)) return nb::none();
+        const size_t axes = samples.ndim();
+        if (axes < 1 || axes > 2 || (int64_t)samples.shape(axes - 1) != plan.taxels) return nb::none();
+        const int64_t n = axes == 1 ? 1 : (int64_t)samples.shape(0);
+        if (n < 1 || n > most) return nb::none();
+        nb::object found = push(samples.data(), n, false);
+        if (found.is_none()) return found;
+        taken += n;
+        std::copy_n(samples.data() + (n - 1) * plan.taxels, plan.taxels, last.data());
+        return found;
+    }
+    // How many samples `take` took since this was asked last, and the values of the last one.
+    nb::tuple counted() {
+        const int64_t n = std::exchange(taken, 0);
+        return nb::make_tuple(n, nb::bytes(last.data(), last.size() * sizeof(float)));
+    }
+    void begin() {
+        taken = 0;
+        kernels->begin(plan, stream);
+    }
     // Every part of the state, in order: from memory where `parts` is null, else into it.
     nb::list exchange(const std::vector<nb::bytes>* parts) {
         struct Walk {
@@ -246,7 +277,6 @@ public:
             throw std::invalid_argument("state: has not the parts of this stream");
         return walk.found;
     }
-    const Decided& decision(int64_t i) const { return decided.at(i); }
     // From now on each push writes down its steps, `room` of them at most.
     void watch(int64_t room) {
         const int64_t n_in = words(2 * plan.taxels), n_hidden = words(plan.net.sizes.hidden);
@@ -273,7 +303,9 @@ private:
     StreamPlan plan;
     std::vector<std::vector<float>> floats;
     std::vector<double> biases;
+    int64_t most, taken = 0;
     std::vector<Decided> decided;
+    std::vector<float> last;
     std::vector<uint64_t> bits;
     std::vector<int64_t> windows;
     StreamTrace trace{};
@@ -292,7 +324,8 @@ void add_stream(nb::module_& m) {
                 double base_new, double base_kept, Address offset, Address scale, bool rectify, double sa_gain,
                 double ra_gain, double decay, double v_rest, double v_reset, double v_threshold, int sa_silent,
                 int ra_silent, int64_t length, int64_t start, int64_t hop, int64_t quiet, int at_once, int64_t patience,
-                bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_decisions) {
+                bool from_first_spike, double margin, NT_PARAMETERS, Address bias, int64_t most_samples,
+                int64_t most_decisions) {
                  if (shape.is_double || shape.sizes.inputs != 2 * taxels || taxels < 1 || at_once < 1 || length < 1)
                      throw std::invalid_argument("stream: needs a network in float32 with two inputs a taxel");
                  const StreamPlan plan{taxels, float(factor), smooth, resampled, rectify, float(smooth_new),
@@ -302,25 +335,22 @@ void add_stream(nb::module_& m) {
                                        sa_silent, ra_silent, length, start, hop, quiet, at_once,
                                        {patience, from_first_spike, margin}, {}};
                  new (self) Stream(plan, shape, {w_in, w_rec, w_out, alpha, beta, threshold}, bias, offset, scale,
-                                   most_decisions);
+                                   most_samples, most_decisions);
              },
              "shape"_a, nb::kw_only(), "taxels"_a, "factor"_a, "smooth"_a, "smooth_new"_a, "smooth_kept"_a, "resampled"_a,
              "samples_per_step"_a, "baseline"_a, "start_steps"_a, "base_new"_a, "base_kept"_a, "offset"_a, "scale"_a,
              "rectify"_a, "sa_gain"_a, "ra_gain"_a, "decay"_a, "v_rest"_a, "v_reset"_a, "v_threshold"_a, "sa_silent"_a,
              "ra_silent"_a, "length"_a, "start"_a, "hop"_a, "quiet"_a, "at_once"_a, "patience"_a, "from_first_spike"_a,
-             "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_decisions"_a)
+             "margin"_a, NT_PARAMETERS_NAMES, "bias"_a, "most_samples"_a,
+             "most_decisions"_a)
         .def("push",
              [](Stream& self, const Samples& samples, bool held) {
                  if ((int64_t)samples.shape(1) != self.taxels()) throw std::invalid_argument("samples: another width");
                  return self.push(samples.data(), (int64_t)samples.shape(0), held);
              },
              nb::kw_only(), "samples"_a, "held"_a)
-        .def("decision",
-             [](const Stream& self, int64_t i) {
-                 const Decided& d = self.decision(i);
-                 return nb::make_tuple(d.window, d.start, d.steps, d.label, d.input_spikes, d.hidden_spikes, d.held,
-                                       d.heard != 0);
-             })
+        .def("take", &Stream::take)
+        .def("counted", &Stream::counted)
         .def("watch", [](Stream& self, int64_t room) {
             if (room < 1) throw std::invalid_argument("watch: needs room for a step");
             self.watch(room);

@@ -1,5 +1,6 @@
 """The compiled step of a stream; what it computes is defined in `stream.py` and what that calls."""
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -19,6 +20,8 @@ from neurotact.neurons import CubaLIFState, LIFState
 
 BASELINES = ("none", "first", "start", "running", "high-pass")
 COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
+Decided = tuple[int, int, int, int, int, int, int, bool]
+"""Of a window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
 LANES = 8
 """Taxels that are computed side by side; arrays are filled up to a multiple."""
 
@@ -36,11 +39,12 @@ class Remembered(NamedTuple):
 class CompiledStream:
     """Conditioning, afferents, windows, network and exit of a chain, one sample after the other.
 
-    most_steps: of the encoder's clock that one `push` may complete.
+    most_samples: that one `push` takes.
     """
 
-    def __init__(self, chain: Chain, conditioner: Conditioner, most_steps: int) -> None:
-        self.chain, self.conditioner, self._most_steps = chain, conditioner, most_steps
+    def __init__(self, chain: Chain, conditioner: Conditioner, most_samples: int) -> None:
+        self.chain, self.conditioner = chain, conditioner
+        self._most_steps = math.ceil(most_samples * max(1.0, chain.clock_Hz / chain.sampling_rate_Hz)) + 1
         network, encoder, plan = chain.network, chain.encoder, chain.windows
         how, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
@@ -62,12 +66,18 @@ class CompiledStream:
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, at_once=plan.at_once,
             **networks.exits_at(chain.rule), **networks.addresses_of(network),
-            bias=0 if bias is None else bias.ctypes.data, most_decisions=most_steps + plan.at_once + 1,
+            bias=0 if bias is None else bias.ctypes.data, most_samples=most_samples,
+            most_decisions=self._most_steps + plan.at_once + 1,
         )  # fmt: skip
         self.push = self._stream.push
-        """How many windows samples `(sample, taxel)` float32 decide; -1, and nothing done, where one is not finite."""
-        self.decision = self._stream.decision
-        """The i-th of them: window, start, steps, label, input spikes, hidden spikes, held, heard."""
+        """What samples `(sample, taxel)` float32 decide; None, and nothing done, where one is not finite."""
+        self.take = self._stream.take
+        """The same of samples as a caller gave them, if float32 in one piece, and counts them; else None."""
+
+    def counted(self) -> tuple[int, np.ndarray]:
+        """How many samples `take` took since the last call, and the values of the last one."""
+        n_samples, last = self._stream.counted()
+        return n_samples, np.frombuffer(last, np.float32)
 
     def watch(self) -> None:
         """From now on each push notes what spiked in its steps."""

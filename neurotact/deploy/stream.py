@@ -6,7 +6,6 @@ samples, are a gap: windows under way are dropped and the chain begins anew, as 
 on samples that nobody recorded without saying so.
 """
 
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from neurotact.data.causal import Conditioner
 from neurotact.data.recordings import unit_factor
 from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import PAIR, Chain, chain_of
-from neurotact.deploy.native import CompiledStream, Remembered
+from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
@@ -30,7 +29,6 @@ from neurotact.metrics import synops
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 
-FLOAT32 = np.dtype(np.float32)
 MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are taken in parts, so that a fine clock needs no more memory."""
 
@@ -78,17 +76,17 @@ class Stream:
         if not 0 <= hold_ms < 1e9:
             raise InputError(f"hold_ms: must be from 0 to 1e9 ms; got {hold_ms:g}")
         self._at_once = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
-        self._one_sample = (self.chain.n_taxels,)
         self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
         self._state = StreamState(self.chain.windows.begin())
         # Synaptic operations are linear in the spikes: those of one input spike, and of one hidden spike.
         each = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
         self._sops = tuple(int(cost) for cost in each)
+        self._rates_Hz = rate_Hz, self.chain.clock_Hz
+        self._classes = self.chain.classes
         self._compiled: CompiledStream | None = None
         compilable = self.chain.network.w_in.device.type == "cpu" and encoder.n_per_taxel == PAIR
         if use_native(backend, compilable, "a network on the CPU, and one SA-I and one RA-I under each taxel"):
-            most_steps = math.ceil(self._at_once * max(1.0, self.chain.clock_Hz / rate_Hz)) + 1
-            self._compiled = CompiledStream(self.chain, self.conditioner, most_steps)
+            self._compiled = CompiledStream(self.chain, self.conditioner, self._at_once)
         self._watch = watch
         if watch is not None and self._compiled is not None:
             self._compiled.watch()
@@ -96,6 +94,7 @@ class Stream:
     @property
     def tally(self) -> Tally:
         """What the stream has met so far."""
+        self._count()
         return replace(self._state.tally)
 
     def push(self, samples: np.ndarray) -> list[Decision]:
@@ -103,14 +102,13 @@ class Stream:
 
         samples: `(sample, taxel)`, or `(taxel,)` for one, in the unit given; NaN where a value is missing.
         """
-        samples = self._checked(samples)
-        compiled, state, n_samples = self._compiled, self._state, len(samples)
-        if compiled is not None and state.bad_in_a_row == 0 and 0 < n_samples <= self._at_once:
-            n_decided = compiled.push(samples=samples, held=False)
-            if n_decided >= 0:
-                state.tally.samples += n_samples
-                state.good = samples[-1].copy()
-                return self._told(n_decided)
+        decided = self._take(samples)
+        if decided is None:
+            samples = self._checked(samples)
+            decided = self._take(samples)
+        if decided is not None:
+            return self._told(decided)
+        self._count()
         is_good = np.isfinite(samples)
         if is_good.all() and self._state.bad_in_a_row == 0:
             self._state.tally.samples += len(samples)
@@ -125,6 +123,7 @@ class Stream:
         """As many samples were lost at the source: up to `hold_ms` of them repeat the last one, more are a gap."""
         if n_samples < 0:
             raise InputError(f"missing: counts samples; got {n_samples}")
+        self._count()
         self._state.tally.missing += n_samples
         self._state.bad_in_a_row += n_samples
         good = self._state.good
@@ -137,6 +136,7 @@ class Stream:
 
     def gap(self) -> None:
         """Nobody knows how many samples were lost: the chain begins anew with the next."""
+        self._count()
         if self._state.good is not None:
             self._gap()
 
@@ -203,8 +203,23 @@ class Stream:
 
     def _recall(self) -> None:
         """Take over what the compiled step remembers."""
+        self._count()
         if self._compiled is not None:
             self._state = replace(self._state, **self._compiled.remembered()._asdict())
+
+    def _take(self, samples: np.ndarray) -> list[Decided] | None:
+        """What the samples decide in the compiled step; None where it cannot take them as they are."""
+        if self._compiled is None or self._state.bad_in_a_row:
+            return None
+        return self._compiled.take(samples)
+
+    def _count(self) -> None:
+        """Take over the samples that the compiled step has taken by itself."""
+        if self._compiled is not None:
+            n_samples, last = self._compiled.counted()
+            if n_samples:
+                self._state.tally.samples += n_samples
+                self._state.good = last
 
     def _replace(self, state: StreamState) -> None:
         """Go on from a state, in the compiled step too."""
@@ -213,11 +228,6 @@ class Stream:
             self._compiled.remember(Remembered(*(getattr(state, name) for name in Remembered._fields)))
 
     def _checked(self, samples: np.ndarray) -> np.ndarray:
-        if type(samples) is np.ndarray and samples.dtype is FLOAT32 and samples.flags.c_contiguous:
-            if samples.shape == self._one_sample:
-                return samples[None]
-            if samples.ndim == 2 and samples.shape[1:] == self._one_sample:
-                return samples
         try:
             with np.errstate(over="ignore"):
                 samples = np.ascontiguousarray(samples, np.float32)
@@ -271,7 +281,9 @@ class Stream:
         for at in range(0, len(samples), self._at_once):
             block = samples[at : at + self._at_once]
             if self._compiled is not None:
-                found += self._told(self._compiled.push(samples=block, held=held))
+                decided = self._compiled.push(samples=block, held=held)
+                assert decided is not None  # all are finite by now
+                found += self._told(decided)
                 continue
             signal, self._state.conditioned = self.conditioner.push(block, self._state.conditioned)
             found += self._encode(signal, held=held) if len(signal) else []
@@ -326,31 +338,23 @@ class Stream:
         state.tally.decisions += len(found)
         return found
 
-    def _told(self, n_decided: int) -> list[Decision]:
+    def _told(self, decided: list[Decided]) -> list[Decision]:
         """The decisions that the compiled step has just made; it is shown to whoever watches."""
-        assert self._compiled is not None
         if self._watch is not None:
+            assert self._compiled is not None
             first, afferents, hidden, window = self._compiled.watched()
             if len(window):
                 self._show(first, afferents, hidden, window)
-        self._state.tally.decisions += n_decided
-        return [self._decision(*self._compiled.decision(i)) for i in range(n_decided)]
+        if not decided:
+            return []
+        self._state.tally.decisions += len(decided)
+        return [self._decision(*each) for each in decided]
 
     def _decision(
         self, window: int, start: int, steps: int, index: int, sent: int, hidden: int, held: int, heard: bool
     ) -> Decision:
-        chain = self.chain
-        return Decision(
-            window=window,
-            time_s=self._state.origin / chain.sampling_rate_Hz + (start + steps) / chain.clock_Hz,
-            start_step=start,
-            label=chain.classes[index],
-            index=index,
-            steps=steps,
-            ms=1e3 * steps / chain.clock_Hz,
-            input_spikes=sent,
-            hidden_spikes=hidden,
-            sops=self._sops[0] * sent + self._sops[1] * hidden,
-            held=held,
-            heard=heard,
-        )
+        rate_Hz, clock_Hz = self._rates_Hz
+        time_s = self._state.origin / rate_Hz + (start + steps) / clock_Hz
+        sops = self._sops[0] * sent + self._sops[1] * hidden
+        label, ms = self._classes[index], 1e3 * steps / clock_Hz
+        return Decision(window, time_s, start, label, index, steps, ms, sent, hidden, sops, held, heard)

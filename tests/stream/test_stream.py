@@ -234,6 +234,43 @@ def test_missing_samples_within_hold_ms_repeat_the_last():
     assert stream.tally.missing == 3
 
 
+FORMS = {
+    "one sample": lambda block: list(block),
+    "float32 in one piece": lambda block: [block],
+    "float64": lambda block: [block.astype(float)],
+    "with strides": lambda block: [np.repeat(block, 2, axis=1)[:, ::2]],
+    "column by column": lambda block: [np.asfortranarray(block)],
+    "lists": lambda block: [block.tolist()],
+    "read-only": lambda block: [np.frombuffer(block.tobytes(), np.float32).reshape(block.shape)],
+    "nothing": lambda block: [block[:0], block],
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_form_of_the_samples_changes_nothing(form, backend):
+    chain, signal = make_chain({}), make_signal(80)
+    stream, plain = Stream(chain, backend=backend), Stream(chain, backend="reference")
+    found = [each for part in FORMS[form](signal) for each in stream.push(part)]
+    assert found == plain.push(signal)
+    assert stream.tally == plain.tally
+    assert np.array_equal(stream.state().good, signal[-1])
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_buffer_that_is_used_again_changes_no_sample_of_the_past(backend):
+    chain, signal = make_chain({}), make_signal(60)
+    stream, plain = (Stream(chain, backend=backend) for _ in range(2))
+    buffer, found = np.empty_like(signal[0]), []
+    for sample in signal:
+        buffer[:] = sample
+        found += stream.push(buffer)
+    buffer[:] = 1000.0
+    found += stream.missing(3)
+    assert found == plain.push(signal) + plain.missing(3)
+    assert stream.tally == plain.tally
+
+
 def test_samples_that_are_missing_one_by_one_become_a_gap_too():
     stream = Stream(make_chain({}), hold_ms=5)
     stream.push(make_signal(20))
