@@ -17,6 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from neurotact.data import heidelberg
 from neurotact.data.hdf5_input import EVENTS, Declared, attribute, names, opened, table
@@ -30,6 +31,7 @@ from neurotact.data.recordings import (
     check_finite,
     check_sampling_rate,
     check_shape,
+    chosen,
     class_indices,
 )
 from neurotact.data.spikes import SpikeTrains, TrialSpikes
@@ -61,7 +63,7 @@ def save_recordings(recordings: Recordings, path: str | Path) -> None:
         _write_table(file.create_group("conditions"), recordings.conditions)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StoredRecordings(Trials):
     """Recordings in an open file, of which the signals are read as they are needed (`open_recordings`).
 
@@ -111,8 +113,8 @@ class StoredRecordings(Trials):
             source=self.source,
         )
 
-    def select(self, keep: np.ndarray) -> "StoredRecordings":
-        index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+    def select(self, keep: ArrayLike) -> "StoredRecordings":
+        index = chosen(keep, len(self))
         return replace(
             self,
             numbers=self.numbers[index],

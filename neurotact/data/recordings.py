@@ -3,9 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from neurotact.data.notebook import html_of
 from neurotact.errors import InputError, nearest
@@ -57,11 +59,11 @@ class Trials(ABC):
         """The same trials in memory."""
 
     @abstractmethod
-    def select(self, keep: np.ndarray) -> "Trials":
+    def select(self, keep: ArrayLike) -> "Trials":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Recordings(Trials):
     """Trials recorded by one skin.
 
@@ -70,15 +72,15 @@ class Recordings(Trials):
     sampling_rate_Hz: samples per second, the same for every trial.
     unit: of the signals, such as "mV", "V" or "count".
     conditions: one row per trial, index 0..n-1; the column `label` (str) names the class, the others
-        say how the trial was recorded (`force_N`, `speed_mm_per_s`, ...).
+        say how the trial was recorded (`force_N`, `speed_mm_per_s`, ...). A mapping of columns makes such a
+        table, and a sequence of class names one with the column `label` alone.
     channels: the taxels' names; `taxel1..` when not given.
     source: where the recordings come from, in one line.
 
     Raises InputError for signals that hold NaN or infinity, are empty, differ in their number of
     channels, or do not match the table of conditions; for channels of one name and trials of no class.
 
-    >>> touch = Recordings([np.ones((4, 2)), np.ones((6, 2))], 2000.0, "mV",
-    ...                    pd.DataFrame({"label": ["felt", "silk"]}))
+    >>> touch = Recordings([np.ones((4, 2)), np.ones((6, 2))], 2000.0, "mV", ["felt", "silk"])
     >>> len(touch), touch.n_channels, touch.classes
     (2, 2, ('felt', 'silk'))
     """
@@ -91,12 +93,16 @@ class Recordings(Trials):
     source: str = ""
 
     def __post_init__(self) -> None:
-        check_sampling_rate(self.sampling_rate_Hz, self.source or "recordings")
+        where = self.source or "recordings"
+        check_sampling_rate(self.sampling_rate_Hz, where)
+        check_unit(self.unit, where)
+        object.__setattr__(self, "channels", tuple(self.channels))
+        object.__setattr__(self, "conditions", conditions_table(self.conditions, where))
         given = self.signals
         signals = _as_signal(given) if isinstance(given, np.ndarray) else [_as_signal(s) for s in given]
         object.__setattr__(self, "signals", signals)
         if len(self.signals) == 0:
-            raise InputError(f"{self.source or 'recordings'}: holds no trial; give at least one")
+            raise InputError(f"{where}: holds no trial; give at least one")
         if not self.channels:
             n_channels = signals[0].shape[-1] if signals[0].ndim else 0
             object.__setattr__(self, "channels", default_channels(n_channels))
@@ -130,9 +136,9 @@ class Recordings(Trials):
     def loaded(self) -> "Recordings":
         return self
 
-    def select(self, keep: np.ndarray) -> "Recordings":
+    def select(self, keep: ArrayLike) -> "Recordings":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
-        index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+        index = chosen(keep, len(self))
         if isinstance(self.signals, np.ndarray):
             signals = self.signals[index]
         else:
@@ -192,6 +198,50 @@ def default_channels(n_channels: int) -> tuple[str, ...]:
     return tuple(f"taxel{i + 1}" for i in range(n_channels))
 
 
+def chosen(keep: ArrayLike, n_trials: int, what: str = "trials") -> np.ndarray:
+    """The indices, at least one, that a boolean mask or an index array chooses, `(chosen,)` int64.
+
+    An index below 0 counts from the end. InputError for a mask of another length and an index out of range.
+
+    >>> chosen([True, False, True], 3).tolist(), chosen([2, -3], 3).tolist()
+    ([0, 2], [2, 0])
+    """
+    given = np.asarray(keep)
+    if given.dtype == bool:
+        if given.shape != (n_trials,):
+            raise InputError(f"select: the mask has the shape {given.shape} where there are {n_trials} {what}")
+        given = np.flatnonzero(given)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
+        raise InputError(f"select: takes a boolean mask or whole numbers; got {given.dtype} of shape {given.shape}")
+    if not given.size and n_trials:
+        raise InputError(f"select: chooses none of the {n_trials} {what}; choose at least one")
+    outside = given[(given < -n_trials) | (given >= n_trials)]
+    if len(outside):
+        raise InputError(f"select: there is no number {outside[0]} among the {n_trials} {what}, which count from 0")
+    return np.where(given < 0, given + n_trials, given).astype(np.int64)
+
+
+def conditions_table(conditions: object, where: str) -> pd.DataFrame:
+    """A table of conditions as it is, from a mapping of its columns, or from the class of each trial.
+
+    >>> conditions_table(["felt", "silk"], "skin.h5")["label"].tolist()
+    ['felt', 'silk']
+    """
+    if isinstance(conditions, pd.DataFrame):
+        return conditions
+    try:
+        if isinstance(conditions, Mapping):
+            return pd.DataFrame(dict(conditions))
+        if isinstance(conditions, (Sequence, np.ndarray, pd.Series)) and not isinstance(conditions, str):
+            return pd.DataFrame({LABEL: list(conditions)})
+    except ValueError as error:  # columns of different lengths, or no column at all
+        raise InputError(f"{where}: the conditions make no table ({error}); give one value per trial") from error
+    raise InputError(
+        f"{where}: conditions must be a table, a mapping of columns or the class of each trial; "
+        f"got {type(conditions).__name__}"
+    )
+
+
 def class_names(conditions: pd.DataFrame) -> tuple[str, ...]:
     """The classes in a table of conditions, sorted."""
     return tuple(sorted(set(conditions[LABEL].astype(str))))
@@ -240,8 +290,15 @@ def _values_of(table: pd.DataFrame, columns: Iterable[str]) -> str:
 
 def check_sampling_rate(rate_Hz: float, where: str) -> None:
     """Refuse a sampling rate that is not a positive, finite number."""
-    if not (np.isfinite(rate_Hz) and rate_Hz > 0):
-        raise InputError(f"{where}: sampling_rate_Hz must be a positive number; got {rate_Hz}")
+    is_number = isinstance(rate_Hz, Real) and not isinstance(rate_Hz, bool)
+    if not (is_number and np.isfinite(float(rate_Hz)) and rate_Hz > 0):
+        raise InputError(f"{where}: sampling_rate_Hz must be a positive number; got {rate_Hz!r}")
+
+
+def check_unit(unit: object, where: str) -> None:
+    """Refuse a unit that is not text."""
+    if not isinstance(unit, str):
+        raise InputError(f"{where}: unit must be text, such as 'mV'; got {unit!r}")
 
 
 def check_conditions(conditions: pd.DataFrame, where: str) -> None:
@@ -261,6 +318,8 @@ def check_channels(channels: Sequence[str], where: str) -> None:
     """Refuse channels that cannot be told apart by their names."""
     seen: set[str] = set()
     for name in channels:
+        if not isinstance(name, str):
+            raise InputError(f"{where}: the name of a channel must be text; got {name!r}")
         check_text(name, f"{where}: the channel")
         if name in seen:
             raise InputError(f"{where}: two channels are called {name!r}; give each its own name")
@@ -304,6 +363,8 @@ def check_finite(signal: np.ndarray, trial: int, channels: Sequence[str], where:
 
 def _as_signal(signal: np.ndarray) -> np.ndarray:
     try:
+        if np.iscomplexobj(signal):
+            raise TypeError("complex numbers")
         with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused as that
             return np.asarray(signal, dtype=np.float32)
     except (TypeError, ValueError) as error:

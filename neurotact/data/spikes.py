@@ -7,10 +7,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from neurotact.data.contact import onset_of
 from neurotact.data.notebook import html_of
-from neurotact.data.recordings import check_conditions, check_sampling_rate, class_indices, class_names
+from neurotact.data.recordings import (
+    check_conditions,
+    check_sampling_rate,
+    chosen,
+    class_indices,
+    class_names,
+    conditions_table,
+)
 from neurotact.data.windows import LONGEST_STEPS, Windows, WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.files import check_size
@@ -41,7 +49,7 @@ def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
     return {str(kind): np.flatnonzero(kinds == kind) for kind in dict.fromkeys(kinds.tolist())}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SpikeTrains:
     """The spikes of every trial.
 
@@ -75,6 +83,8 @@ class SpikeTrains:
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
+        object.__setattr__(self, "afferents", tuple(self.afferents))
+        object.__setattr__(self, "conditions", conditions_table(self.conditions, "spikes"))
         object.__setattr__(self, "trial_steps", _lengths(self.trial_steps))
         if not len(self.steps) == len(self.units) == len(self.trial_steps) == len(self.conditions):
             raise InputError("spikes, trial_steps and conditions differ in number of trials; give one of each a trial")
@@ -132,9 +142,9 @@ class SpikeTrains:
         digests = self.trial_digests or [""] * len(self)
         yield from map(TrialSpikes, self.steps, self.units, self.trial_steps.tolist(), digests)
 
-    def select(self, keep: np.ndarray) -> "SpikeTrains":
+    def select(self, keep: ArrayLike) -> "SpikeTrains":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
-        index = np.flatnonzero(keep) if np.asarray(keep).dtype == bool else np.asarray(keep)
+        index = chosen(keep, len(self))
         return replace(
             self,
             steps=[self.steps[i] for i in index.tolist()],

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from neurotact.data.notebook import html_of
+from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.data.windows import WindowSpec
@@ -46,7 +49,7 @@ class SpikeArray(np.ndarray):
         super().__setstate__(whole)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WindowedSpikes:
     """Windows of equal length, cut from trials.
 
@@ -71,10 +74,11 @@ class WindowedSpikes:
         """Length of a window in ms."""
         return 1e3 * self.X.shape[1] / self.trains.sampling_rate_Hz
 
-    def select(self, keep: np.ndarray) -> "WindowedSpikes":
+    def select(self, keep: ArrayLike) -> "WindowedSpikes":
         """The windows where the boolean `keep` is true, or the windows that an index array names."""
-        X = SpikeArray.of(self.X[keep], self.trains.sampling_rate_Hz)
-        return WindowedSpikes(X, self.y[keep], self.groups[keep], self.start_steps[keep], self.trains)
+        index = chosen(keep, len(self), "windows")
+        X = SpikeArray.of(self.X[index], self.trains.sampling_rate_Hz)
+        return WindowedSpikes(X, self.y[index], self.groups[index], self.start_steps[index], self.trains)
 
     def split(
         self,
@@ -113,6 +117,10 @@ class WindowedSpikes:
             f"WindowedSpikes({n_windows} windows of {n_steps} steps ({self.length_ms:g} ms) x {n_afferents} afferents, "
             f"{len(np.unique(self.y))} classes, {len(np.unique(self.groups))} trials)"
         )
+
+    def _repr_html_(self) -> str:
+        counts = zip(*np.unique(self.y, return_counts=True), strict=True)
+        return html_of(self, {"windows of each class": ", ".join(f"{name}: {n}" for name, n in counts)})
 
 
 class WindowedSplit(NamedTuple):

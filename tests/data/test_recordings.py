@@ -92,7 +92,52 @@ def test_nan_and_infinity_are_named_by_trial_sample_and_taxel(trial, sample, tax
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+@given(st.data())
+def test_a_selection_is_that_of_numpy_or_is_refused(data):
+    touch = recordings()
+    keep = data.draw(st.lists(st.booleans(), max_size=4) | st.lists(st.integers(-5, 5), max_size=4))
+    try:
+        expected = np.arange(3)[np.array(keep, int if not keep or isinstance(keep[0], int) else bool)]
+    except IndexError:
+        expected = []
+    if isinstance(next(iter(keep), 0), bool):
+        expected = np.flatnonzero(keep) if len(keep) == 3 else []
+    if len(expected):
+        assert touch.select(keep).conditions.force_N.tolist() == touch.conditions.force_N[expected].tolist()
+    else:
+        with pytest.raises(InputError, match=r"^select: "):
+            touch.select(keep)
+
+
+@pytest.mark.parametrize("keep", [np.array([0.0, 1.0]), np.array([[0, 1]]), ["felt"], 0])
+def test_a_selection_by_anything_else_is_refused(keep):
+    with pytest.raises(InputError, match="select: takes a boolean mask or whole numbers"):
+        recordings().select(keep)
+
+
+def test_conditions_are_a_table_its_columns_or_the_class_of_each_trial():
+    table = recordings().conditions[["label"]]
+    for conditions in (table, dict(table), {"label": ["silk", "felt", "silk"]}, ["silk", "felt", "silk"], table.label):
+        pd.testing.assert_frame_equal(recordings(conditions=conditions).conditions, table)
+    refused("conditions must be a table, a mapping of columns or the class of each trial", conditions=None)
+    refused("conditions must be a table", conditions="felt")
+    refused("the conditions make no table", conditions={"label": ["silk"] * 3, "force_N": [3]})
+
+
+def test_a_unit_and_the_names_of_channels_are_text():
+    assert recordings(channels=["left", "right"]).channels == ("left", "right")
+    refused("unit must be text, such as 'mV'; got None", unit=None)
+    refused("the name of a channel must be text; got 1", channels=[1, 2])
+
+
+def test_recordings_are_equal_to_themselves_alone():
+    touch = recordings()
+    assert touch == touch
+    assert touch != recordings()
+    assert len({touch, recordings()}) == 2
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, "1000", None, True])
 def test_a_rate_that_is_no_positive_number_is_refused(rate):
     refused("sampling_rate_Hz must be a positive number", sampling_rate_Hz=rate)
 
@@ -104,6 +149,7 @@ def test_a_rate_that_is_no_positive_number_is_refused(rate):
         (np.zeros((0, 5, 2)), "holds no trial"),
         ([np.ones((4, 2)), np.ones((4, 3)), np.ones((4, 2))], "trial 1 has 3 channels where 2 are expected"),
         ([np.ones((4, 2)), np.ones((0, 2)), np.ones((4, 2))], "trial 1 has shape (0, 2)"),
+        (np.ones((3, 4, 2)) * 1j, "a signal is not a table of numbers (complex numbers)"),
         (np.ones((3, 4)), "trial 0 has shape (4,)"),
         (np.ones(3), "trial 0 has shape ()"),
         ([1.0, 2.0, 3.0], "trial 0 has shape ()"),

@@ -63,6 +63,16 @@ def test_a_selection_keeps_spikes_and_conditions_together(rasters, random):
         np.testing.assert_array_equal(chosen.units[place], trains.units[trial])
 
 
+def test_spike_trains_are_chosen_by_lists_and_masks_of_their_length_alone():
+    trains = trains_of([np.zeros((1 + i, N_AFFERENTS), np.uint8) for i in range(3)])
+    assert trains.select([2, 0]).trial_steps.tolist() == [3, 1]
+    assert trains.select([True, False, True]).trial_steps.tolist() == [1, 3]
+    assert trains != trains.select([0, 1, 2])
+    for wrong in ([True], [3], [], [0.0]):
+        with pytest.raises(InputError, match=r"^select: "):
+            trains.select(wrong)
+
+
 def test_the_first_half_of_the_afferents_is_slowly_adapting():
     assert trains_of([np.zeros((1, N_AFFERENTS), np.uint8)]).is_sa.tolist() == [True, True, False, False]
 

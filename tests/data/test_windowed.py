@@ -53,6 +53,17 @@ def test_a_split_balances_the_conditions_that_are_named():
     assert np.bincount(forces).min() >= 0.4 * len(forces)
 
 
+def test_windows_are_chosen_by_mask_or_index_and_shown_in_a_notebook():
+    data = windows(trains(4)[0], length_ms=20)
+    chosen = data.select([7, 0])
+    assert (data.X[[7, 0]] == chosen.X).all()
+    assert chosen.y.tolist() == [data.y[7], data.y[0]]
+    with pytest.raises(InputError, match=r"select: the mask has the shape \(1,\) where there are 8 windows"):
+        data.select([True])
+    assert "windows of each class" in data._repr_html_()
+    assert "felt: 4, silk: 4" in data._repr_html_()
+
+
 def test_the_clock_survives_indexing_splitting_and_pickling():
     X = SpikeArray.of(np.eye(6, dtype=np.uint8).reshape(6, 3, 2), 500.0)
     held, _ = train_test_split(X, test_size=2, random_state=0)
