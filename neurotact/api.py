@@ -52,7 +52,8 @@ def simulate(
     Recordings(48 trials x 8 taxels, 600 samples at 2000 Hz (0.3 s), mV, 8 classes)
     """
     found = sources.simulator(_text("name", name))
-    return found.simulate(found.build({**parameters, **(settings or {})}, f"simulate {name}"), progress)
+    changes = {**parameters, **spec.checked_settings(settings)}
+    return found.simulate(found.build(changes, f"simulate {name}"), progress)
 
 
 def read(name: str, path: str | Path) -> Recordings | SpikeTrains:
@@ -152,7 +153,7 @@ def encode(
     ('SA-I taxel1', 5.0)
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
-    what = _encoder(encoder, settings)
+    what = specs.resolve(encoder, settings)
     trains = encode_recordings(recordings, what, progress)
     counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
     for complaint in firing.complaints(counts, int(trains.trial_steps.sum()), trains.sampling_rate_Hz, what):
@@ -177,8 +178,7 @@ def calibrate(
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     sides = split_conditions(recordings.conditions, stratify, spec.build(SplitSpec, _split(split_seed, split), "split"))
-    start = encoder if isinstance(encoder, AfferentSpec) else spec.load(AfferentSpec, encoder)
-    changed = _changed(start, settings)
+    changed = spec.resolve(AfferentSpec, encoder, settings)
     fit, _ = calibration.way_of(changed, settings or ())
     return fit(recordings.select(sides.train), changed).encoder
 
@@ -237,36 +237,41 @@ def train(
     exit_tolerance: validation accuracy that early exit may lose.
     exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     force: replace a training that is in the folder. resume: go on with one that was interrupted.
+    The spikes stay in their file, by whose content `resume` knows them; `save` writes one.
     Raises InputError for a folder that is not free, for spikes that cannot be used and for unknown keys.
     """
+    place = Path(folder)
+    spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
     task = trained.task_of(
         "train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by
     )
-    what, place = _network(network, settings), Path(folder)
-    train_run.run(Path(spikes), place, what, task, seed=seed, device=device, force=force, resume=resume)
+    what = spec.resolve(RSNNSpec, network, settings)
+    train_run.run(spikes, place, what, task, seed=seed, device=device, force=force, resume=resume)
     return summary_of(files.read_json(place / train_run.RESULT))
 
 
 def infer(
-    folder: str | Path,
-    spikes: SpikeTrains,
+    run: str | Path,
+    spikes: SpikeTrains | str | Path,
     *,
     early_exit: bool = False,
     test_only: bool = False,
     allow_other_encoder: bool = False,
     device: str = "cpu",
 ) -> pd.DataFrame:
-    """Decide every window of spike trains with the network in `folder`: one row per window, with its spikes and SOPs.
+    """Decide every window of spike trains, or of a file of them, with the network in the run folder `run`.
 
-    Columns: trial, side (training, validation, test, unseen), label, predicted, steps, input_spikes, hidden_spikes and
-    sops_*. test_only: the network's own test trials alone. early_exit: stop where the validated rule says so.
+    One row per window, with its spikes and SOPs. Columns: trial, side (training, validation, test, unseen), label,
+    predicted, steps, input_spikes, hidden_spikes and sops_*.
+    test_only: the network's own test trials alone. early_exit: stop where the validated rule says so.
     Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
     """
-    _instance("spikes", spikes, SpikeTrains, "nt.encode and nt.load return them")
-    restored = trained.restore(folder, device=device)
+    trains = hdf5.load_spikes(spikes) if isinstance(spikes, (str, Path)) else spikes
+    _instance("spikes", trains, SpikeTrains, "nt.encode and nt.load return them")
+    restored = trained.restore(run, device=device)
     return trained.infer(
-        restored, spikes, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
+        restored, trains, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
     )
 
 
@@ -359,6 +364,8 @@ def tune(
     batch: trials proposed at once. device: "cuda" trains each batch at once on one GPU, in place of `workers`
     processes.
     """
+    place = Path(folder)
+    spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
     task = trained.task_of("tune", _window(window, onset), _split(split_seed, split), stratify)
     table = {
@@ -371,13 +378,14 @@ def tune(
         "batch": batch,
     }
     asked = spec.build(tuning.SearchSpec, table, source="tune")
-    problem = search.problem_of(hdf5.load_spikes(spikes), asked, _network(network, settings), task, device)
-    place = Path(folder)
+    problem = search.problem_of(
+        hdf5.load_spikes(spikes), asked, spec.resolve(RSNNSpec, network, settings), task, device
+    )
     with files.locked(place):
-        with population.runner(problem, Path(spikes), workers, device) as run:
+        with population.runner(problem, spikes, workers, device) as run:
             found, _ = search.search(problem, place, run)
         save_found(problem, found, place)
-        search.save_best(problem, Path(spikes), place, found, device)
+        search.save_best(problem, spikes, place, found, device)
     return search.trials_table(found)
 
 
@@ -429,33 +437,27 @@ def _reported(folder: Path) -> pd.DataFrame:
     return read_table(folder / "results.csv")
 
 
-def _network(network: str | Path | RSNNSpec, settings: Settings | None) -> RSNNSpec:
-    return spec.load(RSNNSpec, network, settings) if isinstance(network, (str, Path)) else _changed(network, settings)
-
-
 def _window(window: dict[str, Any], onset: Settings | None) -> dict[str, Any]:
     return window | ({"onset": dict(onset)} if onset else {})
 
 
 def _split(seed: int, settings: Settings | None) -> dict[str, Any]:
-    return {"seed": seed, **(settings or {})}
-
-
-def _encoder(encoder: str | Path | EncoderSpec, settings: Settings | None) -> Any:
-    return specs.load(encoder, settings) if isinstance(encoder, (str, Path)) else _changed(encoder, settings)
-
-
-def _changed(what: Any, settings: Settings | None) -> Any:
-    """A spec with dotted keys changed."""
-    if not settings:
-        return what
-    return spec.build(type(what), spec.override(what.model_dump(mode="json"), settings), source="settings")
+    return {"seed": seed, **spec.checked_settings(settings)}
 
 
 def _text(name: str, value: object) -> str:
     if not isinstance(value, str):
         raise InputError(f"{name}: must be text; got {type(value).__name__}")
     return value
+
+
+def _file_of(spikes: object) -> Path:
+    """The path of a file of spikes; InputError for spikes in memory, which no run folder could find again."""
+    if not isinstance(spikes, (str, Path)):
+        raise InputError(
+            f"spikes: must be the path of a file; got {type(spikes).__name__}; nt.save(spikes, 'spikes.h5') writes one"
+        )
+    return Path(spikes)
 
 
 def _instance(name: str, value: object, wanted: type, fix: str) -> None:

@@ -4,8 +4,10 @@ import numbers
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, DTypeLike
 from sklearn.base import BaseEstimator
+from sklearn.utils.multiclass import type_of_target
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from neurotact.errors import InputError, nearest
@@ -23,6 +25,18 @@ def at_least(name: str, value: Any, least: float, *, whole: bool = False, above:
     if not (number > least if above else number >= least) or number == float("inf"):
         what = "a whole number" if whole else "a finite number"
         raise InputError(f"{name}: must be {what} {'>' if above else '>='} {least}; got {value!r}")
+
+
+def fraction(name: str, value: Any, *, above: bool = False) -> None:
+    """InputError unless `value` is a number between 0 and 1; 0 itself passes without `above`.
+
+    >>> fraction("validation_fraction", 15)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: validation_fraction: must lie between 0 and 1; got 15
+    """
+    number = float(value) if isinstance(value, numbers.Real) and not isinstance(value, bool) else float("nan")
+    if not (0 < number < 1 or (number == 0 and not above)):
+        raise InputError(f"{name}: must lie between 0 and 1; got {value!r}")
 
 
 def one_of(name: str, value: object, known: tuple[str, ...]) -> None:
@@ -48,24 +62,50 @@ def further_examples(estimator: BaseEstimator, X: ArrayLike) -> np.ndarray:
     return np.asarray(validate_data(estimator, X, dtype=np.float64, reset=False))
 
 
-def sequences(X: ArrayLike, axes: str, dtype: DTypeLike) -> np.ndarray:
-    """X as an array of the named axes; InputError for another shape and for what is not finite.
+def sequences(X: ArrayLike, axes: str, dtype: DTypeLike | None = None) -> np.ndarray:
+    """X as an array of the named axes and, if given, of a type; InputError for another shape and for non-finite values.
 
     >>> sequences([[1.0, 2.0]], "trial, time, channel", float)
     Traceback (most recent call last):
     neurotact.errors.InputError: X: must be (trial, time, channel), none of them empty; got the shape (1, 2)
     """
-    values = np.asarray(X)
+    try:
+        values = np.asarray(X)
+    except (RuntimeError, TypeError, ValueError) as error:  # ragged lists; tensors with a gradient or on a GPU
+        raise InputError(f"X: cannot be read as an array ({error}); give one array ({axes})") from error
     if values.ndim != axes.count(",") + 1 or 0 in values.shape:
         raise InputError(f"X: must be ({axes}), none of them empty; got the shape {values.shape}")
     if values.dtype.kind not in "fiub" or not np.isfinite(values).all():
         raise InputError("X: holds values that are not finite numbers; remove or replace them")
-    return values.astype(dtype)
+    return values if dtype is None else values.astype(dtype)
 
 
-def trial_labels(y: ArrayLike, n_trials: int) -> np.ndarray:
-    """Labels `(trial,)` as an array; InputError for another shape."""
+def trial_labels(y: ArrayLike, n_trials: int, name: str = "y") -> np.ndarray:
+    """Labels `(trial,)` as an array; InputError for another shape and for a label that is missing.
+
+    >>> trial_labels(["felt", None], 2)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: y: trial 1 has no label; label the trial or drop it
+    """
     labels = np.asarray(y)
     if labels.shape != (n_trials,):
-        raise InputError(f"y: has the shape {labels.shape} where X has {n_trials} trials; give a label a trial")
+        raise InputError(
+            f"{name}: has the shape {labels.shape} where X has {n_trials} trials; give one label per trial"
+        )
+    missing = np.flatnonzero(pd.isna(labels))
+    if len(missing):
+        raise InputError(f"{name}: trial {missing[0]} has no label; label the trial or drop it")
+    return labels
+
+
+def class_labels(y: ArrayLike, n_trials: int, name: str = "y") -> np.ndarray:
+    """Class labels `(trial,)`; InputError also for numbers that are measurements, such as 0.37.
+
+    >>> class_labels([0.37, 1.2], 2)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: y: holds numbers that are not whole, which name no classes; give a class per trial
+    """
+    labels = trial_labels(y, n_trials, name)
+    if type_of_target(labels).startswith("continuous"):
+        raise InputError(f"{name}: holds numbers that are not whole, which name no classes; give a class per trial")
     return labels

@@ -154,6 +154,18 @@ def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | No
     return build(model, override(read(path), overrides or {}), source=str(path))
 
 
+def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str, Any] | None = None) -> SpecT:
+    """The spec that is called `what`, lies at that path, or is `what` itself, after `overrides` of dotted keys."""
+    if isinstance(what, (str, Path)):
+        return load(model, what, overrides)
+    if not isinstance(what, model):
+        kind = model.folder.removesuffix("s") or "spec"
+        raise InputError(f"{kind}: must be a name, a path or an {model.__name__}; got {type(what).__name__}")
+    if not overrides:
+        return what
+    return build(type(what), override(what.model_dump(mode="json"), overrides), source="settings")
+
+
 def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:
     """Validate a table; InputError names the first wrong key, what it must be, and `source`.
 
@@ -176,7 +188,7 @@ def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
     {'sa1': {'t_ref_ms': 5}}
     """
     result = json.loads(json.dumps(table, default=str))
-    for dotted, value in overrides.items():
+    for dotted, value in checked_settings(overrides).items():
         *path, last = dotted.split(".")
         if len(path) > DEEPEST:
             raise InputError(f"{dotted[:40]}...: names tables more than {DEEPEST} deep; no spec has that key")
@@ -185,8 +197,24 @@ def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
             node = node.setdefault(key, {})
             if not isinstance(node, dict):
                 raise InputError(f"{dotted}: '{key}' is a value, not a table; drop what follows it")
-        node[last] = value
+        node[last] = value.tolist() if hasattr(value, "tolist") else value  # NumPy's numbers as Python's own
     return result
+
+
+def checked_settings(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Changes of a spec, none where there are none; InputError for anything but a mapping of dotted keys.
+
+    >>> checked_settings(["sa1.t_ref_ms=5"])
+    Traceback (most recent call last):
+    neurotact.errors.InputError: settings: must map dotted keys to values, such as {'sa1.t_ref_ms': 5}; got list
+    """
+    if settings is None:
+        return {}
+    if isinstance(settings, Mapping) and all(isinstance(key, str) for key in settings):
+        return settings
+    raise InputError(
+        f"settings: must map dotted keys to values, such as {{'sa1.t_ref_ms': 5}}; got {type(settings).__name__}"
+    )
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, Any]:

@@ -107,6 +107,7 @@ def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
     nt.train(saved, tmp_path / "run", "rsnn", QUICK, length_ms=100.0)
     table = nt.infer(tmp_path / "run", spikes, test_only=True)
     assert set(table["side"]) == {"test"}
+    pd.testing.assert_frame_equal(nt.infer(tmp_path / "run", saved, test_only=True), table)
     net = nt.load_network(tmp_path / "run")
     nt.save_network(net, tmp_path / "copy")
     assert torch.equal(nt.load_network(tmp_path / "copy").w_in, net.w_in)
@@ -138,6 +139,34 @@ def test_a_study_runs_and_reports(tmp_path):
     results = nt.run_study(tiny, tmp_path / "run", {"network.training.epochs": 1}, quick=True, workers=1)
     assert (tmp_path / "run" / "report.html").is_file()
     pd.testing.assert_frame_equal(nt.report_study(tmp_path / "run"), results)
+
+
+def test_settings_are_a_mapping_of_keys(touches):
+    for call in (
+        lambda: nt.simulate("gratings", ["trials"]),
+        lambda: nt.encode(touches, settings=["sa1.t_ref_ms=5"]),
+        lambda: nt.encode(touches, settings={1: 5}),
+        lambda: nt.calibrate(touches, split="group"),
+    ):
+        with pytest.raises(InputError, match="settings: must map dotted keys to values"):
+            call()
+    with pytest.raises(InputError, match="encoder: must be a name, a path or an encoder spec; got int"):
+        nt.encode(touches, 3)
+    with pytest.raises(InputError, match="encoder: must be a name, a path or an AfferentSpec; got RSNNSpec"):
+        nt.calibrate(touches, nt.RSNNSpec())
+    assert nt.encode(touches, settings={"sa1.t_ref_ms": np.float32(5)}).encoder["sa1"]["t_ref_ms"] == 5.0
+
+
+def test_what_is_trained_lies_in_a_file(spikes, tmp_path):
+    for call in (nt.train, nt.tune):
+        with pytest.raises(InputError, match=r"spikes: must be the path of a file; got SpikeTrains; nt\.save"):
+            call(spikes, tmp_path / "run")
+
+
+def test_a_network_has_inputs_classes_and_a_clock():
+    for given, words in (((0, 8, 2000.0), "n_inputs"), ((16, 1.5, 2000.0), "n_classes"), ((16, 8, 0.0), "RSNN")):
+        with pytest.raises(InputError, match=f"^{words}: "):
+            nt.RSNN(given[0], given[1], sampling_rate_Hz=given[2])
 
 
 def test_a_raster_is_a_figure(touches, spikes):

@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neurotact.baselines.targets import encode, indices_of
-from neurotact.checks import at_least, further_examples, one_of, training_examples
+from neurotact.checks import at_least, fraction, further_examples, one_of, training_examples
 from neurotact.errors import InputError
 
 Activation = Literal["sigmoid", "relu"]
@@ -163,8 +163,7 @@ def _check_parameters(network: SLFNClassifier) -> None:
     for name in ("hidden", "epochs", "patience", "batch"):
         at_least(name, getattr(network, name), 1, whole=True)
     at_least("learning_rate", network.learning_rate, 0, above=True)
-    if not 0 < network.validation_fraction < 1:
-        raise InputError(f"validation_fraction: must lie between 0 and 1; got {network.validation_fraction!r}")
+    fraction("validation_fraction", network.validation_fraction, above=True)
 
 
 def _split_off(X: np.ndarray, indices: np.ndarray, share: float, rng: np.random.RandomState) -> list[np.ndarray]:

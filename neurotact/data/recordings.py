@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -221,7 +222,7 @@ def chosen(keep: ArrayLike, n_trials: int, what: str = "trials") -> np.ndarray:
     return np.where(given < 0, given + n_trials, given).astype(np.int64)
 
 
-def conditions_table(conditions: object, where: str) -> pd.DataFrame:
+def conditions_table(conditions: Any, where: str) -> pd.DataFrame:
     """A table of conditions as it is, from a mapping of its columns, or from the class of each trial.
 
     >>> conditions_table(["felt", "silk"], "skin.h5")["label"].tolist()

@@ -158,6 +158,21 @@ def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: Sp
     return Split(np.setdiff1d(rest, validation), validation, test)
 
 
+def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: int) -> np.ndarray:
+    """About this share of the examples, whole groups alone, `(held,)` indices; the other groups keep every class.
+
+    labels, groups: `(example,)`. Of the ways to divide the groups that were drawn, the one with most classes on both
+    sides is taken.
+    Raises InputError for a single group, and where a class would be left without a training example.
+
+    >>> held = hold_out_groups(np.repeat(["felt", "silk"], 20), np.arange(40) // 4, 0.2, seed=0)
+    >>> len(held), len(set(held // 4)), np.unique(held // 20).tolist()
+    (8, 2, [0, 1])
+    """
+    trials = _Trials(labels, labels, np.unique(groups, return_inverse=True)[1], SplitSpec(group=("groups",)))
+    return trials.share(np.arange(len(labels)), share, seed)
+
+
 class _Trials(NamedTuple):
     """Trials with their classes, what is balanced (class and conditions), and their groups; None: each its own."""
 

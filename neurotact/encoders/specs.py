@@ -76,6 +76,19 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     return specs.build(MODELS[model].spec, table, source=str(path))
 
 
+def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:
+    """The encoder spec that is called `what`, lies at that path, or is `what` itself, after `overrides`.
+
+    >>> resolve(load("sa1-ra1-lif"), {"sa1.t_ref_ms": 5}).sa1.t_ref_ms
+    5.0
+    """
+    if isinstance(what, (str, Path)):
+        return load(what, overrides)
+    if not isinstance(what, tuple(model.spec for model in MODELS.values())):
+        raise InputError(f"encoder: must be a name, a path or an encoder spec; got {type(what).__name__}")
+    return specs.resolve(type(what), what, overrides)
+
+
 def encode(
     signal: np.ndarray,
     sampling_rate_Hz: float,

@@ -1,6 +1,7 @@
 """An encoder as a scikit-learn transformer: taxel signals in, spikes out."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.windowed import SpikeArray
 from neurotact.encoders import specs
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 
 
@@ -22,7 +24,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
 
     Parameters
     ----------
-    encoder : name or path of an encoder spec (`encoders/*.toml`).
+    encoder : name or path of an encoder spec (`encoders/*.toml`), or a spec, such as `nt.calibrate` returns.
     settings : keys of that spec, dotted: `{"sa1.t_ref_ms": 5}`.
     sampling_rate_Hz : of the signals, samples per second.
     unit : of the signals; that of the encoder spec when None.
@@ -41,7 +43,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
 
     def __init__(
         self,
-        encoder: str = "sa1-ra1-lif",
+        encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
         settings: Mapping[str, Any] | None = None,
         *,
         sampling_rate_Hz: float = 2000.0,
@@ -55,7 +57,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> "SpikeEncoder":
         """Check the spec against signals X `(trial, time, taxel)`; y is ignored."""
         signals = sequences(X, "trial, time, taxel", np.float32)
-        self.spec_ = specs.load(self.encoder, self.settings)
+        self.spec_ = specs.resolve(self.encoder, self.settings)
         self.n_features_in_ = signals.shape[2]
         return self
 

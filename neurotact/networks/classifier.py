@@ -1,6 +1,8 @@
 """The spiking network as a scikit-learn estimator."""
 
 from collections.abc import Mapping
+from numbers import Integral
+from pathlib import Path
 from typing import Any, cast, get_args
 
 import numpy as np
@@ -8,11 +10,12 @@ import pandas as pd
 import torch
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.model_selection import GroupShuffleSplit, train_test_split
+from sklearn.model_selection import train_test_split
 from sklearn.utils.validation import check_is_fitted
 
-from neurotact.checks import sequences, trial_labels
+from neurotact.checks import class_labels, fraction, one_of, sequences, trial_labels
 from neurotact.data.recordings import check_sampling_rate
+from neurotact.data.splits import hold_out_groups
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
@@ -20,7 +23,7 @@ from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import ExitBy, begin, exit_rule, synops_of
 from neurotact.networks.training import Examples, Training, train
-from neurotact.spec import load
+from neurotact.spec import checked_settings, resolve
 
 AXES = "window, time, afferent"
 TRAINING = ("learning_rate", "batch", "epochs", "patience")
@@ -35,15 +38,17 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     recurrent : whether hidden neurons are connected to one another.
     tau_mem_ms, tau_syn_ms : time constants.
     learning_rate, batch, epochs, patience : of the training.
-    network : name or path of a network spec (`networks/*.toml`), which holds every value that is None here. The default
-        chooses them from the training windows (docs/default-recipe.md); "rsnn" is the texture paper's.
+    network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`, which holds every value that is None
+        here. The default chooses them from the training windows (docs/default-recipe.md); "rsnn" is the network of the
+        texture paper.
     settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
     exit_tolerance : accuracy on validation windows that early exit may lose.
     exit_by : "stability", so that a window exits when its leading class has stood for long enough, or "margin", when it
         leads by far enough.
     sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` leave it.
-    random_state : random seed of the initial weights and of the order of the windows.
+    random_state : random seed of the initial weights, of the order of the windows and of those that are held out: a
+        whole number, a `numpy.random.RandomState`, or None for another one at each fit.
     device : a torch device.
 
     Attributes
@@ -77,7 +82,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         batch: int | None = None,
         epochs: int | None = None,
         patience: int | None = None,
-        network: str = "default",
+        network: str | Path | RSNNSpec = "default",
         settings: Mapping[str, Any] | None = None,
         validation_fraction: float = 0.15,
         exit_tolerance: float = 0.01,
@@ -116,29 +121,20 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         validation: `(X, y)` for early stopping and for the exit rule; held out from X when None.
         groups: the trial of each window; windows of one trial are then held out together.
         """
-        if self.exit_by not in get_args(ExitBy):
-            raise InputError(f"exit_by: must be {' or '.join(get_args(ExitBy))}; got {self.exit_by!r}")
+        self._check_parameters()
         rate_Hz = self._clock(X)
-        spikes, labels = spike_windows(X), np.asarray(y)
-        labels = trial_labels(labels, len(spikes))
-        classes, indices = np.unique(labels, return_inverse=True)
+        spikes = spike_windows(X)
+        classes, indices = np.unique(class_labels(y, len(spikes)), return_inverse=True)
         if len(classes) < 2:
             raise InputError(f"y: holds one class, '{classes[0]}', where a classifier needs two; add another class")
         weights_seed, order_seed, split_seed = self._seeds()
         if validation is None:
-            inside, held = self._hold_out(indices, groups, split_seed)
+            inside, held = self._hold_out(classes[indices], groups, split_seed)
             train_side = _examples(spikes[inside], indices[inside])
             validation_side = _examples(spikes[held], indices[held])
         else:
             train_side = _examples(spikes, indices)
-            X_held, y_held = validation
-            held_labels = np.asarray(y_held)
-            unknown = held_labels[~np.isin(held_labels, classes)]
-            if len(unknown):
-                raise InputError(f"validation: class '{unknown[0]}' is not a class of training; leave it out")
-            held_spikes = spike_windows(X_held, n_afferents=spikes.shape[2])
-            held_labels = trial_labels(held_labels, len(held_spikes))
-            validation_side = _examples(held_spikes, np.searchsorted(classes, held_labels))
+            validation_side = _validation(validation, classes, spikes.shape[1:])
         generator = torch.Generator().manual_seed(weights_seed)
         network = begin(train_side.spikes, len(classes), self.spec(), rate_Hz, generator).to(self.device)
         order = torch.Generator().manual_seed(order_seed)
@@ -158,8 +154,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         given |= {f"training.{name}": getattr(self, name) for name in TRAINING}
         if self.recurrent is not None:
             given["model"] = "rsnn" if self.recurrent else "snn"
-        chosen = {key: _plain(value) for key, value in given.items() if value is not None}
-        return load(RSNNSpec, self.network, {**chosen, **(self.settings or {})})
+        chosen = {key: value for key, value in given.items() if value is not None}
+        return resolve(RSNNSpec, self.network, {**chosen, **checked_settings(self.settings)})
 
     def predict(self, X: ArrayLike) -> np.ndarray:
         """Class of each window over its full length, `(window,)`."""
@@ -217,6 +213,18 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
             )
         return self.network_.infer(torch.from_numpy(spikes).to(self.device), rule)
 
+    def _check_parameters(self) -> None:
+        """Refuse what a training would trip over at its end, or on its way; the network's spec is checked with it."""
+        one_of("exit_by", self.exit_by, get_args(ExitBy))
+        fraction("exit_tolerance", self.exit_tolerance)
+        fraction("validation_fraction", self.validation_fraction, above=True)
+        try:
+            torch.empty(0, device=self.device)
+        except (AssertionError, RuntimeError) as error:  # an unknown name; a build of torch without CUDA; no such GPU
+            raise InputError(
+                f"device: {self.device!r} cannot be used; choose 'cpu', or a GPU that torch finds"
+            ) from error
+
     def _clock(self, X: ArrayLike) -> float:
         found = getattr(X, "sampling_rate_Hz", None)
         given = self.sampling_rate_Hz
@@ -225,33 +233,40 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
                 "sampling_rate_Hz: X does not say its clock; pass SpikingClassifier(sampling_rate_Hz=...) or make X "
                 "with nt.windows"
             )
+        for rate_Hz in (given, found):
+            if rate_Hz is not None:
+                check_sampling_rate(rate_Hz, "SpikingClassifier")
         if given is not None and found is not None and given != found:
             raise InputError(
                 f"sampling_rate_Hz: is {given:g} but X is sampled at {found:g} Hz; leave the parameter out"
             )
-        rate_Hz = float(given if found is None else found)  # pyright: ignore[reportArgumentType]
-        check_sampling_rate(rate_Hz, "SpikingClassifier")
-        return rate_Hz
+        return float(given if found is None else found)  # pyright: ignore[reportArgumentType]
 
     def _seeds(self) -> tuple[int, int, int]:
         """Random seeds of the weights, the order of windows and the windows that are held out."""
         state = self.random_state
         if isinstance(state, np.random.RandomState):
             first = int(state.randint(2**31 - 2))
+        elif state is None:
+            first = int(np.random.default_rng().integers(2**31 - 2))
+        elif isinstance(state, Integral) and 0 <= state < 2**32:
+            first = int(state)
         else:
-            first = int(np.random.default_rng().integers(2**31 - 2)) if state is None else int(state)
+            raise InputError(
+                "random_state: must be None, a whole number from 0 to 2^32 - 1 or a numpy.random.RandomState; "
+                f"got {state!r}"
+            )
         return first, first + 1, first
 
     def _hold_out(self, y: np.ndarray, groups: ArrayLike | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
         share = self.validation_fraction
-        if not 0 < share < 1:
-            raise InputError(f"validation_fraction: must lie between 0 and 1; got {share!r}")
         if groups is not None:
-            splitter = GroupShuffleSplit(1, test_size=share, random_state=seed)
-            return next(splitter.split(y, groups=trial_labels(np.asarray(groups), len(y))))
-        n_classes = len(np.unique(y))
+            held = hold_out_groups(y, trial_labels(groups, len(y), "groups"), share, seed)
+            return np.setdiff1d(np.arange(len(y)), held), held
+        _, counts = np.unique(y, return_counts=True)
+        n_classes = len(counts)
         n_held = max(n_classes, round(share * len(y)))
-        if np.bincount(y).min() < 2 or n_held > len(y) - n_classes:
+        if counts.min() < 2 or n_held > len(y) - n_classes:
             raise InputError(
                 "y: a class has too few windows to hold one out for validation; add windows or pass validation=(X, y)"
             )
@@ -266,18 +281,29 @@ def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
     Traceback (most recent call last):
     neurotact.errors.InputError: X: holds values other than 0 and 1; encode the signals first (nt.encode)
     """
-    values = sequences(X, AXES, np.float32) if np.asarray(X).dtype != np.uint8 else sequences(X, AXES, np.uint8)
+    values = sequences(X, AXES)
     if not ((values == 0) | (values == 1)).all():
         raise InputError("X: holds values other than 0 and 1; encode the signals first (nt.encode)")
     if n_afferents is not None and values.shape[2] != n_afferents:
         raise InputError(f"X: has {values.shape[2]} afferents, but training had {n_afferents}; give those")
-    return np.ascontiguousarray(values, np.uint8)
+    return np.array(values, np.uint8, order="C")
+
+
+def _validation(validation: tuple[ArrayLike, ArrayLike], classes: np.ndarray, shape: tuple[int, ...]) -> Examples:
+    """The validation windows, of the classes and the shape `(time, afferent)` of training."""
+    try:
+        X, y = validation
+    except (TypeError, ValueError) as error:
+        raise InputError("validation: must be a pair (X, y)") from error
+    spikes = spike_windows(X, n_afferents=shape[1])
+    if spikes.shape[1] != shape[0]:
+        raise InputError(f"validation: windows have {spikes.shape[1]} steps where those of training have {shape[0]}")
+    labels = class_labels(y, len(spikes), "validation")
+    unknown = labels[~np.isin(labels, classes)]
+    if len(unknown):
+        raise InputError(f"validation: class '{unknown[0]}' is not a class of training; leave it out")
+    return _examples(spikes, np.searchsorted(classes, labels))
 
 
 def _examples(spikes: np.ndarray, labels: np.ndarray) -> Examples:
     return Examples(torch.from_numpy(spikes), torch.from_numpy(np.asarray(labels, np.int64)))
-
-
-def _plain(value: Any) -> Any:
-    """A NumPy number as Python's own, which a spec takes."""
-    return value.item() if isinstance(value, np.generic) else value

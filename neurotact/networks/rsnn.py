@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from neurotact.checks import at_least
+from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks import kernels, native, reference
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
@@ -98,6 +100,9 @@ class RSNN(nn.Module):
         super().__init__()
         if sampling_rate_Hz is None:
             raise InputError("sampling_rate_Hz: the time constants need a clock; pass RSNN(..., sampling_rate_Hz=2000)")
+        check_sampling_rate(sampling_rate_Hz, "RSNN")
+        for name, number in (("n_inputs", n_inputs), ("n_classes", n_classes)):
+            at_least(name, number, 1, whole=True)
         table = {} if spec is None else spec.model_dump(mode="json")
         self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
         self.sampling_rate_Hz = sampling_rate_Hz

@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV, GroupKFold, cross_val_score
 from sklearn.pipeline import make_pipeline
@@ -10,12 +12,16 @@ from sklearn.utils.estimator_checks import check_estimator
 from sklearn.utils.multiclass import check_classification_targets
 from sklearn.utils.validation import check_is_fitted, validate_data
 
+from neurotact.data.splits import hold_out_groups
 from neurotact.data.windowed import SpikeArray
+from neurotact.encoders import specs
 from neurotact.encoders.transformer import SpikeEncoder
 from neurotact.errors import InputError
 from neurotact.networks.classifier import SpikingClassifier, spike_windows
+from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.trained import begin
 from neurotact.networks.training import Examples, train
+from neurotact.spec import load
 
 RATE_HZ = 1000.0
 EXCEPTIONS = {
@@ -88,7 +94,7 @@ def test_it_exits_by_a_margin_and_reads_out_with_a_leak(readout):
     decided = clf.network_.infer(torch.from_numpy(np.asarray(X)), clf.exit_rule_)
     assert early["steps"].tolist() == decided.steps.tolist()
     assert clf.decision_function(X).shape == (len(y),)
-    with pytest.raises(InputError, match="exit_by: must be stability or margin; got 'luck'"):
+    with pytest.raises(InputError, match="exit_by: 'luck' is unknown; known: stability, margin"):
         small(exit_by="luck").fit(X, y)
 
 
@@ -103,6 +109,85 @@ def test_decision_function_agrees_with_predict():
     X, y = touches()
     clf = small().fit(X, y)
     assert (clf.classes_[(clf.decision_function(X) > 0).astype(int)] == clf.predict(X)).all()
+
+
+@given(st.data())
+def test_held_out_groups_stay_whole_and_leave_every_class_to_training(data):
+    per_group = data.draw(st.lists(st.sampled_from("abc"), min_size=2, max_size=9))
+    size = data.draw(st.integers(1, 4))
+    y, groups = np.repeat(per_group, size), np.repeat(np.arange(len(per_group)), size)
+    try:
+        held = hold_out_groups(y, groups, 0.15, data.draw(st.integers(0, 99)))
+    except InputError:
+        assert min(per_group.count(name) for name in per_group) == 1  # only a class of one group can be lost
+        return
+    inside = np.setdiff1d(np.arange(len(y)), held)
+    assert not set(groups[inside]) & set(groups[held])
+    assert set(y[inside]) == set(y)
+    assert len(held)
+
+
+@pytest.mark.parametrize(
+    ("groups", "words"),
+    [
+        (np.zeros(40), "groups makes 1 group"),
+        ((np.arange(40) % 2).tolist(), "no training trial of class"),
+        (np.arange(3), "groups: has the shape"),
+        (np.full(40, np.nan), "groups: trial 0 has no label"),
+    ],
+)
+def test_groups_that_cannot_be_held_out_are_refused(groups, words):
+    X, y = touches()
+    with pytest.raises(InputError, match=words):
+        small().fit(X, y, groups=groups)
+
+
+@pytest.mark.parametrize(
+    ("validation", "words"),
+    [
+        (lambda X, y: X, "validation: must be a pair"),
+        (lambda X, y: (X[:, :20], y), "validation: windows have 20 steps where those of training have 60"),
+        (lambda X, y: (X, ["other"] * len(y)), "validation: class 'other' is not a class of training"),
+        (lambda X, y: (X, y[:3]), "validation: has the shape"),
+    ],
+)
+def test_validation_windows_that_do_not_fit_are_refused(validation, words):
+    X, y = touches()
+    with pytest.raises(InputError, match=words):
+        small().fit(X, y, validation=validation(X, y))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("random_state", "luck"), ("random_state", -1), ("random_state", 1.5), ("random_state", 2**32),
+        ("random_state", np.random.default_rng(0)), ("exit_tolerance", 1.0), ("exit_tolerance", "small"),
+        ("validation_fraction", 0), ("validation_fraction", "x"), ("device", "tpuu"), ("settings", "hidden=3"),
+        ("network", 3), ("sampling_rate_Hz", "1000"),
+    ],
+)  # fmt: skip
+def test_a_wrong_parameter_is_refused_before_the_training(name, value, monkeypatch):
+    X, y = touches()
+    monkeypatch.setattr("neurotact.networks.classifier.train", None)
+    with pytest.raises(InputError, match=f"^(SpikingClassifier: )?{name}: |^{name}|: {name} "):
+        small(**{name: value}).fit(np.asarray(X) if name == "sampling_rate_Hz" else X, y)
+
+
+def test_a_spec_serves_as_its_name_does():
+    X, y = touches()
+    by_name = small(network="rsnn", settings={"reset": "subtract"}).fit(X, y)
+    spec = load(RSNNSpec, "rsnn", {"reset": "subtract"})
+    by_spec = clone(small(network=spec)).fit(X, y)
+    assert by_spec.network_.spec == by_name.network_.spec
+    assert torch.equal(by_spec.network_.w_in, by_name.network_.w_in)
+    signals = 30.0 * np.sin(np.arange(400) / 30)[None, :, None] * np.ones((2, 1, 3))
+    changed = {"sa1.t_ref_ms": 5}
+    by_name = SpikeEncoder("sa1-ra1-lif", changed, sampling_rate_Hz=2000.0).fit_transform(signals)
+    by_spec = SpikeEncoder(specs.load("sa1-ra1-lif", changed), sampling_rate_Hz=2000.0).fit_transform(signals)
+    assert by_spec.any()
+    assert (by_spec == by_name).all()
+    with pytest.raises(InputError, match="encoder: must be a name, a path or an encoder spec; got RSNNSpec"):
+        SpikeEncoder(spec, sampling_rate_Hz=2000.0).fit(signals)
 
 
 def test_held_out_windows_share_no_group_with_training():
@@ -148,6 +233,11 @@ def test_the_clock_comes_from_the_array_or_the_parameter():
         (np.zeros((4, 5, 2)), ["a", "b"], "4 trials"),
         (np.zeros((4, 5, 2)), ["a", "b", "b", "b"], "too few windows to hold one out"),
         ("spikes.h5", ["a", "b"], "X: must be"),
+        ([[[1], [0]], [[1]]], ["a", "b"], "X: cannot be read as an array"),
+        (torch.zeros(4, 5, 2, requires_grad=True), ["a", "b"] * 2, "X: cannot be read as an array"),
+        (np.zeros((4, 5, 2)), [0.1, 0.2, 0.3, 0.4], "y: holds numbers that are not whole"),
+        (np.zeros((4, 5, 2)), ["a", None, "a", "b"], "y: trial 1 has no label"),
+        (np.zeros((4, 5, 2)), [0.0, np.nan, 1.0, 0.0], "y: trial 1 has no label"),
     ],
 )
 def test_what_it_cannot_take_is_refused_in_one_sentence(X, y, words):
