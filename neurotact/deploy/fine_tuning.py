@@ -88,6 +88,8 @@ def fine_tune(
     stays if no epoch is better on the validation windows.
     """
     settings = network.spec.training
+    if settings.keep == "both":  # training accuracy is of disturbed windows, but that of epoch 0 is not
+        settings = settings.model_copy(update={"keep": "accuracy"})
     if epochs:
         update = {"epochs": epochs, "patience": epochs, "schedule": "cosine"}
         network.spec = network.spec.model_copy(update={"training": settings.model_copy(update=update)})

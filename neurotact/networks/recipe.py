@@ -20,7 +20,7 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
-BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 1000, 10_000
+BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
 RECURRENT_STEPS = 300
 SPARSE = 5.0
 LOOKED_AT = 256
@@ -91,7 +91,7 @@ def choices(seen: Seen) -> list[Choice]:
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
         Choice("training.relative_learning_rate", 0.05, "of each matrix's standard deviation"),
         Choice("training.schedule", "cosine", "the rates fall to 0"),
-        Choice("training.keep", "accuracy", "of the best epoch on validation windows"),
+        Choice("training.keep", "both", "of the best epoch on training and validation windows"),
         Choice("training.rate_penalty", 0.0, "none"),
         Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
         Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"W / 130; {scarce}"),

@@ -7,6 +7,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
+Keep = Literal["loss", "accuracy", "both"]
 LATER_KEYS = (
     "recurrent_delay_steps", "readout_surrogate_scale", "readout", "readout_tau_ms", "input_deviation", "recipe",
 )  # fmt: skip
@@ -45,9 +46,10 @@ class TrainingSpec(Spec):
     schedule: Literal["constant", "cosine"] = "constant"
     """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
 
-    keep: Literal["loss", "accuracy"] = "loss"
-    """Of which epoch the weights are kept, and from which patience counts: that of the lowest validation loss, or of
-    the highest validation accuracy and of these the lowest loss."""
+    keep: Keep = "loss"
+    """Of which epoch the weights are kept, and from which patience counts: that of the lowest validation loss
+    (`loss`), of the highest validation accuracy (`accuracy`), or of the highest mean of training and validation
+    accuracy (`both`); of equally accurate epochs the one of the lowest loss."""
     input_dropout: float = Field(default=0.0, ge=0, lt=1)
     """The share of input spikes that each training step leaves out, drawn anew."""
     input_jitter_ms: float = Field(default=0.0, ge=0)

@@ -4,7 +4,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN, Counts
-from neurotact.networks.specs import TrainingSpec
+from neurotact.networks.specs import Keep, TrainingSpec
 
 
 class Examples(NamedTuple):
@@ -128,11 +128,26 @@ def train(
     return Training(tuple(log), best_of(log, network.spec.training.keep))
 
 
-def best_of(log: Sequence[Epoch], keep: Literal["loss", "accuracy"] = "loss") -> Epoch:
-    """The first epoch with the lowest validation loss or, of those with the highest validation accuracy, the lowest."""
+def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
+    """The first of the epochs that `TrainingSpec.keep` prefers.
+
+    `both` is for few validation windows, of which an epoch that has learned nothing may name most by luck.
+
+    >>> log = [Epoch(1, 2.0, 0.1, 1.5, 0.67), Epoch(2, 0.1, 1.0, 1.9, 0.56)]
+    >>> best_of(log, "loss").epoch, best_of(log, "accuracy").epoch, best_of(log, "both").epoch
+    (1, 1, 2)
+    """
     if keep == "loss":
         return min(log, key=lambda epoch: epoch.validation_loss)
-    return min(log, key=lambda epoch: (-epoch.validation_accuracy, epoch.validation_loss))
+    if keep == "accuracy":
+        return min(log, key=lambda epoch: (-epoch.validation_accuracy, epoch.validation_loss))
+    return min(
+        log,
+        key=lambda epoch: (
+            -(epoch.train_accuracy + epoch.validation_accuracy),
+            epoch.train_loss + epoch.validation_loss,
+        ),
+    )
 
 
 def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:

@@ -295,6 +295,16 @@ def test_the_best_epoch_by_accuracy_is_of_the_most_accurate_the_one_of_lowest_lo
     assert is_over(log, TrainingSpec(keep="accuracy", patience=2))
 
 
+def test_an_epoch_that_has_learned_nothing_is_not_the_best_of_both():
+    """Of nine validation windows it names more by luck than any that has learned the training windows."""
+    lucky, learned = Epoch(1, 2.0, 0.1, 1.5, 0.67), Epoch(2, 0.0, 1.0, 1.9, 0.56)
+    surer = Epoch(3, 0.0, 1.0, 1.2, 0.56)
+    assert best_of([lucky, learned], "accuracy") is lucky
+    assert best_of([lucky, learned, surer], "both") is surer
+    assert not is_over([lucky, learned], TrainingSpec(keep="both", patience=1))
+    assert is_over([learned._replace(epoch=1), lucky._replace(epoch=2)], TrainingSpec(keep="both", patience=1))
+
+
 def test_the_first_of_equal_epochs_is_the_best_and_patience_counts_from_it():
     log = [Epoch(i, 0.0, 0.0, loss, 0.0) for i, loss in enumerate([3.0, 2.0, 2.0, 5.0], 1)]
     assert best_of(log).epoch == 2
