@@ -179,7 +179,7 @@ def calibrate(
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     sides = split_conditions(recordings.conditions, stratify, spec.build(SplitSpec, _split(split_seed, split), "split"))
     changed = spec.resolve(AfferentSpec, encoder, settings)
-    fit, _ = calibration.way_of(changed, settings or ())
+    fit, _ = calibration.way_of(changed, settings or {})
     return fit(recordings.select(sides.train), changed).encoder
 
 

@@ -44,6 +44,8 @@ class Spec(BaseModel):
     folder: ClassVar[str] = ""
     later_keys: ClassVar[tuple[str, ...]] = ()
     """Keys that came after specs of this kind had been used: with its default, such a key is not written."""
+    decided: ClassVar[Mapping[str, str]] = {}
+    """Dotted keys of a protocol's parameters that something else decides, and what; to set or sweep one is refused."""
 
     @model_serializer(mode="wrap")
     def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -215,6 +217,31 @@ def checked_settings(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
     raise InputError(
         f"settings: must map dotted keys to values, such as {{'sa1.t_ref_ms': 5}}; got {type(settings).__name__}"
     )
+
+
+def leaves(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted keys that are given, with those that stand in tables.
+
+    >>> leaves({"encoder.sa1": {"gain": 3.2}, "seed": 0})
+    {'encoder.sa1.gain': 3.2, 'seed': 0}
+    """
+    found: dict[str, Any] = {}
+    for key, value in given.items():
+        if isinstance(value, Mapping):
+            found |= {f"{key}.{name}": inner for name, inner in leaves(value).items()}
+        else:
+            found[key] = value
+    return found
+
+
+def refuse(given: Mapping[str, Any], decided: Mapping[str, str]) -> None:
+    """InputError where a dotted key is given that something else decides: setting it would change nothing.
+
+    decided: what decides each such key, and what to do instead, in words.
+    """
+    for key in leaves(given):
+        if key in decided:
+            raise InputError(f"{key}: {decided[key]}")
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, Any]:

@@ -40,7 +40,7 @@ from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save as save_figure
 from neurotact.progress import say, track
 
-COMPARED = ["baseline", "polarity", "separation_sa", "separation_ra", "acausal", "chosen"]
+COLUMNS = ["baseline", "polarity", "separation_sa", "separation_ra", "acausal", "chosen"]
 """What is shown of alternatives."""
 
 
@@ -78,6 +78,8 @@ def calibrate(
     rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
     start = spec.load(AfferentSpec, encoder, changes)
     fit, times = calibration.way_of(start, changes)
+    if compare:
+        spec.refuse(changes, alternatives.COMPARED)
     n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
     with hdf5.open_recordings(recordings) as data, track("calibrate", n_steps) as advance:
         split = split_conditions(data.conditions, stratify or (), spec.build(SplitSpec, asked, source="calibrate"))
@@ -91,7 +93,7 @@ def calibrate(
     if figure:
         save_figure(draw_calibration(found.table, found.isi), figure)
     if compared is not None:
-        print_table(compared.table[COMPARED])
+        print_table(compared.table[COLUMNS])
     print(
         f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}, from {len(split.train)} "
         f"training trials in {perf_counter() - began:.1f} s"

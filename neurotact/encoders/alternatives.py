@@ -16,6 +16,11 @@ BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
 Polarity = Literal["rising", "falling", "both"]
 POLARITIES: tuple[Polarity, ...] = ("rising", "falling", "both")
 """What SA-I feels of the signal: its rise above the baseline, its fall below, or both (rectified)."""
+COMPARED = dict.fromkeys(
+    ("conditioning.baseline", "conditioning.rectify"),
+    "--compare tries all of them, so that a given value would be ignored; leave one of both out",
+)
+"""Keys of an encoder that a comparison decides."""
 COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles": 4}
 """Of the comparison's rule: the range of the full search in half as many steps, on fewer trials."""
 

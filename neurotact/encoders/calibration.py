@@ -7,9 +7,9 @@ classes best. No classifier is trained, and no trial but those given is seen.
 """
 
 import logging
-from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,7 +35,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges
 from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms
 from neurotact.neurons import LIF
-from neurotact.spec import Spec
+from neurotact.spec import Spec, refuse
 
 CLOCK_HZ = 1000.0
 """A clock that can express a refractory period of 1 ms."""
@@ -45,6 +45,10 @@ STRONGEST, STEPS_BELOW = 99.9, 3
 """The search begins so many steps below the gain at which this percentile of the drive just reaches threshold."""
 PAST: tuple[Baseline, ...] = ("none", "start")
 """Baselines that `calibrate_causally` chooses from, the first of equal ones."""
+
+FITTED = ("unit", "sa1.gain", "ra1.gain", "conditioning.offset", "conditioning.scale")
+"""Keys of an encoder that calibration finds, whatever they were before."""
+BY_CALIBRATION = "calibration finds it on the training trials, so that a given value would be ignored; leave it out"
 
 log = logging.getLogger("neurotact")
 Progress = Callable[[int, str], None]
@@ -216,16 +220,18 @@ def calibrate_causally(
     return replace(found[best], notes=(*found[best].notes, note))
 
 
-def way_of(spec: AfferentSpec, given: Container[str]) -> tuple[Callable[..., Calibration], int]:
+def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., Calibration], int]:
     """How an encoder is calibrated, and how often that goes through all candidates of its rule.
 
-    A baseline that knows the whole trial gives way to one that knows the past alone, unless its key is among `given`.
+    A baseline that knows the whole trial gives way to one that knows the past alone, unless its key is among `given`,
+    the dotted keys that were set. Raises InputError where one of them is of `FITTED`.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
-    >>> [way_of(paper, given)[1] for given in ((), ("conditioning.baseline",))]
+    >>> [way_of(paper, given)[1] for given in ({}, {"conditioning.baseline": "mean"})]
     [2, 1]
     """
+    refuse(given, dict.fromkeys(FITTED, BY_CALIBRATION))
     chooses = spec.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in given
     return (calibrate_causally, len(PAST)) if chooses else (calibrate, 1)
 

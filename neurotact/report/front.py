@@ -18,7 +18,7 @@ from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Table
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
-from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split
+from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns
 from neurotact.tables import NETWORK, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
@@ -137,13 +137,18 @@ def _as_json(decision: Decision | None) -> dict[str, Any] | None:
     return {key: None if value is None or pd.isna(value) else value for key, value in decision._asdict().items()}
 
 
-def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], dataset: str) -> list[Baseline]:
-    """The baselines on the windows of one data set; none where a study sweeps its windows, which they do not."""
+def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: Mapping[str, Any]) -> list[Baseline]:
+    """The baselines on the windows of one data set; none where a study sweeps its windows, which they do not.
+
+    result: a row of `results.csv`, of the data set and of the encoder whose spikes they see.
+    """
     if LENGTH in study.sweep:
         return []
-    found = []
+    found, dataset = [], str(result["dataset"])
     if "baselines" in tables:
         table = tables["baselines"]
+        for key in (key for key in encoder_columns(study) if key in table):
+            table = table[table[key].isna() | (table[key] == result[key])]
         by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms"]
         measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ"]
         for row in means_over(table[table["dataset"] == dataset], by, measures, "splits").to_dict("records"):
@@ -200,7 +205,7 @@ def fronts(
         sides = sides_of(trains, first_of_splits, counts)
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         networks = networks_of(rows)
-        baselines = baselines_of(study, tables, str(rows["dataset"].iloc[0]))
+        baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         found = answers.answer(networks, baselines, guess, sides.trials)
         table = front_table(found, networks, baselines)
         yield Front(str(setting), found, sides, networks, answers.headline(found), list(answers.details(found)), table)

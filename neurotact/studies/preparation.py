@@ -28,7 +28,7 @@ from neurotact.spec import build, digest
 from neurotact.studies import baselines, manifest
 from neurotact.studies.same_drive import same_drive_table
 from neurotact.studies.signals import signal_table
-from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, split_columns, value_at
+from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import read_table, write_table
 
 DATA = "data.json"
@@ -124,7 +124,9 @@ def _fitted(
             *baselines.spike_inputs(trains, pair, cuts),
         ]
         for row in baselines.rows(inputs, recordings.labels[windows.trial], cuts, stronger=is_first):
-            yield {"dataset": name, **split, **row}
+            is_of_spikes = row["t_ref_ra_ms"] is not None
+            encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
+            yield {"dataset": name, **split, **row, **encoder}
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -315,7 +317,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
     if key not in calibrated:
         train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
-        fit, _ = way_of(cell.calibrate, ())
+        fit, _ = way_of(cell.calibrate, {})
         calibrated[key] = fit(recordings.select(train), cell.calibrate).encoder
     fitted = calibrated[key]
     populations = {

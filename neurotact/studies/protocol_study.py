@@ -79,6 +79,7 @@ def resolve(
     study = specs.build(ProtocolStudy, table, source=str(path))
     model = module_of(study.protocol).Parameters
     swept = sweeps.keys(study.sweep)
+    specs.refuse({**others, **dict.fromkeys(swept)}, model.decided)
     first = next(sweeps.points(study.sweep))
     # Swept keys may have no default: the first point stands for them while the others are made whole.
     whole = specs.build(model, specs.override(study.parameters, first), source=f"parameters of {path}")

@@ -24,7 +24,7 @@ from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
-from neurotact.studies import suited, sweeps
+from neurotact.studies import calibrated, suited, sweeps
 from neurotact.studies.claims import Claim
 from neurotact.studies.same_drive import SameDriveSpec
 
@@ -181,6 +181,8 @@ class StudySpec(Spec):
                 raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
+        if self.calibrate and not isinstance(self.encoder, AfferentSpec):
+            raise ValueError(f"calibrate needs LIF afferents; the model is '{self.encoder.model}'; set calibrate=false")
         if self.same_drive is not None and not isinstance(self.encoder, AfferentSpec):
             raise ValueError(f"same_drive needs LIF afferents; this encoder's model is '{self.encoder.model}'")
         return self
@@ -218,12 +220,12 @@ class Cell(Spec):
     dataset: str
     subset: dict[str, Any]
     seed: int
-    calibrate: AfferentSpec | None = None
-    """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
     window: WindowSpec
     split: SplitSpec
     early_exit: EarlyExitSpec
     encoder: EncoderSpec
+    calibrate: AfferentSpec | None = None
+    """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """How the network's hyperparameters are searched, which then stand for those that the space names."""
@@ -296,7 +298,9 @@ def resolve(
     if study.dataset.simulate is not None:
         model = simulator(study.dataset.simulate).model
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
-    list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
+    # A wrong value in a sweep is refused here, before anything runs.
+    starts = [cell.calibrate for cell in cells(study)]
+    calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])
     return study
 
 
@@ -321,6 +325,8 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         chosen = {"dataset": next(iter(study.dataset.subsets)), **point}
         chosen["subset"] = study.dataset.subsets[chosen["dataset"]]
         chosen = {_in_cell(key): value for key, value in chosen.items()}
+        if study.calibrate:
+            chosen |= calibrated.start(point)
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         _check_source(cell, study)
         yield cell
@@ -357,6 +363,11 @@ def swept_columns(study: StudySpec) -> list[str]:
 def split_columns(study: StudySpec) -> list[str]:
     """Swept keys of the split, such as `split.fold`: networks differ by them as by seeds, and results are averaged."""
     return [key for key in swept_columns(study) if key.startswith(SPLIT)]
+
+
+def encoder_columns(study: StudySpec) -> list[str]:
+    """Swept keys of the encoder besides the refractory periods, such as `encoder.tau_mem_ms`."""
+    return [key for key in swept_columns(study) if key.startswith(calibrated.ENCODER)]
 
 
 def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:

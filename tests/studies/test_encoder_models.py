@@ -66,7 +66,7 @@ def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monke
 
 def test_only_lif_encoders_are_calibrated(tmp_path):
     path = study_of(tmp_path, encoder="poisson", calibrate=True, sweep={"seed": [0, 1]}, quick={})
-    with pytest.raises(InputError, match=r"calibrate\.model: must be 'lif'; got 'poisson'"):
+    with pytest.raises(InputError, match="calibrate needs LIF afferents; the model is 'poisson'"):
         loading.resolve(path)
 
 

@@ -56,9 +56,11 @@ class SetSpec(Spec):
     """Conditions that name a group: trials that agree in them stand on one side where `split` is by groups."""
 
     @model_validator(mode="after")
-    def _has_one_source(self) -> "SetSpec":
+    def _has_one_source_as_recorded(self) -> "SetSpec":
         if (self.simulate is None) == (self.read is None) or (self.read is not None and self.path is None):
             raise ValueError("give simulate, or read with its path")
+        if self.conditioning.offset is not None or self.conditioning.scale is not None:
+            raise ValueError("conditioning: offset and scale are fitted on the training trials; leave them out")
         return self
 
 

@@ -4,8 +4,8 @@ Recordings of the University of Genoa's COSMIC lab (see `neurotact.data.readers.
 same stretch of each press, on the same splits.
 """
 
-from collections.abc import Iterator
-from typing import Any, Literal
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -18,7 +18,7 @@ from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
-from neurotact.encoders.calibration import CalibrationRule, calibrate
+from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, CalibrationRule, calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
@@ -55,6 +55,8 @@ class HardnessData(Spec):
 
 class Parameters(Spec):
     """One chain, on every split."""
+
+    decided: ClassVar[Mapping[str, str]] = {f"encoder.{key}": BY_CALIBRATION for key in FITTED}
 
     data: HardnessData = HardnessData()
     chain: SLFN | Literal["RSNN"]

@@ -7,9 +7,9 @@ spike, decides the test windows.
 
 import copy
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import product
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,8 +24,8 @@ from neurotact.data.windows import WindowSpec
 from neurotact.deploy import fine_tuning, formats, integer
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.formats import Formats, Ranges, Steps
-from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
+from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.figures.style import (
     MUTED,
@@ -63,6 +63,11 @@ class QuantisationData(Spec):
 
 class Parameters(Spec):
     """One network, at every number of bits."""
+
+    decided: ClassVar[Mapping[str, str]] = {
+        **{f"encoder.{key}": BY_CALIBRATION for key in FITTED},
+        **{f"encoder.{part}.t_ref_ms": "set t_ref_ms, as in t_ref_ms=[1, 5] (RA-I, SA-I)" for part in POPULATIONS},
+    }
 
     data: QuantisationData = QuantisationData()
     encoder: AfferentSpec

@@ -1,0 +1,76 @@
+"""Which keys of its encoder a calibrated study heeds: a key that calibration would ignore is refused, and why.
+
+Calibration begins at the encoder of each cell and finds gains, standardisation and the baseline. Refractory periods
+alone vary around one fit, so that all pairs share their gains.
+"""
+
+from collections.abc import Container, Mapping, Sequence
+from typing import Any
+
+from neurotact.data.conditioning import ACAUSAL, Baseline
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
+from neurotact.errors import InputError
+from neurotact.spec import leaves, refuse
+from neurotact.studies import sweeps
+
+ENCODER = "encoder."
+PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms")
+"""Swept around gains that are fitted once."""
+DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
+GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
+WITH_BASELINE = {
+    "encoder.conditioning.start_ms": ("start", *ACAUSAL),
+    "encoder.conditioning.high_pass_Hz": ("high-pass",),
+}
+"""Keys that some baselines alone heed; one that knows the whole trial may give way to `start`."""
+
+
+def start(point: Mapping[str, Any]) -> dict[str, Any]:
+    """What a point of the sweep changes of the encoder at which its cell's calibration begins, as keys of the cell.
+
+    >>> start({"encoder.tau_mem_ms": 5.0, "encoder.sa1.t_ref_ms": 5, "seed": 0})
+    {'calibrate.tau_mem_ms': 5.0}
+    """
+    changed = {key: value for key, value in point.items() if key.startswith(ENCODER) and key not in PERIODS}
+    return {f"calibrate.{key.removeprefix(ENCODER)}": value for key, value in changed.items()}
+
+
+def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequence[AfferentSpec]) -> None:
+    """InputError for a key that is set or swept and that calibration would ignore.
+
+    given: dotted keys that are set. starts: where the calibration of each cell begins; none of a study without.
+    """
+    if not starts:
+        return
+    swept = {key: sweeps.values(sweep, key) for key in sweeps.keys(sweep)}
+    pairs = [*given.items(), *((key, value) for key, values in swept.items() for value in values)]
+    for named in (leaves({key: value}) for key, value in pairs if key != "encoder"):
+        refuse(named, DECIDED)
+        _check_baseline(named.get("encoder.conditioning.baseline"))
+    for key in GRADES:
+        lengths = [len(grades) for grades in swept.get(key, []) if isinstance(grades, list)]
+        if len(set(lengths)) < len(lengths):
+            raise InputError(
+                f"{key}: calibration sets as many grades as are given anew, so that lists of the same length are the "
+                "same encoder; sweep lists of different lengths"
+            )
+    keys = {*leaves(given), *swept}
+    for start in starts:
+        _check_heeded(start.conditioning.baseline, keys)
+
+
+def _check_baseline(baseline: Any) -> None:
+    if baseline in ACAUSAL:
+        raise InputError(
+            f"encoder.conditioning.baseline: '{baseline}' knows the whole trial, and gives way to one of "
+            f"{', '.join(PAST)} in a study that calibrates; name a baseline that knows the past alone, or leave it out"
+        )
+
+
+def _check_heeded(baseline: Baseline, keys: Container[str]) -> None:
+    for key, heeding in WITH_BASELINE.items():
+        if key in keys and baseline not in heeding:
+            raise InputError(
+                f"{key}: the baseline '{baseline}' ignores it; set encoder.conditioning.baseline='{heeding[0]}', too"
+            )

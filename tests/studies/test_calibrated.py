@@ -1,0 +1,162 @@
+"""Every key of a calibrated study's encoder takes effect or is refused: none is ignored."""
+
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact import cli
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.encoders import calibration
+from neurotact.encoders.calibration import CalibrationRule
+from neurotact.errors import InputError
+from neurotact.report import front
+from neurotact.spec import leaves
+from neurotact.studies import loading, preparation, study
+from neurotact.tables import read_table
+
+RULE = CalibrationRule(candidates=10, step=1.6, excerpt_s=0.4, trials_per_class=6, shuffles=1, max_silent_share=0.2)
+SMALL = {
+    "sweep.seed": [0],
+    "sweep.network.hidden": [4],
+    "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
+}
+PERIODS = {**SMALL, "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]]}
+FOUND = "calibration finds it on the training trials"
+
+
+@pytest.fixture
+def touches(tmp_path):
+    rng = np.random.default_rng(0)
+    time_s = np.arange(0, 0.4, 1e-3)
+    signals = [
+        np.sin(2 * np.pi * (4 + 6 * (n % 2)) * time_s + rng.uniform(0, 6))[:, None] * [9.0, 5.0]
+        + rng.normal(0, 0.3, (len(time_s), 2))
+        for n in range(20)
+    ]
+    path = tmp_path / "touches.h5"
+    hdf5.save_recordings(Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": ["felt", "silk"] * 10})), path)
+    return path
+
+
+def encoded(touches, monkeypatch, **changes):
+    """The run folder, its study and the encoder with which each cell's spikes were made."""
+    way_of = calibration.way_of
+
+    def quickly(spec, given):
+        fit, times = way_of(spec, given)
+        return lambda recordings, spec: fit(recordings, spec, rule=RULE), times
+
+    monkeypatch.setattr(preparation, "way_of", quickly)
+    what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
+    folder = touches.parent / "run"
+    preparation.prepare(folder, what, list(study.cells(what)))
+    return folder, what, [hdf5.load_spikes(folder / cell.given).encoder for cell in study.cells(what)]
+
+
+def test_swept_keys_are_those_of_the_encoder_of_each_cell(touches, monkeypatch):
+    one = {"tau_mem_ms": 5.0, "v_threshold_mV": -58.0, "conditioning.ema_cutoff_Hz": 10.0, "sa1.opposite": False}
+    other = {"tau_mem_ms": 20.0, "v_threshold_mV": -50.0, "conditioning.ema_cutoff_Hz": 40.0, "sa1.opposite": True}
+    one, other = {**one, "conditioning.baseline": "none"}, {**other, "conditioning.baseline": "running"}
+    axis = " & ".join(f"encoder.{key}" for key in one)
+    sweep = {f"sweep.{axis}": [[*one.values()], [*other.values()]]}
+    _, _, found = encoded(touches, monkeypatch, baselines=False, **sweep)
+    for asked, made in zip((one, other), found, strict=True):
+        assert ({"sa1.opposite": False} | leaves(made)).items() >= asked.items()
+        assert made["sa1"]["gain"] != 3.2  # the spec's; calibration has found another
+
+
+def test_pairs_of_refractory_periods_share_one_fit(touches, monkeypatch):
+    _, _, (one, other) = encoded(touches, monkeypatch, **{**PERIODS, "baselines": False})
+    assert (one["sa1"]["t_ref_ms"], other["sa1"]["t_ref_ms"]) == (1.0, 10.0)
+    assert one["sa1"]["gain"] == other["sa1"]["gain"]
+    assert one["conditioning"] == other["conditioning"]
+
+
+def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypatch):
+    swept = {"sweep.encoder.tau_mem_ms": [5.0, 20.0]}
+    folder, what, _ = encoded(touches, monkeypatch, **swept)
+    table = read_table(folder / "baselines.csv")
+    of_spikes = table["input"].str.startswith("spikes")
+    assert set(table.loc[of_spikes, "encoder.tau_mem_ms"]) == {5.0, 20.0}
+    assert table.loc[~of_spikes, "encoder.tau_mem_ms"].isna().all()
+    for tau_ms in (5.0, 20.0):
+        mine = table[~of_spikes | (table["encoder.tau_mem_ms"] == tau_ms)]
+        found = front.baselines_of(what, {"baselines": table}, {"dataset": "all", "encoder.tau_mem_ms": tau_ms})
+        energies = mine.set_index(["classifier", "input"])["energy_estimate_nJ"]
+        assert sorted(one.nJ or 0.0 for one in found) == sorted(energies)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"encoder.sa1.gain": 3.0}, f"encoder.sa1.gain: {FOUND}"),
+        ({"sweep.encoder.ra1.gain": [3.0, 5.0]}, f"encoder.ra1.gain: {FOUND}"),
+        ({"sweep.encoder.sa1.gain & encoder.tau_mem_ms": [[3.0, 5.0]]}, f"encoder.sa1.gain: {FOUND}"),
+        ({"encoder.sa1": {"gain": 3.0, "t_ref_ms": 5.0}}, f"encoder.sa1.gain: {FOUND}"),
+        ({"encoder.unit": "N"}, f"encoder.unit: {FOUND}"),
+        ({"encoder.conditioning": {"offset": [1.0, 2.0]}}, f"encoder.conditioning.offset: {FOUND}"),
+        ({"sweep.encoder.conditioning.scale": [[1.0, 2.0]]}, f"encoder.conditioning.scale: {FOUND}"),
+        ({"encoder.conditioning.baseline": "mean"}, "'mean' knows the whole trial"),
+        ({"sweep.encoder.conditioning.baseline": ["none", "median"]}, "'median' knows the whole trial"),
+        ({"encoder.conditioning.high_pass_Hz": 1.0}, "the baseline 'mean' ignores it"),
+        (
+            {"sweep.encoder.conditioning.start_ms": [50.0], "encoder.conditioning.baseline": "first"},
+            "the baseline 'first' ignores it",
+        ),
+        ({"sweep.encoder.sa1.grades": [[0.5, 1.0], [0.2, 1.0]]}, "lists of the same length are the same encoder"),
+        ({"encoder": "izhikevich"}, "calibrate needs LIF afferents; the model is 'izhikevich'; set calibrate=false"),
+    ],
+)
+def test_a_key_that_would_be_ignored_is_refused(touches, changes, words):
+    with pytest.raises(InputError, match=words):
+        loading.resolve("own-recordings", changes, data=touches)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"encoder.conditioning.start_ms": 50.0},
+        {"encoder.conditioning.baseline": "high-pass", "sweep.encoder.conditioning.high_pass_Hz": [0.5, 1.0]},
+        {"encoder.sa1.gain": 3.0, "calibrate": False},
+        {"encoder": "sa1-ra1-lif-graded"},
+    ],
+)
+def test_a_key_that_takes_effect_is_not_refused(touches, changes):
+    plain = loading.resolve("own-recordings", SMALL, data=touches)
+    changed = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
+    names = [{cell.spikes_name for cell in study.cells(one)} for one in (plain, changed)]
+    assert not names[0] & names[1] - {next(iter(names[0]))}
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "words"),
+    [
+        ("pvdf-hardness", "encoder.sa1.gain", FOUND),
+        ("pvdf-hardness", "sweep.encoder.unit", FOUND),
+        ("quantisation", "parameters.encoder.conditioning.scale", FOUND),
+        ("quantisation", "encoder.sa1.t_ref_ms", "set t_ref_ms, as in"),
+        ("ways-to-save", "data.sets.fabrics.conditioning.offset", "offset and scale are fitted"),
+    ],
+)
+def test_protocols_that_calibrate_refuse_what_calibration_finds(name, key, words):
+    with pytest.raises(InputError, match=words):
+        loading.resolve(name, {key: [2.0]})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--set", "sa1.gain=3"], "sa1.gain: " + FOUND),
+        (["--compare", "--set", "conditioning.baseline=none"], "conditioning.baseline: --compare tries all of them"),
+    ],
+)
+def test_the_command_refuses_what_it_finds_itself(touches, monkeypatch, capsys, options, words):
+    argv = ["neurotact", "calibrate", str(touches), "-o", str(touches.parent / "mine.toml"), *options]
+    monkeypatch.setattr(sys, "argv", argv)
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 2
+    assert words in capsys.readouterr().err
