@@ -351,6 +351,7 @@ def tune(
     stratify: Sequence[str] = (),
     split_seed: int = 0,
     split: Settings | None = None,
+    exit_by: str = "stability",
     workers: int = 2,
     batch: int = 8,
     device: str = "cpu",
@@ -360,14 +361,14 @@ def tune(
     space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
     objective: "accuracy", or "accuracy-sops". max_sops: a budget, the SOPs per window that the best network may take on
     average. The journal, tables, figure, `best.toml` and the best network are
-    saved in `folder`; given the same folder again, the search goes on there. Windows and split: as for `train`.
+    saved in `folder`; given the same folder again, the search goes on there. Windows, split, exit_by: as for `train`.
     batch: trials proposed at once. device: "cuda" trains each batch at once on one GPU, in place of `workers`
     processes.
     """
     place = Path(folder)
     spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = trained.task_of("tune", _window(window, onset), _split(split_seed, split), stratify)
+    task = trained.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_by=exit_by)
     table = {
         "space": tuning.load_space(space) if isinstance(space, str) else space,
         "trials": trials,

@@ -198,6 +198,7 @@ def tune(
     stratify: Stratify = None,
     split_seed: SplitSeed = 0,
     tolerance: Tolerance = 0.01,
+    exit_by: ExitBy = "stability",
     workers: Annotated[
         int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
     ] = 2,
@@ -222,7 +223,7 @@ def tune(
     }
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold)
-    task = trained.task_of("tune", window, split, stratify, tolerance)
+    task = trained.task_of("tune", window, split, stratify, tolerance, exit_by)
     problem = search.problem_of(
         hdf5.load_spikes(spikes),
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),

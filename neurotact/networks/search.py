@@ -70,7 +70,7 @@ class Problem(Spec):
             self.search.seed,
             trial.id,
             network.model_dump(mode="json"),
-            self.task.model_dump(mode="json", exclude={"exit_choice"}),
+            self.task.model_dump(mode="json", exclude={"exit_choice", "exit_by"}),
         ]
         digest = spec.digest(content)
         return int(digest[:6], 16), int(digest[6:], 16)

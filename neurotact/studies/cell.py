@@ -82,6 +82,7 @@ def task_of(cell: Cell) -> Task:
         training_windows=cell.training_windows,
         exit_tolerance=cell.early_exit.tolerance,
         exit_choice=cell.early_exit.choice,
+        exit_by=cell.early_exit.by,
     )
 
 

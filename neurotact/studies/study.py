@@ -22,6 +22,7 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.trained import ExitBy
 from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
 from neurotact.studies import calibrated, suited, sweeps
@@ -101,13 +102,15 @@ def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
 
 
 class EarlyExitSpec(Spec):
-    """How the one patience of a network is chosen on validation trials."""
+    """How the one patience or margin of a network is chosen on validation trials."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("choice",)
+    later_keys: ClassVar[tuple[str, ...]] = ("choice", "by")
     tolerance: float = Field(default=0.01, ge=0, lt=1)
     """Accuracy that may be lost on the validation trials."""
     choice: Literal["least", "steady"] = "least"
     """As `exit_choice` of a `Task`."""
+    by: ExitBy = "stability"
+    """As `exit_by` of a `Task`; the networks and their seeds are the same for both."""
 
 
 class SelectionSpec(Spec):
@@ -242,7 +245,11 @@ class Cell(Spec):
     @property
     def seeds(self) -> tuple[int, int]:
         """Seeds of the initial weights and of the order of trials, drawn from what decides the training."""
-        content = self.model_copy(update={name: Cell.model_fields[name].default for name in MEASURES}).digest()
+        measured = {name: Cell.model_fields[name].default for name in MEASURES}
+        by = EarlyExitSpec.model_fields["by"].default
+        content = self.model_copy(
+            update={**measured, "early_exit": self.early_exit.model_copy(update={"by": by})}
+        ).digest()
         return int(content[:6], 16), int(content[6:], 16)
 
     @property

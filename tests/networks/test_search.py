@@ -270,6 +270,13 @@ def test_every_trial_draws_seeds_of_its_own(trains):
     assert what.seeds_of(Proposal(3, {**parameters, "hidden": 6})) != pairs[3]
 
 
+def test_the_rule_of_early_exit_is_no_part_of_a_trials_seeds(trains):
+    plain = problem(trains)
+    margin = plain.model_copy(update={"task": plain.task.model_copy(update={"exit_by": "margin"})})
+    proposal = Proposal(0, {"hidden": 4})
+    assert plain.seeds_of(proposal) == margin.seeds_of(proposal)
+
+
 def test_the_same_network_tried_twice_is_trained_twice(trains):
     what = problem(trains)
     sides = trained.sides_of(trains, what.task)
@@ -324,7 +331,7 @@ def tuned(spikes, tmp_path_factory):
     out = tmp_path_factory.mktemp("tune") / "tuned"
     write_space(out.parent)
     command = [sys.executable, "-c", "from neurotact.cli import main; main()"]
-    more = ("--trials", "6", "--workers", "2", "--objective", "accuracy-sops")
+    more = ("--trials", "6", "--workers", "2", "--objective", "accuracy-sops", "--exit-by", "margin")
     ended = subprocess.run([*command, *words(spikes, out, *more)[1:]], capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     return out, ended.stderr
@@ -338,6 +345,8 @@ def test_tune_leaves_a_network_that_can_be_used(tuned):
     assert len(pd.read_csv(out / "trials.csv")) == 6
     assert len(pd.read_csv(out / "pareto.csv")) >= 1
     row = json.loads((out / "best" / "result.json").read_text())["row"]
+    assert trained.restore(out / "best").task.exit_by == "margin"
+    assert row["exit_patience"] is None
     assert row["accuracy_validation"] == search.best_of(search.read_journal(out / search.JOURNAL)).accuracy
 
 
@@ -352,6 +361,7 @@ def test_two_processes_write_the_bytes_of_one(trains, tuned, tmp_path):
     [
         (("--objective", "speed"), "objective: must be 'accuracy' or 'accuracy-sops'"),
         (("--tuner", "gp"), "tuner: must be 'tpe', 'random' or 'grid'"),
+        (("--exit-by", "luck"), "exit_by: must be 'stability' or 'margin'"),
         (("--network", "rsnm"), "did you mean 'rsnn'?"),
         (("--space", "texure"), "did you mean 'texture'?"),
     ],
@@ -443,6 +453,19 @@ def test_a_cell_searches_and_reports_its_best_network(trains, tmp_path):
     assert row["network.forward_weight_scale"] == best.parameters["forward_weight_scale"]
     assert row["accuracy_validation"] == best.accuracy
     assert left[f"{cells.SEARCH}/{search.JOURNAL}"] == (tmp_path / cells.SEARCH / search.JOURNAL).read_bytes()
+
+
+def test_a_cell_exits_by_a_margin_where_the_study_says_so(trains):
+    rows = [
+        json.loads(cells.run_cell(next(study.cells(study.resolve(TINY, {"early_exit.by": by}))), trains)[cells.RESULT])[
+            "row"
+        ]
+        for by in ("stability", "margin")
+    ]
+    of_exits = [{key for key, value in row.items() if key.startswith("exit_") and value is not None} for row in rows]
+    assert "exit_margin" in of_exits[1] - of_exits[0] or rows[1]["exit_steps"] == rows[1]["window_steps"]
+    same = [key for key in rows[0] if not key.startswith("exit_")]
+    assert {key: rows[0][key] for key in same} == {key: rows[1][key] for key in same}
 
 
 def test_a_cells_search_goes_on_where_it_was_killed(trains, tmp_path):
