@@ -67,6 +67,8 @@ COMMANDS: dict[str, tuple[list[str], tuple[str, ...]]] = {
 """Valid command lines, and what each needs in its folder."""
 WORKS_IN = {"study resume": ("study",), "study report": ("study",)}
 SLOW = {"study run", "study resume", "study report", "tune"}
+ENDLESS = {"stream", "live"}
+"""Commands that may go on until Ctrl-C."""
 
 
 def base_commands() -> list[list[str]]:
@@ -215,7 +217,8 @@ def options(rng: random.Random, place: Path, base: Path) -> Case:
     fetch(base, place, *needs)
     for _ in range(rng.choice([1, 1, 1, 2, 3])):
         _change_words(words, OPTIONS[name], rng, place)
-    return Case(f"options of {name.split()[0]}", words, changes=WORKS_IN.get(name, ()))
+    endless = name in ENDLESS
+    return Case(f"options of {name.split()[0]}", words, changes=WORKS_IN.get(name, ()), endless=endless)
 
 
 def _any_command(rng: random.Random) -> str:

@@ -30,11 +30,16 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).parent))  # started by another path, as a test does
 
 import cases
+import chain_cases
 import judge
 from judge import Case, Outcome
 
 SLOW_BASE = 300.0
 """Seconds that making a valid input may take."""
+
+
+cases.COMMANDS |= chain_cases.COMMANDS
+cases.KINDS |= chain_cases.KINDS
 
 
 class Done(NamedTuple):
@@ -82,7 +87,8 @@ def make_base(base: Path) -> None:
     """Valid inputs, made by neurotact itself; what that imports is imported here too, for the cases to inherit."""
     base.mkdir(parents=True)
     cases.make_folders(base)
-    for words in cases.base_commands():
+    chain_cases.make_samples(base)
+    for words in [*cases.base_commands(), *chain_cases.base_commands()]:
         outcome = _in_child(
             lambda words=words: judge.run(Case("base", words, changes=()), base, SLOW_BASE, wants_modules=True)
         )

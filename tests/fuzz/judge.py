@@ -27,8 +27,27 @@ import mutations
 MEMORY = 1_000_000_000
 """How many bytes a command may take with the processes that it starts."""
 LARGEST_FILE = 2_000_000_000
-INPUTS = ("touch.h5", "spikes.h5", "net", "csv", "npz", "fabric", "presses", "cubes", "modality", "search", "study")
+INPUTS = (
+    "touch.h5",
+    "spikes.h5",
+    "net",
+    "chain",
+    "causal.h5",
+    "samples.csv",
+    "spikes.nwb",
+    "csv",
+    "npz",
+    "fabric",
+    "presses",
+    "cubes",
+    "modality",
+    "search",
+    "study",
+)
 """Valid inputs, which no command may change unless it works in them."""
+INTERRUPTED = 130
+AFTER_FIRST_LINE = 1.0
+"""Seconds until Ctrl-C."""
 LONGEST_LINE = 1000
 """Characters of an error line that a person still reads."""
 PROGRESS = re.compile(r"[\w ,.&()/-]+ \d+/\d+(  .*)?")
@@ -44,6 +63,7 @@ class Case(NamedTuple):
     resolve_only: a study is read and checked, and not run.
     results: where the command ends well, the table that must come out, by its path in the folder.
     out: what the command must have written where it ends well.
+    endless: it may go on until Ctrl-C, which comes a second after its first line, or after half of its time.
     """
 
     kind: str
@@ -52,6 +72,7 @@ class Case(NamedTuple):
     resolve_only: bool = False
     results: tuple[str, bytes] | None = None
     out: str | None = None
+    endless: bool = False
 
 
 class Outcome(NamedTuple):
@@ -78,11 +99,15 @@ def run(case: Case, place: Path, seconds: float, *, wants_modules: bool = False)
     child = os.fork()
     if child == 0:
         _become_the_command(case, place, streams, seconds, wants_modules)
-    code, memory, killed = _watch(child, began + seconds)
+    ended_by = _CtrlC(child, streams[0], began + seconds / 2) if case.endless else None
+    code, memory, killed = _watch(child, began + seconds, ended_by)
     took = time.monotonic() - began
     said = streams[1].read_bytes().decode("utf-8", "replace")
     fault = (
-        killed or _fault_of_end(code, said) or _fault_of_memory(memory) or _fault_of_files(case, place, before, code)
+        killed
+        or _fault_of_end(0 if code == INTERRUPTED and ended_by and ended_by.came else code, said)
+        or _fault_of_memory(memory)
+        or _fault_of_files(case, place, before, code)
     )
     if fault in ("too long", "too much memory"):
         fault = f"{fault}: {_frame(said)}"
@@ -115,6 +140,7 @@ def _become_the_command(case: Case, place: Path, streams: Sequence[Path], second
         faulthandler.enable(sys.stderr)
         faulthandler.dump_traceback_later(seconds * 0.9, file=sys.stderr)
         faulthandler.register(signal.SIGUSR2, sys.stderr, all_threads=False)
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
         sys.argv = ["neurotact", *case.words]
         _fork_workers()
         if case.resolve_only:
@@ -165,7 +191,23 @@ def _give_up_rights() -> None:
 # --- beside it --------------------------------------------------------------------------------------
 
 
-def _watch(child: int, deadline: float) -> tuple[int, int, str]:
+class _CtrlC:
+    """Ctrl-C for a command that goes on until then; came: whether it was sent."""
+
+    def __init__(self, child: int, out: Path, latest: float) -> None:
+        self.child, self.out, self.at, self.came = child, out, latest, False
+
+    def look(self) -> None:
+        """Send it when it is due, once."""
+        now = time.monotonic()
+        if self.out.is_file() and self.out.stat().st_size:
+            self.at = min(self.at, now + AFTER_FIRST_LINE)
+        if now >= self.at and not self.came:
+            self.came = True
+            os.kill(self.child, signal.SIGINT)
+
+
+def _watch(child: int, deadline: float, ended_by: _CtrlC | None) -> tuple[int, int, str]:
     """Exit code, peak memory and, where it had to be killed, why."""
     peak, killed, at_start = 0, "", _resident(child)
     while True:
@@ -178,6 +220,8 @@ def _watch(child: int, deadline: float) -> tuple[int, int, str]:
             _kill(child, tell=peak > MEMORY)
             _, status, used = os.wait4(child, 0)
             break
+        if ended_by:
+            ended_by.look()
         time.sleep(0.005)
     _kill(child, tell=False)  # what it started and left behind
     return os.waitstatus_to_exitcode(status), max(peak, used.ru_maxrss * 1024), killed

@@ -487,7 +487,7 @@ def spoil_file(path: Path, rng: random.Random) -> None:
     if rng.random() < 0.12:
         replace_file(path, rng)
         return
-    if path.suffix == ".h5":
+    if path.suffix in (".h5", ".nwb"):
         spoil_hdf5(path, rng)
     elif path.suffix == ".npz":
         spoil_npz(path, rng)
