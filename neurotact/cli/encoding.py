@@ -34,6 +34,7 @@ from neurotact.encoders import alternatives, calibration, firing, resting
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_file
+from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.figures import raster as rasters
 from neurotact.figures.calibration import draw_calibration
@@ -75,7 +76,7 @@ def calibrate(
     began = perf_counter()
     _check_outputs([out, figure], force, [recordings, encoder])
     asked = split_table(split_seed, test_where, group, order, folds, fold)
-    rule, changes = calibration.CalibrationRule(), spec.parse_assignments(set_ or [])
+    rule, changes = CalibrationRule(), spec.parse_assignments(set_ or [])
     start = spec.load(AfferentSpec, encoder, changes)
     fit, times = calibration.way_of(start, changes)
     if compare:

@@ -9,7 +9,8 @@ import pandas as pd
 from neurotact.data.conditioning import ACAUSAL, Baseline
 from neurotact.data.recordings import Trials
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import Calibration, CalibrationRule, Progress, calibrate
+from neurotact.encoders.calibration import Calibration, calibrate
+from neurotact.encoders.gain_search import CalibrationRule, Progress
 from neurotact.errors import InputError
 
 BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")

@@ -4,9 +4,13 @@ The texture paper (Sec. III-A) chooses the gains of its afferents by them: where
 overlap, their spikes say little of which is which.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.special import entr
 
 from neurotact.errors import InputError
+from neurotact.metrics.spike_trains import Intervals
 
 BIN_RATIO = 1.3
 """From one bin of ISIs to the next."""
@@ -59,3 +63,39 @@ def overlap(counts: np.ndarray) -> float:
     shares = heard / heard.sum(axis=1, keepdims=True)
     one, other = np.triu_indices(len(shares), k=1)
     return float(np.minimum(shares[one], shares[other]).sum(axis=1).mean())
+
+
+def shares_of(isi_steps: Intervals, shape: tuple[int, ...], edges: np.ndarray) -> np.ndarray:
+    """ISI distribution of each trial and afferent, `(trial, afferent, bin)`, each summing to 1.
+
+    Every trial counts the same, however many spikes it has; the last bin holds those without any interval.
+    """
+    n_trials, _, n_afferents = shape
+    n_bins = len(edges)
+    bins = np.clip(np.searchsorted(edges, isi_steps.isi_ms, side="right") - 1, 0, n_bins - 2)
+    cell = (isi_steps.trial * n_afferents + isi_steps.afferent) * n_bins + bins
+    counts = np.bincount(cell, minlength=n_trials * n_afferents * n_bins).reshape(n_trials, n_afferents, n_bins)
+    counts[..., -1] = counts.sum(axis=-1) == 0
+    return counts / counts.sum(axis=-1, keepdims=True)
+
+
+def separation(shares: np.ndarray, labellings: Sequence[np.ndarray]) -> float:
+    """How far the classes' ISI distributions lie apart, in bit: 0 for equal ones, at most 1.
+
+    The Jensen-Shannon divergence of two classes' mean distributions, averaged over pairs and afferents; less the
+    average of the same over shuffled labels, because few trials never agree exactly.
+    """
+    true, *shuffled = (_divergence(shares, labels) for labels in labellings)
+    return float(true - np.mean(shuffled))
+
+
+def _divergence(shares: np.ndarray, labels: np.ndarray) -> float:
+    means = np.stack([shares[labels == label].mean(axis=0) for label in np.unique(labels)])
+    one, other = np.triu_indices(len(means), k=1)
+    entropies = _entropy(means)
+    mixed = _entropy((means[one] + means[other]) / 2)
+    return float((mixed - (entropies[one] + entropies[other]) / 2).mean())
+
+
+def _entropy(shares: np.ndarray) -> np.ndarray:
+    return entr(shares).sum(axis=-1) / np.log(2)

@@ -7,8 +7,9 @@ import pytest
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.alternatives import compare
-from neurotact.encoders.calibration import CalibrationRule, calibrate
+from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.encoders.resting import complaint, resting_table
 from neurotact.errors import InputError
 from neurotact.spec import build

@@ -19,13 +19,17 @@ from neurotact.data.hdf5 import open_recordings, save_recordings
 from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
-from neurotact.encoders import calibration
+from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import Calibration, CalibrationRule, calibrate, calibrate_causally
+from neurotact.encoders.calibration import Calibration, calibrate, calibrate_causally
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.excerpts import Felt
+from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save
+from neurotact.metrics.isi_distributions import shares_of
+from neurotact.metrics.spike_trains import events_of_raster, isis_ms
 
 DATA = Path(os.environ.get("NEUROTACT_DATA", Path(__file__).parents[3] / "shared" / "data"))
 RULE = CalibrationRule(candidates=11, step=1.6, excerpt_s=0.5, trials_per_class=8)
@@ -248,10 +252,10 @@ def test_the_shipped_fabric_encoder_is_what_calibration_gives_on_the_fabrics():
 def test_of_equal_gains_the_smallest_admissible_is_chosen():
     table = pd.DataFrame({"gain": [1.0, 2.0, 4.0, 8.0], "separation": [0.9, 0.5, 0.4999, 0.1]})
     table = table.assign(silent_share=[1.0, 0.0, 0.0, 0.0], floor_share=0.0, admissible=[False, True, True, True])
-    assert calibration._choose(table, RULE.model_copy(update={"tie": 0.01}), "here") == 1
+    assert gain_search.choose(table, RULE.model_copy(update={"tie": 0.01}), "here") == 1
     turned = table.assign(separation=[0.9, 0.4999, 0.5, 0.1])
-    assert calibration._choose(turned, RULE.model_copy(update={"tie": 0.01}), "here") == 1
-    assert calibration._choose(turned, RULE.model_copy(update={"tie": 0.0}), "here") == 2
+    assert gain_search.choose(turned, RULE.model_copy(update={"tie": 0.01}), "here") == 1
+    assert gain_search.choose(turned, RULE.model_copy(update={"tie": 0.0}), "here") == 2
 
 
 def test_classes_that_are_the_same_are_not_told_apart():
@@ -265,8 +269,8 @@ def test_a_short_trial_ends_where_it_ends():
     """Its last sample is not followed by a fall to zero, however long the trials beside it are."""
     pressed = [np.full((n_steps, 2), 5.0) for n_steps in (60, 200, 60, 200)]
     pressed[1][100:] += 1.0  # one step up, so that RA-I is driven at all
-    felt = calibration.Felt(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
-    table, _ = calibration._search(felt, SPEC, RULE, np.random.default_rng(0), None)
+    felt = Felt(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
+    table, _ = gain_search.search(felt, SPEC, RULE, np.random.default_rng(0), None)
     rates = table[table.afferent == "RA-I"].spikes_per_s
     # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
     assert set(rates.round(6)) <= {0.0, round(1 / 0.52, 6)}
@@ -276,7 +280,7 @@ def test_a_short_trial_ends_where_it_ends():
 def test_a_silent_afferent_has_a_bin_of_its_own():
     raster = np.zeros((2, 12, 1), np.uint8)
     raster[1, [0, 2, 4]] = 1
-    shares = calibration._isi_shares(calibration._isi_steps(raster), raster.shape, np.array([1.5, 3.5, 8.5]))
+    shares = shares_of(isis_ms(events_of_raster(raster), 1e3), raster.shape, np.array([1.5, 3.5, 8.5]))
     assert shares[:, 0].tolist() == [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 
 
@@ -286,8 +290,8 @@ PARTS = st.integers(0, 300).flatmap(lambda n: hnp.arrays(np.float32, n, elements
 @given(parts=st.lists(PARTS, min_size=1, max_size=5), percentile=st.sampled_from([99.9, 99.0, 50.0, 3.0]))
 def test_the_strongest_drive_of_parts_is_numpys_percentile_of_the_whole(parts, percentile):
     whole = np.concatenate(parts)
-    with patch.object(calibration, "STRONGEST", percentile):
-        found = calibration._strongest(iter(parts), len(whole))
+    with patch.object(gain_search, "STRONGEST", percentile):
+        found = gain_search._strongest(iter(parts), len(whole))
     expected = float(np.percentile(whole, percentile)) if len(whole) else 0.0
     assert found == (expected if expected > 0 else whole.max(initial=0.0))
 

@@ -10,7 +10,7 @@ from neurotact import cli
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import calibration
-from neurotact.encoders.calibration import CalibrationRule
+from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.report import front
 from neurotact.spec import leaves

@@ -17,7 +17,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
 from neurotact.encoders import calibration
-from neurotact.encoders.calibration import CalibrationRule
+from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.networks import search, trained
 from neurotact.networks.trained import Task
 from neurotact.studies import cell, preparation, study

@@ -18,7 +18,7 @@ from neurotact.data.sources import expand
 from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
-from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, CalibrationRule, calibrate
+from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
@@ -212,7 +212,7 @@ def _spiking_rows(parameters: Parameters, arrays: Arrays) -> list[dict]:
 
 def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Split) -> Iterator[dict]:
     """The spiking chain on one split, over the full window and with early exit."""
-    encoder = calibrate(felt.select(split.train), parameters.encoder, rule=CalibrationRule()).encoder
+    encoder = calibrate(felt.select(split.train), parameters.encoder).encoder
     trains = encode_recordings(felt, encoder)
     window_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
     what = trained.Task(window=WindowSpec(length_ms=window_ms))

@@ -1,0 +1,67 @@
+"""The stretches of training trials that gains are fitted on: drawn at random, conditioned as an encoder sees them."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from neurotact.data.conditioning import ConditioningSpec, condition_pieces, conditioned_length, standardised
+from neurotact.data.recordings import Trials
+from neurotact.data.spool import Spool
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Conditioned excerpts of the trials that gains are fitted on.
+
+    signals: `(time, taxel)` each, on the encoder's clock.
+    labels: class index of each.
+    """
+
+    signals: Spool
+    labels: np.ndarray
+    classes: tuple[str, ...]
+    sampling_rate_Hz: float
+    source: str
+
+    @property
+    def n_channels(self) -> int:
+        return self.signals[0].shape[1]
+
+
+def draw(labels: np.ndarray, per_class: int, rng: np.random.Generator) -> np.ndarray:
+    """At most `per_class` trials of each class, at random; sorted indices."""
+    trials = (rng.permutation(np.flatnonzero(labels == label))[:per_class] for label in np.unique(labels))
+    return np.sort(np.concatenate(list(trials)))
+
+
+def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator) -> Spool:
+    """A stretch of each trial, at a random place; conditioned before it is cut, as an encoder sees it."""
+    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.resample_Hz or recordings.sampling_rate_Hz
+    how = conditioning.model_copy(update={"offset": None, "scale": None, "rectify": False})
+
+    def stretches() -> Iterator[np.ndarray]:
+        for trial, n_samples in enumerate(recordings.lengths.tolist()):
+            n_steps = conditioned_length(n_samples, rate_Hz, conditioning.resample_Hz)
+            length = min(n_steps, max(1, round(longest_s * clock_Hz)))
+            start = int(rng.integers(n_steps - length + 1))
+            yield _stretch(condition_pieces(recordings, trial, how), start, start + length)
+
+    return Spool(stretches())
+
+
+def _stretch(pieces: Iterable[np.ndarray], start: int, stop: int) -> np.ndarray:
+    """The steps from `start` to before `stop` of a signal that comes in pieces."""
+    found, first = [], 0
+    for piece in pieces:
+        found.append(piece[max(0, start - first) : max(0, stop - first)].copy())  # a view would keep the whole piece
+        first += len(piece)
+        if first >= stop:
+            break
+    return np.concatenate(found)
+
+
+def as_felt(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
+    """Excerpts as the populations feel them."""
+    for signal in excerpts:
+        yield standardised(signal, conditioning.offset, conditioning.scale, conditioning.rectify)
