@@ -23,7 +23,7 @@ from side_by_side import machine, versions
 
 from neurotact import spec
 from neurotact.errors import InputError
-from neurotact.networks import trained, tuning
+from neurotact.networks import fitting, tuning
 from neurotact.networks.population.devices import device_of, interpreted
 from neurotact.networks.population.population import TILE, Batch, Counts, Form, Population, packed
 from neurotact.networks.population.training import Asked, Ended, train
@@ -82,11 +82,11 @@ def kernels_alone(asked: Sequence[Asked], n_networks: int, device: torch.device)
     rows = []
     forms: dict[Form, list[Asked]] = {}
     for each in asked:
-        network, _ = trained.new_network(each.trains, each.spec, each.seeds, each.sides.train.spikes)
+        network, _ = fitting.new_network(each.trains, each.spec, each.seeds, each.sides.train.spikes)
         forms.setdefault(Form.of(network, each.sides.train.spikes.shape[1]), []).append(each)
     for form, members in forms.items():
         networks = [
-            trained.new_network(one.trains, one.spec, (seed, seed), one.sides.train.spikes)[0]
+            fitting.new_network(one.trains, one.spec, (seed, seed), one.sides.train.spikes)[0]
             for seed, one in ((seed, members[seed % len(members)]) for seed in range(n_networks))
         ]
         batch = min(members[0].spec.training.batch, len(members[0].sides.train.labels))

@@ -27,7 +27,7 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures.raster import draw_raster
 from neurotact.figures.search import save_found
-from neurotact.networks import checkpoint, search, train_run, trained, tuning
+from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained, tuning
 from neurotact.networks.outcome import summary_of
 from neurotact.networks.population import trials as population
 from neurotact.networks.rsnn import RSNN
@@ -243,9 +243,7 @@ def train(
     place = Path(folder)
     spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = trained.task_of(
-        "train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by
-    )
+    task = tasks.task_of("train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
     what = spec.resolve(RSNNSpec, network, settings)
     train_run.run(spikes, place, what, task, seed=seed, device=device, force=force, resume=resume)
     return summary_of(files.read_json(place / train_run.RESULT))
@@ -270,7 +268,7 @@ def infer(
     trains = hdf5.load_spikes(spikes) if isinstance(spikes, (str, Path)) else spikes
     _instance("spikes", trains, SpikeTrains, "nt.encode and nt.load return them")
     restored = trained.restore(run, device=device)
-    return trained.infer(
+    return inference.infer(
         restored, trains, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
     )
 
@@ -368,7 +366,7 @@ def tune(
     place = Path(folder)
     spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = trained.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_by=exit_by)
+    task = tasks.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_by=exit_by)
     table = {
         "space": tuning.load_space(space) if isinstance(space, str) else space,
         "trials": trials,
@@ -387,7 +385,7 @@ def tune(
             found, _ = search.search(problem, place, run)
         save_found(problem, found, place)
         search.save_best(problem, spikes, place, found, device)
-    return search.trials_table(found)
+    return search_tables.trials_table(found)
 
 
 def run_study(

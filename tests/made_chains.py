@@ -11,11 +11,11 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.networks import trained
+from neurotact.networks import fitting, trained
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.spec import override
 
 
@@ -58,7 +58,7 @@ def make_run(folder: Path, n_trials: int = 12, channels: tuple[str, ...] | None 
     hdf5.save_spikes(trains, folder / "spikes.h5")
     spec = RSNNSpec.model_validate({"hidden": 5, "forward_weight_scale": 3.0, "training": {"epochs": 1}})
     task = Task.model_validate({"window": {"length_ms": 40}})
-    done, _ = trained.fit(trains, spec, task, (0, 1))
+    done, _ = fitting.fit(trains, spec, task, (0, 1))
     trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
     return folder
 

@@ -19,7 +19,7 @@ from neurotact.cli import encoding, options, studies
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
-from neurotact.networks import trained
+from neurotact.networks import fitting, trained
 
 ROOT = Path(__file__).parents[1]
 RATE_Hz = 1000.0
@@ -787,7 +787,7 @@ def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path)
 def test_the_seed_of_a_training_gives_one_seed_for_the_weights_and_another_for_the_order(neurotact, made, tmp_path):
     assert neurotact("train", made / "spikes.h5", "-o", tmp_path / "run", *QUICK, "--seed", 5)[0] == 0
     trains, restored = load_spikes(made / "spikes.h5"), trained.restore(tmp_path / "run")
-    own, same = (trained.fit(trains, restored.network.spec, restored.task, (5, order))[0] for order in (6, 5))
+    own, same = (fitting.fit(trains, restored.network.spec, restored.task, (5, order))[0] for order in (6, 5))
     assert torch.equal(restored.network.w_in, own.network.w_in)
     assert not torch.equal(restored.network.w_in, same.network.w_in)
 

@@ -50,7 +50,7 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import ledger, repeated, search, train_run, trained, tuning
+from neurotact.networks import inference, ledger, repeated, search, search_journal, tasks, train_run, trained, tuning
 from neurotact.networks.outcome import summary_of
 from neurotact.networks.population import trials as population
 from neurotact.networks.specs import RSNNSpec
@@ -112,14 +112,14 @@ def train_command(
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold or 0)
-    task = trained.task_of("train", window, split, stratify, tolerance, exit_by)
+    task = tasks.task_of("train", window, split, stratify, tolerance, exit_by)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
     options["tell"] = lambda line: None if as_json else print(line)
     try:
         if every_fold or repeats > 1:
-            tasks = repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
-            _print_repeated(out, repeated.run(spikes, out, what, tasks, **options), as_json=as_json)
+            each = repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
+            _print_repeated(out, repeated.run(spikes, out, what, each, **options), as_json=as_json)
             return
         done = train_run.run(spikes, out, what, task, **options)
     except train_run.Interrupted as interrupted:
@@ -223,7 +223,7 @@ def tune(
     }
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold)
-    task = trained.task_of("tune", window, split, stratify, tolerance, exit_by)
+    task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by)
     problem = search.problem_of(
         hdf5.load_spikes(spikes),
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
@@ -240,7 +240,7 @@ def tune(
             sys.exit(INTERRUPTED)
         save_found(problem, found, out)
         outcome = search.save_best(problem, spikes, out, found, device)
-    best = search.best_of(found)
+    best = search_journal.best_of(found)
     if as_json:
         print_row("", summary_of(outcome.as_json()), as_json=True)
     else:
@@ -276,7 +276,7 @@ def infer(
         files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run, device=_device(device))
     trains = hdf5.load_spikes(spikes)
-    table = trained.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
+    table = inference.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
     if out:
         write_table(table, out)
     _print_sides(synops.summary(table), as_json=as_json)
@@ -299,7 +299,7 @@ def sops(
     restored = restored._replace(spikes_path=spikes or restored.spikes_path)
     files.check_new(out, force=force, inputs=[restored.spikes_path])
     trains = trained.load_spikes_of(restored)
-    table = trained.infer(
+    table = inference.infer(
         restored, trains, early_exit=early_exit, test_only=True, allow_other_encoder=allow_other_encoder
     )
     summary = synops.summary(table)

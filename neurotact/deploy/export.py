@@ -10,7 +10,7 @@ from neurotact.deploy import fine_tuning, formats
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.formats import Formats, Ranges, Steps
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks import tasks, trained
 
 WEIGHT_BITS = 8
 """Of a network that was not fine-tuned for others."""
@@ -79,7 +79,7 @@ def _whole(restored: trained.Restored, weight_bits: int | None, state_bits: int 
 def ranges_of(restored: trained.Restored, chain: Chain, training: list[np.ndarray]) -> Ranges:
     """Ranges of samples and of states, from the training trials and windows of a run."""
     trains = trained.load_spikes_of(restored)
-    return formats.record(chain.network, trained.sides_of(trains, restored.task).train.spikes, training)
+    return formats.record(chain.network, tasks.sides_of(trains, restored.task).train.spikes, training)
 
 
 def recorded(restored: trained.Restored, recordings: str | Path | None = None) -> Recorded:
@@ -95,7 +95,7 @@ def recorded(restored: trained.Restored, recordings: str | Path | None = None) -
             "trained on: name it with --recordings"
         )
     unit = str((restored.encoder or {}).get("unit", "mV"))
-    split = trained.trials_of(trains, restored.task)
+    split = tasks.trials_of(trains, restored.task)
     seen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
     with hdf5.open_recordings(path) as stored:
         if len(stored) != len(trains) or list(stored.labels) != list(trains.labels):

@@ -21,12 +21,13 @@ from neurotact.data.windows import steps_of
 from neurotact.deploy import formats
 from neurotact.deploy.formats import Layers, Steps
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, train_run, trained
+from neurotact.networks import checkpoint, fitting, tasks, train_run, trained
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.provenance import provenance_of
 from neurotact.networks.rounding import Grid, seen_rounded
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.trained import Restored, Sides
+from neurotact.networks.tasks import Sides
+from neurotact.networks.trained import Restored
 from neurotact.networks.training import Epoch, Examples, Training, best_of, evaluate, train
 from neurotact.progress import track
 from neurotact.spec import Spec, build
@@ -131,7 +132,7 @@ def run(
         restored = trained.restore(source)
         trains = trained.load_spikes_of(restored)
         _check_trials(source, restored, trains)
-        sides = trained.sides_of(trains, restored.task)
+        sides = tasks.sides_of(trains, restored.task)
         layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
         digest = files.sha256(source / checkpoint.WEIGHTS)
         done = _trained_on(restored, sides, layers, weight_bits, epochs, seed)
@@ -157,7 +158,7 @@ def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
 
 def _trained_on(
     restored: Restored, sides: Sides, layers: Layers, weight_bits: int, epochs: int, seed: int
-) -> trained.Trained:
+) -> fitting.Trained:
     network, steps = restored.network, layers.steps
     with track("fine-tune", epochs) as advance:
         training = fine_tune(
@@ -167,13 +168,13 @@ def _trained_on(
         )  # fmt: skip
     # What an export would refuse is refused here, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
-    return trained.finished(network, training, sides, restored.task)
+    return fitting.finished(network, training, sides, restored.task)
 
 
 def _check_trials(source: Path, restored: Restored, trains: SpikeTrains) -> None:
     """Refuse spikes whose sides hold other trials than in training: test trials may be among them."""
     known = restored.provenance
-    if known is not None and provenance_of(trains, trained.trials_of(trains, restored.task)).trials != known.trials:
+    if known is not None and provenance_of(trains, tasks.trials_of(trains, restored.task)).trials != known.trials:
         raise InputError(
             f"{source}: {restored.spikes_path} no longer holds the trials that it was trained on; train it again"
         )

@@ -10,19 +10,21 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed, save
-from neurotact.networks import search
-from neurotact.networks.search import Importance, Problem, Trial
+from neurotact.networks import search_importance, search_tables
+from neurotact.networks.search import Problem
+from neurotact.networks.search_importance import Importance
+from neurotact.networks.search_journal import Trial
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
 
 def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
     """Write what a search found: `search.write_tables`, and the figure `search.png`."""
-    search.write_tables(problem, folder, trials)
-    table = search.trials_table(trials)
-    front = search.front_table(table) if problem.search.weighs_sops else None
-    found = search.importance(table, list(problem.search.space))
-    save(draw_search(table, found, front, search.value_words(problem.search)), folder / "search.png")
+    search_tables.write_tables(problem, folder, trials)
+    table = search_tables.trials_table(trials)
+    front = search_tables.front_table(table) if problem.search.weighs_sops else None
+    found = search_importance.importance(table, list(problem.search.space))
+    save(draw_search(table, found, front, search_tables.value_words(problem.search)), folder / "search.png")
 
 
 @printed

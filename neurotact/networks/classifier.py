@@ -19,9 +19,11 @@ from neurotact.data.splits import hold_out_groups
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.fitting import begin, exit_rule
+from neurotact.networks.measuring import synops_of
 from neurotact.networks.rsnn import RSNN, Inference
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import ExitBy, begin, exit_rule, synops_of
+from neurotact.networks.tasks import ExitBy
 from neurotact.networks.training import Examples, Training, train
 from neurotact.spec import checked_settings, resolve
 

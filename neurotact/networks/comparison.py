@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurotact.metrics.linear import fit_linear
-from neurotact.networks.trained import Sides
+from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
 
 Z_95 = 1.959963984540054

@@ -8,8 +8,9 @@ import pandas as pd
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
+from neurotact.networks.measuring import spikes_column, synops_of
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.trained import Task, examples_of, spikes_column, synops_of
+from neurotact.networks.tasks import Task, examples_of
 from neurotact.tables import records
 
 

@@ -8,9 +8,10 @@ import pandas as pd
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
-from neurotact.networks import cautions, trained
+from neurotact.networks import cautions, measuring, tasks
 from neurotact.networks.comparison import Comparison, compare
-from neurotact.networks.trained import Sides, Task, Trained
+from neurotact.networks.fitting import Trained
+from neurotact.networks.tasks import Sides, Task
 
 
 class Outcome(NamedTuple):
@@ -50,8 +51,8 @@ def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
 
 def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -> Outcome:
     """Measure a trained network on its test windows."""
-    result = trained.measure(fitted, sides.test, trains.populations)
-    parts = trained.trials_of(trains, task)
+    result = measuring.measure(fitted, sides.test, trains.populations)
+    parts = tasks.trials_of(trains, task)
     compared = compare(result["row"]["accuracy_test"], sides, len(parts.test), len(trains.classes))
     return Outcome(
         result["row"],

@@ -11,7 +11,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.networks import train_run
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.tables import write_table
 
 TABLE = "splits.csv"

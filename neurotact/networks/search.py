@@ -7,45 +7,43 @@ and tells the tuner. The journal alone is the search's state: to resume is to as
 import hashlib
 import json
 import math
-import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-import pandas as pd
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-from sklearn.ensemble import RandomForestRegressor
-from sklearn.inspection import permutation_importance
 
 from neurotact import files, spec, workers
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.metrics.fronts import pareto_front
-from neurotact.networks import trained, tuning
+from neurotact.networks import fitting, measuring, tasks, trained, tuning
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.population import training as population
 from neurotact.networks.population.devices import device_of
 from neurotact.networks.rsnn import RSNN
+from neurotact.networks.search_journal import (
+    FAILED,
+    FINISHED,
+    JOURNAL,
+    STOPPED,
+    Trial,
+    best_of,
+    note,
+    read_journal,
+    value_of,
+)
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Sides, Task
+from neurotact.networks.tasks import Sides, Task
 from neurotact.networks.training import Epoch, train
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
 from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec
-from neurotact.tables import write_table
-
-JOURNAL = "journal.jsonl"
-FINISHED, STOPPED, FAILED = "finished", "stopped", "failed"
-FOREST_LEAST = 16
-"""Trials without which no importance is estimated."""
 
 
 class Problem(Spec):
@@ -76,30 +74,6 @@ class Problem(Spec):
         return int(digest[:6], 16), int(digest[6:], 16)
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A line of the journal.
-
-    epochs: validation accuracy after each epoch.
-    outcome: finished, stopped (by the assessor) or failed.
-    accuracy, sops: of the network that training kept, on validation windows; of the last epoch's when stopped.
-    value: what the tuner got.
-    """
-
-    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-    id: int
-    parameters: dict[str, Any]
-    epochs: list[float]
-    outcome: str
-    accuracy: float | None = None
-    sops: float | None = None
-    value: float | None = None
-    error: str | None = None
-
-    def line(self) -> str:
-        return json.dumps({k: v for k, v in asdict(self).items() if v is not None}, allow_nan=False) + "\n"
-
-
 class Job(NamedTuple):
     """A trial on its way to where it is trained."""
 
@@ -107,8 +81,6 @@ class Job(NamedTuple):
     proposal: Proposal
     median_stop: MedianStop | None
 
-
-_TRIAL = TypeAdapter(Trial)
 
 Run = Callable[[Sequence[Job]], Iterator[Trial]]
 """Trains the trials of a batch; yields them in the order of their numbers."""
@@ -129,15 +101,15 @@ def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task:
     if device != "cpu":
         device_of(device)
     tuning.check(search.space, network, source="search.space")
-    trained.trials_of(trains, task)
-    trained.warn_of_onsets(trains, task.window)
+    tasks.trials_of(trains, task)
+    tasks.warn_of_onsets(trains, task.window)
     kind: Literal["cpu", "cuda"] = "cpu" if device == "cpu" else "cuda"
     return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains), device=kind)
 
 
 def here(trains: SpikeTrains, task: Task) -> Run:
     """Trials trained in this process, one after another."""
-    sides = trained.sides_of(trains, task)
+    sides = tasks.sides_of(trains, task)
     return lambda jobs: (try_network(job, trains, sides) for job in jobs)
 
 
@@ -199,20 +171,11 @@ def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
 def trial_of(job: Job, network: RSNN, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
     """The line of a network that was trained, with what its decisions on validation windows cost."""
     number, parameters = job.proposal
-    sops = trained.mean_sops(network, sides.validation)
+    sops = measuring.mean_sops(network, sides.validation)
     value = job.problem.search.value(accuracy, sops)
     if not math.isfinite(value):
         return Trial(number, parameters, epochs, FAILED, error=f"its value is {value}")
     return Trial(number, parameters, epochs, outcome, accuracy, sops, value)
-
-
-def best_of(trials: Sequence[Trial]) -> Trial:
-    """The finished trial of the largest value, the first of equal ones; InputError when none has finished."""
-    finished = [trial for trial in trials if trial.outcome == FINISHED]
-    if not finished:
-        why = next((f"; trial {t.id}: {t.error}" for t in trials if t.error), "")
-        raise InputError(f"search: none of {len(trials)} trials finished{why}; change the space or the training")
-    return max(finished, key=lambda trial: (_value(trial), -trial.id))
 
 
 def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
@@ -226,98 +189,9 @@ def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
         )
 
 
-def read_journal(path: Path) -> list[Trial]:
-    """The trials of a journal; a last line that was torn is taken off the file, so that its trial runs again."""
-    if not path.is_file():
-        return []
-    lines = files.read_bytes(path).splitlines(keepends=True)
-    trials: list[Trial] = []
-    for number, line in enumerate(lines):
-        try:
-            trials.append(_parse(line, number))
-        except (ValueError, TypeError, RecursionError) as error:
-            if number + 1 < len(lines):
-                where = f"{path}: line {number + 1}"
-                raise InputError(f"{where} is damaged ({error}); cut the file off before it") from error
-            os.truncate(path, sum(map(len, lines[:-1])))
-    return trials
-
-
-def trials_table(trials: Sequence[Trial]) -> pd.DataFrame:
-    """One row per trial: id, outcome, epochs, value, accuracy_validation, sops_total, its parameters, error.
-
-    >>> trials_table([Trial(0, {"hidden": 20}, [0.5, 0.75], "finished", 0.75, 900.0, 0.75)]).iloc[0].to_dict()
-    {'id': 0, 'outcome': 'finished', 'epochs': 2, 'value': 0.75, 'accuracy_validation': 0.75, 'sops_total': 900.0, \
-'hidden': 20, 'error': ''}
-    """
-    rows = [
-        {
-            "id": trial.id,
-            "outcome": trial.outcome,
-            "epochs": len(trial.epochs),
-            "value": trial.value,
-            "accuracy_validation": trial.accuracy,
-            "sops_total": trial.sops,
-            **{key: as_cell(value) for key, value in trial.parameters.items()},
-            "error": trial.error or "",
-        }
-        for trial in trials
-    ]
-    numbers = ["value", "accuracy_validation", "sops_total"]
-    return pd.DataFrame(rows).astype(dict.fromkeys(numbers, float))
-
-
-def front_table(table: pd.DataFrame) -> pd.DataFrame:
-    """The finished trials that no other beats in both validation accuracy and SOPs, by SOPs."""
-    finished = table[table["outcome"] == FINISHED]
-    front = finished[pareto_front(finished["sops_total"].to_numpy(), finished["accuracy_validation"].to_numpy())]
-    return front.sort_values(["sops_total", "id"]).drop(columns=["outcome", "error"])
-
-
-class Importance(NamedTuple):
-    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: what is foreseen at all."""
-
-    drop: Mapping[str, float]
-    r2: float
-
-
-def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
-    """How much each key decides the value, by permutation in random forests; None for too few trials.
-
-    A forest fitted on every other trial foresees the rest, and the reverse; `drop` is the mean loss of R² over
-    both when a key's values are shuffled among the foreseen trials, `r2` what is foreseen of them at all.
-    """
-    told = table[table["value"].notna()]
-    varied = [key for key in keys if told[key].nunique() > 1]
-    if len(told) < FOREST_LEAST or not varied or told["value"].nunique() == 1:
-        return None
-    features = told[varied].apply(_as_number)
-    even = np.arange(len(told)) % 2 == 0
-    drops, scores = [], []
-    for fitted in (even, ~even):
-        forest = RandomForestRegressor(200, min_samples_leaf=2, random_state=0)
-        forest.fit(features[fitted], told["value"][fitted])
-        unseen = (features[~fitted], told["value"][~fitted])
-        drops.append(permutation_importance(forest, *unseen, n_repeats=10, random_state=0)["importances_mean"])
-        scores.append(forest.score(*unseen))
-    return Importance(dict(zip(varied, np.mean(drops, axis=0).tolist(), strict=True)), float(np.mean(scores)))
-
-
-def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> None:
-    """Write what the journal says for people: best.toml, trials.csv and, where SOPs decide too, pareto.csv."""
-    best = best_of(trials)
-    table = trials_table(trials)
-    write_table(table, folder / "trials.csv")
-    if problem.search.weighs_sops:
-        write_table(front_table(table), folder / "pareto.csv")
-    network = problem.network_of(best.parameters)
-    comment = f"# The best of {len(trials)} trials (trial {best.id}), by {value_words(problem.search)}.\n"
-    files.write_text(folder / "best.toml", comment + spec.to_toml(network.model_dump(mode="json")))
-
-
 def train_best(
     problem: Problem, trains: SpikeTrains, best: Trial, device: str = "cpu"
-) -> tuple[trained.Trained, Sides]:
+) -> tuple[fitting.Trained, Sides]:
     """Train a trial's network again: its own seeds give the network that the search saw.
 
     device: where its trials were trained.
@@ -325,8 +199,8 @@ def train_best(
     seeds = problem.seeds_of(Proposal(best.id, best.parameters))
     what = trains, problem.network_of(best.parameters), problem.task, seeds
     if device == "cpu":
-        return trained.fit(*what)
-    sides = trained.sides_of(trains, problem.task)
+        return fitting.fit(*what)
+    sides = tasks.sides_of(trains, problem.task)
     (fitted,) = population.fit([population.Asked(*what, sides)], device_of(device))
     return fitted, sides
 
@@ -345,15 +219,6 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
     return outcome
 
 
-def note(trials: Sequence[Trial]) -> str:
-    """The best so far, in a few words."""
-    finished = [trial for trial in trials if trial.outcome == FINISHED]
-    if not finished:
-        return ""
-    best = best_of(finished)
-    return f"best {_value(best):.4f} (trial {best.id}, validation accuracy {best.accuracy:.3f})"
-
-
 def _progress(trials: Sequence[Trial], n_known: int, n_trials: int, seconds: float) -> str:
     """The best so far; where no bar shows it, also the time left."""
     if sys.stderr.isatty():
@@ -370,7 +235,7 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
     spec = job.problem.network_of(proposal.parameters)
-    network, order = trained.new_network(trains, spec, job.problem.seeds_of(proposal), sides.train.spikes)
+    network, order = fitting.new_network(trains, spec, job.problem.seeds_of(proposal), sides.train.spikes)
 
     def watch(epoch: Epoch) -> None:
         epochs.append(epoch.validation_accuracy)
@@ -382,29 +247,6 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
     except _StopTrialError:
         return network, epochs[-1], STOPPED
     return network, training.best.validation_accuracy, FINISHED
-
-
-def _parse(line: bytes, number: int) -> Trial:
-    """A line of the journal; ValueError or TypeError when it is not whole or not of trial `number`."""
-    if not line.endswith(b"\n"):
-        raise ValueError("it has no end")
-    try:
-        trial = _TRIAL.validate_json(line)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ValueError(": ".join([*map(str, first["loc"]), first["msg"]])) from error
-    if trial.id != number:
-        raise ValueError(f"it is of trial {trial.id}")
-    if trial.outcome not in (FINISHED, STOPPED, FAILED):
-        raise ValueError("its outcome is none")
-    if trial.outcome != FAILED and None in (trial.accuracy, trial.sops, trial.value):
-        raise ValueError("its accuracy, its SOPs or its value is missing")
-    if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
-        raise ValueError("an accuracy is not between 0 and 1")
-    ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs
-    if trial.outcome != FAILED and trial.accuracy not in ended:
-        raise ValueError("its accuracy is of none of its epochs")
-    return trial
 
 
 def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:
@@ -434,13 +276,7 @@ def _tell(tuner: Tuner, trial: Trial) -> None:
     if trial.outcome == FAILED:
         tuner.fail(trial.id, trial.epochs)
     else:
-        tuner.tell(trial.id, _value(trial), trial.epochs, stopped=trial.outcome == STOPPED)
-
-
-def _value(trial: Trial) -> float:
-    if trial.value is None:
-        raise InputError(f"journal: trial {trial.id} has no value; cut the file off before its line")
-    return trial.value
+        tuner.tell(trial.id, value_of(trial), trial.epochs, stopped=trial.outcome == STOPPED)
 
 
 def _claim(folder: Path, problem: Problem) -> None:
@@ -471,7 +307,7 @@ def _try_from_disk(job_and_path: tuple[Job, Path]) -> Trial:
 def _read(path: Path, task: str) -> tuple[SpikeTrains, Sides]:
     """Read and cut once a process, not once a trial."""
     trains = hdf5.load_spikes(path)
-    return trains, trained.sides_of(trains, Task.model_validate_json(task))
+    return trains, tasks.sides_of(trains, Task.model_validate_json(task))
 
 
 def _sha256(trains: SpikeTrains) -> str:
@@ -482,20 +318,3 @@ def _sha256(trains: SpikeTrains) -> str:
         content.update(np.concatenate([part.astype(np.int64) for part in events]).tobytes())
     content.update(trains.conditions.to_csv(index=False).encode())
     return content.hexdigest()
-
-
-def _as_number(column: pd.Series) -> pd.Series:
-    return column if pd.api.types.is_numeric_dtype(column) else pd.Series(pd.factorize(column)[0], column.index)
-
-
-def as_cell(value: Any) -> Any:
-    """A hyperparameter as a cell of a table holds it."""
-    return value if isinstance(value, (int, float, str)) else json.dumps(value)
-
-
-def value_words(search: SearchSpec) -> str:
-    """What the search maximises, in words."""
-    words = "validation accuracy"
-    if search.objective == "accuracy-sops":
-        words += f" - {search.sops_weight:g} log10(SOPs)"
-    return words if search.max_sops is None else f"{words} within {search.max_sops:,g} SOPs"

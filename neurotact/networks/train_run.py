@@ -20,10 +20,10 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, recipe, trained, training_checkpoint
+from neurotact.networks import checkpoint, fitting, recipe, tasks, trained, training_checkpoint
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.networks.training import Checkpoint, Epoch
 from neurotact.progress import track
 from neurotact.spec import Spec, build, digest, read, to_toml
@@ -90,8 +90,8 @@ def run(
     with files.locked(folder):
         check_place(folder, force=force, resume=resume)
         trains = hdf5.load_spikes(spikes)
-        seen = trained.seen(trains, task)
-        trained.warn_of_onsets(trains, task.window)
+        seen = tasks.seen(trains, task)
+        tasks.warn_of_onsets(trains, task.window)
         asked = Asked(
             spikes=os.path.relpath(spikes, folder),
             spikes_sha256=files.sha256(spikes),
@@ -118,7 +118,7 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
     with _terminated_as_interrupted():
         try:
             with track("train", asked.network.training.epochs, done=n_before, at_most=True) as advance:
-                fitted, sides = trained.fit(
+                fitted, sides = fitting.fit(
                     trains,
                     asked.network,
                     asked.task,

@@ -14,7 +14,7 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
-from neurotact.networks import checkpoint, trained
+from neurotact.networks import checkpoint, tasks, trained
 from neurotact.networks.trained import Restored
 from neurotact.networks.training import Examples
 from neurotact.report import front
@@ -130,7 +130,7 @@ def write_sops(table: pd.DataFrame, folder: Path, title: str) -> None:
 
 
 def _test_windows(restored: Restored, trains: SpikeTrains) -> tuple[Examples, Windows]:
-    return trained.examples_of(trains, trained.test_trials(restored, trains), restored.task.window)
+    return tasks.examples_of(trains, trained.test_trials(restored, trains), restored.task.window)
 
 
 def _middle(test: _Test) -> tuple[int, int]:

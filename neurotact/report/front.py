@@ -11,7 +11,7 @@ import pandas as pd
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import cautions, ledger, recipe, trained
+from neurotact.networks import cautions, ledger, recipe, tasks
 from neurotact.networks.trained import LOG
 from neurotact.report import answer as answers
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
@@ -174,7 +174,7 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     if trains is None:
         return without
     try:
-        parts = [trained.trials_of(trains, task_of(cell)) for cell in cells]
+        parts = [tasks.trials_of(trains, task_of(cell)) for cell in cells]
     except InputError:  # spikes of other trials
         return without
     labels = trains.conditions["label"].astype(str).to_numpy()
@@ -302,4 +302,4 @@ def chosen(trains: SpikeTrains | None, done: Sequence[Cell]) -> list[str]:
     """What the recipe of the first network chose for its training windows; nothing without a recipe."""
     if trains is None or not done or done[0].network is None or done[0].network.recipe is None:
         return []
-    return list(recipe.described(done[0].network, trained.seen(trains, task_of(done[0]))))
+    return list(recipe.described(done[0].network, tasks.seen(trains, task_of(done[0]))))

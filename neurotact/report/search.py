@@ -8,7 +8,7 @@ import pandas as pd
 
 from neurotact.figures import searches as searches_figures
 from neurotact.figures.style import Drawn
-from neurotact.networks.search import FINISHED, STOPPED
+from neurotact.networks.search_journal import FINISHED, STOPPED
 from neurotact.networks.tuning import SearchSpec
 from neurotact.report.page import Table
 from neurotact.studies.cell import SEARCH

@@ -6,12 +6,13 @@ from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
-from neurotact.networks import search, trained, truncated
+from neurotact.networks import fitting, measuring, search, search_journal, search_tables, tasks, trained, truncated
 from neurotact.networks.conditions import by_condition
 from neurotact.networks.population.devices import device_of
 from neurotact.networks.population.trials import on_device
+from neurotact.networks.search_tables import as_cell
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.studies import encoded
 from neurotact.studies.store import RESULT, TIMING, Files, cell_folder
 from neurotact.studies.study import Cell
@@ -33,7 +34,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: 
     began = perf_counter()
     task = task_of(cell)
     if cell.search is None:
-        fitted, sides = trained.fit(trains, cell.network, task, cell.seeds)
+        fitted, sides = fitting.fit(trains, cell.network, task, cell.seeds)
         return left_by(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty, device)
@@ -43,14 +44,14 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: 
 def left_by(
     cell: Cell,
     trains: SpikeTrains,
-    fitted: trained.Trained,
-    sides: trained.Sides,
+    fitted: fitting.Trained,
+    sides: tasks.Sides,
     seconds: float,
     searched: "Searched | None" = None,
 ) -> Files:
     """What a cell leaves whose network is trained, which took so many seconds."""
     began, task = perf_counter() - seconds, task_of(cell)
-    result = trained.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
+    result = measuring.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
     result["row"] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
@@ -58,7 +59,7 @@ def left_by(
         "hidden": fitted.network.spec.hidden,
         "seed": cell.seed,
         **result["row"],
-        "sops_validation": trained.mean_sops(fitted.network, sides.validation),
+        "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
         **(searched.row if searched else {}),
     }
     with scratch() as run:  # laid out as the run folder is, so that paths between its files hold there too
@@ -86,9 +87,7 @@ def task_of(cell: Cell) -> Task:
     )
 
 
-def _tables(
-    cell: Cell, fitted: trained.Trained, sides: trained.Sides, trains: SpikeTrains, task: Task
-) -> dict[str, Any]:
+def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: SpikeTrains, task: Task) -> dict[str, Any]:
     """`tables`: the rows of each table that the study asks for besides results.csv; nothing where it asks for none."""
     network, found = fitted.network, {}
     heard = truncated.simulate_windows(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
@@ -105,8 +104,8 @@ def _tables(
 class Searched(NamedTuple):
     """The best network of a cell's search, its columns of results.csv, and the files that the search left."""
 
-    fitted: trained.Trained
-    sides: trained.Sides
+    fitted: fitting.Trained
+    sides: tasks.Sides
     row: dict[str, Any]
     files: Files
 
@@ -122,10 +121,10 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     place = kept / SEARCH
     here = search.here(trains, task) if device == "cpu" else on_device(problem, trains, device_of(device))
     trials, _ = search.search(problem, place, here)
-    search.write_tables(problem, place, trials)
-    best = search.best_of(trials)
+    search_tables.write_tables(problem, place, trials)
+    best = search_journal.best_of(trials)
     fitted, sides = search.train_best(problem, trains, best, device)
-    row = {"trial": best.id, **{f"network.{key}": search.as_cell(value) for key, value in best.parameters.items()}}
+    row = {"trial": best.id, **{f"network.{key}": as_cell(value) for key, value in best.parameters.items()}}
     written = (path for path in sorted(place.iterdir()) if not path.name.startswith(DRAFT))
     left = {f"{SEARCH}/{path.name}": path.read_bytes() for path in written}
     return Searched(fitted, sides, row, left)

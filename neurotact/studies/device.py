@@ -9,7 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks import tasks
 from neurotact.networks.population.devices import device_of
 from neurotact.networks.population.training import Asked, fit
 from neurotact.studies import cell as cells
@@ -46,7 +46,7 @@ def asked_of(engine: Engine, todo: Sequence[Cell], folder: Path) -> list[Asked]:
         task = cells.task_of(cell)
         windows = (cell.given, task.model_dump_json())
         if windows not in sides:
-            sides[windows] = trained.sides_of(trains[cell.given], task)
+            sides[windows] = tasks.sides_of(trains[cell.given], task)
         asked.append(Asked(trains[cell.given], cell.network, task, cell.seeds, sides[windows]))
     return asked
 

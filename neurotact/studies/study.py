@@ -22,7 +22,7 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.networks import tuning
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import ExitBy
+from neurotact.networks.tasks import ExitBy
 from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
 from neurotact.studies import calibrated, suited, sweeps

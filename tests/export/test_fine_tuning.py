@@ -18,10 +18,10 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy import export, fine_tuning, formats
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, trained
+from neurotact.networks import checkpoint, fitting, tasks, trained
 from neurotact.networks.rounding import Grid
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.networks.training import Examples
 
 N = 40
@@ -42,7 +42,7 @@ def make_run(folder: Path, kind: str = "spiking", shown: int | None = None) -> P
     trains = encode_recordings(hdf5.load_recordings(folder / "skin.h5"), make_encoder(baseline="first"))
     hdf5.save_spikes(trains, folder / "spikes.h5")
     task = Task.model_validate({"window": {"length_ms": 40}})
-    done, _ = trained.fit(trains, RSNNSpec.model_validate(KINDS[kind]), task, (0, 1))
+    done, _ = fitting.fit(trains, RSNNSpec.model_validate(KINDS[kind]), task, (0, 1))
     trained.save(done, folder / "run", trains, folder / "spikes.h5", task)
     return folder / "run"
 
@@ -80,7 +80,7 @@ def test_no_epoch_is_rounding_alone(run, bits, tmp_path):
 def test_with_many_bits_no_epoch_changes_nothing(run):
     """Steps as fine as float32: the weights stay, and with them every decision."""
     restored, again = trained.restore(run), trained.restore(run)
-    sides = trained.sides_of(trained.load_spikes_of(restored), restored.task)
+    sides = tasks.sides_of(trained.load_spikes_of(restored), restored.task)
     largest = max(float(weights.detach().abs().max()) for weights in restored.network.parameters())
     fine = formats.Steps(*(largest / 2**30 for _ in range(3)))
     grids = fine_tuning.grids_of(restored.network, fine, 32)
@@ -170,7 +170,7 @@ def test_the_same_seed_gives_the_same_network(spiking, tmp_path):
 
 def test_test_trials_are_not_seen(spiking, tmp_path):
     """Another signal on a test trial changes no weight; on a training trial it does."""
-    sides = trained.trials_of(trained.load_spikes_of(trained.restore(spiking)), trained.restore(spiking).task)
+    sides = tasks.trials_of(trained.load_spikes_of(trained.restore(spiking)), trained.restore(spiking).task)
     found = {}
     for name, trial in (("test", sides.test[0]), ("train", sides.train[0])):
         other = make_run(tmp_path / name, shown=int(trial))

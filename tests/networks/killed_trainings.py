@@ -20,7 +20,7 @@ import torch._dynamo  # noqa: F401 - the first optimiser of each child would imp
 from neurotact.files import DRAFT, LOCK
 from neurotact.networks import train_run
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 
 NETWORK = RSNNSpec(hidden=6, training=TrainingSpec(epochs=3, batch=8))
 TASK = Task(window={"length_ms": 40})

@@ -18,8 +18,8 @@ from neurotact.encoders import specs
 from neurotact.encoders.transformer import SpikeEncoder
 from neurotact.errors import InputError
 from neurotact.networks.classifier import SpikingClassifier, spike_windows
+from neurotact.networks.fitting import begin
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import begin
 from neurotact.networks.training import Examples, train
 from neurotact.spec import load
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from neurotact.networks.comparison import compare, costs, linear_accuracy, lines, wilson_interval
-from neurotact.networks.trained import Sides
+from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
 
 

@@ -9,7 +9,7 @@ import pytest
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import trained
+from neurotact.networks import tasks, trained
 from neurotact.report import report
 from neurotact.studies import runner, study
 from neurotact.studies.store import cell_folder
@@ -56,9 +56,9 @@ def test_no_trial_of_an_unknown_condition_is_in_training_or_validation(run):
     restored = trained.restore(cell_folder(run[1], cell))
     trains = load_spikes(restored.spikes_path)
     inside = np.flatnonzero(trains.conditions.force_N == 3.0)
-    sides = trained.sides_of(trains, restored.task)
+    sides = tasks.sides_of(trains, restored.task)
     assert sum(len(side.labels) for side in sides) == len(inside)
-    examples, _ = trained.examples_of(trains, inside, restored.task.window)
+    examples, _ = tasks.examples_of(trains, inside, restored.task.window)
     held = {window.tobytes() for window in examples.spikes.numpy()}
     assert {window.tobytes() for side in sides for window in side.spikes.numpy()} <= held
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks import measuring
 from neurotact.networks.pruning import prune, pruned_stay_pruned, remaining_synops, weights_of
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
@@ -49,7 +49,7 @@ def test_an_impossible_share_is_refused(share):
 @given(models, readouts)
 def test_a_whole_network_counts_as_ever(model, readout):
     net, spikes = network(model, readout), windows()
-    counted = trained.synops_of(net.infer(spikes), net)
+    counted = measuring.synops_of(net.infer(spikes), net)
     for part, expected in zip(remaining_synops(net, spikes), counted, strict=True):
         assert part.tolist() == expected.tolist()
 

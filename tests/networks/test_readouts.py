@@ -13,10 +13,10 @@ from neurotact.errors import InputError
 from neurotact.networks import checkpoint, kernels, native, truncated
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit_choice import exits, largest_lead, margin_exits, margins_up_to
+from neurotact.networks.fitting import exit_rule
 from neurotact.networks.readouts import Integration
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.trained import exit_rule
 from neurotact.networks.training import Examples, train
 from neurotact.neurons import Membrane
 from neurotact.spec import build

@@ -12,7 +12,7 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks import repeated, trained
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 
 SMALL = RSNNSpec(hidden=4, training=TrainingSpec(epochs=1))
 

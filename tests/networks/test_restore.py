@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks import fitting, tasks, trained
 from neurotact.networks.checkpoint import NETWORK
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 
-TASK = trained.Task(window={"length_ms": 50.0})
+TASK = tasks.Task(window={"length_ms": 50.0})
 
 
 def spikes(n_trials: int = 24) -> SpikeTrains:
@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
     """The folder of a trained network."""
     run = tmp_path_factory.mktemp("trained") / "run"
     spec = RSNNSpec(hidden=5, training=TrainingSpec(epochs=2))
-    fitted, _ = trained.fit(spikes(), spec, TASK, (0, 1), backend="reference")
+    fitted, _ = fitting.fit(spikes(), spec, TASK, (0, 1), backend="reference")
     trained.save(fitted, str(run), spikes(), str(run.parent / "spikes.h5"), TASK)
     return run
 

@@ -21,9 +21,10 @@ from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.search import draw_search
-from neurotact.networks import search, trained
+from neurotact.networks import measuring, search, search_importance, search_tables, tasks, trained
+from neurotact.networks.search_journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.networks.training import Epoch, Training
 from neurotact.networks.tuning import Proposal, SearchSpec, load_space
 from neurotact.studies import cell as cells
@@ -74,7 +75,7 @@ def whole(trains, tmp_path_factory):
 
 @pytest.fixture
 def journal(whole):
-    return (whole / search.JOURNAL).read_bytes()
+    return (whole / JOURNAL).read_bytes()
 
 
 # --- the journal -----------------------------------------------------------------------------------
@@ -107,12 +108,12 @@ def test_beyond_the_budget_fewer_operations_are_better():
 
 def test_a_search_under_a_budget_keeps_to_it(trains, tmp_path):
     free = run(trains, tmp_path / "free", objective="accuracy")
-    taken = sorted(trial.sops for trial in free if trial.outcome == search.FINISHED)
-    assert search.best_of(free).sops > taken[0]
+    taken = sorted(trial.sops for trial in free if trial.outcome == FINISHED)
+    assert best_of(free).sops > taken[0]
     budget = float(np.mean(taken[:2]))
     trials = run(trains, tmp_path / "bound", objective="accuracy", max_sops=budget)
-    assert search.best_of(trials).sops <= budget
-    search.write_tables(problem(trains, objective="accuracy", max_sops=budget), tmp_path / "bound", trials)
+    assert best_of(trials).sops <= budget
+    search_tables.write_tables(problem(trains, objective="accuracy", max_sops=budget), tmp_path / "bound", trials)
     assert (tmp_path / "bound" / "pareto.csv").is_file()
     assert f"within {budget:,g} SOPs" in (tmp_path / "bound" / "best.toml").read_text()
 
@@ -128,7 +129,7 @@ def test_without_a_budget_a_search_is_written_as_before():
 
 def test_a_stopped_trial_is_told_its_last_epoch(trains, tmp_path):
     trials = run(trains, tmp_path, objective="accuracy", start_epoch=1, trials=24)
-    stopped = [trial for trial in trials if trial.outcome == search.STOPPED]
+    stopped = [trial for trial in trials if trial.outcome == STOPPED]
     assert stopped
     assert all(trial.value == trial.epochs[-1] for trial in stopped)
 
@@ -136,9 +137,9 @@ def test_a_stopped_trial_is_told_its_last_epoch(trains, tmp_path):
 @pytest.mark.parametrize("kept", [0.0, 0.02, 0.31, 0.5, 0.77, 0.999, 1.0])
 def test_resumed_from_any_byte_the_journal_is_that_of_the_uninterrupted_run(trains, whole, journal, kept, tmp_path):
     (tmp_path / "search.json").write_bytes((whole / "search.json").read_bytes())
-    (tmp_path / search.JOURNAL).write_bytes(journal[: round(kept * len(journal))])
+    (tmp_path / JOURNAL).write_bytes(journal[: round(kept * len(journal))])
     trials = run(trains, tmp_path)
-    assert (tmp_path / search.JOURNAL).read_bytes() == journal
+    assert (tmp_path / JOURNAL).read_bytes() == journal
     assert len(trials) == TRIALS
 
 
@@ -153,7 +154,7 @@ def test_a_finished_search_trains_nothing_again(trains, whole):
 
 def test_seeds_decide_the_journal(trains, journal, tmp_path):
     run(trains, tmp_path, seed=1)
-    assert (tmp_path / search.JOURNAL).read_bytes() != journal
+    assert (tmp_path / JOURNAL).read_bytes() != journal
 
 
 @pytest.mark.parametrize(
@@ -170,7 +171,7 @@ def test_seeds_decide_the_journal(trains, journal, tmp_path):
 )
 def test_a_damaged_journal_is_refused(trains, whole, journal, damage, message, tmp_path):
     (tmp_path / "search.json").write_bytes((whole / "search.json").read_bytes())
-    (tmp_path / search.JOURNAL).write_text("".join(damage(journal.decode().splitlines(keepends=True))))
+    (tmp_path / JOURNAL).write_text("".join(damage(journal.decode().splitlines(keepends=True))))
     with pytest.raises(InputError, match=message):
         run(trains, tmp_path)
 
@@ -196,30 +197,30 @@ def test_a_trial_that_cannot_be_trained_fails_and_the_search_goes_on(trains, tmp
 
     monkeypatch.setattr(search, "train", fragile)
     trials = run(trains, tmp_path)
-    failed = [trial for trial in trials if trial.outcome == search.FAILED]
+    failed = [trial for trial in trials if trial.outcome == FAILED]
     assert {trial.parameters["hidden"] for trial in failed} == {6}
     assert len(trials) == TRIALS
-    assert search.best_of(trials).parameters["hidden"] != 6
-    assert search.read_journal(tmp_path / search.JOURNAL) == trials
+    assert best_of(trials).parameters["hidden"] != 6
+    assert read_journal(tmp_path / JOURNAL) == trials
     with pytest.raises(InputError, match=r"none of .* trials finished; trial .*: training: weights are not finite"):
-        search.best_of(failed)
+        best_of(failed)
 
 
 # --- what it leaves ---------------------------------------------------------------------------------
 
 
 def test_the_best_network_comes_out_of_its_seeds_again(trains, whole):
-    what, trials = problem(trains), search.read_journal(whole / search.JOURNAL)
-    best = search.best_of(trials)
+    what, trials = problem(trains), read_journal(whole / JOURNAL)
+    best = best_of(trials)
     fitted, sides = search.train_best(what, trains, best)
     assert [epoch.validation_accuracy for epoch in fitted.training.epochs] == best.epochs
-    assert trained.mean_sops(fitted.network, sides.validation) == best.sops
-    assert best.value == max(trial.value or -1 for trial in trials if trial.outcome == search.FINISHED)
+    assert measuring.mean_sops(fitted.network, sides.validation) == best.sops
+    assert best.value == max(trial.value or -1 for trial in trials if trial.outcome == FINISHED)
 
 
 def test_no_finished_trial_beats_one_on_the_front(whole):
-    table = search.trials_table(search.read_journal(whole / search.JOURNAL))
-    front, finished = search.front_table(table), table[table["outcome"] == search.FINISHED]
+    table = search_tables.trials_table(read_journal(whole / JOURNAL))
+    front, finished = search_tables.front_table(table), table[table["outcome"] == FINISHED]
     assert len(front)
     for row in front.itertuples():
         better = (finished["accuracy_validation"] >= row.accuracy_validation) & (
@@ -234,11 +235,11 @@ def made_table(n=60):
     a, b = rng.choice([1, 2, 3, 4], n), rng.choice([10.0, 20.0], n)
     value = 0.2 * a + 0.001 * rng.normal(size=n)
     rest = {"accuracy_validation": value, "sops_total": 1e3 * a, "a": a, "b": b, "c": rng.choice(["x", "y"], n)}
-    return pd.DataFrame({"id": range(n), "outcome": search.FINISHED, "epochs": 3, "value": value, **rest, "error": ""})
+    return pd.DataFrame({"id": range(n), "outcome": FINISHED, "epochs": 3, "value": value, **rest, "error": ""})
 
 
 def test_importance_finds_what_decides_the_value():
-    found = search.importance(made_table(), ["a", "b", "c"])
+    found = search_importance.importance(made_table(), ["a", "b", "c"])
     assert found is not None
     assert found.drop["a"] > 1.0
     assert found.r2 > 0.95
@@ -247,14 +248,14 @@ def test_importance_finds_what_decides_the_value():
 
 
 def test_too_few_trials_tell_nothing_of_importance():
-    assert search.importance(made_table(10), ["a", "b"]) is None
+    assert search_importance.importance(made_table(10), ["a", "b"]) is None
 
 
 def test_the_figure_shows_values_importance_and_front():
     table = made_table()
     table.loc[3, ["outcome", "value"]] = ["failed", float("nan")]
     table.loc[5, "outcome"] = "stopped"
-    figure = draw_search(table, search.importance(table, ["a", "b", "c"]), search.front_table(table))
+    figure = draw_search(table, search_importance.importance(table, ["a", "b", "c"]), search_tables.front_table(table))
     drawn = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
     assert {"finished", "stopped", "failed", "best", "front"} <= drawn
     assert len(draw_search(table, None).axes) == 1
@@ -279,7 +280,7 @@ def test_the_rule_of_early_exit_is_no_part_of_a_trials_seeds(trains):
 
 def test_the_same_network_tried_twice_is_trained_twice(trains):
     what = problem(trains)
-    sides = trained.sides_of(trains, what.task)
+    sides = tasks.sides_of(trains, what.task)
     first, second, again = (
         search.try_network(search.Job(what, Proposal(number, {"hidden": 6}), None), trains, sides)
         for number in (0, 1, 0)
@@ -292,7 +293,7 @@ def test_a_trials_accuracy_is_that_of_the_epoch_whose_weights_it_kept(trains, mo
     what = problem(trains, objective="accuracy")
     log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 1.0), Epoch(3, 0.5, 0.7, 0.8, 0.25))
     monkeypatch.setattr(search, "train", lambda *_, **__: Training(log, log[0]))
-    trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, trained.sides_of(trains, what.task))
+    trial = search.try_network(search.Job(what, Proposal(0, {}), None), trains, tasks.sides_of(trains, what.task))
     assert (trial.accuracy, trial.value) == (0.75, 0.75)
 
 
@@ -306,7 +307,7 @@ def test_the_best_network_is_trained_with_the_one_thread_of_the_search(trains, s
     monkeypatch.setattr(search, "train_best", watched)
     torch.set_num_threads(2)
     try:
-        search.save_best(problem(trains), spikes, tmp_path, search.read_journal(whole / search.JOURNAL))
+        search.save_best(problem(trains), spikes, tmp_path, read_journal(whole / JOURNAL))
         assert (seen, torch.get_num_threads()) == ([1], 2)
     finally:
         torch.set_num_threads(before)
@@ -347,13 +348,13 @@ def test_tune_leaves_a_network_that_can_be_used(tuned):
     row = json.loads((out / "best" / "result.json").read_text())["row"]
     assert trained.restore(out / "best").task.exit_by == "margin"
     assert row["exit_patience"] is None
-    assert row["accuracy_validation"] == search.best_of(search.read_journal(out / search.JOURNAL)).accuracy
+    assert row["accuracy_validation"] == best_of(read_journal(out / JOURNAL)).accuracy
 
 
 def test_two_processes_write_the_bytes_of_one(trains, tuned, tmp_path):
     what = spec.build(search.Problem, json.loads((tuned[0] / "search.json").read_text()), source="search.json")
     search.search(what, tmp_path, search.here(trains, what.task))
-    assert (tmp_path / search.JOURNAL).read_bytes() == (tuned[0] / search.JOURNAL).read_bytes()
+    assert (tmp_path / JOURNAL).read_bytes() == (tuned[0] / JOURNAL).read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -388,13 +389,13 @@ def test_killed_and_resumed_gives_the_journal_of_the_uninterrupted_run(spikes, t
     ]
     subprocess.run(lines[0], check=True, capture_output=True)
     process = subprocess.Popen(lines[1], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    while not (outs[1] / search.JOURNAL).is_file() or (outs[1] / search.JOURNAL).read_bytes().count(b"\n") < 20:
+    while not (outs[1] / JOURNAL).is_file() or (outs[1] / JOURNAL).read_bytes().count(b"\n") < 20:
         assert process.poll() is None, "the search ended before it could be killed"
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     subprocess.run(lines[1], check=True, capture_output=True)
-    for name in (search.JOURNAL, "trials.csv", "best.toml"):
+    for name in (JOURNAL, "trials.csv", "best.toml"):
         assert (outs[1] / name).read_bytes() == (outs[0] / name).read_bytes()
 
 
@@ -446,13 +447,13 @@ def test_a_cell_searches_and_reports_its_best_network(trains, tmp_path):
     cell = searching_cells()[0]
     left = cells.run_cell(cell, trains, tmp_path)
     row = json.loads(left[cells.RESULT])["row"]
-    trials = search.read_journal(tmp_path / cells.SEARCH / search.JOURNAL)
-    best = search.best_of(trials)
+    trials = read_journal(tmp_path / cells.SEARCH / JOURNAL)
+    best = best_of(trials)
     assert len(trials) == 5
     assert row["trial"] == best.id
     assert row["network.forward_weight_scale"] == best.parameters["forward_weight_scale"]
     assert row["accuracy_validation"] == best.accuracy
-    assert left[f"{cells.SEARCH}/{search.JOURNAL}"] == (tmp_path / cells.SEARCH / search.JOURNAL).read_bytes()
+    assert left[f"{cells.SEARCH}/{JOURNAL}"] == (tmp_path / cells.SEARCH / JOURNAL).read_bytes()
 
 
 def test_a_cell_exits_by_a_margin_where_the_study_says_so(trains):
@@ -472,7 +473,7 @@ def test_a_cells_search_goes_on_where_it_was_killed(trains, tmp_path):
     cell = searching_cells()[0]
     whole = cells.run_cell(cell, trains)
     cells.run_cell(cell, trains, tmp_path)
-    path = tmp_path / cells.SEARCH / search.JOURNAL
+    path = tmp_path / cells.SEARCH / JOURNAL
     path.write_bytes(path.read_bytes()[:400])
     left = cells.run_cell(cell, trains, tmp_path)
     timed = {"timing.json"}
@@ -485,20 +486,20 @@ def test_seeds_search_anew(trains):
     assert first["network.forward_weight_scale"] != second["network.forward_weight_scale"]
 
 
-def tried(number, value, outcome=search.FINISHED, sops=100.0):
-    return search.Trial(number, {"hidden": 4}, [value], outcome, value, sops, value)
+def tried(number, value, outcome=FINISHED, sops=100.0):
+    return Trial(number, {"hidden": 4}, [value], outcome, value, sops, value)
 
 
 def test_the_best_trial_is_the_first_of_equal_ones_and_has_finished():
-    trials = [tried(0, 0.9, search.STOPPED), tried(1, 0.5), tried(2, 0.8), tried(3, 0.8)]
-    assert search.best_of(trials).id == 2
+    trials = [tried(0, 0.9, STOPPED), tried(1, 0.5), tried(2, 0.8), tried(3, 0.8)]
+    assert best_of(trials).id == 2
     with pytest.raises(InputError, match="none of 1 trials finished"):
-        search.best_of(trials[:1])
+        best_of(trials[:1])
 
 
 def test_a_stopped_trial_is_on_no_front():
-    trials = [tried(0, 0.9, search.STOPPED, sops=10.0), tried(1, 0.8, sops=50.0), tried(2, 0.7, sops=90.0)]
-    assert search.front_table(search.trials_table(trials))["id"].tolist() == [1]
+    trials = [tried(0, 0.9, STOPPED, sops=10.0), tried(1, 0.8, sops=50.0), tried(2, 0.7, sops=90.0)]
+    assert search_tables.front_table(search_tables.trials_table(trials))["id"].tolist() == [1]
 
 
 def test_what_no_key_decides_is_not_foreseen():
@@ -506,7 +507,7 @@ def test_what_no_key_decides_is_not_foreseen():
     rng = np.random.default_rng(0)
     keys = {"scale": rng.random(60), "rate": rng.random(60)}
     at_random, decided = (pd.DataFrame({**keys, "value": value}) for value in (rng.random(60), keys["scale"]))
-    nothing, found = (search.importance(table, list(keys)) for table in (at_random, decided))
+    nothing, found = (search_importance.importance(table, list(keys)) for table in (at_random, decided))
     assert nothing is not None
     assert found is not None
     assert nothing.r2 < 0.1

@@ -21,7 +21,7 @@ import torch
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
-from neurotact.networks import conditions, trained, truncated
+from neurotact.networks import conditions, fitting, measuring, tasks, truncated
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -67,7 +67,7 @@ def test_the_network_does_what_stands_on_paper(model):
 @each_model
 def test_a_whole_window(model):
     network = wired(model)
-    counted = trained.synops_of(network.infer(window().spikes), network)
+    counted = measuring.synops_of(network.infer(window().spikes), network)
     assert tuple(int(counted._asdict()[name][0]) for name in NAMES) == WHOLE[model]
 
 
@@ -79,16 +79,16 @@ def test_every_way_of_counting_agrees_with_paper(model):
     (cut,) = truncated.cut_short(network, truncated.simulate_windows(network, test), [STEPS])
     table = pd.DataFrame({"label": ["a", "b", "c"] * 20, "force_N": [3.0] * 60})
     trains = from_rasters(window(60).spikes.numpy(), RATE_Hz, ("SA-I taxel1",), table)
-    task = trained.Task(window=WindowSpec(length_ms=STEPS), split=SplitSpec(), stratify=("force_N",))
+    task = tasks.Task(window=WindowSpec(length_ms=STEPS), split=SplitSpec(), stratify=("force_N",))
     (under,) = conditions.by_condition(network, trains, task)
-    row = trained.measure(fitted(network, patience=STEPS), test, POPULATIONS)["row"]
+    row = measuring.measure(fitted(network, patience=STEPS), test, POPULATIONS)["row"]
     for found in (cut, under, row):
         assert {name: found[name] for name in whole} == whole
 
 
 def fitted(network, patience):
     training = SimpleNamespace(best=SimpleNamespace(validation_accuracy=1.0), epochs=[])
-    return trained.Trained(network, training, ExitRule(patience, from_first_spike=True))  # pyright: ignore
+    return fitting.Trained(network, training, ExitRule(patience, from_first_spike=True))  # pyright: ignore
 
 
 @each_model
@@ -98,7 +98,7 @@ def test_an_early_exit_counts_the_steps_that_were_simulated_alone(model):
     Until then: 2 input spikes, 4 hidden ones.
     """
     network = wired(model)
-    row = trained.measure(fitted(network, patience=1), window(), POPULATIONS)["row"]
+    row = measuring.measure(fitted(network, patience=1), window(), POPULATIONS)["row"]
     recurrent = 8 if model == "rsnn" else 0
     assert row["exit_steps"] == 6
     found = tuple(row[f"exit_sops_{name}"] for name in NAMES)
@@ -113,9 +113,9 @@ def test_an_early_exit_counts_the_steps_that_were_simulated_alone(model):
 @each_model
 def test_the_papers_exit_counts_the_steps_that_were_simulated_alone(model, monkeypatch):
     """Algorithm 1 with a patience of 1 stops within the window, and pays for the steps until then."""
-    monkeypatch.setattr(trained, "ORACLE_PATIENCE", 1)
+    monkeypatch.setattr(measuring, "ORACLE_PATIENCE", 1)
     network = wired(model)
-    row = trained.measure(fitted(network, patience=STEPS), window(), POPULATIONS)["row"]
+    row = measuring.measure(fitted(network, patience=STEPS), window(), POPULATIONS)["row"]
     steps = int(row["oracle_steps"])
     assert 0 < steps < 6
     sent, heard = sum(t < steps for t in (0, 3, 6)), HIDDEN * sum(t < steps for t in (2, 5, 8))

@@ -22,7 +22,7 @@ from neurotact import cli, files
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
-from neurotact.networks import train_run, trained
+from neurotact.networks import fitting, tasks, train_run
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.train_run import ASKED, CHECKPOINT, LEFT, RESULT, Interrupted, run
 from neurotact.spec import override, read, to_toml
@@ -30,7 +30,7 @@ from neurotact.spec import override, read, to_toml
 ROOT = Path(__file__).parents[2]
 N_EPOCHS = 5
 NETWORK = RSNNSpec(hidden=6, learn=("beta",), training=TrainingSpec(epochs=N_EPOCHS, batch=8, learning_rate=0.05))
-TASK = trained.Task(window={"length_ms": 40.0})
+TASK = tasks.Task(window={"length_ms": 40.0})
 
 
 def spikes_of(seed: int, n_trials: int = 24, n_steps: int = 40) -> SpikeTrains:
@@ -135,7 +135,7 @@ def test_a_training_interrupted_after_any_epochs_leaves_the_same_bytes(monkeypat
     assert contents(folder) == whole
 
 
-@pytest.mark.parametrize("place", ["trained.save", "trained.measure", "files.write_json"])
+@pytest.mark.parametrize("place", ["trained.save", "measuring.measure", "files.write_json"])
 def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, whole, folder, place):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
@@ -153,7 +153,7 @@ def test_an_interrupt_after_the_last_epoch_loses_nothing(monkeypatch, spikes, wh
 
 def test_a_training_that_is_done_is_left_alone(monkeypatch, spikes, whole, folder):
     assert run(spikes, folder, NETWORK, TASK) is not None
-    monkeypatch.setattr(trained, "fit", None)
+    monkeypatch.setattr(fitting, "fit", None)
     assert run(spikes, folder, NETWORK, TASK, resume=True) is None
     with pytest.raises(InputError, match=r"already exists and is not empty; .*--force"):
         run(spikes, folder, NETWORK, TASK)
@@ -178,7 +178,7 @@ def test_the_folder_says_what_was_asked(spikes, whole):
         ({"network": NETWORK.model_copy(update={"hidden": 7})}, "network.hidden = 6, not 7"),
         ({"network": NETWORK.model_copy(update={"learn": ()})}, r"network.learn = \['beta'\], not \[\]"),
         ({"task": TASK.model_copy(update={"exit_tolerance": 0.5})}, "task.exit_tolerance = 0.01, not 0.5"),
-        ({"task": trained.Task(window={"length_ms": 40, "hop_ms": 20})}, "task.window.hop_ms = None, not 20.0"),
+        ({"task": tasks.Task(window={"length_ms": 40, "hop_ms": 20})}, "task.window.hop_ms = None, not 20.0"),
     ],
 )
 @pytest.mark.parametrize("is_done", [True, False])
@@ -254,7 +254,7 @@ def test_force_replaces_nothing_until_an_epoch_is_over(monkeypatch, spikes, whol
     run(spikes, folder, NETWORK, TASK)
     assert interrupt(monkeypatch, 0, spikes, folder, seed=1, force=True) == 0
     with pytest.raises(InputError, match="shorten the window"):
-        run(spikes, folder, NETWORK, trained.Task(window={"length_ms": 1e6}), force=True)
+        run(spikes, folder, NETWORK, tasks.Task(window={"length_ms": 1e6}), force=True)
     assert contents(folder) == whole
     assert interrupt(monkeypatch, 1, spikes, folder, seed=1, force=True) == 1
     assert set(contents(folder)) == {ASKED, CHECKPOINT}
@@ -262,7 +262,7 @@ def test_force_replaces_nothing_until_an_epoch_is_over(monkeypatch, spikes, whol
 
 def test_a_refused_training_makes_no_folder(tmp_path, spikes):
     with pytest.raises(InputError, match="shorten the window"):
-        run(spikes, tmp_path / "a" / "b", NETWORK, trained.Task(window={"length_ms": 1e6}))
+        run(spikes, tmp_path / "a" / "b", NETWORK, tasks.Task(window={"length_ms": 1e6}))
     with pytest.raises(InputError, match="--force, --resume: give one of them"):
         run(spikes, tmp_path / "a" / "b", NETWORK, TASK, force=True, resume=True)
     assert not list(tmp_path.iterdir())
@@ -395,7 +395,7 @@ import sys
 from pathlib import Path
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks import train_run
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 train_run.SECONDS_BETWEEN = float(sys.argv[3])
 network = RSNNSpec(hidden=6, training=TrainingSpec(epochs=int(sys.argv[4]), patience=10**6, batch=4))
 try:

@@ -18,11 +18,12 @@ from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
 from neurotact.metrics.synops import summary
-from neurotact.networks import trained
+from neurotact.networks import fitting, inference, measuring, tasks, trained
 from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.fitting import Trained
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task, Trained
+from neurotact.networks.tasks import Task
 from neurotact.networks.training import Epoch, Examples, Training
 
 N_STEPS = 30
@@ -97,7 +98,7 @@ def test_test_windows_are_measured_as_by_hand():
     Early exit: the readout first spikes at step 4, class 0 has stood 4 steps at step 7, so that 8 steps are simulated,
     with 4 input spikes (0, 2, 4, 6) and 3 hidden ones (2, 4, 6): 8 + 6 + 6. The silent window costs nothing.
     """
-    found = trained.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)
+    found = measuring.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)
     row = found["row"]
     assert (row["accuracy_test"], row["exit_accuracy"]) == (0.5, 0.5)
     assert [row[f"sops_{n}"] for n in ("input", "recurrent", "readout", "total", "total_feedforward")] == [
@@ -116,24 +117,24 @@ def test_the_oracle_pays_for_the_steps_that_it_simulates(monkeypatch):
 
     The silent window is never right: the full window, at no cost.
     """
-    monkeypatch.setattr(trained, "ORACLE_PATIENCE", 3)
-    row = trained.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)["row"]
+    monkeypatch.setattr(measuring, "ORACLE_PATIENCE", 3)
+    row = measuring.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)["row"]
     assert (row["oracle_steps"], row["oracle_accuracy"], row["oracle_sops_total"]) == (17, 0.5, 4)
 
 
 def test_a_feed_forward_network_has_no_recurrent_operations():
     alone = fitted()._replace(network=wired(spec=SPEC.model_copy(update={"model": "snn"})))
-    row = trained.measure(alone, examples((STEADY, 0)), POPULATIONS)["row"]
+    row = measuring.measure(alone, examples((STEADY, 0)), POPULATIONS)["row"]
     assert (row["sops_recurrent"], row["exit_sops_recurrent"]) == (0, 0)
     assert row["sops_total"] == row["sops_total_feedforward"] == 58
     assert row["exit_sops_total"] == row["exit_sops_total_feedforward"] == 14
     assert row["oracle_sops_total"] == 58
-    assert trained.mean_sops(alone.network, examples((STEADY, 0), (SILENT, 1))) == 29
+    assert measuring.mean_sops(alone.network, examples((STEADY, 0), (SILENT, 1))) == 29
 
 
 @pytest.mark.parametrize("best", range(3))
 def test_validation_accuracy_is_that_of_the_epoch_whose_weights_were_kept(best):
-    row = trained.measure(fitted(best=best), examples((STEADY, 0)), POPULATIONS)["row"]
+    row = measuring.measure(fitted(best=best), examples((STEADY, 0)), POPULATIONS)["row"]
     assert row["accuracy_validation"] == EPOCHS[best].validation_accuracy
     assert row["epochs"] == 3
 
@@ -144,31 +145,31 @@ VALIDATION = ((STEADY, 0), (STEADY, 0), (STEADY, 0), (SWITCHING, 1))
 @pytest.mark.parametrize(("tolerance", "patience"), [(0.0, 10), (0.24, 10), (0.25, 1), (0.99, 1)])
 def test_the_exit_rule_loses_no_more_than_it_may(tolerance, patience):
     """Class 0 leads the switching window for 10 steps, so that a patience below 10 gets it wrong: 3 of 4 windows."""
-    assert trained.exit_rule(wired(), examples(*VALIDATION), tolerance) == ExitRule(patience, from_first_spike=True)
+    assert fitting.exit_rule(wired(), examples(*VALIDATION), tolerance) == ExitRule(patience, from_first_spike=True)
 
 
 def test_a_rule_is_chosen_on_all_validation_windows_however_many():
     many = examples(*[(STEADY, 0)] * 1500, (SWITCHING, 1))
-    assert trained.exit_rule(wired(), many, 0.0).patience == 10
-    assert trained.exit_rule(wired(), many, 0.001).patience == 1
+    assert fitting.exit_rule(wired(), many, 0.0).patience == 10
+    assert fitting.exit_rule(wired(), many, 0.001).patience == 1
 
 
 def test_training_windows_judge_a_steady_rule_too():
     """One validation window, which allows a patience of 1, beside training windows that do not."""
     training = examples(*[(STEADY, 0)] * 400, *[(SWITCHING, 1)] * 100)
-    assert trained.exit_rule(wired(), examples((STEADY, 0)), 0.01).patience == 1
-    assert trained.exit_rule(wired(), examples((STEADY, 0)), 0.01, training).patience == 10
-    assert trained.exit_rule(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).patience == 10
+    assert fitting.exit_rule(wired(), examples((STEADY, 0)), 0.01).patience == 1
+    assert fitting.exit_rule(wired(), examples((STEADY, 0)), 0.01, training).patience == 10
+    assert fitting.exit_rule(wired(), examples(*VALIDATION), 0.01, examples((STEADY, 0))).patience == 10
 
 
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
 def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(trained, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
-    monkeypatch.setattr(trained, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    monkeypatch.setattr(fitting, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
+    monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
-    assert trained.fit(trains, SPEC, task, (0, 1), split=split)[0].rule.patience == patience
+    assert fitting.fit(trains, SPEC, task, (0, 1), split=split)[0].rule.patience == patience
     assert ("exit_choice" in task.model_dump()) == (choice == "steady")
 
 
@@ -182,11 +183,11 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
         seen.extend([training.labels.tolist(), validation.labels.tolist()])
         return Training(EPOCHS, EPOCHS[0])
 
-    monkeypatch.setattr(trained, "train", untrained)
-    monkeypatch.setattr(trained, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    monkeypatch.setattr(fitting, "train", untrained)
+    monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     split = Split(np.array([0, 1]), np.array([2, 3, 4, 5]), np.array([6, 7]))
     task = Task(window={"length_ms": N_STEPS}, exit_tolerance=tolerance)
-    found, sides = trained.fit(trains, SPEC, task, (0, 1), split=split)
+    found, sides = fitting.fit(trains, SPEC, task, (0, 1), split=split)
     assert found.rule.patience == patience
     assert seen == [[0, 1], [0, 0, 0, 1]]
     assert sides.test.labels.tolist() == [0, 0]
@@ -195,8 +196,8 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
 def test_a_recipe_looks_at_the_training_windows_alone():
     trains = spikes_of_many()
     task = Task(window={"length_ms": 20.0, "start_ms": 5.0, "hop_ms": 7.0}, training_windows=3)
-    examples = trained.sides_of(trains, task).train.spikes
-    found = trained.seen(trains, task)
+    examples = tasks.sides_of(trains, task).train.spikes
+    found = tasks.seen(trains, task)
     assert found[:3] == (*examples.shape[:2], trains.sampling_rate_Hz)
     assert found.spikes == pytest.approx(float(examples.double().sum(dim=1).mean()))
 
@@ -210,9 +211,9 @@ def spikes_of_many():
 def test_the_first_seed_draws_the_weights_and_the_second_the_order():
     trains = trains_of((STEADY, 0), (SILENT, 1))
     training = torch.zeros(2, 10, 2, dtype=torch.uint8)
-    network, order = trained.new_network(trains, SPEC, (3, 4), training)
-    other_order, order_of_5 = trained.new_network(trains, SPEC, (3, 5), training)
-    other_weights, _ = trained.new_network(trains, SPEC, (4, 4), training)
+    network, order = fitting.new_network(trains, SPEC, (3, 4), training)
+    other_order, order_of_5 = fitting.new_network(trains, SPEC, (3, 5), training)
+    other_weights, _ = fitting.new_network(trains, SPEC, (4, 4), training)
     alone = RSNN(2, 2, SPEC, 1000.0, generator=torch.Generator().manual_seed(3))
     assert torch.equal(network.w_in, alone.w_in)
     assert torch.equal(network.w_out, other_order.w_out)
@@ -231,7 +232,7 @@ def test_training_trials_of_one_class_are_refused():
     trains = trains_of((STEADY, 0), (STEADY, 0), (SILENT, 1), (SILENT, 1))
     split = Split(np.array([0, 1]), np.array([2]), np.array([3]))
     with pytest.raises(InputError, match=r"the training trials hold too few classes \(felt\); give at least two"):
-        trained.fit(trains, SPEC, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
+        fitting.fit(trains, SPEC, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
 
 
 def test_the_classes_of_all_trials_are_gathered_once_and_not_for_each_trial(monkeypatch):
@@ -240,7 +241,7 @@ def test_the_classes_of_all_trials_are_gathered_once_and_not_for_each_trial(monk
     monkeypatch.setattr(SpikeTrains, "classes", property(lambda trains: asked.append(0) or classes(trains)))
     trains = trains_of(*((STEADY, n % 2) for n in range(12)))
     asked.clear()
-    trained.trials_of(trains, Task(window={"length_ms": N_STEPS}))
+    tasks.trials_of(trains, Task(window={"length_ms": N_STEPS}))
     assert len(asked) == 1
 
 
@@ -249,7 +250,7 @@ def test_training_windows_without_a_spike_are_said():
     split = Split(np.array([0, 1]), np.array([2]), np.array([3]))
     spec = SPEC.model_copy(update={"training": SPEC.training.model_copy(update={"epochs": 1})})
     with pytest.warns(UserWarning, match="none of the 2 training windows holds a spike.*raise the encoder's gains"):
-        trained.fit(trains, spec, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
+        fitting.fit(trains, spec, Task(window={"length_ms": N_STEPS}), (0, 1), split=split)
 
 
 # --- what a saved network says of trials and encoders ----------------------------------------------------
@@ -267,11 +268,11 @@ def made(tmp_path):
     path = tmp_path / "spikes.h5"
     hdf5.save_spikes(trains, path)
     trained.save(fitted(), tmp_path / "run", trains, path, TASK)
-    return trains, trained.restore(tmp_path / "run"), trained.trials_of(trains, TASK)
+    return trains, trained.restore(tmp_path / "run"), tasks.trials_of(trains, TASK)
 
 
 def infer(restored, trains, **options) -> pd.DataFrame:
-    return trained.infer(restored, trains, **{"early_exit": False, **options})
+    return inference.infer(restored, trains, **{"early_exit": False, **options})
 
 
 def test_every_window_of_the_spikes_that_it_was_trained_on_has_the_side_of_its_trial(made):
@@ -332,11 +333,11 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
     assert restored.rule == done.rule
     assert restored.task.exit_by == "margin"
     table = infer(restored, trains, early_exit=True)
-    examples, _ = trained.examples_of(trains, np.arange(len(trains)), task.window)
+    examples, _ = tasks.examples_of(trains, np.arange(len(trains)), task.window)
     found = restored.network.infer(examples.spikes, restored.rule)
     assert table["steps"].tolist() == found.steps.tolist()
     assert found.steps.min() < N_STEPS
-    assert trained.measure(done, examples, trains.populations)["row"]["exit_margin"] == 2.0
+    assert measuring.measure(done, examples, trains.populations)["row"]["exit_margin"] == 2.0
 
 
 def test_a_task_of_before_is_written_as_it_was():
@@ -347,11 +348,11 @@ def test_a_task_of_before_is_written_as_it_was():
 @pytest.mark.parametrize("choice", ["least", "steady"])
 def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(trained, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
-    monkeypatch.setattr(trained, "new_network", lambda *_, **__: (wired(), torch.Generator()))
+    monkeypatch.setattr(fitting, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
+    monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice, exit_by="margin")
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
-    rule = trained.fit(trains, SPEC, task, (0, 1), split=split)[0].rule
+    rule = fitting.fit(trains, SPEC, task, (0, 1), split=split)[0].rule
     assert rule.patience is None
     assert rule.never or rule.margin == int(rule.margin)
 

@@ -11,7 +11,7 @@ from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.files import write_json, write_text
-from neurotact.networks import trained
+from neurotact.networks import fitting, tasks, trained
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Epoch, Training
@@ -95,8 +95,8 @@ def save_network(cell: Cell, place: Path, trains: SpikeTrains, path: Path) -> No
         network.w_in.abs_().mul_(4.0)
         network.w_out.mul_(8.0)
     epochs = tuple(Epoch(n, 2.0 / (1 + n), 0.05 * n, 2.0 / (1 + abs(n - 15)), 0.9) for n in range(20))
-    fitted = trained.Trained(network, Training(epochs, epochs[15]), ExitRule(40, from_first_spike=True))
-    task = trained.Task(window=cell.window, split=SplitSpec(validation=0.25, test=0.25), subset=cell.subset)
+    fitted = fitting.Trained(network, Training(epochs, epochs[15]), ExitRule(40, from_first_spike=True))
+    task = tasks.Task(window=cell.window, split=SplitSpec(validation=0.25, test=0.25), subset=cell.subset)
     trained.save(fitted, place, trains, path, task)
 
 

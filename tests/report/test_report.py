@@ -16,7 +16,7 @@ from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import trained
+from neurotact.networks import tasks, trained
 from neurotact.networks.specs import TrainingSpec
 from neurotact.report import front, networks, tables
 from neurotact.report.details import SOPS_COLUMNS
@@ -233,7 +233,7 @@ def test_splits_are_averaged_as_seeds_are(tmp_path):
     assert network["seeds"] == 2
     assert network["whole"]["accuracy"] == pytest.approx(results["accuracy_test"].mean())
     trains = [load_spikes(tmp_path / cell.given) for cell in study.cells(what)]
-    parts = [trained.trials_of(one, task_of(cell)) for one, cell in zip(trains, study.cells(what), strict=True)]
+    parts = [tasks.trials_of(one, task_of(cell)) for one, cell in zip(trains, study.cells(what), strict=True)]
     tested = [part.test for part in parts]
     assert set(tested[0]) != set(tested[1])
     assert answer["test_trials"] == len({*tested[0], *tested[1]})
@@ -287,7 +287,7 @@ def test_the_page_knows_of_each_cell_what_its_network_does(written):
     restored = trained.restore(place)
     trains = load_spikes(restored.spikes_path)
     raster = shown["raster"]
-    trial, windows = trained.examples_of(trains, np.array([raster["trial"]]), restored.task.window)
+    trial, windows = tasks.examples_of(trains, np.array([raster["trial"]]), restored.task.window)
     first = round(raster["start_ms"] * 1e-3 * trains.sampling_rate_Hz) == windows.start
     with torch.no_grad():
         spikes = restored.network.simulate(trial.spikes[first])

@@ -8,8 +8,8 @@ from made_run import grating_conditions, make_run
 from test_report import Page, make_study
 
 from neurotact.figures import searches as searches_figures
-from neurotact.networks import search
-from neurotact.networks.search import Trial
+from neurotact.networks import search_tables
+from neurotact.networks.search_journal import Trial
 from neurotact.networks.tuning import SearchSpec
 from neurotact.report import networks
 from neurotact.report import search as report_search
@@ -44,7 +44,7 @@ def searched(tmp_path_factory):
     for cell in study.cells(what):
         place = cell_folder(folder, cell) / SEARCH
         place.mkdir(parents=True)
-        search.trials_table(trials_of(cell.seed)).to_csv(place / "trials.csv", index=False)
+        search_tables.trials_table(trials_of(cell.seed)).to_csv(place / "trials.csv", index=False)
     return what, networks.write(what, folder)
 
 
@@ -90,7 +90,10 @@ def test_a_study_without_a_search_says_nothing_of_searches(tmp_path):
 
 def test_winners_and_gains_by_hand():
     trials = pd.concat(
-        [search.trials_table(trials_of(seed)).rename(columns={"id": "trial"}).assign(cell=seed) for seed in (0, 1)],
+        [
+            search_tables.trials_table(trials_of(seed)).rename(columns={"id": "trial"}).assign(cell=seed)
+            for seed in (0, 1)
+        ],
         ignore_index=True,
     )
     assert searches_figures.winners(trials)["trial"].tolist() == [4, 4]

@@ -18,8 +18,8 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
 from neurotact.encoders import calibration
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.networks import search, trained
-from neurotact.networks.trained import Task
+from neurotact.networks import fitting, measuring, search_journal
+from neurotact.networks.tasks import Task
 from neurotact.studies import cell, preparation, study
 from neurotact.studies.cell import SEARCH
 from neurotact.studies.study import Cell
@@ -130,7 +130,7 @@ def test_test_trials_decide_nothing_but_the_test(tmp_path):
         np.testing.assert_array_equal(plant[0].steps[trial], plain[0].steps[trial])
         np.testing.assert_array_equal(plant[0].units[trial], plain[0].units[trial])
     files = [plain[1], plant[1]]
-    for name in ("training.csv", f"{SEARCH}/{search.JOURNAL}", f"{SEARCH}/best.toml", "weights.safetensors"):
+    for name in ("training.csv", f"{SEARCH}/{search_journal.JOURNAL}", f"{SEARCH}/best.toml", "weights.safetensors"):
         assert files[0][name] == files[1][name], name
     rows = [row_of(left) for left in files]
     decided = ["accuracy_validation", "exit_patience", "sops_validation", "trial", "network.forward_weight_scale"]
@@ -163,7 +163,7 @@ def test_labels_that_only_test_trials_betray_are_at_chance(tmp_path):
             honest.append(row_of(left)["accuracy_test"])
             # The same network, had the test trials been those it learns from.
             seen = sides._replace(train=sides.test, validation=sides.test)
-            fitted, its = trained.fit(trains, one.network, task_of(one), one.seeds, split=seen)
-            leaked.append(trained.measure(fitted, its.test, trains.populations)["row"]["accuracy_test"])
+            fitted, its = fitting.fit(trains, one.network, task_of(one), one.seeds, split=seen)
+            leaked.append(measuring.measure(fitted, its.test, trains.populations)["row"]["accuracy_test"])
     assert np.mean(leaked) > 0.8
     assert abs(np.mean(honest) - 0.5) < 0.1

@@ -11,8 +11,8 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import trained
-from neurotact.networks.trained import Task
+from neurotact.networks import tasks
+from neurotact.networks.tasks import Task
 from neurotact.studies import manifest, runner, study
 from neurotact.studies.preparation import dataset_of, load_dataset
 
@@ -99,8 +99,8 @@ def test_more_windows_are_trained_on_and_validated_than_tested(run):
     trains = load_spikes(folder / next(study.cells(what)).given)
     window = WindowSpec(length_ms=50.0, start_ms=100.0, hop_ms=20.0, per_trial=1)
     split = SplitSpec(validation=0.2, test=0.2)
-    plain = trained.sides_of(trains, Task(window=window, split=split))
-    more = trained.sides_of(trains, Task(window=window, split=split, training_windows=4))
+    plain = tasks.sides_of(trains, Task(window=window, split=split))
+    more = tasks.sides_of(trains, Task(window=window, split=split, training_windows=4))
     assert len(more.train.labels) == 4 * len(plain.train.labels)
     assert len(more.validation.labels) == 4 * len(plain.validation.labels)
     assert more.test.spikes.equal(plain.test.spikes)

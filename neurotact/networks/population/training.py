@@ -14,14 +14,15 @@ from torch import Tensor
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks import fitting
 from neurotact.networks import training as alone
+from neurotact.networks.fitting import Trained
 from neurotact.networks.population.adam import Adam
 from neurotact.networks.population.losses import Settings, losses
 from neurotact.networks.population.population import Batch, Form, Population, packed
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Sides, Task, Trained
+from neurotact.networks.tasks import Sides, Task
 from neurotact.networks.training import Epoch, Examples, Training
 
 TAPE_BYTES = 2**30
@@ -94,7 +95,7 @@ def train(members: Sequence[Member], device: torch.device, watch: Watch = lambda
 
 
 class Asked(NamedTuple):
-    """A network to train from nothing, as `trained.fit` is asked; what has the same windows shares them."""
+    """A network to train from nothing, as `fitting.fit` is asked; what has the same windows shares them."""
 
     trains: SpikeTrains
     spec: RSNNSpec
@@ -105,21 +106,21 @@ class Asked(NamedTuple):
     def member(self) -> Member:
         """The untrained network; InputError where it cannot be trained here."""
         training = self.sides.train
-        network, order = trained.new_network(self.trains, self.spec, self.seeds, training.spikes)
+        network, order = fitting.new_network(self.trains, self.spec, self.seeds, training.spikes)
         check(network, training.spikes.shape[1])
         return Member(network, training, self.sides.validation, order)
 
 
 def fit(asked: Sequence[Asked], device: torch.device) -> list[Trained]:
-    """Train networks as `trained.fit` does, all at once; each has the numbers that it has in any population."""
+    """Train networks as `fitting.fit` does, all at once; each has the numbers that it has in any population."""
     for sides in {id(each.sides): each.sides for each in asked}.values():
-        trained.warn_of_silence(sides.train)
+        fitting.warn_of_silence(sides.train)
     members = [each.member() for each in asked]
     fitted = []
     for each, member, end in zip(asked, members, train(members, device), strict=True):
         if end.error is not None:
             raise end.error
-        fitted.append(trained.finished(member.network, end.training, each.sides, each.task))
+        fitted.append(fitting.finished(member.network, end.training, each.sides, each.task))
     return fitted
 
 

@@ -13,11 +13,12 @@ import torch
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import search, trained
+from neurotact.networks import search, search_journal, tasks
 from neurotact.networks.population.devices import device_of
 from neurotact.networks.population.training import Asked, Ended, Member, train
-from neurotact.networks.search import Job, Problem, Run, Trial
-from neurotact.networks.trained import Sides
+from neurotact.networks.search import Job, Problem, Run
+from neurotact.networks.search_journal import Trial
+from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Epoch
 
 
@@ -33,7 +34,7 @@ def runner(problem: Problem, spikes: Path, n_workers: int, device: str) -> Itera
 
 def on_device(problem: Problem, trains: SpikeTrains, device: torch.device) -> Run:
     """Trials trained as populations; InputError where the problem's network cannot be."""
-    sides = trained.sides_of(trains, problem.task)
+    sides = tasks.sides_of(trains, problem.task)
     Asked(trains, problem.network, problem.task, (0, 0), sides).member()
     return lambda jobs: iter(_run(jobs, trains, sides, device))
 
@@ -71,9 +72,9 @@ def _trial(job: Job, member: Member, end: Ended, sides: Sides, epochs: list[floa
     if end.error is not None:
         return _failed(job, end.error, epochs)
     accuracy = epochs[-1] if end.stopped else end.training.best.validation_accuracy
-    outcome = search.STOPPED if end.stopped else search.FINISHED
+    outcome = search_journal.STOPPED if end.stopped else search_journal.FINISHED
     return search.trial_of(job, member.network, accuracy, outcome, sides, epochs)
 
 
 def _failed(job: Job, error: InputError, epochs: list[float]) -> Trial:
-    return Trial(*job.proposal, epochs, search.FAILED, error=str(error))
+    return Trial(*job.proposal, epochs, search_journal.FAILED, error=str(error))

@@ -21,7 +21,7 @@ from neurotact.data.sources import expand
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn, add_legend, new_figure, printed, series_style
-from neurotact.networks import trained
+from neurotact.networks import measuring
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Examples, train
@@ -131,17 +131,17 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
         "model": parameters.network.model,
         "protocol": parameters.protocol,
         "seed": parameters.seed,
-        "accuracy_test": trained.accuracy_of(found, sides.test),
+        "accuracy_test": measuring.accuracy_of(found, sides.test),
         "accuracy_train": done.best.train_accuracy,
         "epoch": done.best.epoch,
         "epochs": len(done.epochs),
-        "sops_total": float(trained.synops_of(found, network).total.mean()),
+        "sops_total": float(measuring.synops_of(found, network).total.mean()),
         "hidden_spikes": float(found.hidden_spikes.double().mean()),
         "n_train": len(sides.train.labels),
         "n_test": len(sides.test.labels),
     }
     network.load_state_dict(last)
-    return [{**row, "accuracy_last": trained.accuracy_of(network.infer(sides.test.spikes), sides.test)}]
+    return [{**row, "accuracy_last": measuring.accuracy_of(network.infer(sides.test.spikes), sides.test)}]
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

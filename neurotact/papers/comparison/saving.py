@@ -19,7 +19,7 @@ from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks import pruning, recipe, trained
+from neurotact.networks import fitting, measuring, pruning, recipe, tasks
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.ledger import encoding_cost, network_cost
 from neurotact.networks.rsnn import RSNN
@@ -120,7 +120,7 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
         fitted = _pruned(fitted, setting)
     rule = FULL_WINDOW
     if setting.exit_tolerance is not None:
-        rule = trained.exit_rule(fitted.network, fitted.sides.validation, setting.exit_tolerance)
+        rule = fitting.exit_rule(fitted.network, fitted.sides.validation, setting.exit_tolerance)
     return row_of(fitted, rule, pruned=setting.prune is not None)
 
 
@@ -128,12 +128,12 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False
     """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the weights that remain."""
     network, validation, test = fitted.network, fitted.sides.validation, fitted.sides.test
     found = network.infer(test.spikes, rule)
-    counted = pruning.remaining_synops(network, test.spikes) if pruned else trained.synops_of(found, network)
+    counted = pruning.remaining_synops(network, test.spikes) if pruned else measuring.synops_of(found, network)
     sops = {f"sops_{part}": float(values.mean()) for part, values in counted._asdict().items()}
     spent = _cost(fitted, sops, float(found.steps.double().mean()))
     return {
-        "accuracy_validation": trained.accuracy_of(network.infer(validation.spikes, rule), validation),
-        "accuracy_test": trained.accuracy_of(found, test),
+        "accuracy_validation": measuring.accuracy_of(network.infer(validation.spikes, rule), validation),
+        "accuracy_test": measuring.accuracy_of(found, test),
         **sops,
         "energy_estimate_nJ": spent.energy_estimate_nJ,
         "signal_ms": spent.signal_ms,
@@ -151,7 +151,7 @@ def cut(bench: Bench, setting: Setting) -> Sides:
     hop_ms = bench.window.hop_ms or bench.window.length_ms
     length_ms = max(1, round(setting.window * bench.window.length_ms / step_ms)) * step_ms
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
-    sides = [trained.examples_of(trains, side, window)[0] for side in bench.split]
+    sides = [tasks.examples_of(trains, side, window)[0] for side in bench.split]
     kept, n_taxels = _kept(trains, sides[0].spikes, setting.taxels)
     training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
     return Sides(training, validation, test, trains, None if bench.encoder is None else trains.encoder, n_taxels)
@@ -161,7 +161,7 @@ def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
     """A network trained on them; the seeds are of its weights and of the order of windows."""
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
     n_classes, rate_Hz = len(sides.trains.classes), sides.trains.sampling_rate_Hz
-    network = trained.begin(sides.training.spikes, n_classes, spec, rate_Hz, weights)
+    network = fitting.begin(sides.training.spikes, n_classes, spec, rate_Hz, weights)
     train(network, sides.training, sides.validation, generator=order)
     return Fitted(network, sides, order)
 

@@ -14,7 +14,7 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType, taxels_of
 from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks import trained
+from neurotact.networks import fitting, measuring
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.ledger import encoding_cost, network_cost
 from neurotact.networks.rsnn import RSNN
@@ -65,7 +65,7 @@ def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
     fits = [_fit(trains, spec, training, validation, seed) for spec in TRIED]
     best = max(range(len(fits)), key=lambda i: fits[i][1])
     network, accuracy_validation = fits[best]
-    early = trained.exit_rule(network, validation, EXIT_TOLERANCE, training)
+    early = fitting.exit_rule(network, validation, EXIT_TOLERANCE, training)
     kind = "recurrent" if network.spec.recurrent else "feed-forward"
     settings = f"N {network.spec.hidden}, {kind}, tau {network.spec.tau_mem_ms:g} and {network.spec.tau_syn_ms:g} ms"
     found = []
@@ -83,22 +83,22 @@ def _examples(trains: SpikeTrains, side: np.ndarray) -> Examples:
 def _fit(
     trains: SpikeTrains, spec: RSNNSpec, training: Examples, validation: Examples, seed: int
 ) -> tuple[RSNN, float]:
-    network, order = trained.new_network(trains, spec, (2 * seed, 2 * seed + 1), training.spikes)
+    network, order = fitting.new_network(trains, spec, (2 * seed, 2 * seed + 1), training.spikes)
     train(network, training, validation, generator=order)
     return network, _accuracy(network, validation, FULL_WINDOW)
 
 
 def _accuracy(network: RSNN, examples: Examples, rule: ExitRule) -> float:
-    return trained.accuracy_of(network.infer(examples.spikes, rule), examples)
+    return measuring.accuracy_of(network.infer(examples.spikes, rule), examples)
 
 
 def _measure(network: RSNN, trains: SpikeTrains, test: Examples, rule: ExitRule) -> tuple[float, Cost, Cost]:
     """Test accuracy, and the mean cost of encoding and of the network."""
     found = network.infer(test.spikes, rule)
-    measured = {f"sops_{name}": float(v.mean()) for name, v in trained.synops_of(found, network)._asdict().items()}
+    measured = {f"sops_{name}": float(v.mean()) for name, v in measuring.synops_of(found, network)._asdict().items()}
     steps = float(found.steps.double().mean())
     signal_ms = 1e3 * steps / trains.sampling_rate_Hz
     encoder = encoding_cost(taxels_of(len(trains.afferents), trains.encoder), steps, signal_ms, trains.encoder)
     sizes = len(trains.afferents), network.n_classes
     network_spent = network_cost(network.spec, *sizes, measured, steps=steps, signal_ms=signal_ms)
-    return trained.accuracy_of(found, test), encoder, network_spent
+    return measuring.accuracy_of(found, test), encoder, network_spent

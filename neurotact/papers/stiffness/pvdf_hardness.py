@@ -23,7 +23,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import Cost, MovingAverage, cost
-from neurotact.networks import ledger, trained
+from neurotact.networks import fitting, ledger, measuring, tasks
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
 from neurotact.papers.stiffness import pvdf_hardness_figures
@@ -215,12 +215,12 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
     encoder = calibrate(felt.select(split.train), parameters.encoder).encoder
     trains = encode_recordings(felt, encoder)
     window_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
-    what = trained.Task(window=WindowSpec(length_ms=window_ms))
+    what = tasks.Task(window=WindowSpec(length_ms=window_ms))
     seeds = np.random.SeedSequence([parameters.seed, at]).generate_state(2 * parameters.starts).tolist()
     pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
-    networks = [trained.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
+    networks = [fitting.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
     fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
-    found: dict[str, Any] = trained.measure(fitted, sides.test, trains.populations)["row"]
+    found: dict[str, Any] = measuring.measure(fitted, sides.test, trains.populations)["row"]
     for chain, accuracy, prefix, steps in (
         ("RSNN", "accuracy_test", "sops", found["window_steps"]),
         (EARLY, "exit_accuracy", "exit_sops", found["exit_steps"]),

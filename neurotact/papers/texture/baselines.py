@@ -33,9 +33,9 @@ from neurotact.metrics import spike_features
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
 from neurotact.metrics.spike_distances import van_rossum, victor_purpura
 from neurotact.metrics.spike_trains import Events, events_of_raster, spike_counts
-from neurotact.networks import ledger, trained
+from neurotact.networks import fitting, ledger, measuring
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.papers.texture import baselines_figures as figures
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import Spec
@@ -393,9 +393,9 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
     for tau_ms in parameters.taus_ms:
         changes = {"model": model, "tau_mem_ms": tau_ms, "tau_syn_ms": tau_ms, "training": training}
         spec = parameters.network.model_copy(update=changes)
-        tried.append(trained.fit(trains, spec, task, (seed, seed + 1)))
+        tried.append(fitting.fit(trains, spec, task, (seed, seed + 1)))
     fitted, sides = max(tried, key=lambda pair: pair[0].training.best.validation_accuracy)
-    row, spec = trained.measure(fitted, sides.test, trains.populations)["row"], fitted.network.spec
+    row, spec = measuring.measure(fitted, sides.test, trains.populations)["row"], fitted.network.spec
     sizes = len(trains.afferents), len(trains.classes)
     chosen = f"tau = {spec.tau_mem_ms:g} ms"
     for decision, start, accuracy, steps in (

@@ -39,12 +39,13 @@ from neurotact.figures.style import (
     series_style,
 )
 from neurotact.metrics import synops
-from neurotact.networks import trained
+from neurotact.networks import fitting, measuring
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.fitting import Trained
 from neurotact.networks.rounding import Grid
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Sides, Task, Trained
+from neurotact.networks.tasks import Sides, Task
 from neurotact.papers.texture.simulator import SIMULATOR
 from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, View
@@ -139,17 +140,17 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     split = split_conditions(conditions, (), task.split)
     trains = encode_recordings(skin, _encoder(parameters, skin.select(split.train)))
     seeds = (2 * parameters.seed, 2 * parameters.seed + 1)
-    done, sides = trained.fit(trains, parameters.network, task, seeds)
+    done, sides = fitting.fit(trains, parameters.network, task, seeds)
     encoder = build(AfferentSpec, dict(trains.encoder), source="quantisation")
     chain = chain_of((encoder, done.network), length_ms=task.window.length_ms)._replace(rule=done.rule)
     ranges = formats.record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
     first = round(task.window.start_ms * 1e-3 * chain.clock_Hz)
     given = Given(done, chain, sides, ranges, task, skin.select(split.test), first)
-    measured = trained.measure(done, sides.test, trains.populations)["row"]
+    measured = measuring.measure(done, sides.test, trains.populations)["row"]
     columns = ("accuracy_test", "exit_accuracy", "exit_steps", "exit_sops_total")
     rows = [_row(parameters, chain.network, TRAINED, (FLOAT, FLOAT), {key: measured[key] for key in columns})]
     if parameters.fine_tune_epochs:
-        measured = trained.measure(_trained_on(parameters, given, {}), sides.test, trains.populations)["row"]
+        measured = measuring.measure(_trained_on(parameters, given, {}), sides.test, trains.populations)["row"]
         found = {key: measured[key] for key in columns}
         rows.append(_row(parameters, chain.network, TRAINED_ON, (FLOAT, FLOAT), found))
     return [*rows, *_whole_rows(parameters, given)]
@@ -186,7 +187,7 @@ def _trained_on(parameters: Parameters, given: Given, grids: dict[str, Grid]) ->
     training = fine_tuning.fine_tune(
         network, given.sides.train, given.sides.validation, grids, generator=order, epochs=parameters.fine_tune_epochs
     )
-    return trained.finished(network, training, given.sides, given.task)
+    return fitting.finished(network, training, given.sides, given.task)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:

@@ -14,7 +14,7 @@ import neurotact as nt
 from neurotact.data.readers.events import Events, EventSpec, to_trains
 from neurotact.errors import InputError
 from neurotact.figures.raster import painted_populations
-from neurotact.networks.trained import spikes_column
+from neurotact.networks.measuring import spikes_column
 
 N_TRIALS, N_CHANNELS = 6, 4
 DATA = Path(os.environ.get("NEUROTACT_DATA", "../shared/data"))

@@ -12,10 +12,10 @@ from neurotact import cli, spec
 from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks import search
+from neurotact.networks import search, search_journal
 from neurotact.networks.population import devices, trials
 from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.trained import Task
+from neurotact.networks.tasks import Task
 from neurotact.studies import preparation, study
 
 TINY = Path(__file__).parents[2] / "studies" / "tiny.toml"
@@ -56,7 +56,7 @@ def tuned(folder):
         with pytest.raises(SystemExit) as end:
             cli.main()
     assert end.value.code == 0
-    return out, [json.loads(line) for line in (out / search.JOURNAL).read_text().splitlines()]
+    return out, [json.loads(line) for line in (out / search_journal.JOURNAL).read_text().splitlines()]
 
 
 def problem_in(out) -> search.Problem:
@@ -67,7 +67,7 @@ def test_the_journal_is_that_of_a_search_on_the_cpu(folder, tuned, tmp_path):
     out, found = tuned
     problem = problem_in(out).model_copy(update={"device": "cpu"})
     search.search(problem, tmp_path, search.here(hdf5.load_spikes(folder / "spikes.h5"), problem.task))
-    wanted = [json.loads(line) for line in (tmp_path / search.JOURNAL).read_text().splitlines()]
+    wanted = [json.loads(line) for line in (tmp_path / search_journal.JOURNAL).read_text().splitlines()]
     assert {line["outcome"] for line in found} == {"finished", "failed"}
     for mine, theirs in zip(found, wanted, strict=True):
         assert mine["parameters"] == theirs["parameters"]
@@ -79,7 +79,7 @@ def test_the_journal_is_that_of_a_search_on_the_cpu(folder, tuned, tmp_path):
 
 def test_the_best_network_is_the_one_that_the_search_saw(tuned):
     out, _ = tuned
-    best = search.best_of(search.read_journal(out / search.JOURNAL))
+    best = search_journal.best_of(search_journal.read_journal(out / search_journal.JOURNAL))
     row = json.loads((out / "best" / "result.json").read_text())["row"]
     assert row["accuracy_validation"] == best.accuracy
     assert json.loads((out / "search.json").read_text())["device"] == "cuda"
@@ -91,12 +91,12 @@ def test_resumed_after_some_trials_the_journal_is_that_of_the_uninterrupted_sear
     """Though the rest of a batch is another population than the whole batch was."""
     out, _ = tuned
     (tmp_path / "search.json").write_bytes((out / "search.json").read_bytes())
-    lines = (out / search.JOURNAL).read_text().splitlines(keepends=True)
-    (tmp_path / search.JOURNAL).write_text("".join(lines[:kept]))
+    lines = (out / search_journal.JOURNAL).read_text().splitlines(keepends=True)
+    (tmp_path / search_journal.JOURNAL).write_text("".join(lines[:kept]))
     problem = problem_in(out)
     with trials.runner(problem, folder / "spikes.h5", 1, "cuda") as run:
         search.search(problem, tmp_path, run)
-    assert (tmp_path / search.JOURNAL).read_text() == "".join(lines)
+    assert (tmp_path / search_journal.JOURNAL).read_text() == "".join(lines)
 
 
 def test_a_batch_stops_where_the_median_says_so(folder, tuned):
@@ -111,7 +111,7 @@ def test_a_batch_stops_where_the_median_says_so(folder, tuned):
     job = search.Job(problem, search.Proposal(0, {"hidden": 4}), Impatient())  # pyright: ignore
     with trials.runner(problem, folder / "spikes.h5", 1, "cuda") as run:
         (trial,) = run([job])
-    assert (trial.outcome, len(trial.epochs)) == (search.STOPPED, 1)
+    assert (trial.outcome, len(trial.epochs)) == (search_journal.STOPPED, 1)
     assert trial.accuracy == trial.epochs[-1]
 
 

@@ -1,0 +1,149 @@
+"""From spike trains to a trained network: new weights, training, and the exit rule that validation windows choose."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.networks import exit_choice, recipe
+from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.kernels import Backend
+from neurotact.networks.rsnn import RSNN
+from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.tasks import ExitBy, Sides, Task, sides_of
+from neurotact.networks.training import Checkpoint, Examples, Training, train
+
+AT_ONCE = 256
+"""Windows that are simulated together."""
+
+
+class Trained(NamedTuple):
+    """A network, how its training went, and the exit rule that its validation trials chose."""
+
+    network: RSNN
+    training: Training
+    rule: ExitRule
+
+
+def fit(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    *,
+    device: str = "cpu",
+    backend: Backend = "auto",
+    progress=None,
+    split: Split | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
+) -> tuple[Trained, Sides]:
+    """Train a network; the two seeds (initial weights, order of trials) fix every number.
+
+    split: sides of trials in place of those that the task draws.
+    start, keep: where to go on, and what is called after each epoch with what `start` takes (see `training.train`).
+    Warns where no training window holds a spike: the network then learns nothing.
+    """
+    sides = sides_of(trains, task, split)
+    warn_of_silence(sides.train)
+    network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
+    network = network.to(device)
+    training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
+    return finished(network, training, sides, task), sides
+
+
+def warn_of_silence(training: Examples) -> None:
+    """Warn of training windows without a spike."""
+    if not training.spikes.any():
+        warnings.warn(
+            f"training: none of the {len(training.labels)} training windows holds a spike, so that nothing is "
+            "learned; raise the encoder's gains (neurotact calibrate) or move the window",
+            stacklevel=3,
+        )
+
+
+def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
+    """A network whose training is over, with the exit rule that its validation windows choose."""
+    known = sides.train if task.exit_choice == "steady" else None
+    rule = exit_rule(network, sides.validation, task.exit_tolerance, known, task.exit_by)
+    return Trained(network, training, rule)
+
+
+def new_network(
+    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, *, backend: Backend = "auto"
+) -> tuple[RSNN, torch.Generator]:
+    """An untrained network for the afferents and classes of some spike trains, and what draws the order of trials.
+
+    training: spikes of the training windows, from which a recipe chooses and on which weights are scaled.
+    """
+    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+    return begin(training, len(trains.classes), spec, trains.sampling_rate_Hz, weights, backend=backend), order
+
+
+def begin(
+    training: Tensor,
+    n_classes: int,
+    spec: RSNNSpec,
+    sampling_rate_Hz: float,
+    generator: torch.Generator,
+    *,
+    backend: Backend = "auto",
+) -> RSNN:
+    """An untrained network for training windows `(window, time, afferent)`, with what its recipe chooses for them."""
+    chosen = recipe.resolve(spec, recipe.Seen.of(training, sampling_rate_Hz))
+    network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
+    recipe.start(network, training, generator)
+    return network
+
+
+@torch.no_grad()
+def exit_rule(
+    network: RSNN,
+    validation: Examples,
+    tolerance: float,
+    training: Examples | None = None,
+    by: ExitBy = "stability",
+) -> ExitRule:
+    """Early exit that keeps the accuracy on validation windows within `tolerance`, with the least patience or margin.
+
+    training: windows that are judged beside those of validation, by `steady`; without them `least`.
+    by: what a window exits by.
+    """
+    integration = network.integration
+    margins = None
+    if by == "margin":
+        leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
+        margins = exit_choice.margins_up_to(max(leads), integration)
+    known = _right(network, validation, margins)
+    if training is None:
+        place = exit_choice.least(known, len(validation.labels), tolerance)
+    else:
+        more = _right(network, training, margins)
+        place = exit_choice.steady(known, len(validation.labels), more, len(training.labels), tolerance)
+    return exit_choice.patience_rule(place) if margins is None else exit_choice.margin_rule(margins, place)
+
+
+def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
+    """Windows that are right with each patience or margin."""
+    integration = network.integration
+    found = (
+        exit_choice.right_of(
+            exit_choice.exits(readout, integration=integration)
+            if margins is None
+            else exit_choice.margin_exits(readout, margins, integration),
+            labels,
+        )
+        for readout, labels in _readouts(network, examples)
+    )
+    return torch.stack([*found]).sum(dim=0).cpu()
+
+
+def _readouts(network: RSNN, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:
+    """Readout rasters and labels, a part of the windows at a time."""
+    device = network.w_in.device
+    for spikes, labels in zip(examples.spikes.split(AT_ONCE), examples.labels.split(AT_ONCE), strict=True):
+        yield network.simulate(spikes.to(device)).readout, labels.to(device)

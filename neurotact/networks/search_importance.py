@@ -1,0 +1,45 @@
+"""Which hyperparameters decide what a search found, by permutation in random forests."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from sklearn.ensemble import RandomForestRegressor
+from sklearn.inspection import permutation_importance
+
+FOREST_LEAST = 16
+"""Trials without which no importance is estimated."""
+
+
+class Importance(NamedTuple):
+    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: what is foreseen at all."""
+
+    drop: Mapping[str, float]
+    r2: float
+
+
+def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
+    """How much each key decides the value, by permutation in random forests; None for too few trials.
+
+    A forest fitted on every other trial foresees the rest, and the reverse; `drop` is the mean loss of R² over
+    both when a key's values are shuffled among the foreseen trials, `r2` what is foreseen of them at all.
+    """
+    told = table[table["value"].notna()]
+    varied = [key for key in keys if told[key].nunique() > 1]
+    if len(told) < FOREST_LEAST or not varied or told["value"].nunique() == 1:
+        return None
+    features = told[varied].apply(_as_number)
+    even = np.arange(len(told)) % 2 == 0
+    drops, scores = [], []
+    for fitted in (even, ~even):
+        forest = RandomForestRegressor(200, min_samples_leaf=2, random_state=0)
+        forest.fit(features[fitted], told["value"][fitted])
+        unseen = (features[~fitted], told["value"][~fitted])
+        drops.append(permutation_importance(forest, *unseen, n_repeats=10, random_state=0)["importances_mean"])
+        scores.append(forest.score(*unseen))
+    return Importance(dict(zip(varied, np.mean(drops, axis=0).tolist(), strict=True)), float(np.mean(scores)))
+
+
+def _as_number(column: pd.Series) -> pd.Series:
+    return column if pd.api.types.is_numeric_dtype(column) else pd.Series(pd.factorize(column)[0], column.index)

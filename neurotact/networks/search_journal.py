@@ -1,0 +1,108 @@
+"""The journal of a search: a line of JSON for each trial, which outlasts whatever interrupts the search."""
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from neurotact import files
+from neurotact.errors import InputError
+
+JOURNAL = "journal.jsonl"
+FINISHED, STOPPED, FAILED = "finished", "stopped", "failed"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A line of the journal.
+
+    epochs: validation accuracy after each epoch.
+    outcome: finished, stopped (by the assessor) or failed.
+    accuracy, sops: of the network that training kept, on validation windows; of the last epoch's when stopped.
+    value: what the tuner got.
+    """
+
+    __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    id: int
+    parameters: dict[str, Any]
+    epochs: list[float]
+    outcome: str
+    accuracy: float | None = None
+    sops: float | None = None
+    value: float | None = None
+    error: str | None = None
+
+    def line(self) -> str:
+        return json.dumps({k: v for k, v in asdict(self).items() if v is not None}, allow_nan=False) + "\n"
+
+
+_TRIAL = TypeAdapter(Trial)
+
+
+def read_journal(path: Path) -> list[Trial]:
+    """The trials of a journal; a last line that was torn is taken off the file, so that its trial runs again."""
+    if not path.is_file():
+        return []
+    lines = files.read_bytes(path).splitlines(keepends=True)
+    trials: list[Trial] = []
+    for number, line in enumerate(lines):
+        try:
+            trials.append(_parse(line, number))
+        except (ValueError, TypeError, RecursionError) as error:
+            if number + 1 < len(lines):
+                where = f"{path}: line {number + 1}"
+                raise InputError(f"{where} is damaged ({error}); cut the file off before it") from error
+            os.truncate(path, sum(map(len, lines[:-1])))
+    return trials
+
+
+def _parse(line: bytes, number: int) -> Trial:
+    """A line of the journal; ValueError or TypeError when it is not whole or not of trial `number`."""
+    if not line.endswith(b"\n"):
+        raise ValueError("it has no end")
+    try:
+        trial = _TRIAL.validate_json(line)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ValueError(": ".join([*map(str, first["loc"]), first["msg"]])) from error
+    if trial.id != number:
+        raise ValueError(f"it is of trial {trial.id}")
+    if trial.outcome not in (FINISHED, STOPPED, FAILED):
+        raise ValueError("its outcome is none")
+    if trial.outcome != FAILED and None in (trial.accuracy, trial.sops, trial.value):
+        raise ValueError("its accuracy, its SOPs or its value is missing")
+    if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
+        raise ValueError("an accuracy is not between 0 and 1")
+    ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs
+    if trial.outcome != FAILED and trial.accuracy not in ended:
+        raise ValueError("its accuracy is of none of its epochs")
+    return trial
+
+
+def best_of(trials: Sequence[Trial]) -> Trial:
+    """The finished trial of the largest value, the first of equal ones; InputError when none has finished."""
+    finished = [trial for trial in trials if trial.outcome == FINISHED]
+    if not finished:
+        why = next((f"; trial {t.id}: {t.error}" for t in trials if t.error), "")
+        raise InputError(f"search: none of {len(trials)} trials finished{why}; change the space or the training")
+    return max(finished, key=lambda trial: (value_of(trial), -trial.id))
+
+
+def note(trials: Sequence[Trial]) -> str:
+    """The best so far, in a few words."""
+    finished = [trial for trial in trials if trial.outcome == FINISHED]
+    if not finished:
+        return ""
+    best = best_of(finished)
+    return f"best {value_of(best):.4f} (trial {best.id}, validation accuracy {best.accuracy:.3f})"
+
+
+def value_of(trial: Trial) -> float:
+    """What the tuner got; InputError where there is none."""
+    if trial.value is None:
+        raise InputError(f"journal: trial {trial.id} has no value; cut the file off before its line")
+    return trial.value

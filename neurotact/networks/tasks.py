@@ -1,0 +1,120 @@
+"""What a network is trained and tested on: the windows of the trials on each side of a split."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, SplitSpec, split_conditions
+from neurotact.data.windows import Windows, WindowSpec
+from neurotact.errors import InputError
+from neurotact.networks import recipe
+from neurotact.networks.provenance import SIDES
+from neurotact.networks.training import Examples
+from neurotact.spec import Spec, build
+
+ExitBy = Literal["stability", "margin"]
+
+
+class Task(Spec):
+    """What a network is trained and tested on: which trials, which windows, which sides of the split."""
+
+    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice", "exit_by")
+    window: WindowSpec = WindowSpec()
+    split: SplitSpec = SplitSpec()
+    stratify: tuple[str, ...] = ()
+    subset: dict[str, Any] = {}
+    training_windows: int | None = Field(default=None, ge=1)
+    """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
+    exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
+    exit_choice: Literal["least", "steady"] = "least"
+    """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
+    from which on all are, on validation windows and on those and the training windows together."""
+    exit_by: ExitBy = "stability"
+    """stability: a window exits when its leader has stood for a patience. margin: when it leads by a margin, which is
+    chosen in place of the patience."""
+
+    @property
+    def training_window(self) -> WindowSpec:
+        """The windows of trials for training and validation."""
+        more = {} if self.training_windows is None else {"per_trial": self.training_windows}
+        return self.window.model_copy(update=more)
+
+
+def task_of(
+    source: str,
+    window: Mapping[str, Any],
+    split: Mapping[str, Any],
+    stratify: Sequence[str] | None,
+    exit_tolerance: float = 0.01,
+    exit_by: str = "stability",
+) -> Task:
+    """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
+
+    window, split: keys of `WindowSpec` and of `SplitSpec`.
+    """
+    table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
+    return build(Task, {**table, "exit_choice": "steady", "exit_by": exit_by}, source=source)
+
+
+class Sides(NamedTuple):
+    """Windows for training, validation and test."""
+
+    train: Examples
+    validation: Examples
+    test: Examples
+
+
+def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sides:
+    """The windows of each side of the split, within the trials that the task's subset selects.
+
+    split: sides of trials in place of those that the task draws.
+    """
+    sides = trials_of(trains, task, split)
+    windows = task.training_window, task.training_window, task.window
+    return Sides(*(examples_of(trains, *each)[0] for each in zip(sides, windows, strict=True)))
+
+
+def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
+    """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`.
+
+    Raises InputError where the training trials hold less than two classes: there is nothing to tell apart.
+    """
+    inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
+    split = split or split_conditions(trains.conditions, task.stratify, task.split)
+    sides = Split(*(np.intersect1d(side, inside) for side in split))
+    empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
+    if empty:
+        raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
+    names = trains.classes  # gathered from all trials at every call
+    known = [names[label] for label in np.unique(trains.labels[sides.train])]
+    if len(known) < 2:
+        raise InputError(
+            f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"
+        )
+    return sides
+
+
+def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
+    """The windows of some trials, which keep the classes of all; the windows name trials of `trains`."""
+    windows = trains.cut(window, trials)
+    labels = torch.from_numpy(trains.labels[windows.trial])
+    return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
+
+
+def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
+    """What a recipe looks at of the training windows."""
+    training, _ = examples_of(trains, trials_of(trains, task).train, task.training_window)
+    return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
+
+
+def warn_of_onsets(trains: SpikeTrains, window: WindowSpec) -> None:
+    """Warn where windows were to start at the onset of contact and some do not."""
+    complaint = trains.onset_complaint(window)
+    if complaint:
+        warnings.warn(complaint, stacklevel=3)
