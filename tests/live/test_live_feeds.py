@@ -160,3 +160,8 @@ def test_a_device_is_read_and_the_page_says_what_it_touches(tmp_path):
         session.do(messages.Label(kind="label", label="silk"))
     with pytest.raises(InputError, match="has a rate of its own"):
         session.do(messages.Speed(kind="speed", speed=2.0))
+
+
+def test_a_touch_that_takes_too_much_memory_is_refused():
+    with pytest.raises(InputError, match="more than the limit"):
+        ByHand("gratings", simulator("gratings"), {"duration_s": 1e9}, 1.0)

@@ -179,8 +179,7 @@ def simulate(spec: GratingsSpec, progress: Callable[[int, int], None] | None = N
     >>> touch.signals.shape, touch.unit, touch.classes
     ((4, 2500, 8), 'mV', ('P0.5', 'P4.0'))
     """
-    check_room(spec.n_trials, spec.n_samples, len(spec.taxel_gains))
-    check_room(1, _settling_samples(spec), len(spec.taxel_gains))
+    _check_room(spec, spec.n_trials)
     conditions = _conditions(spec)
     signals = np.empty((len(conditions), spec.n_samples, len(spec.taxel_gains)), np.float32)
     rows = conditions[["pitch_mm", "force_N", "speed_mm_per_s", START, "trial"]].itertuples(index=False, name=None)
@@ -235,6 +234,12 @@ def draw_slide(
         repeated_mm if start == REPEATED else anywhere_mm,
         np.array(spec.taxel_gains) * (1.0 + spec.jitter_gain * np.array(gains)),
     )
+
+
+def _check_room(spec: GratingsSpec, n_trials: int) -> None:
+    """InputError where so many slides, or one with what comes before it, take more memory than one input may."""
+    check_room(n_trials, spec.n_samples, len(spec.taxel_gains))
+    check_room(1, _settling_samples(spec), len(spec.taxel_gains))
 
 
 def record(spec: GratingsSpec, slide: Slide, rng: np.random.Generator) -> np.ndarray:
@@ -386,6 +391,7 @@ def slide_by_hand(spec: GratingsSpec, values: Mapping[str, Any], number: int) ->
     """
     pitch_mm = {_label(pitch): pitch for pitch in spec.pitches_mm}[values["grating"]]
     start = RANDOM if spec.start == "both" else spec.start
+    _check_room(spec, 1)
     place = (pitch_mm, values["force_N"], values["speed_mm_per_s"], start)
     rng = trial_generator(spec, *place, FIRST_BY_HAND + number)
     signal = record(spec, draw_slide(spec, *place, rng), rng)
