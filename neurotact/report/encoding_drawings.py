@@ -12,7 +12,7 @@ from neurotact.figures import encoding as encoding_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
-from neurotact.studies.preparation import TOUCH
+from neurotact.studies.firing import TOUCH
 from neurotact.studies.study import StudySpec
 from neurotact.tables import natural
 

@@ -22,7 +22,7 @@ from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_
 from neurotact.spec import to_toml
 from neurotact.studies import selection
 from neurotact.studies import study as studies
-from neurotact.studies.preparation import read_encoding
+from neurotact.studies.firing import read_encoding
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, swept_columns

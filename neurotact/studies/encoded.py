@@ -17,7 +17,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.files import scratch, write_json
 from neurotact.metrics import isi_distributions, spike_trains
 from neurotact.metrics.spike_trains import Events
-from neurotact.studies.preparation import touch_spikes
+from neurotact.studies.firing import touch_spikes
 from neurotact.studies.study import Cell
 from neurotact.tables import read_table, write_table
 

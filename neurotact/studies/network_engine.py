@@ -8,7 +8,7 @@ import pandas as pd
 from neurotact.data.hdf5 import load_spikes
 from neurotact.studies import cell, encoded, preparation, selection, study
 from neurotact.studies.engine import Engine
-from neurotact.studies.preparation import read_encoding
+from neurotact.studies.firing import read_encoding
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SOURCE, Cell, StudySpec, swept_columns, value_at
 from neurotact.workers import in_a_process

@@ -16,7 +16,7 @@ from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Epoch, Training
 from neurotact.studies import manifest, network_engine, runner, study
-from neurotact.studies.preparation import encoding_table
+from neurotact.studies.firing import encoding_table
 from neurotact.studies.store import TIMING, cell_folder, seal
 from neurotact.studies.study import Cell, StudySpec
 

@@ -15,7 +15,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import isis_ms
 from neurotact.studies import cell as cells
-from neurotact.studies import preparation, study
+from neurotact.studies import firing, preparation, study
 from neurotact.studies.study import Cell
 
 TINY = Path(__file__).parent / "tiny-encoder.toml"
@@ -54,7 +54,7 @@ def test_no_interval_is_shorter_than_the_refractory_period_and_a_step(encoded):
 def test_the_distributions_count_every_interval_once(encoded):
     for cell, trains, row, table in encoded:
         keep = trains.select(trains.conditions["force_N"].isin([12.0] if cell.dataset == "12 N" else [3.0, 12.0]))
-        found = isis_ms(preparation.touch_spikes(keep, cell.window.start_ms), trains.sampling_rate_Hz)
+        found = isis_ms(firing.touch_spikes(keep, cell.window.start_ms), trains.sampling_rate_Hz)
         is_sa = keep.is_sa[found.afferent]
         for name, kind, mine in (("SA-I", "sa", is_sa), ("RA-I", "ra", ~is_sa)):
             rows = table[table["population"] == name]

@@ -15,7 +15,8 @@ from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.studies import preparation, study
-from neurotact.studies.preparation import baseline_table, encoding_table, linear_features
+from neurotact.studies.firing import encoding_table
+from neurotact.studies.preparation import baseline_table, linear_features
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 

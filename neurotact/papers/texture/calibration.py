@@ -28,11 +28,11 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.encoding import Classes, draw_isis, draw_rasters, draw_rates, draw_spike_counts
 from neurotact.figures.style import INK, PALE, RA, SA, add_legend, new_figure, printed, save
-from neurotact.metrics import spike_trains
 from neurotact.papers.signal_facts import Fact, keep, tell
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import counting, say, track
 from neurotact.spec import build, load, parse_assignments
+from neurotact.studies.firing import firing_of, touch_spikes
 from neurotact.tables import write_table
 
 PAIRS_ms = ((1, 1), (1, 5), (5, 5), (1, 10), (5, 10), (10, 10))
@@ -129,24 +129,9 @@ def mean_spectrum(signals: np.ndarray, rate_Hz: float) -> tuple[np.ndarray, np.n
 
 def firing_table(trains: SpikeTrains) -> pd.DataFrame:
     """Spikes a second of each population (all taxels together) and mean ISI, for each grating and condition."""
-    rate_Hz = trains.sampling_rate_Hz
-    start = round(SETTLED_s * rate_Hz)
-    felt = spike_trains.events(
-        [steps[steps >= start] - start for steps in trains.steps],
-        [units[steps >= start] for steps, units in zip(trains.steps, trains.units, strict=True)],
-        trains.trial_steps - start,
-        len(trains.afferents),
-    )
-    rates, isis = spike_trains.rates_Hz(felt, rate_Hz), spike_trains.isis_ms(felt, rate_Hz)
-    rows = []
-    for key, group in trains.conditions.groupby([LABEL, "grating", *PAIR_CONDITIONS]):
-        row = dict(zip([LABEL, "grating", *PAIR_CONDITIONS], key, strict=True))
-        for kind, is_kind in (("sa", trains.is_sa), ("ra", ~trains.is_sa)):
-            these = isis.isi_ms[np.isin(isis.trial, group.index) & is_kind[isis.afferent]]
-            row[f"spikes_{kind}_per_s"] = rates[group.index][:, is_kind].sum(axis=1).mean()
-            row[f"isi_{kind}_ms"] = these.mean() if len(these) else float("nan")
-        rows.append(row)
-    return pd.DataFrame(rows)
+    columns = [LABEL, "grating", *PAIR_CONDITIONS]
+    found = firing_of(trains, touch_spikes(trains, 1e3 * SETTLED_s), np.arange(len(trains)), columns)
+    return found.drop(columns="sa_share").sort_values(columns, ignore_index=True)
 
 
 def signal_facts(signals: pd.DataFrame) -> list[Fact]:
