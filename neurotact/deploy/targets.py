@@ -110,7 +110,7 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
 
 def _spinnaker(asked: Asked) -> Iterator[Finding]:
     network, spec = asked.network, asked.network.spec
-    weights = sum(w.numel() for w in (network.w_in, network.w_rec, network.w_out) if w is not None)
+    weights = sum(weights.numel() for weights in network.weights)
     n_bytes = 4 * weights + 16 * (spec.hidden + network.n_classes) + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
     encoder = asked.encoder or {}

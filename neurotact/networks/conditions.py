@@ -8,7 +8,7 @@ import pandas as pd
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
-from neurotact.networks.measuring import spikes_column, synops_of
+from neurotact.networks.measuring import means
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.tasks import Task, examples_of
 from neurotact.tables import records
@@ -30,16 +30,12 @@ def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[st
         for is_known in sorted(set(known[trials].tolist())):
             examples, _ = examples_of(trains, trials[known[trials] == is_known], task.window)
             inference = network.infer(examples.spikes.to(network.w_in.device))
-            cost = synops_of(inference, network)
-            sent = examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
             rows.append(
                 {
                     **dict(zip(task.stratify, values, strict=True)),
                     "known": is_known,
                     "n_test": len(examples.labels),
-                    "accuracy_test": float((inference.labels.cpu() == examples.labels).double().mean()),
-                    **{f"sops_{name}": float(each.mean()) for name, each in cost._asdict().items()},
-                    **{spikes_column(name): float(sent[its].sum()) for name, its in trains.populations.items()},
+                    **means(inference, network, examples, trains.populations),
                 }
             )
     return records(pd.DataFrame(rows))

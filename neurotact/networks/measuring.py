@@ -26,14 +26,10 @@ def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarr
     network = trained.network
     spikes = test.spikes.to(network.w_in.device)
     full, early = network.infer(spikes), network.infer(spikes, trained.rule)
-    cost, exit_cost = synops_of(full, network), synops_of(early, network)
-    sent = test.spikes.sum(dim=(0, 1)).numpy() / len(test.labels)
-    steps = early.steps.double()
+    exit_cost, steps = synops_of(early, network), early.steps.double()
     row = {
         "accuracy_validation": trained.training.best.validation_accuracy,
-        "accuracy_test": accuracy_of(full, test),
-        **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
-        **{spikes_column(name): float(sent[its].sum()) for name, its in populations.items()},
+        **means(full, network, test, populations),
         "exit_steps": float(steps.mean()),
         "exit_accuracy": accuracy_of(early, test),
         "exit_sops_total": float(exit_cost.total.mean()),
@@ -47,6 +43,18 @@ def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarr
     }
     matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
     return {"row": row, "confusion": matrix.tolist()}
+
+
+def means(
+    inference: Inference, network: RSNN, examples: Examples, populations: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """Accuracy, SOPs and spikes of each population, means over windows that were decided."""
+    cost, sent = synops_of(inference, network), examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
+    return {
+        "accuracy_test": accuracy_of(inference, examples),
+        **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
+        **{spikes_column(name): float(sent[its].sum()) for name, its in populations.items()},
+    }
 
 
 def spikes_column(population: str) -> str:

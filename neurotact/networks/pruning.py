@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from neurotact.errors import InputError
 from neurotact.metrics import synops
@@ -24,26 +24,21 @@ def prune(network: RSNN, share: float) -> None:
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
-    >>> [int((weights == 0).sum()) for weights in weights_of(net)]
+    >>> [int((weights == 0).sum()) for weights in net.weights]
     [6, 12, 6]
     """
     if not 0 <= share <= 1:
         raise InputError(f"share: is a share of the weights, from 0 to 1; got {share}")
-    for weights in weights_of(network):
+    for weights in network.weights:
         smallest = weights.abs().flatten().argsort(stable=True)
         weights.view(-1)[smallest[: round(share * weights.numel())]] = 0.0
-
-
-def weights_of(network: RSNN) -> list[nn.Parameter]:
-    """The weight matrices: into, among and out of the hidden neurons."""
-    return [weights for weights in (network.w_in, network.w_rec, network.w_out) if weights is not None]
 
 
 @contextmanager
 def pruned_stay_pruned(network: RSNN) -> Iterator[None]:
     """Within it weights that are 0 have no gradient, so that an optimiser that begins here leaves them at 0."""
     handles: list[Any] = []
-    for weights in weights_of(network):
+    for weights in network.weights:
         remains = weights.detach() != 0
         handles.append(weights.register_hook(lambda gradient, remains=remains: gradient * remains))
     try:
@@ -68,6 +63,6 @@ def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
     device = network.w_in.device
     hidden = torch.cat([network(part.to(device)).hidden for part in spikes.split(BATCH)])
     sent = spikes.sum(dim=1, dtype=torch.int64)
-    fans = [weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in weights_of(network)]
+    fans = [weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in network.weights]
     among = fans[1] if network.w_rec is not None else 0 * fans[-1]
     return synops.of_fans(sent.cpu().numpy(), hidden.round().long().cpu().numpy(), fans[0], among, fans[-1])

@@ -127,12 +127,17 @@ class RSNN(nn.Module):
 
     def __repr__(self) -> str:
         kind = "recurrent" if self.spec.recurrent else "feed-forward"
-        n_weights = sum(w.numel() for w in (self.w_in, self.w_rec, self.w_out) if w is not None)
+        n_weights = sum(weights.numel() for weights in self.weights)
         return (
             f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
             f"clock {self.sampling_rate_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
             f"tau_syn {self.spec.tau_syn_ms:g} ms, {n_weights:,} weights)"
         )
+
+    @property
+    def weights(self) -> list[nn.Parameter]:
+        """The weight matrices: into, among and out of the hidden neurons."""
+        return [weights for weights in (self.w_in, self.w_rec, self.w_out) if weights is not None]
 
     @property
     def n_inputs(self) -> int:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.networks import measuring
-from neurotact.networks.pruning import prune, pruned_stay_pruned, remaining_synops, weights_of
+from neurotact.networks.pruning import prune, pruned_stay_pruned, remaining_synops
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.training import Examples, train
@@ -30,9 +30,9 @@ def windows(n_windows=6, n_steps=25, seed=0) -> torch.Tensor:
 @given(st.floats(0, 1), models, st.integers(0, 5))
 def test_the_smallest_weights_go_and_the_others_stay(share, model, seed):
     net = network(model, seed=seed)
-    before = [weights.detach().clone() for weights in weights_of(net)]
+    before = [weights.detach().clone() for weights in net.weights]
     prune(net, share)
-    for was, now in zip(before, weights_of(net), strict=True):
+    for was, now in zip(before, net.weights, strict=True):
         gone = now == 0
         assert int(gone.sum()) == round(share * was.numel())
         assert torch.equal(now[~gone], was[~gone])
@@ -60,7 +60,7 @@ def test_remaining_operations_are_those_counted_one_by_one(model, readout, share
     prune(net, share)
     hidden = net.simulate(spikes).hidden
     total = torch.zeros(len(spikes))
-    for sent, weights in zip([spikes, *[hidden] * (len(weights_of(net)) - 1)], weights_of(net), strict=True):
+    for sent, weights in zip([spikes, *[hidden] * (len(net.weights) - 1)], net.weights, strict=True):
         for neuron in range(weights.shape[0]):
             total += sent[:, :, neuron].sum(dim=1) * int((weights[neuron] != 0).sum())
     assert remaining_synops(net, spikes).total.tolist() == total.tolist()
@@ -71,17 +71,17 @@ def test_pruned_weights_stay_pruned_in_training_and_the_others_learn():
     for held in (True, False):
         net = network(readout="integrator", batch=4, learning_rate=0.05)
         prune(net, 0.5)
-        gone = [weights == 0 for weights in weights_of(net)]
-        before = [weights.detach().clone() for weights in weights_of(net)]
+        gone = [weights == 0 for weights in net.weights]
+        before = [weights.detach().clone() for weights in net.weights]
         generator = torch.Generator().manual_seed(1)
         if held:
             with pruned_stay_pruned(net):
                 train(net, examples, examples, generator=generator)
         else:
             train(net, examples, examples, generator=generator)
-        stayed = [bool((weights[zero] == 0).all()) for weights, zero in zip(weights_of(net), gone, strict=True)]
+        stayed = [bool((weights[zero] == 0).all()) for weights, zero in zip(net.weights, gone, strict=True)]
         assert stayed == [held] * 3
-        assert all(not torch.equal(was, now) for was, now in zip(before, weights_of(net), strict=True))
+        assert all(not torch.equal(was, now) for was, now in zip(before, net.weights, strict=True))
 
 
 def test_weights_learn_again_afterwards():

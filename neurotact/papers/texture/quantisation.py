@@ -303,7 +303,7 @@ def _row(
     parameters: Parameters, network: RSNN, method: str, bits: tuple[int, int], measured: dict[str, float]
 ) -> dict[str, Any]:
     """bits: of weights and of states."""
-    n_weights = sum(w.numel() for w in (network.w_in, network.w_rec, network.w_out) if w is not None)
+    n_weights = sum(weights.numel() for weights in network.weights)
     n_states = 2 * (network.spec.hidden + network.n_classes)
     ra1, sa1 = parameters.t_ref_ms
     weight_bytes, state_bytes = (math.ceil(n * each / 8) for n, each in zip((n_weights, n_states), bits, strict=True))
