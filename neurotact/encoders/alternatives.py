@@ -17,7 +17,7 @@ BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
 Polarity = Literal["rising", "falling", "both"]
 POLARITIES: tuple[Polarity, ...] = ("rising", "falling", "both")
 """What SA-I feels of the signal: its rise above the baseline, its fall below, or both (rectified)."""
-COMPARED = dict.fromkeys(
+COMPARED: dict[str, str] = dict.fromkeys(
     ("conditioning.baseline", "conditioning.rectify"),
     "--compare tries all of them, so that a given value would be ignored; leave one of both out",
 )
