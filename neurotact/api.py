@@ -331,15 +331,18 @@ def fine_tune(
 def tune(
     spikes: str | Path,
     folder: str | Path,
-    space: str | Mapping[str, Any] = "texture",
+    space: str | Path | Mapping[str, Any] = "texture",
     network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
     trials: int = 100,
     seed: int = 0,
     objective: str = "accuracy",
+    sops_weight: float = 0.1,
     max_sops: float | None = None,
     tuner: str = "tpe",
+    assessor: str = "median-stop",
+    start_epoch: int = 10,
     length_ms: float = 150.0,
     start_ms: float = 0.0,
     hop_ms: float | None = None,
@@ -349,6 +352,7 @@ def tune(
     stratify: Sequence[str] = (),
     split_seed: int = 0,
     split: Settings | None = None,
+    exit_tolerance: float = 0.01,
     exit_by: str = "stability",
     workers: int = 2,
     batch: int = 8,
@@ -357,23 +361,29 @@ def tune(
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
     space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
-    objective: "accuracy", or "accuracy-sops". max_sops: a budget, the SOPs per window that the best network may take on
-    average. The journal, tables, figure, `best.toml` and the best network are
-    saved in `folder`; given the same folder again, the search goes on there. Windows, split, exit_by: as for `train`.
-    batch: trials proposed at once. device: "cuda" trains each batch at once on one GPU, in place of `workers`
-    processes.
+    objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` log10(SOPs). max_sops: budget of the
+    best network, in mean SOPs per window.
+    tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
+    on; "none" trains all to the end.
+    batch: trials that are proposed together. device: "cuda" trains each batch at once on one GPU, in place of `workers`
+    processes. Windows, split, exit_tolerance and exit_by: as for `train`.
+    The journal, tables, figure, `best.toml` and the best network are saved in `folder`; given the same folder again,
+    the search continues there.
     """
     place = Path(folder)
     spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = tasks.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_by=exit_by)
+    task = tasks.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
     table = {
-        "space": tuning.load_space(space) if isinstance(space, str) else space,
+        "space": tuning.load_space(space) if isinstance(space, (str, Path)) else space,
         "trials": trials,
         "seed": seed,
         "objective": objective,
+        "sops_weight": sops_weight,
         "max_sops": max_sops,
         "tuner": tuner,
+        "assessor": assessor,
+        "start_epoch": start_epoch,
         "batch": batch,
     }
     asked = spec.build(tuning.SearchSpec, table, source="tune")

@@ -14,6 +14,8 @@ import torch
 
 import neurotact as nt
 from neurotact import cli
+from neurotact.cli import deploy, networks, studies
+from neurotact.cli.options import split_table
 from neurotact.errors import InputError
 from neurotact.spec import to_toml
 
@@ -101,6 +103,31 @@ def test_the_command_line_prints_as_json_what_train_returns(saved, tmp_path):
         [sys.executable, "-m", "neurotact", *command, "-o", str(tmp_path / "theirs")], check=True, capture_output=True
     )
     assert json.loads(done.stdout) == [row]
+
+
+RENAMED = {"out": "folder", "set_": "settings", "window_ms": "length_ms", "tolerance": "exit_tolerance"}
+GROUPED = {*inspect.signature(split_table).parameters} - {"seed"} | {"rest_ms", "onset_deviations"}
+"""Options that Python takes together, as `split` and `onset`."""
+
+
+@pytest.mark.parametrize(
+    ("command", "call", "own"),
+    [
+        (networks.train_command, nt.train, {"as_json", "repeats"}),
+        (networks.tune, nt.tune, {"as_json"}),
+        (networks.infer, nt.infer, {"as_json", "out", "force"}),
+        (deploy.fine_tune, nt.fine_tune, {"as_json"}),
+        (studies.study_run, nt.run_study, {"as_json", "repeats", "window_ms"}),
+    ],
+)
+def test_an_option_has_the_default_of_its_argument(command, call, own):
+    """`own`: what the command line has alone, such as how it prints."""
+    options, arguments = inspect.signature(command).parameters, inspect.signature(call).parameters
+    for name, option in options.items():
+        if name not in own | GROUPED:
+            argument = arguments[RENAMED.get(name, name)]
+            nothing = name in ("stratify", "workers")  # absent on the command line, () or 2 in Python
+            assert argument.default == option.default or (nothing and option.default is None), name
 
 
 def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):

@@ -814,7 +814,7 @@ def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
         (("--window-ms", -5), ("window.length_ms: must be > 0; got -5",)),
         (("--start-ms", 290), ("lasts 0.300 s, less than the 0.440 s of start_ms + length_ms",)),
         (("--per-trial", 0), ("window.per_trial: must be >= 1; got 0",)),
-        (("--tolerance", -1), ("exit_tolerance: must be >= 0; got -1",)),
+        (("--exit-tolerance", -1), ("exit_tolerance: must be >= 0; got -1",)),
         (("--tolerance", "nan"), ("exit_tolerance: must be a finite number",)),
         (("--exit-by", "luck"), ("exit_by: must be 'stability' or 'margin'; got 'luck'",)),
         (("--set", "readout=count", "--set", "readout_tau_ms=0"), ("readout_tau_ms: must be > 0",)),

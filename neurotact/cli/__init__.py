@@ -41,7 +41,9 @@ COMMANDS = {
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
     "infer": Place("networks", "infer", "Classify every window with a trained network, and count what it cost."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
-    "fine-tune": Place("deploy", "fine_tune", "Train a network on with rounded weights, for an export with few bits."),
+    "fine-tune": Place(
+        "deploy", "fine_tune", "Continue the training of a network with rounded weights, for an export with few bits."
+    ),
     "stream": Place("deploy", "stream", "Decide as samples come, from a pipe, a device or a file."),
     "live": Place("live", "live", "Show a running chain on a local page: touch, spikes, decision; sliders change it."),
     "export": Place(

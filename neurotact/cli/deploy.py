@@ -24,35 +24,49 @@ from neurotact.networks import train_run, trained
 from neurotact.networks.outcome import summary_of
 from neurotact.progress import say
 
-WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
+WindowMs = Annotated[
+    float | None, typer.Option("--window-ms", help="Length of a window; that of training when absent.")
+]
 StartMs = Annotated[
-    float | None, typer.Option("--start-ms", help="Skipped at the beginning; as in training when absent.")
+    float | None, typer.Option("--start-ms", help="Start of the first window; that of training when absent.")
 ]
 Contact = Annotated[
-    bool, typer.Option("--contact", help="A window starts at the first spike after --quiet-ms without.")
+    bool, typer.Option("--contact", help="Start a window at the first spike after --quiet-ms without spikes.")
 ]
-QuietMs = Annotated[float, typer.Option("--quiet-ms", min=0, help="Silence before a contact.")]
+QuietMs = Annotated[
+    float, typer.Option("--quiet-ms", min=0, help="With --contact: time without spikes before a window can start.")
+]
 FullWindow = Annotated[
-    bool, typer.Option("--full-window", help="Decide at the end of a window, not as soon as possible.")
+    bool, typer.Option("--full-window", help="Decide at the end of each window, without early exit.")
 ]
 StateBits = Annotated[
-    int | None, typer.Option("--state-bits", help="8 to 16, or 24; 16, or 24 for slow networks, when absent.")
+    int | None,
+    typer.Option("--state-bits", help="Bits of a state in the integer variant: 8 to 16, or 24; chosen when absent."),
 ]
 RateHz = Annotated[
-    float | None, typer.Option("--sampling-rate-Hz", min=1e-3, help="Of the samples, where the encoder resamples.")
+    float | None,
+    typer.Option("--sampling-rate-Hz", min=1e-3, help="Sampling rate of the input, needed if the encoder resamples."),
 ]
-Format = Annotated[str, typer.Option("--format", help="Of what is no .h5: csv, float32 or int16.")]
-Baud = Annotated[int, typer.Option(min=1, max=100_000_000, help="Of a serial port.")]
-Unit = Annotated[str | None, typer.Option(help="Of the samples; the encoder's own when absent.")]
+Format = Annotated[str, typer.Option("--format", help="Format of input other than .h5: csv, float32 or int16.")]
+Baud = Annotated[int, typer.Option(min=1, max=100_000_000, help="Baud rate of a serial port.")]
+Unit = Annotated[str | None, typer.Option(help="Unit of the input; that of the encoder when absent.")]
 TimeColumn = Annotated[
-    str | None, typer.Option("--time-column", help="The first column is the time, in s or ms: lost rows are found.")
+    str | None,
+    typer.Option(
+        "--time-column", help="Unit of a time stamp in the first column, s or ms; missing rows are then detected."
+    ),
 ]
-Lsb = Annotated[float, typer.Option(min=1e-30, help="Of int16: a sample is zero + lsb x.")]
-Zero = Annotated[float, typer.Option(help="Of int16: a sample is zero + lsb x.")]
+Lsb = Annotated[float, typer.Option(min=1e-30, help="With --format int16: signal per digit; signal = zero + lsb * x.")]
+Zero = Annotated[float, typer.Option(help="With --format int16: the signal at digit 0.")]
 HoldMs = Annotated[
-    float, typer.Option("--hold-ms", min=0, help="For so long a missing value repeats the last; then it is a gap.")
+    float,
+    typer.Option(
+        "--hold-ms", min=0, help="A missing value repeats the last one for this long at most; longer is a gap."
+    ),
 ]
-StallS = Annotated[float, typer.Option("--stall-s", min=1e-3, help="Silence of a pipe that counts as a gap.")]
+StallS = Annotated[
+    float, typer.Option("--stall-s", min=1e-3, help="A pipe without input for this long counts as a gap.")
+]
 
 
 def stream(
@@ -62,7 +76,7 @@ def stream(
     ] = "-",
     format_: Format = "csv",
     baud: Baud = sources.DEFAULT_BAUD,
-    rate: Annotated[str, typer.Option(help="real: replay a file at its own rate; or fast.")] = "fast",
+    rate: Annotated[str, typer.Option(help="Replay a file at its own rate (real) or at full speed (fast).")] = "fast",
     sampling_rate_Hz: RateHz = None,
     unit: Unit = None,
     time_column: TimeColumn = None,
@@ -140,14 +154,16 @@ def _line(decision: Decision, *, as_json: bool) -> str:
 def fine_tune(
     run: RunFolder,
     out: OutFolder,
-    weight_bits: Annotated[int, typer.Option("--weight-bits", help="Of the integer variant in C: 2 to 8.")] = 8,
+    weight_bits: Annotated[
+        int, typer.Option("--weight-bits", help="Bits of a weight in the integer variant of C: 2 to 8.")
+    ] = 8,
     state_bits: StateBits = None,
-    epochs: Annotated[int, typer.Option(min=0, help="Of training; 0: rounding alone.")] = fine_tuning.EPOCHS,
+    epochs: Annotated[int, typer.Option(min=0, help="Epochs of training; 0 only rounds.")] = fine_tuning.EPOCHS,
     seed: Annotated[int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the order of windows.")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Train a network on with rounded weights, for an export with few bits.
+    """Continue the training of a network with rounded weights, for an export with few bits.
 
     The rounded network is a run of its own; neurotact export --to c writes it with these bits. Of the epochs, and of
     rounding alone, the one that is best on validation windows is saved.
@@ -172,17 +188,26 @@ def fine_tune(
 
 def export_command(
     run: RunFolder,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="The folder to write (nir: the file).")] = None,
-    to: Annotated[str | None, typer.Option("--to", help="c, or nir.")] = None,
-    variant: Annotated[str, typer.Option(help="Of C: integer (8-bit weights) or float.")] = "integer",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The folder to write; with --to nir, the file.")
+    ] = None,
+    to: Annotated[str | None, typer.Option("--to", help="Target: c or nir.")] = None,
+    variant: Annotated[str, typer.Option(help="With --to c: integer or float arithmetic.")] = "integer",
     weight_bits: Annotated[
         int | None,
-        typer.Option("--weight-bits", help="Of the integer variant: 2 to 8; when absent 8, or those of fine-tune."),
+        typer.Option(
+            "--weight-bits",
+            help="Bits of a weight in the integer variant: 2 to 8; those of fine-tune, else 8, when absent.",
+        ),
     ] = None,
     state_bits: StateBits = None,
-    lsb: Annotated[float | None, typer.Option(help="Of a 16-bit sample; from the recorded range when absent.")] = None,
-    recordings: Annotated[Path | None, typer.Option(help="That the run was trained on, when they moved since.")] = None,
-    name: Annotated[str, typer.Option(help="Prefix of every name in C.")] = "touch",
+    lsb: Annotated[
+        float | None, typer.Option(help="Signal per digit of a 16-bit sample; from the recorded range when absent.")
+    ] = None,
+    recordings: Annotated[
+        Path | None, typer.Option(help="The recordings that the run was trained on, if they were moved.")
+    ] = None,
+    name: Annotated[str, typer.Option(help="Prefix of all names in C.")] = "touch",
     sampling_rate_Hz: RateHz = None,
     window_ms: WindowMs = None,
     start_ms: StartMs = None,
@@ -192,19 +217,27 @@ def export_command(
     full_window: FullWindow = False,
     prove: Annotated[
         int,
-        typer.Option(min=0, help="Compile, run and compare with the twin on so many test trials, here and emulated."),
+        typer.Option(
+            min=0, help="Compile the export, run it here and in QEMU, and compare this many test trials spike by spike."
+        ),
     ] = 0,
     plain: Annotated[
-        bool, typer.Option("--plain", help="Of NIR: CubaLIF and Linear alone, as snnTorch and Norse load.")
+        bool,
+        typer.Option("--plain", help="With --to nir: only CubaLIF and Linear nodes, which snnTorch and Norse load."),
     ] = False,
     lower_refractory: Annotated[
-        bool, typer.Option("--lower-refractory", help="Of NIR: refractory periods as nodes.")
+        bool, typer.Option("--lower-refractory", help="With --to nir: express refractory periods as nodes.")
     ] = False,
-    network_only: Annotated[bool, typer.Option("--network-only", help="Of NIR: without the afferents.")] = False,
+    network_only: Annotated[
+        bool, typer.Option("--network-only", help="With --to nir: leave out the afferents.")
+    ] = False,
     dt_s: Annotated[
-        float | None, typer.Option("--dt-s", help="Of NIR: seconds a step; 1 / clock when absent, snnTorch has 1e-4.")
+        float | None,
+        typer.Option("--dt-s", help="With --to nir: seconds per step; 1 / clock when absent, 1e-4 for snnTorch."),
     ] = None,
-    check: Annotated[str | None, typer.Option(help="xyloaudio2, loihi2 or spinnaker2: what stands in the way.")] = None,
+    check: Annotated[
+        str | None, typer.Option(help="List what this chip cannot run: xyloaudio2, loihi2 or spinnaker2.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a trained chain as C or NIR, or check it against a chip's limits.

@@ -60,10 +60,15 @@ def calibrate(
     folds: Folds = None,
     fold: Fold = 0,
     compare: Annotated[
-        bool, typer.Option("--compare", help="Compare baselines and polarities first, and take the best causal one.")
+        bool, typer.Option("--compare", help="Compare baselines and polarities first and use the best causal one.")
     ] = False,
     rest_ms: Annotated[
-        float, typer.Option("--rest-ms", min=1, help="The first stretch of trials, in which afferents should rest.")
+        float,
+        typer.Option(
+            "--rest-ms",
+            min=1,
+            help="Length of the rest at the start of each trial, in which afferents should be silent.",
+        ),
     ] = resting.REST_MS,
     figure: Annotated[Path | None, typer.Option(help="Also draw how the gains were chosen (.png, .svg, .pdf).")] = None,
     force: Force = False,
@@ -128,9 +133,13 @@ def raster(
     spikes: Spikes,
     out: OutFile,
     trial: Annotated[int, typer.Option(min=0, help="Which trial to draw.")] = 0,
-    start_s: Annotated[float, typer.Option("--start-s", min=0, help="Beginning of the stretch.")] = 0.0,
-    stop_s: Annotated[float | None, typer.Option("--stop-s", help="Its end; the trial's end when absent.")] = None,
-    recordings: Annotated[Path | None, typer.Option(help="The recordings, when they moved since encoding.")] = None,
+    start_s: Annotated[float, typer.Option("--start-s", min=0, help="Start of the part that is drawn.")] = 0.0,
+    stop_s: Annotated[
+        float | None, typer.Option("--stop-s", help="End of the part that is drawn; the trial's end when absent.")
+    ] = None,
+    recordings: Annotated[
+        Path | None, typer.Option(help="The file of recordings, if it was moved after encoding.")
+    ] = None,
     force: Force = False,
 ) -> None:
     """Draw a trial's spikes (.png, .svg, .pdf), or write those of all trials (.csv, .nwb).

@@ -11,10 +11,10 @@ from neurotact.progress import track
 
 
 def fetch(
-    name: Annotated[str | None, typer.Argument(help="The set; without it, the sets are listed.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Name of the set; without it the sets are listed.")] = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="The folder to fill.", show_default="its name in $NEUROTACT_DATA"),
+        typer.Option("-o", "--out", help="The folder to download to.", show_default="its name in $NEUROTACT_DATA"),
     ] = None,
 ) -> None:
     """Download a public tactile data set.

@@ -51,14 +51,15 @@ def live(
         ),
     ],
     speed: Annotated[
-        float, typer.Option(min=SLOWEST, max=FASTEST, help="Of recordings and of a finger: times its own rate.")
+        float,
+        typer.Option(min=SLOWEST, max=FASTEST, help="Speed of a replay or of the simulated finger; 1 is real time."),
     ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin recordings again at their end.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat recordings from the start.")] = False,
     set_: SetOption = None,
     save_to: Annotated[
-        Path | None, typer.Option("--save-to", file_okay=False, help="Folder for encoders that are saved on the page.")
+        Path | None, typer.Option("--save-to", file_okay=False, help="Folder for encoders saved from the page.")
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=MOST_PORTS, help="Of the page; 0: any that is free.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=MOST_PORTS, help="Port of the page; 0 takes a free one.")] = 0,
     format_: Format = "csv",
     baud: Baud = DEFAULT_BAUD,
     sampling_rate_Hz: RateHz = None,

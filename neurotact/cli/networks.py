@@ -18,6 +18,7 @@ from neurotact.cli.options import (
     Fold,
     FoldOrAll,
     Folds,
+    FoldsInTurn,
     Force,
     Group,
     HopMs,
@@ -83,12 +84,15 @@ def train_command(
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
-    folds: Folds = None,
+    folds: FoldsInTurn = None,
     fold: FoldOrAll = None,
     repeats: Annotated[
         int,
         typer.Option(
-            "--repeats", min=1, max=1000, help="Train on so many splits, drawn by seeds from --split-seed on."
+            "--repeats",
+            min=1,
+            max=1000,
+            help="Number of random splits, one network each; seeds from --split-seed upwards.",
         ),
     ] = 1,
     stratify: Stratify = None,
@@ -167,22 +171,31 @@ def tune(
     space: Annotated[str, typer.Option(help="Name or path of a search space, in NNI's terms.")] = "texture",
     network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "default",
     set_: SetOption = None,
-    trials: Annotated[int, typer.Option(min=1, help="Networks to train.")] = 100,
+    trials: Annotated[int, typer.Option(min=1, help="Number of networks to train.")] = 100,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the search.")] = 0,
     objective: Annotated[
         str, typer.Option(help="accuracy, or accuracy-sops with the Pareto front of both.")
     ] = "accuracy",
     sops_weight: Annotated[
-        float, typer.Option("--sops-weight", min=0, help="w in accuracy - w log10(SOPs), the objective accuracy-sops.")
+        float,
+        typer.Option(
+            "--sops-weight", min=0, help="w in accuracy - w log10(SOPs), which --objective accuracy-sops maximises."
+        ),
     ] = 0.1,
     max_sops: Annotated[
         float | None,
-        typer.Option("--max-sops", help="A budget: SOPs per window that the best network may take on average."),
+        typer.Option("--max-sops", help="Budget of the best network: mean SOPs per window."),
     ] = None,
-    tuner: Annotated[str, typer.Option(help="tpe, random or grid.")] = "tpe",
-    batch: Annotated[int, typer.Option(min=1, help="Trials proposed at once; proposals depend on it.")] = 8,
-    assessor: Annotated[str, typer.Option(help="median-stop ends hopeless trials early; or none.")] = "median-stop",
-    start_epoch: Annotated[int, typer.Option("--start-epoch", min=1, help="After it, a trial may be stopped.")] = 10,
+    tuner: Annotated[str, typer.Option(help="How trials are proposed: tpe, random or grid.")] = "tpe",
+    batch: Annotated[
+        int, typer.Option(min=1, help="Trials that are proposed together; another number gives other proposals.")
+    ] = 8,
+    assessor: Annotated[
+        str, typer.Option(help="median-stop stops trials below the median early; none trains all to the end.")
+    ] = "median-stop",
+    start_epoch: Annotated[
+        int, typer.Option("--start-epoch", min=1, help="First epoch after which a trial may be stopped.")
+    ] = 10,
     window_ms: WindowMs = 150.0,
     start_ms: StartMs = 0.0,
     hop_ms: HopMs = None,
@@ -200,14 +213,14 @@ def tune(
     tolerance: Tolerance = 0.01,
     exit_by: ExitBy = "stability",
     workers: Annotated[
-        int, typer.Option(min=1, max=MOST_WORKERS, help="Processes; the journal is the same for any number.")
+        int, typer.Option(min=1, max=MOST_WORKERS, help="Worker processes; the results do not depend on it.")
     ] = 2,
     device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
     """Search a network's hyperparameters on validation windows.
 
-    Given the same folder again, the search goes on there.
+    An interrupted search continues when the same command is given again.
     """
     settings = {
         "space": tuning.load_space(space),
@@ -258,10 +271,10 @@ def infer(
     run: RunFolder,
     spikes: Spikes,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Also write each window's decision (.csv, .json, .md).")
+        Path | None, typer.Option("-o", "--out", help="Also write one row per window (.csv, .json, .md).")
     ] = None,
     early_exit: Annotated[
-        bool, typer.Option("--early-exit", help="Stop where the validated patience says so.")
+        bool, typer.Option("--early-exit", help="Stop each window by the rule chosen on validation windows.")
     ] = False,
     allow_other_encoder: OtherEncoder = False,
     device: DeviceOption = "cpu",
@@ -270,7 +283,7 @@ def infer(
 ) -> None:
     """Classify every window with a trained network, and count what it cost.
 
-    Windows of training, validation, test and unseen trials are summarised apart; trials are known by their content.
+    Training, validation, test and unseen windows are summarised separately; trials are recognised by their content.
     """
     if out:
         files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
@@ -287,8 +300,8 @@ def infer(
 def sops(
     run: RunFolder,
     out: OutFile,
-    spikes: Annotated[Path | None, typer.Option(help="The spikes, when they moved since training.")] = None,
-    early_exit: Annotated[bool, typer.Option("--early-exit", help="With early exit.")] = False,
+    spikes: Annotated[Path | None, typer.Option(help="The file of spikes, if it was moved after training.")] = None,
+    early_exit: Annotated[bool, typer.Option("--early-exit", help="Count with early exit.")] = False,
     allow_other_encoder: OtherEncoder = False,
     force: Force = False,
     as_json: Json = False,

@@ -31,20 +31,25 @@ WorkersOption = Annotated[
         min=1,
         max=MOST_WORKERS,
         show_default="2",
-        help="Processes; the results are the same for any number.",
+        help="Worker processes; the results do not depend on it.",
     ),
 ]
 SchedulerOption = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="A Dask scheduler, tcp://host:8786: its workers do the work.")
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on the workers of this Dask scheduler, such as tcp://host:8786."),
 ]
 Seed = Annotated[
     int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the weights and of the order of windows.")
 ]
-WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of the window that is classified.")]
-StartMs = Annotated[float, typer.Option("--start-ms", help="Skipped at the beginning of each trial.")]
-HopMs = Annotated[float | None, typer.Option("--hop-ms", help="Between windows; their length when absent.")]
-PerTrial = Annotated[int | None, typer.Option("--per-trial", help="At most so many windows per trial.")]
-Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split.")]
+WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of a window, the unit that is classified.")]
+StartMs = Annotated[float, typer.Option("--start-ms", help="Start of the first window in each trial.")]
+HopMs = Annotated[
+    float | None, typer.Option("--hop-ms", help="From one window's start to the next; the window length when absent.")
+]
+PerTrial = Annotated[
+    int | None, typer.Option("--per-trial", help="Maximum number of windows per trial; all that fit when absent.")
+]
+Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split; may be repeated.")]
 SplitSeed = Annotated[
     int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split into training, validation and test.")
 ]
@@ -58,33 +63,48 @@ TestWhere = Annotated[
 ]
 Group = Annotated[
     list[str] | None,
-    typer.Option("--group", metavar="CONDITION", help="Trials that agree in it stand on one side; may be repeated."),
+    typer.Option("--group", metavar="CONDITION", help="Trials with the same value are never split; may be repeated."),
 ]
 Order = Annotated[
     str | None,
     typer.Option(
         "--order",
         metavar="CONDITION",
-        help="Test on each class's last trials by it; 'trial': as they stand in the file.",
+        help="Test on the last trials of each class, in the order of this condition; trial: the order of the file.",
     ),
 ]
-Folds = Annotated[int | None, typer.Option("--folds", min=2, help="Divide the trials into so many folds; test on one.")]
+Folds = Annotated[
+    int | None, typer.Option("--folds", min=2, help="Divide the trials into this many folds and test on one.")
+]
 Fold = Annotated[int, typer.Option("--fold", min=0, help="The fold that is tested, from 0.")]
+FoldsInTurn = Annotated[
+    int | None,
+    typer.Option(
+        "--folds", min=2, help="Divide the trials into this many folds and test on each in turn, or on --fold alone."
+    ),
+]
 FoldOrAll = Annotated[
-    int | None, typer.Option("--fold", min=0, show_default="each in turn", help="The fold that is tested, from 0.")
+    int | None, typer.Option("--fold", min=0, show_default="each in turn", help="Test on this fold alone, from 0.")
 ]
 Align = Annotated[
     Literal["trial", "onset"],
     typer.Option(help="What --start-ms counts from: the trial's beginning, or the onset of contact."),
 ]
 RestMs = Annotated[
-    float, typer.Option("--rest-ms", help="With --align onset: the trial's first stretch, which is at rest.")
+    float, typer.Option("--rest-ms", help="With --align onset: length of the rest at the start of each trial.")
 ]
 OnsetDeviations = Annotated[
     float,
-    typer.Option("--onset-deviations", help="With --align onset: contact begins so many deviations above the rest."),
+    typer.Option(
+        "--onset-deviations", help="With --align onset: contact begins this many standard deviations above the rest."
+    ),
 ]
-Tolerance = Annotated[float, typer.Option(help="Validation accuracy that early exit may lose.")]
+Tolerance = Annotated[
+    float,
+    typer.Option(
+        "--exit-tolerance", "--tolerance", help="Validation accuracy that early exit may lose, as a share of 1."
+    ),
+]
 ExitBy = Annotated[
     str,
     typer.Option(
@@ -94,9 +114,9 @@ ExitBy = Annotated[
     ),
 ]
 OtherEncoder = Annotated[
-    bool, typer.Option("--allow-other-encoder", help="Take spikes that are encoded otherwise than in training.")
+    bool, typer.Option("--allow-other-encoder", help="Accept spikes of an encoder other than the one in training.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the table as JSON.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Recordings = Annotated[Path, typer.Argument(help="An HDF5 file of recordings.")]
 Spikes = Annotated[Path, typer.Argument(help="An HDF5 file of spikes, as encode writes it.")]
 RunFolder = Annotated[Path, typer.Argument(help="The folder of a trained network.")]

@@ -34,7 +34,9 @@ def import_folder(
     ] = None,
     levels: Annotated[
         str | None,
-        typer.Option(help="What the sub-folders are, from the top, as in label,speed.", show_default="label"),
+        typer.Option(
+            help="The conditions that the sub-folders name, from the top, as in label,speed.", show_default="label"
+        ),
     ] = None,
     pattern: Annotated[
         str | None, typer.Option(help="Conditions in the file names, as in {label}_F{force}_{repetition}.csv.")
@@ -46,14 +48,20 @@ def import_folder(
         str | None, typer.Option(help="The taxels' columns, by numbers from 1 or by names, as in 1-5 or left,right.")
     ] = None,
     time_column: Annotated[str | None, typer.Option("--time-column", help="The column of time stamps.")] = None,
-    time_unit: Annotated[Literal["s", "ms", "us", "ns"], typer.Option("--time-unit", help="Of the time stamps.")] = "s",
+    time_unit: Annotated[
+        Literal["s", "ms", "us", "ns"], typer.Option("--time-unit", help="Unit of the time stamps.")
+    ] = "s",
     max_gap_ms: Annotated[
         float | None,
-        typer.Option("--max-gap-ms", help="The longest interval of time stamps.", show_default="five usual ones"),
+        typer.Option(
+            "--max-gap-ms",
+            help="Longest allowed interval between time stamps.",
+            show_default="five times the usual one",
+        ),
     ] = None,
-    decimal: Annotated[Literal[".", ","], typer.Option(help="What parts the decimals.")] = ".",
+    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal separator.")] = ".",
     header_lines: Annotated[
-        int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="found out")
+        int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
     ] = None,
     force: Force = False,
 ) -> None:
@@ -75,37 +83,37 @@ def import_folder(
 def import_events(
     source: Source,
     out: OutFile,
-    step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = 1.0,
+    step_ms: Annotated[float, typer.Option("--step-ms", help="Time step of the spikes.")] = 1.0,
     time_unit: Annotated[
         Literal["s", "ms", "us", "ns"] | None,
-        typer.Option("--time-unit", help="Of the times.", show_default="as the file says, else s; us for x, y, t, p"),
+        typer.Option("--time-unit", help="Unit of the times.", show_default="of the file, else s; us for x, y, t, p"),
     ] = None,
     origin: Annotated[
-        Literal["zero", "first"], typer.Option(help="A trial begins at time zero, or with its first event.")
+        Literal["zero", "first"], typer.Option(help="Start of a trial: time zero, or its first event.")
     ] = "zero",
     duration_ms: Annotated[
-        float | None, typer.Option("--duration-ms", help="Length of every trial.", show_default="to the last event")
+        float | None, typer.Option("--duration-ms", help="Length of every trial.", show_default="up to the last event")
     ] = None,
     polarity: Annotated[
         Literal["separate", "merge", "on", "off"],
-        typer.Option(help="Each polarity a population, both one, or the events of one alone."),
+        typer.Option(help="One population per polarity, one for both (merge), or one polarity only."),
     ] = "separate",
     polarities: Annotated[str, typer.Option(help="Names of the polarities, from the lowest value.")] = "OFF,ON",
     channels: Annotated[str | None, typer.Option(help="Names of the channels, from channel 0.")] = None,
     n_channels: Annotated[
-        int | None, typer.Option("--n-channels", help="Numbered channels.", show_default="to the last that sends")
+        int | None, typer.Option("--n-channels", help="Number of channels.", show_default="up to the last event's")
     ] = None,
-    sensor: Annotated[str | None, typer.Option(help="Grid of x, y, t, p events, as in 34x34.")] = None,
+    sensor: Annotated[str | None, typer.Option(help="Size of the grid of x, y, t, p events, as in 34x34.")] = None,
     names: Annotated[
         list[str] | None,
         typer.Option(
             "--names", metavar="WHAT=NAME",
-            help="What the file calls time, channel, population, trial or label; may be repeated.",
+            help="Names of time, channel, population, trial or label in the file; may be repeated.",
         ),
     ] = None,
-    levels: Annotated[str | None, typer.Option(help="Of a folder: what sub-folders are, as in label,speed.")] = None,
-    pattern: Annotated[str | None, typer.Option(help="Of a folder: conditions in the file names.")] = None,
-    conditions: Annotated[Path | None, typer.Option(help="Of a folder: a CSV file of conditions.")] = None,
+    levels: Annotated[str | None, typer.Option(help="For a folder: what sub-folders name, as in label,speed.")] = None,
+    pattern: Annotated[str | None, typer.Option(help="For a folder: conditions in the file names.")] = None,
+    conditions: Annotated[Path | None, typer.Option(help="For a folder: a CSV file of conditions.")] = None,
     force: Force = False,
 ) -> None:  # fmt: skip
     """Spikes of any sensor that sends events: CSV, NPZ or NPY, HDF5 as the Heidelberg Digits, or a folder of such.
@@ -126,18 +134,18 @@ def import_nwb(
     source: Source,
     out: OutFile,
     trials: Annotated[str, typer.Option(help="The table of intervals whose rows are trials.")] = "trials",
-    label: Annotated[str, typer.Option(help="Its column with the class of each trial.")] = "label",
+    label: Annotated[str, typer.Option(help="The column of that table with the class of each trial.")] = "label",
     step_ms: Annotated[
         float | None,
-        typer.Option("--step-ms", help="The clock of spikes.", show_default="the file's resolution, else 1"),
+        typer.Option("--step-ms", help="Time step of the spikes.", show_default="the file's resolution, else 1"),
     ] = None,
     name: Annotated[
         str, typer.Option(help="The column of units with their names.", show_default="afferent, else their ids")
     ] = nwb.AFFERENT,
     series: Annotated[
-        str | None, typer.Option(help="Read this time series as recordings, a taxel per column, and no spikes.")
+        str | None, typer.Option(help="Read this time series as recordings, one taxel per column, instead of spikes.")
     ] = None,
-    unit: Annotated[str | None, typer.Option(help="Of the series.", show_default="as the file says")] = None,
+    unit: Annotated[str | None, typer.Option(help="Unit of the series.", show_default="as the file says")] = None,
     force: Force = False,
 ) -> None:
     """Neurodata Without Borders: spike times of units, or a time series, cut into the trials of an NWB 2 file."""
@@ -163,9 +171,7 @@ def _command(name: str, form: Reader) -> Callable[..., None]:
     def run_on_clock(
         source: Source,
         out: OutFile,
-        step_ms: Annotated[float, typer.Option("--step-ms", help="The clock on which events become spikes.")] = (
-            form.step_ms or 1.0
-        ),
+        step_ms: Annotated[float, typer.Option("--step-ms", help="Time step of the spikes.")] = (form.step_ms or 1.0),
         force: Force = False,
     ) -> None:
         _check_import(source, out, force)

@@ -37,19 +37,23 @@ def study_run(
     out: OutFolder,
     quick: Annotated[bool, typer.Option("--quick", help="A smaller sweep of the same kind.")] = False,
     data: Annotated[
-        Path | None, typer.Option(help="The file of recordings, for a study that names none (own-recordings).")
+        Path | None,
+        typer.Option(help="The file of recordings, for a study without a data set of its own (own-recordings)."),
     ] = None,
     window_ms: Annotated[
-        float | None, typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms.")
+        float | None,
+        typer.Option("--window-ms", min=0, help="Length of the windows; short for --set window.length_ms=..."),
     ] = None,
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
     folds: Annotated[
-        int | None, typer.Option("--folds", min=2, help="Divide the trials into so many folds; test on each in turn.")
+        int | None,
+        typer.Option("--folds", min=2, help="Divide the trials into this many folds and test on each in turn."),
     ] = None,
     repeats: Annotated[
-        int | None, typer.Option("--repeats", min=2, max=1000, help="Run on so many splits, of other random seeds.")
+        int | None,
+        typer.Option("--repeats", min=2, max=1000, help="Number of random splits; results are means over them."),
     ] = None,
     set_: SetOption = None,
     workers: WorkersOption = None,
@@ -57,7 +61,7 @@ def study_run(
     device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
-    """Run a study: every cell of its sweep, the tables, the figures, the report.
+    """Run a study and write its report.
 
     With --folds or --repeats every network is trained for each split, and results are means over the splits.
     """
@@ -77,13 +81,13 @@ def study_resume(
     device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
-    """Go on with a study that was interrupted."""
+    """Continue an interrupted study."""
     _run_study(runner.load(folder), folder, (workers, scheduler, device), as_json)
 
 
 @app.command("report")
 def study_report(folder: StudyFolder, as_json: Json = False) -> None:
-    """Write the tables, figures and report again from the cells that are done."""
+    """Rewrite the tables, figures and report of a study."""
     runner.write_tables(folder)
     _print_report(report.write(folder), as_json)
 

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -103,7 +104,7 @@ class SearchSpec(Spec):
         return self.objective == "accuracy-sops" or self.max_sops is not None
 
 
-def load_space(name: str) -> dict[str, dict[str, Any]]:
+def load_space(name: str | Path) -> dict[str, dict[str, Any]]:
     """The space of that name among those that ship, or at that path.
 
     >>> load_space("texture")["training.batch"]
