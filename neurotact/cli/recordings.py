@@ -1,5 +1,6 @@
 """The commands that read recordings in the forms that they are published in."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Literal
@@ -108,7 +109,8 @@ def import_events(
         list[str] | None,
         typer.Option(
             "--names", metavar="WHAT=NAME",
-            help="Names of time, channel, population, trial or label in the file; may be repeated.",
+            help="Names of time, channel, polarity (or population), trial or label in the file, as in "
+            "time=ts_us,label=shape; may be repeated.",
         ),
     ] = None,
     levels: Annotated[str | None, typer.Option(help="For a folder: what sub-folders name, as in label,speed.")] = None,
@@ -155,11 +157,13 @@ def import_nwb(
 
 
 def _names(assignments: list[str]) -> dict[str, str]:
-    pairs = [assignment.partition("=") for assignment in assignments]
-    wrong = [what + equals for what, equals, name in pairs if what not in event_files.ALIASES or not name]
+    """Assignments, one an option or several apart by commas; a comma that no `WHAT=` follows is part of a name."""
+    known = [*event_files.ALIASES, event_files.POLARITY]
+    apart = re.compile(rf",(?=(?:{'|'.join(known)})=)")
+    pairs = [each.partition("=") for assignment in assignments for each in apart.split(assignment)]
+    wrong = [what + equals for what, equals, name in pairs if what not in known or not name]
     if wrong:
-        known = ", ".join(event_files.ALIASES)
-        raise InputError(f"--names {wrong[0]}: must read WHAT=NAME, where WHAT is one of {known}")
+        raise InputError(f"--names {wrong[0]}: must read WHAT=NAME, where WHAT is one of {', '.join(known)}")
     return {what: name for what, _, name in pairs}
 
 

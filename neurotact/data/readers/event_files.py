@@ -1,6 +1,7 @@
 """Files of events: CSV tables, NumPy arrays, structured x, y, t, p arrays, and HDF5 in the Heidelberg layout."""
 
 import io
+import logging
 import os
 import re
 import warnings
@@ -30,10 +31,14 @@ ALIASES = {
     LABEL: (LABEL, "labels", "class", "classes"),
 }
 """What columns and arrays of events are called; `event_` before a name and a unit of time behind it are left out."""
+POLARITY = "polarity"
+"""Another word for population, of which a sensor with polarities has two."""
 UNIT = re.compile(r"_(s|ms|us|ns)$")
 BYTES_PER_CELL = 120
 """Of a table of texts in memory."""
 ARCHIVES, TABLES, HDF5 = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
+
+log = logging.getLogger("neurotact")
 
 
 def read(
@@ -45,8 +50,8 @@ def read(
 ) -> SpikeTrains:
     """Events as spike trains, from one file, or from a folder of one file per trial.
 
-    spec: keys of `events.EventSpec`. names: what the file calls time, channel, population, trial and label, where it is
-    none of `ALIASES`. naming: keys of `naming.NamingSpec`, of the files of a folder.
+    spec: keys of `events.EventSpec`. names: what the file calls time, channel, population (or polarity), trial and
+    label, where it is none of `ALIASES`. naming: keys of `naming.NamingSpec`, of the files of a folder.
 
     CSV: a row per event, with a header; columns that are constant within each trial are its conditions. NPZ: an array
     per column (`time_s`, `channel`, `polarity`, `trial`), and per trial (`label`, conditions); or one structured array
@@ -54,18 +59,29 @@ def read(
     Nothing is unpickled. Raises InputError, which names the file and the place.
     """
     asked = build(EventSpec, spec or {}, "import events")
+    names = {"population" if what == POLARITY else what: name for what, name in (names or {}).items()}
     path = existing(path, "file or folder")
     if path.is_dir():
         named = build(NamingSpec, naming or {}, "import events")
-        return to_trains(_of_folder(path, asked, names or {}, named), asked, str(path))
+        return _to_trains(_of_folder(path, asked, names, named), asked, path)
     if naming and any(naming.values()):
         raise InputError(f"{path}: is one file; --levels, --pattern and --conditions are for a folder")
     if existing(path).suffix.lower() in HDF5:
         return heidelberg.load(path, asked)
-    found = _of_file(path, asked, names or {})
+    found = _of_file(path, asked, names)
     if LABEL not in found.conditions:
         raise InputError(f"{path}: no column is called label, the class of each trial; name it with --names label=...")
-    return to_trains(found, asked, str(path))
+    return _to_trains(found, asked, path)
+
+
+def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
+    if events.ignored:
+        log.warning(
+            "%s: not used, because the value changes within a trial: %s; if one of them is the polarity, name it with "
+            "--names polarity=...",
+            path, ", ".join(events.ignored),
+        )  # fmt: skip
+    return to_trains(events, spec, str(path))
 
 
 def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
@@ -127,10 +143,12 @@ def _of_columns(columns: Mapping[str, np.ndarray], spec: EventSpec, names: Mappi
         if values.shape != time_s.shape:
             raise InputError(f"{path}: '{found[what]}' has the shape {values.shape} where {time_s.shape} is expected")
     trial, others = _trials(columns, found, time_s, path)
+    used = {*found.values(), *others.columns}
+    ignored = tuple(name for name in columns if name not in used and columns[name].shape == time_s.shape)
     population = of_events.get("population")
     return Events(
         time_s, _channel(of_events["channel"], str(found["channel"]), path),
-        None if population is None else _values(population), trial, others,
+        None if population is None else _values(population), trial, others, ignored=ignored,
     )  # fmt: skip
 
 

@@ -59,7 +59,7 @@ class Events(NamedTuple):
     """Events, in no order: the time in s, the channel (a number or a name), the polarity or the name of a population
     (None where there is none) and the trial of each, `(event,)`; and one row of conditions per trial, with `label`.
 
-    is_grid: channels are places of a sensor's grid, `ROW * y + x`.
+    is_grid: channels are places of a sensor's grid, `ROW * y + x`. ignored: columns that are not used.
     """
 
     time_s: np.ndarray
@@ -68,6 +68,7 @@ class Events(NamedTuple):
     trial: np.ndarray
     conditions: pd.DataFrame
     is_grid: bool = False
+    ignored: tuple[str, ...] = ()
 
 
 class _Named(NamedTuple):
@@ -247,4 +248,5 @@ def joined(parts: Sequence[Events]) -> Events:
         np.concatenate([part.trial + start for part, start in zip(parts, starts, strict=False)]),
         pd.concat([part.conditions for part in parts], ignore_index=True),
         all(part.is_grid for part in parts),
+        tuple(dict.fromkeys(name for part in parts for name in part.ignored)),
     )

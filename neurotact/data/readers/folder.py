@@ -1,4 +1,4 @@
-"""A plain folder of recordings: CSV or NPZ files, their conditions in sub-folders, in their names or in a table."""
+"""A plain folder of recordings: text or NPZ files, their conditions in sub-folders, in their names or in a table."""
 
 import logging
 import os
@@ -11,14 +11,17 @@ import numpy as np
 from neurotact.data.readers import clock
 from neurotact.data.readers.archives import as_signal, read_arrays
 from neurotact.data.readers.layout import LayoutSpec, Table, is_text, read_table
-from neurotact.data.readers.naming import SUFFIXES, NamingSpec, conditions_of
+from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
 from neurotact.data.recordings import Recordings, check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
+USUAL = (".csv", ".npz")
+"""What is read; other texts are notes, unless a folder holds none of these."""
 MOST_NAMED = 5
 """Ignored files that a warning names; the others are counted."""
+KINDS = ".csv, .tsv, .txt or .npz"
 RATES_DIFFER = 0.1
 """Share by which a file's sampling rate may differ from that of all before a warning names it."""
 
@@ -60,7 +63,8 @@ def read(
     (time, channel). All trials have the same taxels. Conditions: label, those of `naming`, file (its path in the
     folder; of an array `file.npz:key`).
 
-    Hidden files and other kinds of file are ignored, and named in a warning.
+    Where there is neither CSV nor NPZ, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
+    ignored, and named in a warning.
 
     Raises InputError, which names the file, the line and column, and the fix.
 
@@ -101,7 +105,7 @@ def read(
 
 
 def _trials_of(path: Path, file: str, layout: LayoutSpec) -> list[_Trial]:
-    if path.suffix.lower() == ".csv":
+    if path.suffix.lower() in TEXTS:
         table = read_table(path, layout)
         return [_stamped(table, file, path, layout)]
     if layout.time_column is not None or layout.columns:
@@ -175,23 +179,26 @@ def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, folder: Path)
 
 def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     """The files to read; those that are ignored are said, and a folder or file that would be lost is refused."""
-    found, ignored = [], []
     table = None if naming.table is None else os.path.realpath(naming.table)
-    for path in below(folder):
-        is_data = path.suffix.lower() in SUFFIXES and not is_hidden(path.name)
-        if table is None or os.path.realpath(path) != table:
-            (found if is_data else ignored).append(path.relative_to(folder))
+    paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
+    found = _with_suffix(paths, USUAL) or _with_suffix(paths, SUFFIXES)
+    read = set(found)
+    ignored = [path for path in paths if path not in read]
     if naming.is_label_by_folder:
         _check_label_folders(folder, found)
     elif not found:
-        raise InputError(f"{folder}: holds no .csv or .npz file; add one")
+        raise InputError(f"{folder}: holds no {KINDS} file; save the recordings in one of these forms")
     for inside in found:
         if not is_text(str(inside)):
             raise InputError(f"{folder}: the name {str(inside)!a} is no text; rename that file or folder")
     if ignored:
         names = ", ".join(map(str, ignored[:MOST_NAMED])) + (", ..." if len(ignored) > MOST_NAMED else "")
-        log.warning("%s: %d ignored, being hidden or no .csv or .npz file: %s", folder, len(ignored), names)
+        log.warning("%s: %d ignored, being hidden or no file of recordings: %s", folder, len(ignored), names)
     return [folder / inside for inside in found]
+
+
+def _with_suffix(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
+    return [path for path in paths if path.suffix.lower() in suffixes and not is_hidden(path.name)]
 
 
 def _check_label_folders(folder: Path, found: Sequence[Path]) -> None:
@@ -199,7 +206,7 @@ def _check_label_folders(folder: Path, found: Sequence[Path]) -> None:
     if not labels:
         raise InputError(
             f"{folder}: holds no sub-folder; put the files of each class in a sub-folder named by its label, or say "
-            "where the label is with --pattern or --conditions"
+            "where the label is with --pattern, as in '{label}_{number}.csv', or --conditions"
         )
     for inside in found:
         if len(inside.parts) == 1:
@@ -209,7 +216,7 @@ def _check_label_folders(folder: Path, found: Sequence[Path]) -> None:
             )
     empty = sorted(labels - {inside.parts[0] for inside in found})
     if empty:
-        raise InputError(f"{folder / empty[0]}: holds no .csv or .npz file; add one or remove the sub-folder")
+        raise InputError(f"{folder / empty[0]}: holds no {KINDS} file; add one or remove the sub-folder")
 
 
 def _check_same_channels(signals: dict[str, np.ndarray], folder: Path) -> None:

@@ -1,6 +1,7 @@
 """How the columns of a text file are laid out, and one file read by it: taxels, and time stamps where it has them."""
 
 import re
+import shlex
 import unicodedata
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -158,7 +159,8 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
     if stamp is not None and not layout.columns:
         raise InputError(
             f"{path}: column {stamp + 1} is '{names[stamp][:40]}', but every column is a taxel; "
-            f"pass --time-column {names[stamp][:40]}, choose the taxels with --columns, or remove the column"
+            f"pass --time-column {shlex.quote(names[stamp][:40])}, choose the taxels with --columns, or remove the "
+            "column"
         )
     return _Columns(names, taxels, time)
 

@@ -14,7 +14,8 @@ from neurotact.spec import Spec
 
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
-SUFFIXES = (".csv", ".npz")
+TEXTS = (".csv", ".tsv", ".txt")
+SUFFIXES = (*TEXTS, ".npz")
 
 
 class NamingSpec(Spec):
@@ -159,7 +160,7 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
         name = given.pop(FILE)
         fitting = [name] if name in files else by_name.get(name, [])
         if len(fitting) != 1:
-            why = "is no CSV or NPZ file of the folder" if not fitting else f"is the name of {len(fitting)} files"
+            why = "is no file of recordings in the folder" if not fitting else f"is the name of {len(fitting)} files"
             raise InputError(f"{path}: line {number}: '{name[:80]}' {why}; give its path within the folder")
         if fitting[0] in found:
             raise InputError(f"{path}: line {number}: '{name[:80]}' has a line above already; drop one of them")

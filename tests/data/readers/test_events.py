@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import neurotact as nt
+from neurotact.cli import recordings as recordings_commands
 from neurotact.data.readers.events import Events, EventSpec, to_trains
 from neurotact.errors import InputError
 from neurotact.figures.raster import painted_populations
@@ -93,6 +94,28 @@ def heidelberg(path, *, n: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
         file["extra/speaker"] = np.arange(n, dtype=np.uint8)
         file.create_group("extra/meta_info")
     return trials
+
+
+def test_a_polarity_of_another_name_is_not_lost_silently(tmp_path, caplog):
+    table = made().rename(columns={"polarity": "edge"})
+    table.to_csv(tmp_path / "e.csv", index=False)
+    named = nt.read_events(tmp_path / "e.csv", names={"polarity": "edge"})
+    np.testing.assert_array_equal(raster_of(named), expected_of(made()))
+    assert not caplog.messages
+    merged = nt.read_events(tmp_path / "e.csv")
+    assert len(merged.afferents) == N_CHANNELS
+    (message,) = caplog.messages
+    assert "not used, because the value changes within a trial: edge;" in message
+
+
+def test_names_are_given_one_an_option_or_several_at_once():
+    parse = recordings_commands._names
+    several = parse(["time=ts_us,channel=idx, old,label=shape", "polarity=edge"])
+    assert several == {"time": "ts_us", "channel": "idx, old", "label": "shape", "polarity": "edge"}
+    assert parse(["time=ts_us", "channel=idx, old", "label=shape", "polarity=edge"]) == several
+    for wrong in ("tim=ts", "time=", "time"):
+        with pytest.raises(InputError, match="must read WHAT=NAME"):
+            parse([wrong])
 
 
 def test_a_heidelberg_file_loads_as_it_is(tmp_path, caplog):

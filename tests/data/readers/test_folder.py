@@ -81,7 +81,7 @@ def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "neurotact"):
         touch = folder.read(tmp_path, 100, "mV")
     assert caplog.messages == [
-        f"{tmp_path}: 6 ignored, being hidden or no .csv or .npz file: "
+        f"{tmp_path}: 6 ignored, being hidden or no file of recordings: "
         ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv, ..."
     ]
     assert list(touch.conditions.file) == [
@@ -271,7 +271,7 @@ def test_folders_rates_and_units_that_say_nothing_are_refused(tmp_path):
         refused(tmp_path, "sampling_rate_Hz must be a positive number", rate=rate)
     refused(tmp_path, "the unit of the signals is empty", unit=" ")
     (tmp_path / "silk").mkdir()
-    refused(tmp_path, "silk: holds no .csv or .npz file")
+    refused(tmp_path, "silk: holds no .csv, .tsv, .txt or .npz file")
 
 
 @given(cut=st.integers(0, 10**6), flip=st.none() | st.integers(0, 255))

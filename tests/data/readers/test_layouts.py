@@ -115,7 +115,7 @@ def test_conditions_stand_in_a_table(tmp_path):
     for text, message in (
         ("file,label\na/1.csv,felt\n1.csv,felt\n", "line 3: '1.csv' is the name of 2 files"),
         ("file,label\na/1.csv,felt\n", r"has no line for a/2\.csv \(2 in all\)"),
-        ("file,label\nc.csv,felt\n", "line 2: 'c.csv' is no CSV or NPZ file of the folder"),
+        ("file,label\nc.csv,felt\n", "line 2: 'c.csv' is no file of recordings in the folder"),
         ("file,label\na/1.csv,x\na/1.csv,y\n", "line 3: 'a/1.csv' has a line above already"),
         ("file,label\na/1.csv,x,3\n", "line 2 has 3 columns where 2 are expected"),
         ("path,label\na/1.csv,x\n", "has no column 'file'"),
@@ -219,3 +219,22 @@ def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
         1 / 28, 1e-3
     )
     assert "the time stamps give 0.0357 Hz, which is slow for touch; say their unit with --time-unit" in caplog.text
+
+
+def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog):
+    for name in ("gel_1.txt", "gel_2.TXT", "foam_1.tsv"):
+        write(tmp_path / name, "left\tright\n1\t2\n3\t4\n")
+    found = nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}")
+    assert found.conditions[["label", "n"]].values.tolist() == [["foam", 1], ["gel", 1], ["gel", 2]]
+    assert found.channels == ("left", "right")
+    assert not caplog.messages
+    write(tmp_path / "felt_1.csv", "left,right\n1,2\n")
+    with caplog.at_level(logging.WARNING):
+        assert nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}.csv").classes == ("felt",)
+    assert "3 ignored, being hidden or no file of recordings: foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
+
+
+def test_a_time_column_is_named_as_a_shell_takes_it(tmp_path):
+    write(tmp_path / "felt" / "a.csv", "Time [s],left\n0,1\n0.1,2\n")
+    with pytest.raises(InputError, match=r"pass --time-column 'Time \[s\]', choose"):
+        nt.read_folder(tmp_path, 10, "mV")
