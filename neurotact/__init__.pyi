@@ -7,6 +7,7 @@ from .api import load as load
 from .api import load_network as load_network
 from .api import plot_raster as plot_raster
 from .api import read as read
+from .api import read_arrays as read_arrays
 from .api import read_events as read_events
 from .api import read_folder as read_folder
 from .api import read_nwb as read_nwb

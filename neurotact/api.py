@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from neurotact import files, spec
 from neurotact.data import hdf5, sources
-from neurotact.data.readers import event_files, folder, nwb
+from neurotact.data.readers import arrays, event_files, folder, nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -93,6 +93,23 @@ def read_folder(
         "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     return folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+
+
+def read_arrays(
+    path: str | Path,
+    sampling_rate_Hz: float,
+    unit: str,
+    *,
+    names: Mapping[str, str] | None = None,
+    axes: str = "trial,time,taxel",
+) -> Recordings:
+    """Read one NPZ or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
+
+    names: what the file calls signals, label and channels, such as `{"label": "gesture"}`; signals are the only array
+    with three axes, unless named. axes: theirs, in their order. Other arrays of one value a trial become conditions.
+    Raises InputError, which names the file, the array and the fix.
+    """
+    return arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes)
 
 
 def read_events(

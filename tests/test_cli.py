@@ -318,7 +318,7 @@ COMMANDS = [
     ("simulate", "contact-materials"), ("simulate", "touch-modality"), ("simulate", "stiffness"),
     ("simulate", "compliance"), ("import",), ("import", "touch-modality"),
     ("import", "fabricslide"), ("import", "pvdf-hardness"), ("import", "folder"), ("import", "braille-letters"),
-    ("calibrate",), ("encode",),
+    ("import", "arrays"), ("info",), ("calibrate",), ("encode",),
     ("raster",), ("train",), ("infer",), ("sops",), ("fine-tune",), ("study",), ("study", "run"), ("study", "resume"),
     ("study", "report"),
 ]  # fmt: skip
@@ -969,6 +969,24 @@ def test_a_file_that_is_no_spec_is_neither_shown_nor_copied(refused, tmp_path, c
 
 def test_the_folder_of_a_network_that_cannot_be_named_is_refused(refused, tmp_path):
     refused(("sops", "x/" * 3000, "-o", tmp_path / "out.csv"), "there is no such folder")
+
+
+def test_info_says_what_recordings_and_spikes_hold(neurotact, refused, made, tmp_path):
+    code, out, err = neurotact("info", made / "touch.h5")
+    assert (code, err) == (0, "")
+    data = load_recordings(made / "touch.h5")
+    assert out.startswith(f"{made / 'touch.h5'}: {len(data)} trials of {len(data.classes)} classes, ")
+    pooled = np.concatenate([*data.signals])[:, 0].astype(float)
+    deviation = np.sqrt(np.mean(np.concatenate([signal[:, 0] - signal[:, 0].mean() for signal in data.signals]) ** 2))
+    row = next(line.split() for line in out.splitlines() if line.startswith(f" {data.channels[0]} "))
+    shown = [float(cell) for cell in row[1:]]
+    assert shown == pytest.approx([pooled.min(), pooled.mean(), pooled.max(), deviation], rel=2e-3, abs=1e-3)
+    code, out, err = neurotact("info", made / "spikes.h5")
+    assert (code, err) == (0, "")
+    assert f"{sum(map(len, load_spikes(made / 'spikes.h5').steps)):,} spikes" in out
+    assert " SA-I " in out
+    (tmp_path / "a.csv").write_text("1,2")
+    refused(("info", tmp_path / "a.csv"), "cannot be read as recordings or spikes")
 
 
 @pytest.mark.parametrize("name", cli.COMMANDS)

@@ -32,6 +32,7 @@ COMMANDS = {
     "simulate": Place("simulate", "app", "Simulate an experiment."),
     "fetch": Place("fetch", "fetch", "Download a public tactile data set."),
     "import": Place("recordings", "app", "Read recordings as they were published into one HDF5 file."),
+    "info": Place("info", "info", "Say what a file of recordings or spikes holds."),
     "calibrate": Place("encoding", "calibrate", "Find an encoder's gains for a sensor, from its training trials."),
     "encode": Place("encoding", "encode", "Turn whole trials into the spikes of SA-I and RA-I afferents."),
     "raster": Place(

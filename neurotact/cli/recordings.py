@@ -12,7 +12,7 @@ from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Source
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
-from neurotact.data.readers import event_files, folder, nwb
+from neurotact.data.readers import arrays, event_files, folder, nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains
@@ -80,6 +80,31 @@ def import_folder(
     _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out)
 
 
+@app.command("arrays")
+def import_arrays(
+    source: Source,
+    out: OutFile,
+    unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
+    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples per second.")],
+    names: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--names", metavar="WHAT=NAME",
+            help="What the file calls signals, label or channels, as in signals=data,label=gesture; may be repeated.",
+        ),
+    ] = None,
+    axes: Annotated[str, typer.Option(help="Of the signals, in their order.")] = "trial,time,taxel",
+    force: Force = False,
+) -> None:  # fmt: skip
+    """Recordings in one file of arrays, NPZ or HDF5: signals of all trials in one array, their classes in another.
+
+    Further arrays with one value per trial become conditions.
+    """
+    _check_import(source, out, force)
+    named = _names(names or [], [arrays.SIGNALS, *arrays.ALIASES])
+    _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes), out)
+
+
 @app.command("events")
 def import_events(
     source: Source,
@@ -128,7 +153,12 @@ def import_events(
         "polarities": polarities, "channels": channels or (), "n_channels": n_channels, "sensor": sensor,
     }  # fmt: skip
     naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
-    _save(event_files.read(source, spec, names=_names(names or []), naming=naming), out)
+    _save(
+        event_files.read(
+            source, spec, names=_names(names or [], [*event_files.ALIASES, event_files.POLARITY]), naming=naming
+        ),
+        out,
+    )
 
 
 @app.command("nwb")
@@ -156,9 +186,8 @@ def import_nwb(
     _save(nwb.read(source, asked), out)
 
 
-def _names(assignments: list[str]) -> dict[str, str]:
+def _names(assignments: list[str], known: list[str]) -> dict[str, str]:
     """Assignments, one an option or several apart by commas; a comma that no `WHAT=` follows is part of a name."""
-    known = [*event_files.ALIASES, event_files.POLARITY]
     apart = re.compile(rf",(?=(?:{'|'.join(known)})=)")
     pairs = [each.partition("=") for assignment in assignments for each in apart.split(assignment)]
     wrong = [what + equals for what, equals, name in pairs if what not in known or not name]

@@ -275,6 +275,12 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
             writer.append(trial)
 
 
+def kind_of(path: str | Path) -> str:
+    """What a file holds: "recordings", "spikes", or "events" of the Heidelberg layout; InputError as `load`."""
+    with opened(path, "recordings", "spikes", EVENTS) as (_, kind):
+        return kind
+
+
 def load(path: str | Path) -> Recordings | SpikeTrains:
     """Read recordings or spike trains, whichever the file says that it holds; InputError as of either."""
     read = {"recordings": _recordings, "spikes": _spikes, EVENTS: _events}

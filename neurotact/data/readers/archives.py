@@ -82,7 +82,8 @@ def as_signal(array: np.ndarray, where: str) -> np.ndarray:
     if array.dtype.kind not in "iuf":
         raise InputError(f"{where}: holds {array.dtype}, not numbers; save a (time, channel) array of real numbers")
     if array.ndim != 2 or 0 in array.shape:
-        raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty")
+        stacked = "; neurotact import arrays reads (trial, time, taxel)" if array.ndim == 3 else ""
+        raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty{stacked}")
     check_width(where, array.shape[1])
     fits = np.abs(array) <= FLOAT32_MAX if array.dtype.kind == "f" else np.ones(array.shape, dtype=bool)
     if not fits.all():

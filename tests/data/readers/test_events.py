@@ -109,7 +109,11 @@ def test_a_polarity_of_another_name_is_not_lost_silently(tmp_path, caplog):
 
 
 def test_names_are_given_one_an_option_or_several_at_once():
-    parse = recordings_commands._names
+    known = ["time", "channel", "trial", "label", "polarity"]
+
+    def parse(given):
+        return recordings_commands._names(given, known)
+
     several = parse(["time=ts_us,channel=idx, old,label=shape", "polarity=edge"])
     assert several == {"time": "ts_us", "channel": "idx, old", "label": "shape", "polarity": "edge"}
     assert parse(["time=ts_us", "channel=idx, old", "label=shape", "polarity=edge"]) == several

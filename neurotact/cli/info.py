@@ -1,0 +1,32 @@
+"""The command that says what a file holds."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from neurotact.cli.output import print_table
+from neurotact.data import description, hdf5
+
+
+def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings or spikes.")]) -> None:
+    """Say what a file of recordings or spikes holds.
+
+    Its classes and conditions, the length and the rate of its trials, the range of each taxel or the rate of each
+    population. Look at it after an import: a wrong unit, a dead taxel or a clock column among the taxels shows here.
+    """
+    if hdf5.kind_of(file) == "recordings":
+        with hdf5.open_recordings(file) as data:
+            print(
+                f"{file}: {len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
+            )
+            print(description.lengths_line(data.lengths, data.sampling_rate_Hz))
+            print_table(description.conditions_table(data.conditions))
+            print_table(description.taxels_table(data))
+        return
+    spikes = hdf5.load_spikes(file)
+    print(f"{file}: {spikes!r}")
+    print(description.lengths_line(np.asarray(spikes.trial_steps), spikes.sampling_rate_Hz))
+    print_table(description.conditions_table(spikes.conditions))
+    print_table(description.afferents_table(spikes))

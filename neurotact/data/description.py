@@ -1,0 +1,82 @@
+"""What a file of recordings or spikes holds, as tables for people: conditions, taxels, afferents."""
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.recordings import Trials
+from neurotact.data.spikes import SpikeTrains
+
+MOST_VALUES = 12
+"""Values of a condition that are listed; of more, only their number is."""
+PIECE = 100_000
+"""Samples of a trial that are read at once."""
+
+
+def conditions_table(conditions: pd.DataFrame) -> pd.DataFrame:
+    """A row per condition: its values, with the number of trials of each.
+
+    >>> conditions_table(pd.DataFrame({"label": ["silk", "felt", "silk"], "speed": [3, 3, 6]})).values.tolist()
+    [['label', 'felt (1), silk (2)'], ['speed', '3 (2), 6 (1)']]
+    """
+    rows = []
+    for name in conditions.columns:
+        counts = conditions[name].value_counts().sort_index()
+        listed = ", ".join(f"{value} ({n})" for value, n in list(counts.items())[:MOST_VALUES])
+        if len(counts) > MOST_VALUES:
+            listed = f"{len(counts)} values, {counts.index[0]} to {counts.index[-1]}"
+        rows.append({"condition": name, "values (trials)": listed})
+    return pd.DataFrame(rows)
+
+
+def taxels_table(trials: Trials) -> pd.DataFrame:
+    """A row per taxel: its lowest, mean and highest sample, and the deviation within a trial (root mean square).
+
+    >>> from neurotact.data.recordings import Recordings
+    >>> touch = Recordings([np.array([[0.0, 1.0], [2.0, 1.0]])], 10, "mV", pd.DataFrame({"label": ["a"]}))
+    >>> taxels_table(touch).values.tolist()
+    [['taxel1', 0.0, 1.0, 2.0, 1.0], ['taxel2', 1.0, 1.0, 1.0, 0.0]]
+    """
+    low, high = np.full(trials.n_channels, np.inf), np.full(trials.n_channels, -np.inf)
+    total, within = np.zeros(trials.n_channels), np.zeros(trials.n_channels)
+    for trial, length in enumerate(trials.lengths.tolist()):
+        sums, squares = np.zeros(trials.n_channels), np.zeros(trials.n_channels)
+        origin = trials.piece(trial, 0, 1)[0].astype(float)  # large offsets would cost the squares their digits
+        for start in range(0, length, PIECE):
+            piece = trials.piece(trial, start, min(start + PIECE, length)).astype(float)
+            low, high = np.minimum(low, piece.min(0)), np.maximum(high, piece.max(0))
+            sums += (piece - origin).sum(0)
+            squares += ((piece - origin) ** 2).sum(0)
+        total += sums + length * origin
+        within += np.maximum(squares - sums**2 / length, 0.0)
+    n_samples = int(trials.lengths.sum())
+    unit = f"({trials.unit})"
+    return pd.DataFrame(
+        {
+            "taxel": list(trials.channels), f"lowest {unit}": low, f"mean {unit}": total / n_samples,
+            f"highest {unit}": high, f"deviation {unit}": np.sqrt(within / n_samples),
+        }
+    )  # fmt: skip
+
+
+def afferents_table(trains: SpikeTrains) -> pd.DataFrame:
+    """A row per population: its afferents, those that never fire, and the mean rate of an afferent in Hz."""
+    counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
+    seconds = float(trains.trial_steps.sum()) / trains.sampling_rate_Hz
+    rows = [
+        {
+            "population": name, "afferents": len(members), "silent": int((counts[members] == 0).sum()),
+            "rate (Hz)": counts[members].mean() / seconds,
+        }
+        for name, members in trains.populations.items()
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def lengths_line(steps: np.ndarray, rate_Hz: float) -> str:
+    """How long trials last.
+
+    >>> lengths_line(np.array([50, 200]), 100.0)
+    'trials of 0.5 to 2 s, at 100 Hz (10 ms a sample)'
+    """
+    seconds = dict.fromkeys(f"{n / rate_Hz:.3g}" for n in (steps.min(), steps.max()))
+    return f"trials of {' to '.join(seconds)} s, at {rate_Hz:g} Hz ({1e3 / rate_Hz:.3g} ms a sample)"
