@@ -97,6 +97,11 @@ def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
 
     clock_Hz: of the encoder; the recordings' own, and at least the one that calibration takes, when absent.
     """
+    if hdf5.kind_of(path) != "recordings":
+        raise InputError(
+            f"{path}: holds spikes, and this study encodes recordings; neurotact train and then neurotact infer "
+            "--early-exit say of spikes how accurate a network is, and its SOPs and ms a decision"
+        )
     with hdf5.open_recordings(path) as stored:
         rate_Hz = stored.sampling_rate_Hz
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
@@ -121,7 +126,9 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
     whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
     length_ms = _number(given, "window.length_ms", min(LONGEST_MS, float(whole_ms)))
     fitting = int(max(1, longest_ms // max(length_ms, 1e-9)))
-    per_trial = max(1, min(MOST_PER_TRIAL, MOST_WINDOWS // len(room_ms), fitting))
+    asked = given.get("window.per_trial")  # a wrong one is refused with the study
+    most = asked if isinstance(asked, int) else min(MOST_PER_TRIAL, MOST_WINDOWS // len(room_ms))
+    per_trial = max(1, min(most, fitting))
     table = {"length_ms": length_ms, "per_trial": per_trial}
     if "window.length_ms" in given:
         why = "as given"

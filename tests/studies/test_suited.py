@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import Recordings
@@ -48,8 +49,22 @@ def test_a_given_window_is_kept_and_an_odd_trial_is_named():
         "length_ms": 250.0,
         "per_trial": 4,
     }
+    table, (note,) = suited.window(Recorded(np.array([4.0, 4.0]), 1000.0), {"window.per_trial": 1})
+    assert table["per_trial"] == 1
+    assert "1 s at most), one window per trial;" in note
     _, notes = suited.window(Recorded(np.array([2.0, 0.1, 2.0]), 1000.0))
     assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
+
+
+def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
+    signals = [50 * np.random.default_rng(0).normal(size=(300, 2))] * 2
+    hdf5.save_spikes(
+        nt.encode(Recordings(signals, 2000.0, "mV", pd.DataFrame({"label": ["a", "b"]}))), tmp_path / "s.h5"
+    )
+    with pytest.raises(
+        InputError, match=r"s\.h5: holds spikes, .* neurotact train and then neurotact infer --early-exit"
+    ):
+        loading.resolve("own-recordings", data=tmp_path / "s.h5")
 
 
 def test_a_slow_recording_is_told_what_its_clock_means():
