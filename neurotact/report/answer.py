@@ -53,6 +53,11 @@ class Baseline(NamedTuple):
     accuracy: float
     nJ: float | None
 
+    @property
+    def is_of_spikes(self) -> bool:
+        """Whether it reads the afferents' spikes, and not the signals."""
+        return " spikes (" in self.name
+
 
 class Trials(NamedTuple):
     """Independent trials on two sides of the split: windows of one trial are not independent."""
@@ -176,6 +181,34 @@ def details(found: Answer) -> Iterator[str]:
     spent = (cheapest.early or cheapest.whole).nJ
     if rival is not None and rival.nJ is not None and spent is not None:
         yield f"Energy, an estimate of the arithmetic: {energy(spent)} against {energy(rival.nJ)} for {rival.name}."
+
+
+def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
+    """Where spiking costs accuracy: what the encoding loses, what the network loses, and what to try against it.
+
+    The same windows are told apart from the signals and from the afferents' spikes, by the classifiers that validation
+    trials choose, and by the network. A loss of one test trial or less is not named.
+
+    >>> network = Network("1&1", 20, 1, 0.6, Decision(0.5, 1000.0, 500.0, 80.0, None), None)
+    >>> baselines = [Baseline("SVM on signals", 0.9, 0.9, 1.0), Baseline("SVM on spikes (counts)", 0.7, 0.51, 1.0)]
+    >>> [words[:67] for words in where_lost(answer([network], baselines, 0.25, Trials(40, 40)), baselines)]
+    ['the encoding loses 39.0 points (90.0 % by SVM on signals, 51.0 % by']
+    """
+    rivals = [[one for one in baselines if one.is_of_spikes == of_spikes] for of_spikes in (False, True)]
+    if found.baseline is None or found.baseline.accuracy <= found.interval[1] or not all(rivals):
+        return
+    of_signals, of_spikes = (max(group, key=lambda one: one.validation) for group in rivals)
+    encoding = of_signals.accuracy - of_spikes.accuracy
+    network = of_spikes.accuracy - found.best.whole.accuracy
+    lost = {
+        f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
+        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at neurotact calibrate --compare, or try "
+        "--set encoder=sa1-ra1-lif-graded": encoding,
+        f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
+        f"{percent(found.best.whole.accuracy)} by the best network); try more hidden neurons "
+        "(--set network.hidden=100), or record more": network,
+    }
+    yield from (words for words, loss in lost.items() if loss > 1 / found.trials.test)
 
 
 def _saved(before: Decision, after: Decision) -> str:

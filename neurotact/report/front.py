@@ -37,7 +37,7 @@ class Sides(NamedTuple):
 class Front(NamedTuple):
     """What the first screen shows of one data set.
 
-    headline, details: the answer in words. table: two rows per pair, then the baselines.
+    headline, details: the answer in words. table: two rows per pair, then the baselines. lost: where accuracy is lost.
     """
 
     setting: str
@@ -47,6 +47,7 @@ class Front(NamedTuple):
     headline: str
     details: list[str]
     table: Table
+    lost: list[str]
 
 
 def costs_of(study: StudySpec, results: pd.DataFrame, trains: SpikeTrains | None) -> pd.DataFrame:
@@ -208,7 +209,9 @@ def fronts(
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
         found = answers.answer(networks, baselines, guess, sides.trials)
         table = front_table(found, networks, baselines)
-        yield Front(str(setting), found, sides, networks, answers.headline(found), list(answers.details(found)), table)
+        lost = list(answers.where_lost(found, baselines))
+        words = list(answers.details(found))
+        yield Front(str(setting), found, sides, networks, answers.headline(found), words, table, lost)
 
 
 def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
@@ -262,7 +265,7 @@ def leading(baselines: Sequence[Baseline]) -> list[Baseline]:
     """Of logistic regression and of the others, on signals and on spikes: the best on validation trials."""
     groups: dict[tuple[bool, bool], list[Baseline]] = {}
     for one in baselines:
-        key = " spikes (" in one.name, not one.name.startswith("logistic")
+        key = one.is_of_spikes, not one.name.startswith("logistic")
         groups.setdefault(key, []).append(one)
     return [max(groups[key], key=lambda one: one.validation) for key in sorted(groups)]
 
@@ -282,6 +285,7 @@ def beware(
         if one.kind == "nothing learned":
             low = one.interval[0]
             lines += [before + line for line in cautions.not_learned(one.best.whole.accuracy, low, one.guess)]
+        lines += [before + line for line in front.lost]
         if trains is not None:
             lines += [before + line for line in cautions.few_test_trials(front.sides.tested)]
             few = cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)

@@ -91,6 +91,27 @@ def test_early_exit_and_energy_are_told_of_the_cheapest():
     assert "200 nJ against 24 nJ for SVM" in words
 
 
+def test_what_is_lost_is_divided_between_encoding_and_network():
+    rivals = [
+        Baseline("ELM on signals (10 time bins)", 0.6, 0.8, 198.0),
+        Baseline("SVM on signals (mean and deviation)", 0.5, 0.95, 55.0),  # better on test trials, which do not choose
+        Baseline("logistic regression on 10&10 ms spikes (10 time bins)", 0.57, 0.57, 754.0),
+        Baseline("SVM on 1&1 ms spikes (counts)", 0.37, 0.7, 763.0),
+    ]
+
+    def lost(accuracy: float, known=rivals, trials=TRIALS):
+        return list(answers.where_lost(answer([network(accuracy=accuracy)], known, 0.05, trials), known))
+
+    encoding, trained = lost(0.33)
+    assert "the encoding loses 23.0 points (80.0 % by ELM on signals (10 time bins), 57.0 % by logistic" in encoding
+    assert "calibrate --compare" in encoding
+    assert "the network loses 24.0 points (57.0 % by logistic regression on 10&10 ms spikes" in trained
+    assert "--set network.hidden=100" in trained
+    assert lost(0.56) == [encoding]  # one test trial of a hundred is no loss
+    assert lost(0.79) == []  # no clear difference
+    assert lost(0.33, rivals[:2]) == []  # no classifier of spikes
+
+
 def test_more_operations_are_not_called_fewer():
     early = Decision(0.9, 1100.0, 990.0, 40.0, None)
     assert "10 % more SOPs" in " ".join(details(answer([network(early=early)], [], 0.25, TRIALS)))
