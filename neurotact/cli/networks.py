@@ -109,7 +109,7 @@ def train_command(
 ) -> None:
     """Train a network on windows of spike trains.
 
-    The best epoch on validation windows is saved. After an interruption, the same command with --resume
+    The weights of the best epoch (`training.keep`) are saved. After an interruption, the same command with --resume
     goes on and leaves the same files. With --folds, or with --repeats, one network is trained for each split, in a
     folder of its own, and their mean is printed.
     """

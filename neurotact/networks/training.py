@@ -87,7 +87,7 @@ def train(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> Training:
-    """Train `network` in place by its spec and leave it with the weights of the best epoch on validation trials.
+    """Train `network` in place by its spec and leave it with the weights of the epoch that the spec prefers (`keep`).
 
     generator: orders the trials, and drops and moves input spikes; its random seed and the network's repeat a training.
     progress: called after each epoch.
