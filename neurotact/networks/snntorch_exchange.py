@@ -12,13 +12,14 @@ but for rounding.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import cast
+from typing import Any, NamedTuple, cast
 
 import snntorch
 import torch
 from snntorch import surrogate
 from torch import Tensor, nn
 
+from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
 from neurotact.networks.kernels import Backend
 from neurotact.networks.readouts import Integration
@@ -114,31 +115,10 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)
-
-    def dynamics(layer: int) -> dict:
-        spike = network.spike_of(layer)
-        slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
-        n = (network.spec.hidden, network.n_classes)[layer]
-        # What is learned is one value a layer. The rest is written out for each neuron: snnTorch's own export to NIR
-        # takes the size of a layer from it.
-        values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
-        values = {name: each if name in network.spec.learn else each.repeat(n) for name, each in values.items()}
-        learned = {f"learn_{name}": name in network.spec.learn for name in values}
-        return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
-
     factors = network.beta.detach() if network.spec.membrane == "eq4" else torch.ones_like(network.beta)
-    hidden: snntorch.RSynaptic | snntorch.Synaptic
-    if network.w_rec is None:
-        hidden = snntorch.Synaptic(**dynamics(0))
-    else:
-        # RSynaptic draws recurrent weights that are replaced at once: leave the global generator alone.
-        with torch.random.fork_rng(devices=[]):
-            hidden = snntorch.RSynaptic(linear_features=network.spec.hidden, **dynamics(0))
-        recurrent = cast(nn.Linear, hidden.recurrent)
-        recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
-        recurrent.weight = nn.Parameter((factors[0] * network.w_rec.detach()).t().contiguous())
+    hidden = _hidden_neurons(network, factors[0])
     if network.bias is None:
-        readout, fc_out = snntorch.Synaptic(**dynamics(1)), _linear(factors[1] * network.w_out)
+        readout, fc_out = snntorch.Synaptic(**_dynamics(network, 1)), _linear(factors[1] * network.w_out)
         _forget(readout)
     else:
         readout, fc_out = None, _linear(network.w_out)
@@ -151,6 +131,42 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
         1.0 if how is None else how.decay, how is not None and how.peak,
     )  # fmt: skip
     return made.to(network.w_in.device)
+
+
+def _dynamics(network: RSNN, layer: int) -> dict[str, Any]:
+    """What a neuron of snnTorch takes to be one of the hidden layer (0) or of the readout (1)."""
+    spike = network.spike_of(layer)
+    slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
+    n_neurons = (network.spec.hidden, network.n_classes)[layer]
+    # What is learned is one value per layer. The rest is written out for each neuron: snnTorch's own export to NIR
+    # takes the size of a layer from it.
+    values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
+    values = {name: each if name in network.spec.learn else each.repeat(n_neurons) for name, each in values.items()}
+    learned = {f"learn_{name}": name in network.spec.learn for name in values}
+    return {**values, **learned, "spike_grad": slope, "reset_mechanism": network.spec.reset}
+
+
+def _hidden_neurons(network: RSNN, factor: Tensor) -> snntorch.RSynaptic | snntorch.Synaptic:
+    """The hidden layer, its recurrent weights times `factor`."""
+    if network.w_rec is None:
+        return snntorch.Synaptic(**_dynamics(network, 0))
+    # RSynaptic draws recurrent weights that are replaced at once: leave the global generator alone.
+    with torch.random.fork_rng(devices=[]):
+        hidden = snntorch.RSynaptic(linear_features=network.spec.hidden, **_dynamics(network, 0))
+    recurrent = cast(nn.Linear, hidden.recurrent)
+    recurrent.bias = None  # pyright: ignore[reportAttributeAccessIssue]
+    recurrent.weight = nn.Parameter((factor * network.w_rec.detach()).t().contiguous())
+    return hidden
+
+
+class _Layers(NamedTuple):
+    """What an RSNN is made of, in snnTorch's modules."""
+
+    fc_in: nn.Linear
+    hidden: Any
+    recurrent: nn.Linear
+    fc_out: nn.Linear
+    readout: Any
 
 
 def from_snntorch(
@@ -172,8 +188,37 @@ def from_snntorch(
     >>> torch.equal(from_snntorch(to_snntorch(net), 2000.0).w_rec, net.w_rec)
     True
     """
-    if not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
-        raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
+    check_sampling_rate(sampling_rate_Hz, "from_snntorch")
+    layers = _checked_layers(parts)
+    alpha, beta, threshold = (
+        torch.stack([_one(getattr(neuron, name), name) for neuron in (layers.hidden, layers.readout)])
+        for name in DYNAMICS
+    )
+    _check_decays(alpha, beta)
+    scales = _surrogate_scales(layers)
+    table = {
+        "hidden": layers.fc_in.out_features,
+        "membrane": "immediate",
+        "reset": layers.hidden.reset_mechanism,
+        "tau_mem_ms": tau_ms(float(beta[0]), sampling_rate_Hz),
+        "tau_syn_ms": tau_ms(float(alpha[0]), sampling_rate_Hz),
+        "learn": [name for name in DYNAMICS if _learned(name, layers.hidden, layers.readout)],
+        **scales,
+    }
+    spec = build(RSNNSpec, table, source="snnTorch network")
+    sizes = layers.fc_in.in_features, layers.fc_out.out_features
+    network = RSNN(*sizes, spec, sampling_rate_Hz, backend=backend, generator=torch.Generator())
+    weights = (each.weight.t() for each in (layers.fc_in, layers.recurrent, layers.fc_out))
+    names = ("w_in", "w_rec", "w_out", *DYNAMICS)
+    values = (*weights, alpha, beta, threshold)
+    network.load_state_dict({name: value.detach() for name, value in zip(names, values, strict=True)})
+    if not scales:
+        network.spike = layers.hidden.spike_grad
+    return network.to(layers.fc_in.weight.device)
+
+
+def _checked_layers(parts: nn.Module | Sequence[nn.Module]) -> _Layers:
+    """The layers of a snnTorch network; InputError for what an RSNN has no place for."""
     if isinstance(parts, SnnTorchNetwork) and (parts.late or parts.recurrent_delay):
         raise InputError("parts: these neurons hear their input later than snnTorch's own; give an 'immediate' network")
     fc_in, hidden, fc_out, readout = _four(parts)
@@ -185,36 +230,19 @@ def from_snntorch(
         _check_neuron(name, neuron)
     if hidden.reset_mechanism != readout.reset_mechanism:
         raise InputError("reset: the hidden layer and the readout reset in two ways; give both the same")
-    alpha, beta, threshold = (
-        torch.stack([_one(getattr(neuron, name), name) for neuron in (hidden, readout)]) for name in DYNAMICS
-    )
-    _check_decays(alpha, beta)
-    scale, readout_scale = (_fast_sigmoid_scale(neuron.spike_grad) for neuron in (hidden, readout))
+    return _Layers(fc_in, hidden, recurrent, fc_out, readout)
+
+
+def _surrogate_scales(layers: _Layers) -> dict[str, float | None]:
+    """The keys of the spec for fast sigmoids; none for one other surrogate, which both layers then have."""
+    scale, readout_scale = (_fast_sigmoid_scale(neuron.spike_grad) for neuron in (layers.hidden, layers.readout))
     if (scale is None) != (readout_scale is None):
         raise InputError(
             "spike_grad: the hidden layer and the readout have two surrogates, not both of them fast sigmoids; "
             "give both the same"
         )
-    table = {
-        "hidden": fc_in.out_features,
-        "membrane": "immediate",
-        "reset": hidden.reset_mechanism,
-        "tau_mem_ms": tau_ms(float(beta[0]), sampling_rate_Hz),
-        "tau_syn_ms": tau_ms(float(alpha[0]), sampling_rate_Hz),
-        "learn": [name for name in DYNAMICS if _learned(name, hidden, readout)],
-        **({} if scale is None else {"surrogate_scale": scale}),
-        **({} if scale == readout_scale else {"readout_surrogate_scale": readout_scale}),
-    }
-    spec = build(RSNNSpec, table, source="snnTorch network")
-    network = RSNN(
-        fc_in.in_features, fc_out.out_features, spec, sampling_rate_Hz, backend=backend, generator=torch.Generator()
-    )
-    weights = (fc_in.weight.t(), recurrent.weight.t(), fc_out.weight.t(), alpha, beta, threshold)
-    names = ("w_in", "w_rec", "w_out", *DYNAMICS)
-    network.load_state_dict({name: value.detach() for name, value in zip(names, weights, strict=True)})
-    if scale is None:
-        network.spike = hidden.spike_grad
-    return network.to(fc_in.weight.device)
+    found: dict[str, float | None] = {} if scale is None else {"surrogate_scale": scale}
+    return found if scale == readout_scale else {**found, "readout_surrogate_scale": readout_scale}
 
 
 def _linear(weight: Tensor) -> nn.Linear:

@@ -71,20 +71,16 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
     separator = next((each for each in SEPARATORS if each in first_row), ",")
     if layout.decimal == "," and separator == ",":
         raise InputError(f"{path}: has commas between its columns, so that none can be a decimal comma; drop --decimal")
-    header = cells(head.rstrip("\n"), separator) if head else []
     first = cells(first_row, separator)
-    if layout.header_lines is not None and len(_named(header)) != len(_named(first)):
-        header = []
-    n_columns = len(_named(header or first))
+    names, n_columns = _names_of(head, first, separator, layout)
     check_width(path, n_columns)
     if len(first) == n_columns + 1 and not first[-1]:
         body = re.sub(rf"{separator}[ \t]*$" if separator != "\t" else r"\t *$", "", body, flags=re.MULTILINE)
-    names = tuple(header[:n_columns]) if all(header[:n_columns]) else ()
     columns = _columns_of(names, n_columns, layout, path)
     if layout.decimal == ",":
         _check_points(body, path)
         body = body.replace(",", ".")
-    elif separator != "," and DECIMAL_COMMA.fullmatch(next((c for c in first if DECIMAL_COMMA.fullmatch(c)), "")):
+    elif separator != "," and any(map(DECIMAL_COMMA.fullmatch, first)):
         raise InputError(f"{path}: line {first_line} has decimal commas; pass --decimal , or write decimal points")
     chosen = [*columns.taxels, *([] if columns.time is None else [columns.time])]
     values = numbers(
@@ -94,6 +90,18 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
     time = None if columns.time is None else values[:, columns.time]
     taxels = tuple(names[i] for i in columns.taxels) if names else ()
     return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line)
+
+
+def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -> tuple[tuple[str, ...], int]:
+    """The names of the columns, none where one has no name, and how many columns there are.
+
+    first: the cells of the first row of numbers.
+    """
+    header = cells(head.rstrip("\n"), separator) if head else []
+    if layout.header_lines is not None and len(_named(header)) != len(_named(first)):
+        header = []
+    n_columns = len(_named(header or first))
+    return (tuple(header[:n_columns]) if all(header[:n_columns]) else ()), n_columns
 
 
 def is_text(name: str) -> bool:
