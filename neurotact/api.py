@@ -25,7 +25,7 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.figures.raster import draw_raster
+from neurotact.figures.raster import draw_raster, existing_trial
 from neurotact.figures.search import save_found
 from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained, tuning
 from neurotact.networks.outcome import summary_of
@@ -214,7 +214,7 @@ def plot_raster(
         raise InputError(f"recordings: hold {len(recordings)} trials but the spikes {len(spikes)}; give those encoded")
     signal = None
     if recordings is not None:
-        signal = (recordings.signals[trial], recordings.sampling_rate_Hz, recordings.unit)
+        signal = (recordings.signals[existing_trial(spikes, trial)], recordings.sampling_rate_Hz, recordings.unit)
     return draw_raster(spikes, trial, signal, start_s, stop_s)
 
 

@@ -202,6 +202,10 @@ def test_a_raster_is_a_figure(touches, spikes):
     plt.close(figure)
     with pytest.raises(InputError, match="hold 2 trials"):
         nt.plot_raster(spikes, recordings=touches.select(np.array([0, 1])))
+    for trial in (len(spikes), -1, 1.5):
+        for recordings in (None, touches):
+            with pytest.raises(InputError, match=f"trial {trial}: there is no such trial; trials count from 0 to 47"):
+                nt.plot_raster(spikes, trial, recordings)
 
 
 def test_a_network_is_built_from_keys():

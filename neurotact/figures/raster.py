@@ -1,6 +1,7 @@
 """Spike trains as a raster plot, with the signal above it, and as a table of events."""
 
 from collections.abc import Iterable
+from numbers import Integral
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def write_events(trains: SpikeTrains, path: str | Path, trials: Iterable[int] | 
     trials: all of them when not given; their numbers in `trains` stand in the table.
     """
     _check_suffix(path, (".csv",))
-    chosen = range(len(trains)) if trials is None else [_existing(trains, trial) for trial in trials]
+    chosen = range(len(trains)) if trials is None else [existing_trial(trains, trial) for trial in trials]
     names = np.array(trains.afferents, dtype=object)
     types = np.array([name.split(" ")[0] for name in trains.afferents], dtype=object)
     units = np.concatenate([np.empty(0, np.int64), *(trains.units[t] for t in chosen)]).astype(np.int64)
@@ -171,16 +172,17 @@ def _title(trains: SpikeTrains, trial: int) -> str:
 
 
 def _stretch(trains: SpikeTrains, trial: int, start_s: float, stop_s: float | None) -> tuple[float, float]:
-    end_s = float(trains.trial_steps[_existing(trains, trial)] / trains.sampling_rate_Hz)
+    end_s = float(trains.trial_steps[existing_trial(trains, trial)] / trains.sampling_rate_Hz)
     stop_s = end_s if stop_s is None else min(stop_s, end_s)
     if not 0 <= start_s < stop_s:
         raise InputError(f"raster: start {start_s:g} s must be >= 0 and before the end at {stop_s:g} s")
     return start_s, stop_s
 
 
-def _existing(trains: SpikeTrains, trial: int) -> int:
-    if not 0 <= trial < len(trains):
-        raise InputError(f"trial {trial}: there is no such trial; the file holds 0 to {len(trains) - 1}")
+def existing_trial(trains: SpikeTrains, trial: int) -> int:
+    """The number of a trial; InputError where there is none of this number."""
+    if not (isinstance(trial, Integral) and 0 <= trial < len(trains)):
+        raise InputError(f"trial {trial}: there is no such trial; trials count from 0 to {len(trains) - 1}")
     return trial
 
 
