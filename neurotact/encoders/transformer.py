@@ -11,7 +11,7 @@ from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
 from neurotact.checks import sequences
-from neurotact.data.recordings import Recordings
+from neurotact.data.recordings import Recordings, check_sampling_rate
 from neurotact.data.windowed import SpikeArray
 from neurotact.encoders import specs
 from neurotact.encoders.encoding import encode_recordings
@@ -26,7 +26,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
     ----------
     encoder : name or path of an encoder spec (`encoders/*.toml`), or a spec, such as `nt.calibrate` returns.
     settings : keys of that spec, dotted: `{"sa1.t_ref_ms": 5}`.
-    sampling_rate_Hz : of the signals, samples per second.
+    sampling_rate_Hz : of the signals, samples per second; must be given, since plain arrays do not say their clock.
     unit : of the signals; that of the encoder spec when None.
 
     Attributes
@@ -46,7 +46,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
         encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
         settings: Mapping[str, Any] | None = None,
         *,
-        sampling_rate_Hz: float = 2000.0,
+        sampling_rate_Hz: float | None = None,
         unit: str | None = None,
     ):
         self.encoder = encoder
@@ -56,6 +56,9 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> "SpikeEncoder":
         """Check the spec against signals X `(trial, time, taxel)`; y is ignored."""
+        if self.sampling_rate_Hz is None:
+            raise InputError("sampling_rate_Hz: X does not say its clock; pass SpikeEncoder(sampling_rate_Hz=...)")
+        check_sampling_rate(self.sampling_rate_Hz, "SpikeEncoder")
         signals = sequences(X, "trial, time, taxel", np.float32)
         self.spec_ = specs.resolve(self.encoder, self.settings)
         self.n_features_in_ = signals.shape[2]
@@ -68,7 +71,8 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
         if signals.shape[2] != self.n_features_in_:
             raise InputError(f"X: has {signals.shape[2]} taxels, but training had {self.n_features_in_}; give those")
         nameless = pd.DataFrame({"label": ["unknown"] * len(signals)})
-        recordings = Recordings(signals, self.sampling_rate_Hz, self.unit or self.spec_.unit, nameless, source="X")
+        rate_Hz: Any = self.sampling_rate_Hz
+        recordings = Recordings(signals, rate_Hz, self.unit or self.spec_.unit, nameless, source="X")
         trains = encode_recordings(recordings, self.spec_)
         raster = np.zeros((len(trains), int(trains.trial_steps[0]), len(trains.afferents)), np.uint8)
         for trial, (steps, units) in enumerate(zip(trains.steps, trains.units, strict=True)):

@@ -186,6 +186,9 @@ def test_a_spec_serves_as_its_name_does():
     by_spec = SpikeEncoder(specs.load("sa1-ra1-lif", changed), sampling_rate_Hz=2000.0).fit_transform(signals)
     assert by_spec.any()
     assert (by_spec == by_name).all()
+    for rate_Hz, words in ((None, "X does not say its clock"), ("2000", "must be a positive number")):
+        with pytest.raises(InputError, match=words):
+            SpikeEncoder(sampling_rate_Hz=rate_Hz).fit(signals)
     with pytest.raises(InputError, match="encoder: must be a name, a path or an encoder spec; got RSNNSpec"):
         SpikeEncoder(spec, sampling_rate_Hz=2000.0).fit(signals)
 
