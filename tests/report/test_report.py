@@ -342,6 +342,7 @@ def test_in_a_browser_a_point_is_clicked_and_its_network_shown(chromium, written
     chromium.open(written, width, scheme=scheme)
     chromium.wait_for(DRAWN)
     assert chromium.evaluate("document.documentElement.scrollWidth") <= width
+    assert chromium.evaluate("document.getElementById('one').value !== document.getElementById('other').value")
     # The first point of the first pair's trace: a cell of the data set that is shown.
     place = chromium.evaluate(
         "(() => { const host = document.getElementById('plot'); host.scrollIntoView();"

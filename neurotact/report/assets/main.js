@@ -41,7 +41,9 @@ function lookAt(target) {
 function settle() {
   const front = study.fronts[study.chosen.setting];
   for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.chosen.setting;
-  for (const [id, beginning] of [["one", front?.best], ["other", front?.cheapest]]) {
+  const another = front?.networks.findIndex((_, i) => i !== front.best);
+  const beside = front?.cheapest === front?.best && another >= 0 ? another : front?.cheapest;  // not a network with itself
+  for (const [id, beginning] of [["one", front?.best], ["other", beside]]) {
     byId(id).replaceChildren(...(front?.networks ?? []).map((network, i) => element("option", { value: i }, network.name)));
     const asked = Number(study.chosen[id]);
     const at = study.chosen[id] !== "" && front?.networks[asked] ? asked : beginning;
