@@ -111,7 +111,7 @@ def _recordings(arrays: _Arrays, rate_Hz: float, unit: str, names: Mapping[str, 
         raise InputError(f"{arrays.path}: no array is called label ({known}); name the class with --names label=...")
     channels_at = _at(arrays, CHANNELS, names, (n_taxels,))
     channels = () if channels_at is None else tuple(map(str, _values(arrays, channels_at).tolist()))
-    conditions = {LABEL: _labels(_values(arrays, label_at))}
+    conditions: dict[str, Any] = {LABEL: _labels(_values(arrays, label_at))}
     for name, shape in arrays.shapes.items():
         column = name.rpartition("/")[2]
         if shape == (n_trials,) and name not in (label_at, channels_at) and column not in conditions:
