@@ -41,7 +41,7 @@ from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save as save_figure
 from neurotact.progress import say, track
 
-COLUMNS = ["baseline", "polarity", "separation_sa", "separation_ra", "acausal", "chosen"]
+COLUMNS = ["baseline", "polarity", "accuracy", "separation_sa", "separation_ra", "acausal", "chosen"]
 """What is shown of alternatives."""
 
 
@@ -75,7 +75,7 @@ def calibrate(
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials.
 
-    No classifier is used. A baseline that knows the whole trial gives way to one that knows the past alone, unless
+    A baseline that knows the whole trial gives way to one that knows the past alone, unless
     it is given with --set. Afferents that fire at rest are named, with the remedy.
     """
     began = perf_counter()

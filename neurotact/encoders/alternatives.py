@@ -1,4 +1,4 @@
-"""Baselines, polarities and rectification compared by what calibration measures: how far ISIs separate classes."""
+"""Baselines, polarities and rectification compared by what calibration measures: how well spikes tell classes apart."""
 
 from collections.abc import Callable
 from itertools import product
@@ -29,8 +29,9 @@ COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles":
 class Compared(NamedTuple):
     """Each alternative, the best first, and the calibration of the one that was chosen.
 
-    table: baseline, polarity, separation_sa and separation_ra (bit, at the chosen gains), acausal (whether a window
-    knows what comes after it), chosen, and why_not (empty where it could be calibrated).
+    table: baseline, polarity, accuracy (`Calibration.accuracy`), separation_sa and separation_ra (bit, at the chosen
+    gains), acausal (whether a window knows what comes after it), chosen, and why_not (empty where it could be
+    calibrated).
     """
 
     table: pd.DataFrame
@@ -50,7 +51,8 @@ def compare(
 ) -> Compared:
     """Calibrate with each baseline and polarity, and fully with the best of those that know the past alone.
 
-    The best lets SA-I separate the classes best. RA-I feels changes of either sign, so that polarity is the same to it.
+    The best is the one by whose SA-I rates logistic regression names most training trials, of equal ones that under
+    which ISIs separate the classes better. RA-I feels changes of either sign, so that polarity is the same to it.
     Raises InputError where no alternative can be calibrated, and for an encoder that has both polarities.
     """
     if spec.sa1.opposite:
@@ -62,12 +64,19 @@ def compare(
         counted = _Counted(progress, f"{baseline}, {polarity}")
         try:
             found = _with(recordings, spec, baseline, polarity, counted.advance, coarse, tell=False)
+            row["accuracy"] = found.accuracy
             row |= {f"separation_{kind}": _separation(found, name) for kind, name in (("sa", "SA-I"), ("ra", "RA-I"))}
         except InputError as error:
-            row |= {"separation_sa": float("nan"), "separation_ra": float("nan"), "why_not": str(error)}
+            row |= {
+                "accuracy": float("nan"),
+                "separation_sa": float("nan"),
+                "separation_ra": float("nan"),
+                "why_not": str(error),
+            }
         counted.finish(coarse.candidates)
         rows.append(row)
-    table = pd.DataFrame(rows).sort_values("separation_sa", ascending=False, kind="stable", ignore_index=True)
+    by = ["accuracy", "separation_sa"]
+    table = pd.DataFrame(rows).sort_values(by, ascending=False, kind="stable", ignore_index=True)
     causal = table[~table["acausal"] & table["separation_sa"].notna()]
     if causal.empty:
         raise InputError(str(table["why_not"].iloc[0]) or "recordings: no baseline that knows the past alone serves")

@@ -55,15 +55,27 @@ class CalibrationRule(Spec):
     """Of trials, stretches and shuffles."""
 
 
+class Searched(NamedTuple):
+    """Both populations at each candidate gain.
+
+    table: `Calibration.table`, nothing chosen yet. isi: `Calibration.isi`.
+    rates: spikes per second of each trial and afferent, `(trial, afferent)`, by the afferent's name and its gain.
+    """
+
+    table: pd.DataFrame
+    isi: pd.DataFrame
+    rates: dict[tuple[str, float], np.ndarray]
+
+
 def search(
     felt: Felt, spec: AfferentSpec, rule: CalibrationRule, rng: np.random.Generator, progress: Progress | None
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """`Calibration.table`, nothing chosen yet, and `Calibration.isi`: both populations at each candidate gain."""
-    n_steps = felt.signals.lengths
-    rate_Hz, labels = felt.sampling_rate_Hz, felt.labels
+) -> Searched:
+    """What both populations send at each candidate gain."""
+    n_seconds = np.array(felt.signals.lengths) / felt.sampling_rate_Hz
+    labels = felt.labels
     labellings = [labels, *(rng.permutation(labels) for _ in range(rule.shuffles))]
     grids = _candidates(felt, spec, rule)
-    rows, isi = [], []
+    rows, isi, rates = [], [], {}
     for gains in zip(*grids.values(), strict=True):
         tried = {
             part: getattr(spec, part).model_copy(update={"gain": gain, "grades": (1.0,)})
@@ -78,30 +90,31 @@ def search(
                 "silent_share": float(1 - fired.n_heard / len(labels)),
                 "floor_share": fired.n_at_floor / fired.n_intervals if fired.n_intervals else 0.0,
                 "separation": separation(fired.shares, labellings),
-                "spikes_per_s": float(fired.n_spikes / (sum(n_steps) / rate_Hz * fired.shares.shape[1])),
+                "spikes_per_s": float(fired.counts.sum() / (n_seconds.sum() * fired.counts.shape[1])),
             }
             rows.append(row)
-            edges_ms = _edges(felt, spec, part) / rate_Hz * 1e3
+            rates[afferent, gain] = (fired.counts / n_seconds[:, None]).astype(np.float32)
+            edges_ms = _edges(felt, spec, part) / felt.sampling_rate_Hz * 1e3
             isi.append(_isi_table(fired.shares, labels, felt.classes, edges_ms, afferent, gain))
         if progress:
             progress(1, ", ".join(f"{a} {g:g}" for a, g in zip(POPULATIONS.values(), gains, strict=True)))
     table = pd.DataFrame(rows).sort_values(["afferent", "gain"], ascending=[False, True], ignore_index=True)
     within = (table.silent_share <= rule.max_silent_share) & (table.floor_share <= rule.max_floor_share)
-    return table.assign(admissible=within, chosen=False), pd.concat(isi, ignore_index=True)
+    return Searched(table.assign(admissible=within, chosen=False), pd.concat(isi, ignore_index=True), rates)
 
 
 class Fired(NamedTuple):
     """What one population sends at one gain.
 
-    shares: ISI distribution of each trial and afferent (`shares_of`).
+    shares: ISI distribution of each trial and afferent (`shares_of`). counts: their spikes, `(trial, afferent)`.
     n_heard: trials with a spike. n_at_floor, n_intervals: ISIs at the refractory floor, and all.
     """
 
     shares: np.ndarray
+    counts: np.ndarray
     n_heard: int
     n_at_floor: int
     n_intervals: int
-    n_spikes: int
 
 
 def _fire(felt: Felt, spec: AfferentSpec) -> Iterator[Fired]:
@@ -118,15 +131,15 @@ def _fire(felt: Felt, spec: AfferentSpec) -> Iterator[Fired]:
             parts[part].append(
                 Fired(
                     shares=shares_of(isi_steps, raster.shape, edges[part]),
+                    counts=raster.sum(axis=1, dtype=np.int64),
                     n_heard=int(raster.any(axis=(1, 2)).sum()),
                     n_at_floor=_n_at_floor(isi_steps.isi_ms, neuron),
                     n_intervals=len(isi_steps.isi_ms),
-                    n_spikes=int(raster.sum()),
                 )
             )
     for found in parts.values():
-        shares, *counts = zip(*found, strict=True)
-        yield Fired(np.concatenate(shares), *map(sum, counts))
+        shares, counts, *numbers = zip(*found, strict=True)
+        yield Fired(np.concatenate(shares), np.concatenate(counts), *map(sum, numbers))
 
 
 def _side_by_side(signals: Spool) -> Iterator[tuple[np.ndarray, np.ndarray]]:

@@ -21,7 +21,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import Calibration, calibrate, calibrate_causally
+from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.excerpts import Felt
 from neurotact.encoders.gain_search import CalibrationRule
@@ -270,7 +270,7 @@ def test_a_short_trial_ends_where_it_ends():
     pressed = [np.full((n_steps, 2), 5.0) for n_steps in (60, 200, 60, 200)]
     pressed[1][100:] += 1.0  # one step up, so that RA-I is driven at all
     felt = Felt(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
-    table, _ = gain_search.search(felt, SPEC, RULE, np.random.default_rng(0), None)
+    table = gain_search.search(felt, SPEC, RULE, np.random.default_rng(0), None).table
     rates = table[table.afferent == "RA-I"].spikes_per_s
     # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
     assert set(rates.round(6)) <= {0.0, round(1 / 0.52, 6)}
@@ -347,6 +347,23 @@ def test_a_zero_that_drifts_is_taken_off_by_the_start():
     before = [np.concatenate([rng.normal(0, 0.2, (150, 3)), np.abs(signal)]) for signal in recordings.signals]
     drifting = replace(recordings, signals=[signal + 300 * rng.normal() for signal in before])
     assert calibrate_causally(drifting, SPEC, rule=RULE).encoder.conditioning.baseline == "start"
+
+
+def test_a_zero_that_drifts_within_a_trial_is_taken_off_by_a_high_pass():
+    """Light and firm strokes: neither the start of a trial nor an absent baseline knows where the zero is later on."""
+    recordings, rng = slides((5.0, 5.0)), np.random.default_rng(3)
+    time_s = np.arange(4000)[:, None] * 1e-3
+    strokes = np.maximum(0, np.sin(2 * np.pi * 5 * time_s)) * [10.0, 6.0, 3.0]
+    drifts = [60 * np.sin(2 * np.pi * 0.1 * time_s + rng.uniform(0, 6, 3)) for _ in recordings.signals]
+    signals = [(1, 4)[label] * strokes + drift for label, drift in zip(recordings.labels, drifts, strict=True)]
+    found = calibrate_causally(replace(recordings, signals=signals), SPEC, rule=RULE)
+    assert found.encoder.conditioning.baseline == "high-pass"
+
+
+def test_the_simplest_baseline_within_an_error_of_the_best_is_chosen():
+    assert _best_of({"none": 0.80, "start": 0.84}, 50) == "none"
+    assert _best_of({"none": 0.80, "start": 0.84}, 5000) == "start"
+    assert _best_of({"none": float("nan"), "start": float("nan")}, 50) == "none"
 
 
 def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
