@@ -42,7 +42,7 @@ def study_run(
     ] = None,
     window_ms: Annotated[
         float | None,
-        typer.Option("--window-ms", min=0, help="Length of the windows; short for --set window.length_ms=..."),
+        typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms=300 gives it."),
     ] = None,
     test_where: TestWhere = None,
     group: Group = None,
