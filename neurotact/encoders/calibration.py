@@ -184,7 +184,9 @@ def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
     """
     highest = max(accuracy.values())
     enough = highest - error_of(highest, n_trials)
-    return next((baseline for baseline, reached in accuracy.items() if reached >= enough), next(iter(accuracy)))
+    good: list[Baseline] = [baseline for baseline, reached in accuracy.items() if reached >= enough]
+    known: list[Baseline] = list(accuracy)
+    return (good or known)[0]
 
 
 def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., Calibration], int]:
