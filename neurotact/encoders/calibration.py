@@ -126,11 +126,14 @@ def calibrate(
             notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are left out")
         if gain == table.gain[mine].max():
             notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
-    less = "vary less than a tenth as much as the liveliest taxel"
+    less = "less than a tenth as much as the liveliest taxel"
     if scaling.noise:
-        notes.append(f"{', '.join(scaling.noise)}: {less} and are the same in all classes; treated as noise")
+        notes.append(
+            f"treated as noise, since its deviation is {less} and alike in all classes: {', '.join(scaling.noise)}"
+        )
     if scaling.small:
-        notes.append(f"{', '.join(scaling.small)}: {less} but differ between classes; scaled by their own deviation")
+        names = ", ".join(scaling.small)
+        notes.append(f"scaled by its own deviation, which is {less} but differs between classes: {names}")
     for note in notes if tell else ():
         log.warning("%s: %s", _source(recordings), note)
     return Calibration(fitted.model_copy(update=chosen), table, isi, accuracy, tuple(notes))

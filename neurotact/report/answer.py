@@ -205,8 +205,8 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
         f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at neurotact calibrate --compare, or try "
         "--set encoder=sa1-ra1-lif-graded": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
-        f"{percent(found.best.whole.accuracy)} by the best network); try more hidden neurons "
-        "(--set network.hidden=100), or record more": network,
+        f"{percent(found.best.whole.accuracy)} by the best network); record more trials, or run the "
+        "whole study if this is --quick": network,
     }
     yield from (words for words, loss in lost.items() if loss > 1 / found.trials.test)
 

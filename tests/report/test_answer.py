@@ -106,7 +106,7 @@ def test_what_is_lost_is_divided_between_encoding_and_network():
     assert "the encoding loses 23.0 points (80.0 % by ELM on signals (10 time bins), 57.0 % by logistic" in encoding
     assert "calibrate --compare" in encoding
     assert "the network loses 24.0 points (57.0 % by logistic regression on 10&10 ms spikes" in trained
-    assert "--set network.hidden=100" in trained
+    assert "record more trials" in trained
     assert lost(0.56) == [encoding]  # one test trial of a hundred is no loss
     assert lost(0.79) == []  # no clear difference
     assert lost(0.33, rivals[:2]) == []  # no classifier of spikes
