@@ -162,7 +162,7 @@ def calibrate_causally(
         conditioning = spec.conditioning.model_copy(update={"baseline": baseline})
         changed = spec.model_copy(update={"conditioning": conditioning})
         try:
-            found[baseline] = calibrate(recordings, changed, progress, rule)
+            found[baseline] = calibrate(recordings, changed, progress, rule, tell=False)
         except InputError:
             refused.append(baseline)
             if baseline == PAST[-1] and not found:
@@ -175,8 +175,10 @@ def calibrate_causally(
         f"the baseline is '{best}', which knows the past alone; training trials that logistic regression names right "
         f"by SA-I rates: {', '.join(told)}"
     )
-    log.warning("%s: %s", _source(recordings), note)
-    return replace(found[best], notes=(*found[best].notes, note))
+    notes = *found[best].notes, note
+    for each in notes:
+        log.warning("%s: %s", _source(recordings), each)
+    return replace(found[best], notes=notes)
 
 
 def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
