@@ -9,6 +9,7 @@ classes best. No trial but those given is seen.
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,10 @@ from neurotact.encoders import grading
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, AfferentType
 from neurotact.encoders.excerpts import Felt, as_felt, cut, draw
 from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search
-from neurotact.encoders.linear_accuracy import error_of, linear_accuracy
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.errors import InputError
+from neurotact.metrics.linear import cross_validated_accuracy, error_of
 from neurotact.spec import refuse
 
 CLOCK_HZ = 1000.0
@@ -49,16 +50,24 @@ class Calibration:
         afferent), `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
-    accuracy: the share of the training trials that logistic regression on the rates of SA-I at the chosen gain names
-        right, in cross-validation; NaN where a class has one trial.
+    rates, labels: of SA-I at the chosen gain, in spikes per second, `(trial, afferent)`, and the classes, `(trial,)`.
     notes: what was changed of the spec, and what else one should know.
     """
 
     encoder: AfferentSpec
     table: pd.DataFrame
     isi: pd.DataFrame
-    accuracy: float
+    rates: np.ndarray
+    labels: np.ndarray
     notes: tuple[str, ...]
+
+    @cached_property
+    def accuracy(self) -> float:
+        """The share of the training trials that logistic regression on `rates` names right, in cross-validation.
+
+        NaN where a class has one trial.
+        """
+        return cross_validated_accuracy(self.rates, self.labels)
 
 
 def calibrate(
@@ -112,14 +121,12 @@ def calibrate(
     felt = Felt(standardised, drawn.labels, drawn.classes, clock_Hz, _source(recordings))
 
     table, isi, rates = search(felt, fitted, rule, rng, progress)
-    chosen, accuracy = {}, float("nan")
+    chosen = {}
     for part, afferent in POPULATIONS.items():
         mine = table.afferent == afferent
         best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}")
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
-        if part == "sa1":
-            accuracy = linear_accuracy(rates[afferent, gain], felt.labels)
         chosen[part] = _graded(felt, fitted, part, gain)
         n_lost = len(getattr(spec, part).grades) - len(chosen[part].grades)
         if n_lost:
@@ -136,7 +143,8 @@ def calibrate(
         notes.append(f"scaled by its own deviation, which is {less} but differs between classes: {names}")
     for note in notes if tell else ():
         log.warning("%s: %s", _source(recordings), note)
-    return Calibration(fitted.model_copy(update=chosen), table, isi, accuracy, tuple(notes))
+    sent = rates[POPULATIONS["sa1"], chosen["sa1"].gain]
+    return Calibration(fitted.model_copy(update=chosen), table, isi, sent, felt.labels, tuple(notes))
 
 
 def calibrate_causally(
@@ -167,8 +175,8 @@ def calibrate_causally(
             refused.append(baseline)
             if baseline == PAST[-1] and not found:
                 raise
-    n_drawn = int(np.minimum(np.unique(recordings.labels, return_counts=True)[1], rule.trials_per_class).sum())
-    best = _best_of({baseline: each.accuracy for baseline, each in found.items()}, n_drawn)
+    n_trials = len(next(iter(found.values())).labels)
+    best = _best_of({baseline: each.accuracy for baseline, each in found.items()}, n_trials)
     told = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
     told += [f"{baseline}: no gain fits" for baseline in refused]
     note = (

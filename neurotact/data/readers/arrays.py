@@ -124,9 +124,7 @@ def _recordings(arrays: _Arrays, rate_Hz: float, unit: str, names: Mapping[str, 
 def _signals_at(arrays: _Arrays, named: str | None) -> str:
     """The name of the array of signals."""
     if named is not None:
-        if named not in arrays.shapes:
-            raise InputError(f"{arrays.path}: holds no array '{named}'; {nearest(named, list(arrays.shapes))}")
-        return named
+        return _existing(arrays, named)
     found = [name for name, shape in arrays.shapes.items() if len(shape) == len(AXES)]
     if len(found) != 1:
         shown = ", ".join(f"{name} {shape}" for name, shape in list(arrays.shapes.items())[:12]) or "none at all"
@@ -158,14 +156,19 @@ def _at(arrays: _Arrays, what: str, names: Mapping[str, str], shape: tuple[int, 
     if named is None:
         fitting = {name.rpartition("/")[2].lower(): name for name, each in arrays.shapes.items() if each == shape}
         return next((fitting[alias] for alias in ALIASES[what] if alias in fitting), None)
-    if named not in arrays.shapes:
-        raise InputError(f"{arrays.path}: holds no array '{named}'; {nearest(named, list(arrays.shapes))}")
-    if arrays.shapes[named] != shape:
+    if arrays.shapes[_existing(arrays, named)] != shape:
         per = "trial" if what == LABEL else "taxel"
         raise InputError(
             f"{arrays.path}: '{named}' has the shape {arrays.shapes[named]} where {shape} is expected; "
             f"give one value per {per}"
         )
+    return named
+
+
+def _existing(arrays: _Arrays, named: str) -> str:
+    """The name as it is; InputError where the file has no such array."""
+    if named not in arrays.shapes:
+        raise InputError(f"{arrays.path}: holds no array '{named}'; {nearest(named, list(arrays.shapes))}")
     return named
 
 
