@@ -14,7 +14,7 @@ import pytest
 import torch
 from typer.main import get_command
 
-from neurotact import __version__, cli, spec
+from neurotact import __version__, cli, plugins, spec
 from neurotact.cli import encoding, options, studies
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
@@ -143,6 +143,17 @@ def test_a_change_within_a_nested_table_keeps_the_rest_of_it(neurotact, tmp_path
         f"{tmp_path}/materials.h5: 40 trials of 4 classes, 2 taxels, 80.0 s at 2000 Hz, in V\n",
     )
     assert load_recordings(tmp_path / "materials.h5").channels == ("force", "output")
+
+
+@pytest.mark.parametrize("name", plugins.names("simulators"))
+def test_help_of_a_simulation_lists_each_key_as_it_is_typed(neurotact, name):
+    code, out, _ = neurotact("simulate", name, "--help")
+    listed = out.partition("Keys of --set, with their defaults:")[2].partition("Options:")[0].split("\n")
+    typed = spec.parse_assignments([line.strip() for line in listed if line.strip()])
+    experiment = plugins.load("simulators", name)
+    assert code == 0
+    assert [*typed] == [*spec.leaves(experiment.model().model_dump(mode="json"))]
+    assert experiment.build(typed, "typed") == experiment.model()
 
 
 def test_simulated_grasps_are_saved(neurotact, tmp_path):

@@ -59,15 +59,16 @@ class LazyCommands(MutableMapping[str, Any]):
 
 
 def add_plugins(app: typer.Typer, kind: plugins.Group, command: Callable[[str, Any], Callable[..., None]]) -> None:
-    """Give `app` a command for each plug-in of a kind, such as "readers"; a plug-in's `about` is the command's help.
+    """Give `app` a command for each plug-in of a kind, such as "readers", with its `about` as the first line of help.
 
-    command: gives the function of a command for the name of a plug-in and the plug-in.
+    command: gives the function of a command for the name of a plug-in and the plug-in; its docstring, where it has
+        one, follows in the help.
     """
 
     def load(name: str) -> Any:
         plugin = plugins.load(kind, name)
         run = command(name, plugin)
-        run.__doc__ = plugin.about
+        run.__doc__ = f"{plugin.about}\n\n{run.__doc__ or ''}"
         return command_of(run)
 
     def helps() -> dict[str, Help]:

@@ -1,5 +1,6 @@
 """The commands that simulate an experiment: one for each simulator that is found by name."""
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,9 @@ def _command(name: str, experiment: Simulator) -> Callable[..., None]:
             recordings = experiment.simulate(what, counting(advance))
         save_recordings(recordings, out)
 
+    keys = spec.leaves(experiment.model().model_dump(mode="json"))
+    lines = [f"{key}={json.dumps(value)}" for key, value in keys.items()]
+    run.__doc__ = "\n".join(["\b", "Keys of --set, with their defaults:", *lines])
     return run
 
 
