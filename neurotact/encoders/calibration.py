@@ -89,7 +89,8 @@ def calibrate(
     progress: called with 1 and a note at each of the `rule.candidates` steps.
     inverted: SA-I feels the signal's fall and not its rise: the scales are negative.
     tell: log the notes, too.
-    Raises InputError for less than two classes, for signals that never move, and where no gain keeps both limits.
+    Raises InputError for less than two classes, for signals that never move, and where every gain that sends spikes
+    crowds them at the refractory floor.
 
     >>> from neurotact.data.recordings import Recordings
     >>> from neurotact.spec import build
@@ -127,6 +128,8 @@ def calibrate(
         best = choose(table[mine], rule, f"{_source(recordings)}: {afferent}")
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
+        if not table.admissible[best]:
+            notes.append(_on_silence(felt, rates[afferent, gain], afferent, rule))
         chosen[part] = _graded(felt, fitted, part, gain)
         n_lost = len(getattr(spec, part).grades) - len(chosen[part].grades)
         if n_lost:
@@ -216,6 +219,18 @@ def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., 
     refuse(given, dict.fromkeys(FITTED, BY_CALIBRATION))
     chooses = spec.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in given
     return (calibrate_causally, len(PAST)) if chooses else (calibrate, 1)
+
+
+def _on_silence(felt: Felt, rates: np.ndarray, afferent: str, rule: CalibrationRule) -> str:
+    """The note on trials that stay silent because no gain keeps both limits, and the class most of them are of."""
+    silent = np.logical_not(rates.any(axis=1))
+    most = int(np.bincount(felt.labels[silent]).argmax())
+    rests = f"{silent[felt.labels == most].mean():.0%} of '{felt.classes[most]}'"
+    return (
+        f"{afferent}: silent in {silent.mean():.0%} of the training trials (in {rests}); no gain wakes more of them "
+        f"without putting over {rule.max_floor_share:.0%} of the intervals at the refractory period; leave trials "
+        "without contact out, unless that is a class"
+    )
 
 
 def _graded(felt: Felt, spec: AfferentSpec, part: str, gain: float) -> AfferentType:

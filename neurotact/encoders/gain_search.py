@@ -221,22 +221,29 @@ def _strongest(drive: Iterable[np.ndarray], n_values: int) -> float:
 
 
 def choose(table: pd.DataFrame, rule: CalibrationRule, where: str) -> int:
-    """Index of the chosen row of one population; InputError where none is admissible."""
-    heard = table[table.silent_share <= rule.max_silent_share]
-    if heard.empty:
-        raise InputError(
-            f"{where}: every gain tried leaves {table.silent_share.min():.1%} of the training trials silent or more, "
-            f"above max_silent_share = {rule.max_silent_share:.1%}; drop the trials without contact or raise the limit"
-        )
-    if not heard.admissible.any():
-        raise InputError(
-            f"{where}: every gain that leaves few trials silent puts {heard.floor_share.min():.1%} of the ISIs at the "
-            f"refractory floor or more, above max_floor_share = {rule.max_floor_share:.1%}; drop the trials with the "
-            "weakest contact or raise the limit"
-        )
-    admissible = table[table.admissible]
-    best = admissible.separation.max()
-    return int(admissible.index[admissible.separation >= best - rule.tie * abs(best)][0])
+    """Index of the chosen row of one population.
+
+    Where no gain keeps both limits, that of silent trials gives way: of the gains that keep the other, those with the
+    fewest silent trials are left. A class may rest, and its silence tells it then.
+    Raises InputError where no gain sends spikes without crowding them at the refractory floor.
+    """
+    good = table[table.admissible]
+    if good.empty:
+        heard = table[table.silent_share < 1]
+        if heard.empty:
+            raise InputError(
+                f"{where}: no gain tried sends a spike; check the columns that were read and the encoder's tau_mem_ms"
+            )
+        good = heard[heard.floor_share <= rule.max_floor_share]
+        if good.empty:
+            raise InputError(
+                f"{where}: every gain that sends spikes puts {heard.floor_share.min():.1%} of the ISIs at the "
+                f"refractory floor or more, above max_floor_share = {rule.max_floor_share:.1%}; check the columns that "
+                "were read, or give the encoder a longer tau_mem_ms"
+            )
+        good = good[good.silent_share == good.silent_share.min()]
+    best = good.separation.max()
+    return int(good.index[good.separation >= best - rule.tie * abs(best)][0])
 
 
 def _n_at_floor(isi_steps: np.ndarray, neuron: LIF) -> int:

@@ -20,7 +20,7 @@ from neurotact.data.readers import fabricslide
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import gain_search
-from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.excerpts import Felt
@@ -215,18 +215,36 @@ def test_one_class_is_refused():
         calibrate(slides((3.0,)), SPEC, rule=RULE)
 
 
-def test_silent_trials_that_no_gain_wakes_are_refused_with_their_share():
+def with_trials_times(factor: float) -> Recordings:
+    """Every other trial is so many times as large."""
     recordings = slides()
-    signals = [s if i % 2 else np.zeros_like(s) for i, s in enumerate(recordings.signals)]
-    with pytest.raises(InputError, match=r"SA-I: every gain tried leaves 50.0% .* max_silent_share"):
-        calibrate(replace(recordings, signals=signals), SPEC, rule=RULE)
+    return replace(recordings, signals=[s * (1 if i % 2 else factor) for i, s in enumerate(recordings.signals)])
 
 
-def test_limits_that_no_gain_keeps_together_are_refused():
+@pytest.mark.parametrize("factor", [0.0, 1 / 200])
+def test_where_trials_rest_the_gain_that_wakes_most_of_them_below_the_floor_is_taken(factor):
+    rule = RULE.model_copy(update={"candidates": 22})
+    found = calibrate(with_trials_times(factor), SPEC, rule=rule)
+    for afferent, rows in found.table.groupby("afferent"):
+        (chosen,) = rows[rows.chosen].itertuples()
+        assert not rows.admissible.any()
+        assert chosen.floor_share <= rule.max_floor_share
+        assert chosen.silent_share == rows.silent_share[rows.floor_share <= rule.max_floor_share].min()
+        assert any(note.startswith(f"{afferent}: silent in {chosen.silent_share:.0%} of") for note in found.notes)
+
+
+def test_the_note_names_the_class_that_rests():
     recordings = slides()
-    signals = [s * (1 if i % 2 else 1 / 200) for i, s in enumerate(recordings.signals)]
-    with pytest.raises(InputError, match=r"SA-I: .* max_floor_share"):
-        calibrate(replace(recordings, signals=signals), SPEC, rule=RULE.model_copy(update={"candidates": 22}))
+    rests = 1
+    signals = [s * (label != rests) for s, label in zip(recordings.signals, recordings.labels, strict=True)]
+    notes = calibrate(replace(recordings, signals=signals), SPEC, rule=RULE).notes
+    assert sum(f"(in 100% of '{recordings.classes[rests]}')" in note for note in notes) == len(POPULATIONS)
+
+
+def test_spikes_that_always_crowd_at_the_refractory_floor_are_refused():
+    table = pd.DataFrame({"silent_share": [1.0, 0.5, 0.0], "floor_share": [0.0, 0.3, 0.4], "admissible": False})
+    with pytest.raises(InputError, match=r"here: every gain that sends spikes puts 30.0% .* max_floor_share = 10.0%"):
+        gain_search.choose(table, RULE, "here")
 
 
 def test_the_figure_shows_both_populations(fitted, tmp_path):
@@ -382,5 +400,5 @@ def test_where_no_baseline_can_be_calibrated_the_reason_is_said():
 
 def test_a_membrane_that_never_charges_is_refused():
     spec = specs.load(AfferentSpec, "sa1-ra1-lif", {"tau_mem_ms": 2.0**62})
-    with pytest.raises(InputError, match="every gain tried leaves 100"):
+    with pytest.raises(InputError, match="no gain tried sends a spike"):
         calibrate(slides(), spec, rule=RULE)
