@@ -92,7 +92,8 @@ def calibrate(
         training = data.select(split.train)
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         found = fit(training, start, advance, rule) if compared is None else compared.best
-        complaint = resting.complaint(resting.resting_table(training, found.encoder, rest_ms), rest_ms)
+        at_rest = resting.resting_table(training, found.encoder, rest_ms)
+        complaint = resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline)
     trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))

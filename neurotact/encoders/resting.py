@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from neurotact.data.conditioning import condition_pieces
+from neurotact.data.conditioning import Baseline, condition_pieces
 from neurotact.data.recordings import Trials
 from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode
 
@@ -16,6 +16,7 @@ RESTLESS = 0.5
 """An afferent that fires at rest with this share of its rate afterwards, or more, is no witness of touch."""
 LEAST_Hz = 1.0
 MOST_NAMED = 4
+SMOOTH = "smooth the signal (conditioning.ema_cutoff_Hz)"
 
 
 def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_MS) -> pd.DataFrame:
@@ -45,8 +46,11 @@ def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_
     )  # fmt: skip
 
 
-def complaint(table: pd.DataFrame, rest_ms: float = REST_MS) -> str | None:
-    """What to say of afferents that fire at rest, with the remedy; None where none does."""
+def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline = "none") -> str | None:
+    """What to say of afferents that fire at rest, with the remedy; None where none does.
+
+    baseline: of their encoder; where it is taken off already, taking it off is no remedy.
+    """
     restless = table[table["restless"]].sort_values("share", ascending=False)
     if restless.empty:
         return None
@@ -56,9 +60,10 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS) -> str | None:
     )
     more = f" and {len(restless) - MOST_NAMED} more" if len(restless) > MOST_NAMED else ""
     if len(restless) > 0.5 * len(table):
-        remedy = "if trials begin in contact this is touch; else take the baseline off (conditioning.baseline=start)"
+        off = "take the baseline off (conditioning.baseline=start)"
+        remedy = f"if trials begin in contact this is touch; else {off if baseline == 'none' else SMOOTH}"
     else:
-        remedy = "leave these taxels out (import --columns), smooth them (conditioning.ema_cutoff_Hz) or lower the gain"
+        remedy = f"leave these taxels out (import --columns), {SMOOTH} or lower the gain"
     return f"fire in the first {rest_ms:g} ms of trials nearly as afterwards: {shown}{more}; {remedy}"
 
 

@@ -75,6 +75,16 @@ def test_a_taxel_of_noise_is_named_with_the_remedy():
     assert complaint(table.assign(restless=False)) is None
 
 
+@pytest.mark.parametrize(
+    ("baseline", "remedy"), [("none", "conditioning.baseline=start"), ("high-pass", "conditioning.ema_cutoff_Hz")]
+)
+def test_a_baseline_is_a_remedy_only_where_none_is_taken_off(baseline, remedy):
+    noisy = presses(1.0, noisy=True)
+    spec = build(AfferentSpec, {"unit": "count", "sa1": {"gain": 30}, "ra1": {"gain": 30}}, "an example")
+    said = complaint(resting_table(noisy, spec).assign(restless=True), baseline=baseline)
+    assert said.endswith(f"else {'take the baseline off' if baseline == 'none' else 'smooth the signal'} ({remedy})")
+
+
 def test_resting_shares_are_counted_by_hand():
     """One afferent of a constant drive fires alike at rest and later: its share at rest is that of the time."""
     steady = Recordings([np.full((400, 1), 40.0)], 1000.0, "mV", pd.DataFrame({"label": ["felt"]}))
