@@ -48,6 +48,11 @@ COMMANDS: dict[str, tuple[list[str], tuple[str, ...]]] = {
         ["import", "folder", "csv", "--sampling-rate-Hz", "1000", "--unit", "mV", "-o", "out.h5"],
         ("csv",),
     ),
+    "import arrays": (
+        ["import", "arrays", "arrays.npz", "--sampling-rate-Hz", "100", "--unit", "V", "-o", "out.h5"],
+        ("arrays.npz",),
+    ),
+    "info": (["info", "touch.h5"], ("touch.h5",)),
     "import fabricslide": (["import", "fabricslide", "fabric", "-o", "out.h5"], ("fabric",)),
     "import pvdf-hardness": (["import", "pvdf-hardness", "presses", "-o", "out.h5"], ("presses",)),
     "calibrate": (["calibrate", "touch.h5", "-o", "out.toml"], ("touch.h5",)),
@@ -110,6 +115,11 @@ def make_folders(base: Path) -> None:
             rows = "".join("\t".join(map(str, row)) + "\n" for row in rng.random((50, columns)).round(4).tolist())
             _write(base / "presses" / f"Hardness_{kind}_Seq1_Sp300_Cube{cube}_t1.lvm", f"{head}\n{rows}".encode())
     make_events(base, rng)
+    touched = {"X": rng.normal(size=(6, 40, 3)).astype("f4"), "y": np.arange(6) % 2, "person": np.array([*"aabbcc"])}
+    _write(base / "arrays.npz", mutations.archive_of({**touched, "names": np.array(["x", "y", "z"])}))
+    with h5py.File(base / "arrays.h5", "w") as file:
+        for name, array in touched.items():
+            file[f"touches/{name}"] = array.astype("S1") if name == "person" else array
     for label in ("rough", "smooth"):
         for speed in ("150", "300"):
             stamps = np.cumsum(rng.normal(10.7, 1.0, 60)).round(2)
@@ -149,6 +159,10 @@ def make_events(base: Path, rng: np.random.Generator) -> None:
         file["extra/keys"], file["extra/speaker"] = np.array([b"zero", b"one"]), np.arange(4)
 
 
+ARRAY_OPTIONS = [
+    [], [], [], ["--names", "signals=X"], ["--names", "label=person"], ["--names", "label=X"], ["--names", "a=b=c"],
+    ["--names", "signals=touches/X"], ["--names", "channels=names,label=y"], ["--axes", "taxel,time,trial"],
+]  # fmt: skip
 EVENT_OPTIONS = [
     [], [], ["--step-ms", "5"], ["--origin", "first"], ["--polarity", "merge"], ["--polarity", "on"],
     ["--duration-ms", "100"], ["--n-channels", "9"], ["--channels", "a,b,c,d,e"], ["--time-unit", "us"],
@@ -174,6 +188,24 @@ def events(rng: random.Random, place: Path, base: Path) -> Case:
     if name == "digits.h5" and rng.random() < 0.3:
         return Case("events", ["train", name, *NETWORK, "-o", "out"], out="out")
     return Case("events", ["import", "events", name, *rng.choice(EVENT_OPTIONS), "-o", "out.h5"], out="out.h5")
+
+
+def array_files(rng: random.Random, place: Path, base: Path) -> Case:
+    """One file of arrays, damaged or not, with any options of its import."""
+    name = rng.choice(["arrays.npz", "arrays.h5"])
+    fetch(base, place, name)
+    if rng.random() < 0.85:
+        mutations.spoil_file(place / name, rng)
+    words = ["import", "arrays", name, "--sampling-rate-Hz", "100", "--unit", "V", *rng.choice(ARRAY_OPTIONS)]
+    return Case("files of arrays", [*words, "-o", "out.h5"], out="out.h5")
+
+
+def facts(rng: random.Random, place: Path, base: Path) -> Case:
+    """What a damaged file holds."""
+    name = rng.choice(["touch.h5", "spikes.h5", "digits.h5"])
+    fetch(base, place, name)
+    mutations.spoil_file(place / name, rng)
+    return Case("facts", ["info", name, *rng.choice([[], ["--json"]])])
 
 
 def layouts(rng: random.Random, place: Path, base: Path) -> Case:
@@ -508,8 +540,8 @@ def _read_only(folder: Path) -> None:
 
 KINDS: dict[Kind, float] = {
     options: 16, sets: 9, encoder: 6, network: 5, space: 2, study_spec: 10, tiny_study: 1.5, recordings: 11, spikes: 11,
-    events: 8, layouts: 6, archives: 6, tables: 9, folders: 8, checkpoint: 8, run_folder: 5, journal: 1.5, names: 4,
-    outputs: 5,
+    events: 8, array_files: 5, facts: 4, layouts: 6, archives: 6, tables: 9, folders: 8, checkpoint: 8, run_folder: 5,
+    journal: 1.5, names: 4, outputs: 5,
 }  # fmt: skip
 """Each kind and its share."""
 
