@@ -202,8 +202,9 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     network = of_spikes.accuracy - found.best.whole.accuracy
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
-        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at neurotact calibrate --compare, or try "
-        "--set encoder=sa1-ra1-lif-graded": encoding,
+        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at neurotact calibrate --compare, at other windows "
+        "(--window-ms, --set window.align=onset) and at more afferents per taxel (--set "
+        "encoder=sa1-ra1-lif-graded)": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
         f"{percent(found.best.whole.accuracy)} by the best network); record more trials, or run the "
         "whole study if this is --quick": network,

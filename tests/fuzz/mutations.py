@@ -298,7 +298,7 @@ def _ragged(file: h5py.File, name: str, old: np.ndarray, rng: random.Random) -> 
     boxed = np.empty(len(old), dtype=object)
     kind = rng.choice(["f8", "i8", "u2"])
     for i, row in enumerate(old):
-        row = np.atleast_1d(row)
+        row = np.ravel(row)  # of more axes h5py writes outside its memory
         numbers = row.astype(kind) if row.dtype.kind in "iuf" else np.arange(3, dtype=kind)
         how = rng.choice(["keep", "keep", "reverse", "negative", "far", "nan", "double", "empty", "many"])
         if how == "many" and i == 0:

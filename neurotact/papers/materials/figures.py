@@ -118,7 +118,7 @@ def draw_pairs(results: pd.DataFrame) -> Figure:
         published = [PUBLISHED_PAIRS.get(problem, {}).get(setup) for problem in problems]
         _draw_beside(axes, rows, "problem", problems, "error_test", published)
         axes.set_title(f"Set-up {setup}")
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=None))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0, symbol=None))
         name_ticks(axes, problems)
     panels[0].set(ylabel="test error (%)", ylim=(0, panels[0].get_ylim()[1]))
     keep_within(panels, 1.0)
@@ -128,7 +128,7 @@ def draw_pairs(results: pd.DataFrame) -> Figure:
 
 @printed
 def draw_multiclass(results: pd.DataFrame) -> Figure:
-    """Error and units on all four materials, a group a set-up, with the published ones as open marks.
+    """Error and units on all four materials, a group per set-up, with the published ones as open marks.
 
     results: rows of the four-class problem with setup, classifier, error_test and units.
     """
@@ -138,9 +138,9 @@ def draw_multiclass(results: pd.DataFrame) -> Figure:
     _draw_beside(errors, results, "setup", setups, "error_test", [PUBLISHED_ERROR[s] for s in setups])
     _draw_beside(units, results, "setup", setups, "units", [PUBLISHED_UNITS[s] for s in setups])
     errors.set(title="Error on all four materials", ylabel="test error (%)", xlabel="set-up")
-    errors.yaxis.set_major_formatter(PercentFormatter(1.0, symbol=None))
+    errors.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0, symbol=None))
     there = [f"{name}: {unit}" for name, unit in UNITS.items() if name in set(results["classifier"])]
-    units.set(title="Units of the four machines", ylabel="units", xlabel=f"set-up ({', '.join(there)})")
+    units.set(title="Units of the four machines", ylabel="units", xlabel=f"set-up\n{', '.join(there)}")
     for axes in (errors, units):
         name_ticks(axes, setups)
         axes.set_ylim(0, 1.06 * axes.get_ylim()[1])

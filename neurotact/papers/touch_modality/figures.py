@@ -180,7 +180,7 @@ def draw_scaling(networks: Mapping[str, tuple[Literal["LSTM", "GRU"], int]]) -> 
         published = [touch_modality_flops(cell, hidden, TAXELS[0], classes) for classes in CLASSES]
         by_classes.plot(CLASSES, published, **style)
     flops.plot([], [], **(style | {"color": INK}), label="published")
-    titles = ("FLOPs a step, 3 to 20 classes", "parameters, 3 to 20 classes", f"FLOPs a step, {TAXELS[0]} sensors")
+    titles = ("FLOPs per step, 3 to 20 classes", "parameters, 3 to 20 classes", f"FLOPs per step, {TAXELS[0]} sensors")
     for axes, title, ticks in zip((flops, parameters, by_classes), titles, (TAXELS, TAXELS, CLASSES), strict=True):
         axes.set(title=title, xlabel="classes" if ticks is CLASSES else "sensors")
         axes.set_xticks(ticks)
