@@ -26,6 +26,10 @@ SMALL = 1000
 SOURCES = ("simulate", "read", "file")
 SHORT = 0.5
 """A shortest trial below this share of the median one is worth a note."""
+SEEN = 0.5
+"""Windows that cover less than this share of the median trial are worth a note."""
+PLACES = {"window.length_ms", "window.start_ms", "window.align"}
+"""Keys by which windows are put where the touch is."""
 
 
 class Recorded(NamedTuple):
@@ -143,6 +147,12 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
         notes.append(
             f"Trial {int(room_ms.argmin())} lasts {shortest_ms:,.0f} ms, the median trial {median_ms:,.0f} ms, and "
             "all windows are as short; leave such trials out when you import, or accept it."
+        )
+    elif per_trial * length_ms < SEEN * median_ms and not PLACES & {*given}:
+        covered_ms = per_trial * length_ms
+        notes.append(
+            f"Of the median trial, {median_ms:,.0f} ms, the first {covered_ms:,.0f} ms are used; if its touch comes "
+            "later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
         )
     return table, notes
 

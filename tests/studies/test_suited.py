@@ -49,11 +49,20 @@ def test_a_given_window_is_kept_and_an_odd_trial_is_named():
         "length_ms": 250.0,
         "per_trial": 4,
     }
-    table, (note,) = suited.window(Recorded(np.array([4.0, 4.0]), 1000.0), {"window.per_trial": 1})
+    table, (note,) = suited.window(Recorded(np.array([1.9, 1.9]), 1000.0), {"window.per_trial": 1})
     assert table["per_trial"] == 1
     assert "1 s at most), one window per trial;" in note
     _, notes = suited.window(Recorded(np.array([2.0, 0.1, 2.0]), 1000.0))
     assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
+
+
+def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
+    trials = Recorded(np.array([5.0, 5.0, 9.0]), 1000.0)
+    _, notes = suited.window(trials, {"window.per_trial": 1})
+    assert notes[-1].startswith("Of the median trial, 5,000 ms, the first 1,000 ms are used;")
+    assert len(suited.window(trials)[1]) == 1
+    for place in ({"window.start_ms": 2000}, {"window.align": "onset"}, {"window.length_ms": 1000.0}):
+        assert len(suited.window(trials, {"window.per_trial": 1, **place})[1]) == 1
 
 
 def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
