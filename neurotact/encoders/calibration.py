@@ -181,7 +181,7 @@ def calibrate_causally(
     n_trials = len(next(iter(found.values())).labels)
     best = _best_of({baseline: each.accuracy for baseline, each in found.items()}, n_trials)
     told = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
-    told += [f"{baseline}: no gain fits" for baseline in refused]
+    told += [f"{baseline} cannot be calibrated" for baseline in refused]
     note = (
         f"the baseline is '{best}', which knows the past alone; training trials that logistic regression names right "
         f"by SA-I rates: {', '.join(told)}"
