@@ -32,6 +32,8 @@ python_use_unqualified_type_names = True
 maximum_signature_line_length = 100
 toc_object_entries_show_parents = "hide"
 
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_theme = "furo"
 html_title = "neurotact"
 html_copy_source = False
