@@ -7,7 +7,7 @@ classes best. No trial but those given is seen.
 """
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -144,8 +144,8 @@ def calibrate(
     if scaling.small:
         names = ", ".join(scaling.small)
         notes.append(f"scaled by its own deviation, which is {less} but differs between classes: {names}")
-    for note in notes if tell else ():
-        log.warning("%s: %s", _source(recordings), note)
+    if tell:
+        _log(notes, recordings)
     sent = rates[POPULATIONS["sa1"], chosen["sa1"].gain]
     return Calibration(fitted.model_copy(update=chosen), table, isi, sent, felt.labels, tuple(notes))
 
@@ -187,8 +187,7 @@ def calibrate_causally(
         f"by SA-I rates: {', '.join(told)}"
     )
     notes = *found[best].notes, note
-    for each in notes:
-        log.warning("%s: %s", _source(recordings), each)
+    _log(notes, recordings)
     return replace(found[best], notes=notes)
 
 
@@ -219,6 +218,11 @@ def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., 
     refuse(given, dict.fromkeys(FITTED, BY_CALIBRATION))
     chooses = spec.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in given
     return (calibrate_causally, len(PAST)) if chooses else (calibrate, 1)
+
+
+def _log(notes: Iterable[str], recordings: Trials) -> None:
+    for note in notes:
+        log.warning("%s: %s", _source(recordings), note)
 
 
 def _on_silence(felt: Felt, rates: np.ndarray, afferent: str, rule: CalibrationRule) -> str:

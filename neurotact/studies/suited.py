@@ -142,14 +142,13 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
         why = f"the shortest trial, {shortest_ms:,.0f} ms"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
     notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with --window-ms."]
-    median_ms = float(np.median(room_ms))
+    median_ms, covered_ms = float(np.median(room_ms)), per_trial * length_ms
     if "window.length_ms" not in given and shortest_ms < min(SHORT * median_ms, LONGEST_MS):
         notes.append(
             f"Trial {int(room_ms.argmin())} lasts {shortest_ms:,.0f} ms, the median trial {median_ms:,.0f} ms, and "
             "all windows are as short; leave such trials out when you import, or accept it."
         )
-    elif per_trial * length_ms < SEEN * median_ms and not PLACES & {*given}:
-        covered_ms = per_trial * length_ms
+    elif covered_ms < SEEN * median_ms and not PLACES & {*given}:
         notes.append(
             f"Of the median trial, {median_ms:,.0f} ms, the first {covered_ms:,.0f} ms are used; if its touch comes "
             "later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
