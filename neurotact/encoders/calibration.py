@@ -25,7 +25,8 @@ from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, dr
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
 from neurotact.errors import InputError
-from neurotact.metrics.linear import cross_validated_accuracy, error_of
+from neurotact.metrics.linear import cross_validated_accuracy
+from neurotact.metrics.shares import standard_error
 from neurotact.spec import refuse
 
 CLOCK_HZ = 1000.0
@@ -184,7 +185,7 @@ def calibrate_causally(
     told += [f"{baseline} cannot be calibrated" for baseline in refused]
     note = (
         f"the baseline is '{best}', which knows the past alone; training trials that logistic regression names right "
-        f"by SA-I rates: {', '.join(told)}"
+        f"by SA-I rates: {', '.join(told)}; of those within one standard error of the best, the first is taken"
     )
     notes = *found[best].notes, note
     _log(notes, recordings)
@@ -198,7 +199,7 @@ def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
     ('none', 'start')
     """
     highest = max(accuracy.values())
-    enough = highest - error_of(highest, n_trials)
+    enough = highest - standard_error(highest, n_trials)
     good: list[Baseline] = [baseline for baseline, reached in accuracy.items() if reached >= enough]
     known: list[Baseline] = list(accuracy)
     return (good or known)[0]

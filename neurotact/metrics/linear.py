@@ -41,12 +41,3 @@ def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray) -> float:
     for train, test in StratifiedKFold(n_folds, shuffle=True, random_state=0).split(features, labels):
         right[test] = fit_linear(features[train], labels[train]).predict(features[test]) == labels[test]
     return float(right.mean())
-
-
-def error_of(share: float, n_trials: int) -> float:
-    """The standard error of a share of so many trials.
-
-    >>> error_of(0.5, 100)
-    0.05
-    """
-    return float(np.sqrt(share * (1 - share) / n_trials))

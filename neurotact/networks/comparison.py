@@ -1,17 +1,14 @@
 """How good a test accuracy is: its interval, chance, and a linear classifier on the same spikes."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from neurotact.metrics.linear import fit_linear
+from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
-
-Z_95 = 1.959963984540054
-"""The 97.5 percentile of the normal distribution."""
 
 
 class Comparison(NamedTuple):
@@ -30,17 +27,6 @@ class Comparison(NamedTuple):
     chance: float
     commonest: float
     linear: float
-
-
-def wilson_interval(share: float, n: int) -> tuple[float, float]:
-    """The 95 % interval of a share of `n` independent trials (Wilson 1927, doi 10.1080/01621459.1927.10502953).
-
-    >>> [round(end, 3) for end in wilson_interval(0.5, 10)]
-    [0.237, 0.763]
-    """
-    middle = (share + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
-    half = Z_95 / (1 + Z_95**2 / n) * math.sqrt(share * (1 - share) / n + Z_95**2 / (4 * n**2))
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def compare(accuracy: float, sides: Sides, n_trials: int, n_classes: int) -> Comparison:

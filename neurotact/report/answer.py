@@ -3,11 +3,10 @@
 Validation trials choose, test trials tell: what a network is chosen by would flatter it.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
-from neurotact.networks.comparison import wilson_interval
+from neurotact.metrics.shares import standard_error, wilson_interval
 
 Kind = Literal["nothing learned", "no baseline", "worse", "tie", "better"]
 
@@ -84,18 +83,6 @@ class Answer(NamedTuple):
     baseline: Baseline | None
     guess: float
     trials: Trials
-
-
-def standard_error(share: float, n: int) -> float:
-    """Of a share of `n` independent trials, with two right and two wrong ones added (Agresti and Coull 1998).
-
-    It does not vanish where all trials are right.
-
-    >>> round(standard_error(1.0, 16), 4), round(standard_error(0.5, 96), 4)
-    (0.0671, 0.05)
-    """
-    middle = (share * n + 2) / (n + 4)
-    return math.sqrt(middle * (1 - middle) / (n + 4))
 
 
 def answer(networks: Sequence[Network], baselines: Sequence[Baseline], guess: float, trials: Trials) -> Answer:

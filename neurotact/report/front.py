@@ -11,6 +11,7 @@ import pandas as pd
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
+from neurotact.metrics.shares import wilson_interval
 from neurotact.networks import cautions, ledger, recipe, tasks
 from neurotact.networks.trained import LOG
 from neurotact.report import answer as answers
@@ -119,7 +120,7 @@ def as_json(found: Front, networks: Sequence[Network]) -> dict[str, Any]:
     """What the page draws of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
     for network in networks:
-        low, high = answers.wilson_interval(network.whole.accuracy, found.answer.trials.test)
+        low, high = wilson_interval(network.whole.accuracy, found.answer.trials.test)
         entry = network._asdict() | {"low": low, "high": high, "name": f"{network.pair} ms, N = {network.hidden}"}
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
     one = found.answer
@@ -257,7 +258,7 @@ def _in_words(decision: Decision, n_test: int) -> list[str]:
 
 
 def _with_interval(share: float, n_test: int) -> str:
-    low, high = answers.wilson_interval(share, n_test)
+    low, high = wilson_interval(share, n_test)
     return f"{answers.percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
 
 

@@ -3,20 +3,10 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import binomtest
 
-from neurotact.networks.comparison import compare, costs, linear_accuracy, lines, wilson_interval
+from neurotact.networks.comparison import compare, costs, linear_accuracy, lines
 from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
-
-
-@given(st.integers(1, 5000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
-def test_the_interval_is_wilsons(k_of_n):
-    k, n = k_of_n
-    expected = binomtest(k, n).proportion_ci(0.95, method="wilson")
-    assert wilson_interval(k / n, n) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
 def examples(labels: list[int], tells: bool, seed: int = 0) -> Examples:

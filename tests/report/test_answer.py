@@ -6,19 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.metrics.shares import standard_error
 from neurotact.report import answer as answers
-from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline, standard_error
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
 
 TRIALS = Trials(validation=96, test=100)
 
 
 def network(pair="1&1", hidden=50, validation=0.9, accuracy=0.9, sops=1000.0, early=None, nJ=None) -> Network:
     return Network(pair, hidden, 3, validation, Decision(accuracy, sops, 1000.0, 80.0, nJ), early)
-
-
-def test_the_error_is_that_of_two_more_right_and_wrong_trials():
-    # (0.9 * 96 + 2) / 100 = 0.884; sqrt(0.884 * 0.116 / 100) = 0.03202
-    assert standard_error(0.9, 96) == pytest.approx(0.0320225, abs=1e-6)
 
 
 def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():

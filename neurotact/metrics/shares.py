@@ -1,0 +1,29 @@
+"""How far a share of independent trials can be trusted: its interval and its standard error."""
+
+import math
+
+Z_95 = 1.959963984540054
+"""The 97.5 percentile of the normal distribution."""
+
+
+def wilson_interval(share: float, n: int) -> tuple[float, float]:
+    """The 95 % interval of a share of `n` independent trials (Wilson 1927, doi 10.1080/01621459.1927.10502953).
+
+    >>> [round(end, 3) for end in wilson_interval(0.5, 10)]
+    [0.237, 0.763]
+    """
+    middle = (share + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
+    half = Z_95 / (1 + Z_95**2 / n) * math.sqrt(share * (1 - share) / n + Z_95**2 / (4 * n**2))
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def standard_error(share: float, n: int) -> float:
+    """Of a share of `n` independent trials, with two right and two wrong ones added (Agresti and Coull 1998).
+
+    It does not vanish where all trials are right.
+
+    >>> round(standard_error(1.0, 16), 4), round(standard_error(0.5, 96), 4)
+    (0.0671, 0.05)
+    """
+    middle = (share * n + 2) / (n + 4)
+    return math.sqrt(middle * (1 - middle) / (n + 4))
