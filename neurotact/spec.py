@@ -12,11 +12,12 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, time
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_args
 
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Field,
     SerializerFunctionWrapHandler,
     Tag,
     ValidationError,
@@ -37,8 +38,28 @@ LONGEST = 2_000_000
 KINDS = ("encoders", "networks", "networks/spaces", "studies")
 
 
-class Spec(BaseModel):
-    """A frozen table of parameters that knows its keys and refuses any other."""
+@dataclass_transform(kw_only_default=True, field_specifiers=(Field,))
+class _InOurWords(type(BaseModel)):
+    """Makes `RSNNSpec(hiden=30)` complain as a file with that key does."""
+
+    if not TYPE_CHECKING:  # a checker is to see the keys of each spec
+
+        def __call__(cls, *args, **keys):
+            try:
+                return super().__call__(*args, **keys)
+            except ValidationError as error:
+                raise InputError(f"{_explain(cls, error)} ({cls.__name__})") from error
+
+
+class Spec(BaseModel, metaclass=_InOurWords):
+    """A frozen table of parameters that knows its keys and refuses any other; InputError names the first wrong one.
+
+    >>> class Gain(Spec):
+    ...     gain: float = 1.0
+    >>> Gain(gian=2.0)
+    Traceback (most recent call last):
+    neurotact.errors.InputError: gian: unknown key; did you mean 'gain'? (Gain)
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
     folder: ClassVar[str] = ""

@@ -51,6 +51,14 @@ def refusal(model, table, source="my.toml") -> str:
     return message
 
 
+def test_a_spec_made_in_python_complains_as_its_file_does():
+    table = load(AfferentSpec, "sa1-ra1-lif").model_dump()
+    with pytest.raises(InputError, match=r"^sa1\.t_reff_ms: unknown key; did you mean 't_ref_ms'\? \(AfferentSpec\)$"):
+        AfferentSpec(**{**table, "sa1": {"gain": 1.0, "t_reff_ms": 5}})
+    with pytest.raises(InputError, match=r"^hidden: must be >= 1; got 0 \(RSNNSpec\)$"):
+        RSNNSpec(hidden=0)
+
+
 @given(TABLES)
 def test_a_table_written_as_toml_is_read_back_equal(tmp_path, table):
     path = tmp_path / "table.toml"

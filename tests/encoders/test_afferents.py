@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, afferent_names, encode
 from neurotact.errors import InputError
@@ -135,7 +134,7 @@ def test_what_cannot_be_encoded_is_refused():
     for signal in (np.zeros((10, 2)), np.zeros((1, 10, 2), int)):
         with pytest.raises(InputError, match=r"must be a float array \(trial, time, taxel\)"):
             encode(signal, RATE_HZ, spec())
-    with pytest.raises(ValidationError, match="v_threshold_mV must be above"):
+    with pytest.raises(InputError, match="v_threshold_mV must be above"):
         spec(v_threshold_mV=-65.0)
 
 

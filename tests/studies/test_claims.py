@@ -2,7 +2,6 @@
 
 import pandas as pd
 import pytest
-from pydantic import ValidationError
 
 from neurotact.errors import InputError
 from neurotact.studies.claims import Claim, judge
@@ -133,7 +132,7 @@ def test_an_unknown_column_is_refused_by_its_nearest():
 
 @pytest.mark.parametrize("kind", ["value", "change", "order", "at_least"])
 def test_a_claim_without_what_its_kind_needs_is_refused(kind):
-    with pytest.raises(ValidationError, match="needs"):
+    with pytest.raises(InputError, match="needs"):
         claim(kind)
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from neurotact.data.splits import SplitSpec, split_trials
+from neurotact.errors import InputError
 from neurotact.papers.published_flops import preprocessing_flops, slfn_flops
 from neurotact.papers.stiffness.slfn_chain import CLASSIFIERS, SLFNSpec, choices, unit_cost
 
@@ -96,5 +96,5 @@ def test_the_unit_costs_what_the_paper_says_and_the_standardisation(classifier, 
 
 
 def test_no_candidate_is_refused():
-    with pytest.raises(ValidationError, match="allows none"):
+    with pytest.raises(InputError, match="allows none"):
         SLFNSpec(neurons=(100,), n_max=(50,))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
+from neurotact.errors import InputError
 from neurotact.papers.stiffness.peaks import PeakSpec, find_peaks
 from neurotact.papers.stiffness.simulator import (
     Contact,
@@ -174,5 +174,5 @@ def test_a_patch_has_its_own_gains():
     ],
 )
 def test_what_cannot_be_is_refused(changes, complaint):
-    with pytest.raises(ValidationError, match=complaint):
+    with pytest.raises(InputError, match=complaint):
         StiffnessSpec(**changes)
