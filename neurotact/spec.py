@@ -321,7 +321,7 @@ def to_toml(table: Mapping[str, Any]) -> str:
 
 
 def _toml_lines(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    lines = [f"{_toml_key(k)} = {_toml_value(v)}" for k, v in table.items() if not _is_table(v) and v is not None]
+    lines = [f"{_toml_key(k)} = {toml_value(v)}" for k, v in table.items() if not _is_table(v) and v is not None]
     for key, value in table.items():
         here = (*path, _toml_key(key))
         if isinstance(value, Mapping):
@@ -338,16 +338,21 @@ def _is_table(value: Any) -> bool:
 
 
 def _toml_key(key: str) -> str:
-    return key if key.replace("-", "").replace("_", "").isalnum() and key.isascii() else _toml_value(key)
+    return key if key.replace("-", "").replace("_", "").isalnum() and key.isascii() else toml_value(key)
 
 
-def _toml_value(value: Any) -> str:
+def toml_value(value: Any) -> str:
+    """A value as `--set` and files take it.
+
+    >>> toml_value([1.5, "x", True])
+    '[1.5, "x", true]'
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml_value(v) for v in value) + "]"
+        return "[" + ", ".join(toml_value(v) for v in value) + "]"
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{_toml_key(k)} = {_toml_value(v)}" for k, v in value.items()) + "}"
+        return "{" + ", ".join(f"{_toml_key(k)} = {toml_value(v)}" for k, v in value.items()) + "}"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(value)

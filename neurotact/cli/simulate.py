@@ -1,6 +1,5 @@
 """The commands that simulate an experiment: one for each simulator that is found by name."""
 
-import json
 from collections.abc import Callable
 from typing import Any
 
@@ -23,7 +22,9 @@ def _command(name: str, experiment: Simulator) -> Callable[..., None]:
         save_recordings(recordings, out)
 
     keys = spec.leaves(experiment.model().model_dump(mode="json"))
-    lines = [f"{key}={json.dumps(value)}" for key, value in keys.items()]
+    lines = [
+        f"{key}={spec.toml_value(value)}" if value is not None else f"{key} (not set)" for key, value in keys.items()
+    ]
     run.__doc__ = "\n".join(["\b", "Keys of --set, with their defaults:", *lines])
     return run
 
