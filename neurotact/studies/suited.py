@@ -142,7 +142,8 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
         why = f"the shortest trial, {shortest_ms:,.0f} ms"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
     notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with --window-ms."]
-    median_ms, covered_ms = float(np.median(room_ms)), per_trial * length_ms
+    hop_ms = _number(given, "window.hop_ms", length_ms)
+    median_ms, covered_ms = float(np.median(room_ms)), length_ms + (per_trial - 1) * min(hop_ms, length_ms)
     if "window.length_ms" not in given and shortest_ms < min(SHORT * median_ms, LONGEST_MS):
         notes.append(
             f"Trial {int(room_ms.argmin())} lasts {shortest_ms:,.0f} ms, the median trial {median_ms:,.0f} ms, and "

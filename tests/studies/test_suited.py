@@ -65,6 +65,14 @@ def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
         assert len(suited.window(trials, {"window.per_trial": 1, **place})[1]) == 1
 
 
+def test_windows_that_overlap_cover_less():
+    trials = Recorded(np.full(20, 6.0), 100.0)
+    _, notes = suited.window(trials, {"window.hop_ms": 500.0})
+    assert "the first 2,500 ms are used" in notes[-1]  # four windows of 1 s, 500 ms apart
+    _, notes = suited.window(trials)
+    assert not [note for note in notes if "are used" in note]
+
+
 def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
     signals = [50 * np.random.default_rng(0).normal(size=(300, 2))] * 2
     hdf5.save_spikes(
