@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from neurotact.data.recordings import select_conditions
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.papers.texture import calibration as gratings_calibration
+from neurotact.papers.texture import calibration, facts
 from neurotact.papers.texture.simulator import (
     GratingsSpec,
     PLATE_mm,
@@ -281,24 +281,24 @@ def test_spec_refuses_what_does_not_fit(table, words):
 def test_calibration_facts_hold_on_a_small_experiment(experiment, monkeypatch):
     encoder = load(AfferentSpec, "sa1-ra1-lif")
     # Three gratings stand in for eight: they are numbered 1, 2 and 3 here.
-    monkeypatch.setattr(gratings_calibration, "SHOWN", (1, 2, 3))
-    measured = gratings_calibration.measure(experiment, encoder)
-    facts = [
-        *gratings_calibration.signal_facts(measured.signals),
-        *gratings_calibration.start_facts(GratingsSpec(), encoder),
-        *gratings_calibration.count_facts(measured.firing),
-        *gratings_calibration.rate_facts(measured.firing),
+    monkeypatch.setattr(facts, "SHOWN", (1, 2, 3))
+    measured = facts.measure(experiment, encoder)
+    found = [
+        *facts.signal_facts(measured.signals),
+        *facts.start_facts(GratingsSpec(), encoder),
+        *facts.count_facts(measured.firing),
+        *facts.rate_facts(measured.firing),
     ]
-    missed = {fact.fact for fact in facts if not fact.holds}
+    missed = {fact.fact for fact in found if not fact.holds}
     assert missed <= NOT_REACHED
 
 
 def test_another_value_of_a_parameter_can_be_tried(capsys, monkeypatch):
-    monkeypatch.setattr(gratings_calibration, "_simulated", lambda spec: pytest.fail(f"{spec.mount_Hz:g} Hz"))
+    monkeypatch.setattr(calibration, "_simulated", lambda spec: pytest.fail(f"{spec.mount_Hz:g} Hz"))
     with pytest.raises(pytest.fail.Exception, match="200 Hz"):
-        gratings_calibration.main(["--set", "mount_Hz=200"])
+        calibration.main(["--set", "mount_Hz=200"])
     with pytest.raises(SystemExit) as stopped:
-        gratings_calibration.main(["--set", "mount=200"])
+        calibration.main(["--set", "mount=200"])
     assert stopped.value.code == 2
     assert "mount" in capsys.readouterr().err
 
@@ -315,8 +315,6 @@ NOT_REACHED = {
 @given(lag=st.integers(-30, 30), seed=st.integers(0, 99))
 def test_trials_are_aligned_by_the_lag_that_was_put_in(lag, seed):
     noise = np.random.default_rng(seed).standard_normal(1200)
-    lags_s, correlations = gratings_calibration.align(
-        np.stack([noise[100:1100], noise[100 - lag : 1100 - lag]]), 1000.0
-    )
+    lags_s, correlations = facts.align(np.stack([noise[100:1100], noise[100 - lag : 1100 - lag]]), 1000.0)
     assert lags_s.tolist() == [lag / 1000.0]
     assert correlations[0] == pytest.approx(1.0)
