@@ -4,7 +4,7 @@ The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline
 A trial is conditioned whole, or piece by piece where it is long; the result is the same.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -54,6 +54,23 @@ class ConditioningSpec(Spec):
     """Standardisation, a taxel each: divided by afterwards. Negative for a sensor whose signal falls on contact."""
     rectify: bool = False
     """Take the absolute value at the end."""
+
+
+HEEDED_BY: dict[str, Baseline] = {"start_ms": "start", "high_pass_Hz": "high-pass"}
+"""Keys of a conditioning that one baseline alone heeds."""
+
+
+def check_heeded(given: Container[str], how: ConditioningSpec) -> None:
+    """InputError where one of the dotted keys `given` of an encoder changes nothing under its baseline.
+
+    >>> check_heeded({"conditioning.high_pass_Hz": 1.0}, ConditioningSpec(baseline="high-pass"))
+    """
+    for key, baseline in HEEDED_BY.items():
+        if f"conditioning.{key}" in given and how.baseline != baseline:
+            raise InputError(
+                f"conditioning.{key}: the baseline '{how.baseline}' ignores it; "
+                f"set conditioning.baseline={baseline}, too"
+            )
 
 
 def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:

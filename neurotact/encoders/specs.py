@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Discriminator, Tag
 
 from neurotact import spec as specs
+from neurotact.data.conditioning import check_heeded
 from neurotact.encoders import afferents, izhikevich, poisson
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, EncoderState, marks
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
@@ -73,7 +74,9 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     model = _model_of(table)
     if model not in MODELS:
         raise InputError(f"model: '{model}' is unknown; {nearest(model, [*MODELS])} ({path})")
-    return specs.build(MODELS[model].spec, table, source=str(path))
+    built = specs.build(MODELS[model].spec, table, source=str(path))
+    check_heeded(overrides or {}, built.conditioning)
+    return built
 
 
 def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:
@@ -86,7 +89,9 @@ def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None 
         return load(what, overrides)
     if not isinstance(what, tuple(model.spec for model in MODELS.values())):
         raise InputError(f"encoder: must be a name, a path or an encoder spec; got {type(what).__name__}")
-    return specs.resolve(type(what), what, overrides)
+    changed = specs.resolve(type(what), what, overrides)
+    check_heeded(overrides or {}, changed.conditioning)
+    return changed
 
 
 def encode(

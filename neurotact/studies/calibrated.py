@@ -7,7 +7,7 @@ alone vary around one fit, so that all pairs share their gains.
 from collections.abc import Container, Mapping, Sequence
 from typing import Any
 
-from neurotact.data.conditioning import ACAUSAL, Baseline
+from neurotact.data.conditioning import ACAUSAL, HEEDED_BY, Baseline
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
 from neurotact.errors import InputError
@@ -20,8 +20,8 @@ PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms")
 DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
 WITH_BASELINE = {
-    "encoder.conditioning.start_ms": ("start", *ACAUSAL),
-    "encoder.conditioning.high_pass_Hz": ("high-pass",),
+    f"{ENCODER}conditioning.{key}": (baseline, *(ACAUSAL if baseline == "start" else ()))
+    for key, baseline in HEEDED_BY.items()
 }
 """Keys that some baselines alone heed; one that knows the whole trial may give way to `start`."""
 

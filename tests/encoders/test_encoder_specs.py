@@ -121,3 +121,13 @@ def test_the_gains_give_each_population_the_spikes_of_lif_on_the_gratings():
     for spikes in sent.values():
         assert spikes[..., :8].sum() == pytest.approx(lif[..., :8].sum(), rel=0.1)
         assert spikes[..., 8:].sum() == pytest.approx(lif[..., 8:].sum(), rel=0.1)
+
+
+@pytest.mark.parametrize("start", ["sa1-ra1-lif", specs.load("sa1-ra1-lif")])
+@pytest.mark.parametrize(("key", "baseline"), [("high_pass_Hz", "high-pass"), ("start_ms", "start")])
+def test_a_key_that_its_baseline_ignores_is_refused(start, key, baseline):
+    changes = {f"conditioning.{key}": 2.0}
+    with pytest.raises(InputError, match=rf"^conditioning\.{key}: the baseline 'mean' ignores it; .*={baseline}, too"):
+        specs.resolve(start, changes)
+    heeded = specs.resolve(start, {**changes, "conditioning.baseline": baseline})
+    assert getattr(heeded.conditioning, key) == 2.0
