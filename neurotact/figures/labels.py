@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 
 DIRECTIONS = ((1, 0), (1, -1), (1, 1), (-1, 0), (-1, 1), (-1, -1), (0, 1), (0, -1))
 """Where a word may stand beside its point, the preferred side first."""
@@ -14,6 +15,8 @@ DISTANCES_pt = (5.0, 9.0)
 """From the point to the nearest edge of the word."""
 CLEAR_pt = 1.0
 """Between a word and whatever it must not touch."""
+HALO = [withStroke(linewidth=3.5, foreground="white")]
+"""Round a word, so that it can be read where it crosses a line."""
 
 Box = np.ndarray
 """Left, bottom, right and top in pixels; several boxes are `(box, 4)`."""
@@ -23,9 +26,9 @@ def label_points(axes: Axes, x: Sequence[float], y: Sequence[float], words: Sequ
     """Write a word beside each point and return how many were written.
 
     A word touches no mark, no other text of the panel and no edge of it; among the places that are left it takes the
-    one that crosses the fewest lines; a word that stands apart is joined to its point by a thin line. Where no place is
-    left, the point has no word. Call it when all else is drawn, legend included: places are those of the figure's
-    present size.
+    one that crosses the fewest lines, with a white halo where it crosses one. A word that stands apart is joined to its
+    point by a thin line. Where no place is left, the point has no word. Call it when all else is drawn, legend
+    included: places are those of the figure's present size.
 
     x, y: of the points, in data. style: of the text, as `Axes.annotate` takes it.
 
@@ -35,6 +38,7 @@ def label_points(axes: Axes, x: Sequence[float], y: Sequence[float], words: Sequ
     >>> label_points(axes, [0, 1], [0, 1], ["50 ms", "100 ms"])
     2
     """
+    style = {"path_effects": HALO, **style}
     figure = axes.get_figure(root=True)
     assert figure is not None
     figure.draw_without_rendering()

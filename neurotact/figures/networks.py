@@ -99,8 +99,7 @@ def draw_trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, floa
         _join_exits(axes, rows, pairs)
         fronts.append(_paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True))
         _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", filled=False)
-        for dash, (name, level) in zip(("-.", ":"), levels.get(setting, {}).items(), strict=False):
-            axes.axhline(100 * level, color=MUTED, lw=0.9, ls=dash, label=name, gid="level")
+        _mark_levels(axes, levels.get(setting, {}))
         axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
         axes.margins(0.1)
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
@@ -212,6 +211,17 @@ def _mark_chance(panels: Sequence[Axes], chance: float) -> None:
         if low <= 100 * chance:
             axes.axhline(100 * chance, color=MUTED, lw=0.8, ls=":", label="chance")
             axes.set_ylim(low, high)
+
+
+def _mark_levels(axes: Axes, levels: Mapping[str, float]) -> None:
+    """A line at each level; one that lies further below the points than they spread stands in the legend alone."""
+    low, high = axes.get_ylim()
+    for dash, (name, level) in zip(("-.", ":"), levels.items(), strict=False):
+        style = {"color": MUTED, "lw": 0.9, "ls": dash}
+        if 100 * level < low - (high - low):
+            axes.plot([], [], label=f"{name}: {100 * level:.3g} %, below", **style)
+        else:
+            axes.axhline(100 * level, label=name, gid="level", **style)
 
 
 def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str]) -> None:

@@ -122,6 +122,21 @@ def test_the_trade_off_draws_both_fronts_and_labels_the_full_one():
     np.testing.assert_allclose(ends[np.argsort(ends[:, 0, 0]), :, 0], expected)
 
 
+def test_a_level_far_below_the_points_is_told_and_does_not_squeeze_them():
+    results = make_results()
+    results[["accuracy_test", "exit_accuracy"]] = 0.9 + 0.05 * results[["accuracy_test", "exit_accuracy"]]
+    setting = results["setting"].iloc[0]
+    low = results["accuracy_test"].min()
+    for level, is_drawn in ((low - 0.01, True), (low / 100, False)):
+        figure = network_figures.draw_trade_off(results, {setting: {"best baseline": low, "guessing": level}})
+        axes = figure.axes[0]
+        lines = [line.get_ydata()[0] for line in axes.get_lines() if line.get_gid() == "level"]
+        assert lines == pytest.approx([100 * low, 100 * level] if is_drawn else [100 * low])
+        words = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+        assert ("guessing" in words) == is_drawn
+        assert (f"guessing: {100 * level:.3g} %, below" in words) != is_drawn
+
+
 @pytest.mark.parametrize("n_settings", [1, 2, 3, 5])
 def test_a_panel_for_each_setting(n_settings):
     figure = network_figures.draw_trade_off(make_results(settings=tuple("abcde"[:n_settings])))
