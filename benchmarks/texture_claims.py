@@ -2,10 +2,10 @@
 
     python benchmarks/texture_claims.py --at RUN... --over RUN... [--before docs/texture-claims.md] > table.md
 
---at: run folders of the studies at the default start. --over: runs of the same studies that sweep `start_mm`; every
-measure is averaged over starts and seeds before a rule is applied. --before: a page with the same table, whose column
-of random starts is copied, and whose mean over starts with its verdict where no run here has one. Claims and rules are
-those of `studies/*.toml` today, found by a run's title.
+--at: run folders of the studies at the default start. --over: runs of the same studies that sweep `start_mm`, and of
+start-position; the first one that holds a measure is averaged over starts and seeds before a rule is applied.
+--before: a page with the same table, whose column of random starts is copied, and whose mean over starts with its
+verdict where no run here has one. Claims and rules are those of `studies/*.toml` today, found by a run's title.
 A claim that both kinds of run hold is judged by the mean over starts; one on signals, spikes or costs alone does not
 hang on the start.
 """
@@ -36,6 +36,8 @@ NAMES = frozenset({
     "window_ms", "step",
 })  # fmt: skip
 """Columns that name a row; so do swept keys, which hold a point."""
+SAME_NETWORKS = {"start-position": "refractory-period"}
+"""Studies that sweep starts, and the study whose networks they train."""
 STARTLESS_TABLES = ("encoding", "signals", "same_drive")
 STARTLESS = ("flops", "bytes", "isi_", "spikes_", "silent_", "latency_", "sops_input")
 """Measures of signals, of spikes over a second and of costs: a start moves them by little, and none is an accuracy."""
@@ -66,13 +68,15 @@ def read(folder: Path) -> Run:
 
 
 def averaged(table: pd.DataFrame) -> pd.DataFrame:
-    """Means over starts and seeds, a row for each of what else names a row.
+    """Means over repeated starts and seeds, a row for each of what else names a row.
 
     >>> rows = pd.DataFrame({"pair": "1&1", "dataset.parameters.start_mm": [4.41, 9.41], "seed": 0, "x": [1.0, 3.0]})
     >>> averaged(rows).to_dict("records")
     [{'pair': '1&1', 'x': 2.0}]
     """
     starts = [column for column in table if column.rpartition(".")[2] in ("start", START)]
+    for kind in (column for column in starts if column.endswith("start")):
+        table = table[table[kind] == "repeated"]
     names = [c for c in table if (c in NAMES or "." in c) and c not in starts]
     numbers = table.select_dtypes("number").columns.difference([*names, *starts, "seed"], sort=False)
     return table.groupby(names, sort=False, dropna=False)[list(numbers)].mean().reset_index()
@@ -97,12 +101,17 @@ def verdict(at: Verdict | None, over: Verdict | None) -> str:
     return "not run"
 
 
+def serves(run: Run, study: str, claim: Claim) -> bool:
+    """Whether a run over starts can judge a claim; one of another study by its networks alone: it encodes two pairs."""
+    return run.study == study or (claim.table == "results" and SAME_NETWORKS.get(run.study) == study)
+
+
 def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], dict[str, str]]) -> Iterator[tuple[str, ...]]:
     for study in ORDER:
         here = next((run for run in at if run.study == study), None)
-        there = [run for run in over if run.study == study]
         for claim in here.claims if here else []:
             one = judge(claim, here.tables) if here else None
+            there = [run for run in over if serves(run, study, claim)]
             means = [judge(claim, {name: averaged(t) for name, t in run.tables.items()}) for run in there]
             mean = next((found for found in means if found.reproduced is not None), None)
             ours = ["-" if found is None or found.reproduced is None else found.ours for found in (one, mean)]
