@@ -237,24 +237,7 @@ def jax(case: Case) -> list[Callable[[], object]]:
     return [make(unroll) for unroll in ((1, 2, 4) if case.hidden < 100 else (1,))]
 
 
-def products(case: Case) -> list[Callable[[], object]]:
-    """No peer but a limit: the products of matrices that no training step can leave out, by BLAS, and nothing else.
-
-    At each step the gradients at all hidden neurons go back through the recurrent weights. Surrogate derivatives are
-    nowhere 0, so that this product is dense, whatever spikes. Without recurrence there is none.
-    """
-    gradient, weights = torch.randn(case.batch, case.hidden), torch.randn(case.hidden, case.hidden)
-    back = torch.empty_like(gradient)
-
-    def run() -> object:
-        for _ in range(case.steps if case.recurrent else 0):
-            torch.mm(gradient, weights, out=back)
-        return back
-
-    return [run]
-
-
-PEERS = {"snntorch": snntorch, "jax": jax, "spikingjelly": spikingjelly, "norse": norse, "products": products}
+PEERS = {"snntorch": snntorch, "jax": jax, "spikingjelly": spikingjelly, "norse": norse}
 
 
 def rows_of(name: str, peers: list[str], rounds: int) -> list[Row]:

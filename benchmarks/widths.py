@@ -7,10 +7,12 @@
 
 import argparse
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import rsnn_training
+import torch
 from side_by_side import Row, Runner, best_of, missing, publish
 
 PAPER = rsnn_training.CASES["paper"]
@@ -24,6 +26,26 @@ KINDS = {
 }
 
 
+def products(case: rsnn_training.Case) -> list[Callable[[], object]]:
+    """No peer but a limit: the products of matrices that no training step can leave out, by BLAS, and nothing else.
+
+    At each step the gradients at all hidden neurons go back through the recurrent weights. Surrogate derivatives are
+    nowhere 0, so that this product is dense, whatever spikes. Without recurrence there is none.
+    """
+    gradient, weights = torch.randn(case.batch, case.hidden), torch.randn(case.hidden, case.hidden)
+    back = torch.empty_like(gradient)
+
+    def run() -> object:
+        for _ in range(case.steps if case.recurrent else 0):
+            torch.mm(gradient, weights, out=back)
+        return back
+
+    return [run]
+
+
+SIDES = {**rsnn_training.PEERS, "products": products}
+
+
 def rows_of(case: rsnn_training.Case, kind: str, membrane: str, peers: list[str], rounds: int) -> list[Row]:
     threads = sorted({1, os.cpu_count() or 1})
     run, _ = rsnn_training.ours(case, membrane)
@@ -31,7 +53,7 @@ def rows_of(case: rsnn_training.Case, kind: str, membrane: str, peers: list[str]
     there = []
     for peer in peers:
         try:
-            found = rsnn_training.PEERS[peer](case)
+            found = SIDES[peer](case)
         except (ImportError, AttributeError) as error:
             missing(peer, error)
             continue
@@ -52,7 +74,7 @@ def main() -> None:
     parser.add_argument("--classes", type=int, nargs="+", default=[3, 8, 16, 17, 32, 64])
     parser.add_argument("--kinds", choices=tuple(KINDS), nargs="+", default=["recurrent", "feed-forward"])
     parser.add_argument("--membranes", choices=("eq4", "delayed", "immediate"), nargs="+", default=["eq4"])
-    parser.add_argument("--peers", choices=tuple(rsnn_training.PEERS), nargs="*", default=["snntorch", "jax"])
+    parser.add_argument("--peers", choices=tuple(SIDES), nargs="*", default=["snntorch", "jax"])
     parser.add_argument("--rounds", type=int, default=5, help="turns of each runner")
     parser.add_argument("--json", type=Path, help="write rows, machine and versions there")
     asked = parser.parse_args()
