@@ -107,12 +107,13 @@ def serves(run: Run, study: str, claim: Claim) -> bool:
 
 
 def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], dict[str, str]]) -> Iterator[tuple[str, ...]]:
+    over = [run._replace(tables={name: averaged(table) for name, table in run.tables.items()}) for run in over]
     for study in ORDER:
         here = next((run for run in at if run.study == study), None)
         for claim in here.claims if here else []:
             one = judge(claim, here.tables) if here else None
             there = [run for run in over if serves(run, study, claim)]
-            means = [judge(claim, {name: averaged(t) for name, t in run.tables.items()}) for run in there]
+            means = [judge(claim, run.tables) for run in there]
             mean = next((found for found in means if found.reproduced is not None), None)
             ours = ["-" if found is None or found.reproduced is None else found.ours for found in (one, mean)]
             judged, earlier = verdict(one, mean), before.get((study, claim.name), {})
