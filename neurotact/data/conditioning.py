@@ -60,16 +60,17 @@ HEEDED_BY: dict[str, Baseline] = {"start_ms": "start", "high_pass_Hz": "high-pas
 """Keys of a conditioning that one baseline alone heeds."""
 
 
-def check_heeded(given: Container[str], how: ConditioningSpec) -> None:
-    """InputError where one of the dotted keys `given` of an encoder changes nothing under its baseline.
+def check_heeded(given: Container[str], baseline: Baseline, table: str = "conditioning") -> None:
+    """InputError where one of the dotted keys `given` changes nothing under a baseline.
 
-    >>> check_heeded({"conditioning.high_pass_Hz": 1.0}, ConditioningSpec(baseline="high-pass"))
+    table: the dotted key of the conditioning, as the user writes it.
+
+    >>> check_heeded({"conditioning.high_pass_Hz": 1.0}, "high-pass")
     """
-    for key, baseline in HEEDED_BY.items():
-        if f"conditioning.{key}" in given and how.baseline != baseline:
+    for key, heeding in HEEDED_BY.items():
+        if f"{table}.{key}" in given and baseline != heeding:
             raise InputError(
-                f"conditioning.{key}: the baseline '{how.baseline}' ignores it; "
-                f"set conditioning.baseline={baseline}, too"
+                f"{table}.{key}: the baseline '{baseline}' ignores it; set {table}.baseline={heeding}, too"
             )
 
 

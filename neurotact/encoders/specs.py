@@ -75,7 +75,7 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     if model not in MODELS:
         raise InputError(f"model: '{model}' is unknown; {nearest(model, [*MODELS])} ({path})")
     built = specs.build(MODELS[model].spec, table, source=str(path))
-    check_heeded(overrides or {}, built.conditioning)
+    check_heeded(overrides or {}, built.conditioning.baseline)
     return built
 
 
@@ -90,7 +90,7 @@ def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None 
     if not isinstance(what, tuple(model.spec for model in MODELS.values())):
         raise InputError(f"encoder: must be a name, a path or an encoder spec; got {type(what).__name__}")
     changed = specs.resolve(type(what), what, overrides)
-    check_heeded(overrides or {}, changed.conditioning)
+    check_heeded(overrides or {}, changed.conditioning.baseline)
     return changed
 
 

@@ -4,10 +4,10 @@ Calibration begins at the encoder of each cell and finds gains, standardisation 
 alone vary around one fit, so that all pairs share their gains.
 """
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from neurotact.data.conditioning import ACAUSAL, HEEDED_BY, Baseline
+from neurotact.data.conditioning import ACAUSAL, check_heeded
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
 from neurotact.errors import InputError
@@ -15,15 +15,11 @@ from neurotact.spec import leaves, refuse
 from neurotact.studies import sweeps
 
 ENCODER = "encoder."
+CONDITIONING = f"{ENCODER}conditioning"
 PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms")
 """Swept around gains that are fitted once."""
 DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
-WITH_BASELINE = {
-    f"{ENCODER}conditioning.{key}": (baseline, *(ACAUSAL if baseline == "start" else ()))
-    for key, baseline in HEEDED_BY.items()
-}
-"""Keys that some baselines alone heed; one that knows the whole trial may give way to `start`."""
 
 
 def start(point: Mapping[str, Any]) -> dict[str, Any]:
@@ -56,8 +52,10 @@ def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequ
                 "same encoder; sweep lists of different lengths"
             )
     keys = {*leaves(given), *swept}
-    for start in starts:
-        _check_heeded(start.conditioning.baseline, keys)
+    for first in starts:
+        baseline = first.conditioning.baseline
+        gives_way = {f"{CONDITIONING}.start_ms"} if baseline in ACAUSAL else set()  # to `start`, perhaps
+        check_heeded(keys - gives_way, baseline, CONDITIONING)
 
 
 def _check_baseline(baseline: Any) -> None:
@@ -66,11 +64,3 @@ def _check_baseline(baseline: Any) -> None:
             f"encoder.conditioning.baseline: '{baseline}' knows the whole trial, and gives way to one of "
             f"{', '.join(PAST)} in a study that calibrates; name a baseline that knows the past alone, or leave it out"
         )
-
-
-def _check_heeded(baseline: Baseline, keys: Container[str]) -> None:
-    for key, heeding in WITH_BASELINE.items():
-        if key in keys and baseline not in heeding:
-            raise InputError(
-                f"{key}: the baseline '{baseline}' ignores it; set encoder.conditioning.baseline='{heeding[0]}', too"
-            )
