@@ -5,11 +5,13 @@ import sys
 
 def main() -> None:
     """Load the command line and run it; see `neurotact.cli.main` for the exit codes."""
+    from neurotact.backend import hold_torch_to_avx2
     from neurotact.errors import INTERRUPTED
     from neurotact.interrupt import LINE, ending_at_once
 
     try:
         with ending_at_once():
+            hold_torch_to_avx2()
             from neurotact.cli import main as run
         run()
     except KeyboardInterrupt:

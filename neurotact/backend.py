@@ -1,5 +1,6 @@
-"""Which implementation runs: the compiled kernels where they exist and apply, else the reference."""
+"""Which implementation runs: the compiled kernels where they exist and apply, else the reference; and torch's."""
 
+import os
 import warnings
 from typing import Literal, get_args
 
@@ -12,7 +13,20 @@ try:
 except ImportError:
     native = None
 
+TORCH_INSTRUCTIONS = "ATEN_CPU_CAPABILITY"
+"""The environment variable by which torch chooses among its builds for a processor."""
 _said_so = False
+
+
+def hold_torch_to_avx2() -> None:
+    """Let torch compute with AVX2 where it would take AVX-512, so that a random seed gives the same network on both.
+
+    Some of torch's operations (normal numbers, log-softmax, Adam) round their last bits otherwise with AVX-512, and a
+    training of hundreds of steps turns these into another network. The compiled kernels round alike on both. This comes
+    before torch is loaded, which is when it reads the variable; spawned processes inherit it. A user's own value stays.
+    """
+    if native is not None and native.widest_isa() == "avx512":
+        os.environ.setdefault(TORCH_INSTRUCTIONS, "avx2")
 
 
 def use_native(backend: Backend, applies: bool, needs: str) -> bool:

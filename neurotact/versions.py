@@ -3,6 +3,8 @@
 import importlib.metadata
 import platform
 
+import torch
+
 from neurotact import __version__
 from neurotact.backend import native
 
@@ -10,12 +12,16 @@ PACKAGES = ("torch", "numpy", "scipy", "scikit-learn", "pandas", "h5py", "snntor
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of neurotact and of the packages that it computes with, the machine and the backend."""
+    """Versions of Python, of neurotact and of the packages that it computes with, the machine and the backend.
+
+    `instructions` are those that torch computes with, such as AVX2: with others, its last bits differ.
+    """
     found = {name: importlib.metadata.version(name) for name in PACKAGES}
     backend = "native" if native is not None else "reference"
     return {
         "python": platform.python_version(),
         "machine": platform.machine(),
+        "instructions": torch.backends.cpu.get_cpu_capability(),
         "backend": backend,
         "neurotact": __version__,
         **found,

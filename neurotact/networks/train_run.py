@@ -36,7 +36,7 @@ LEFT = (RESULT, CHECKPOINT, trained.LOG, checkpoint.WEIGHTS, checkpoint.NETWORK,
 """All that a training leaves; what says that it is done, or how far it came, is removed first."""
 SECONDS_BETWEEN = 1.0
 """A checkpoint is written at most so often, so that short epochs are not spent on writing."""
-NUMBERS = ("neurotact", "torch", "backend", "machine")
+NUMBERS = ("neurotact", "torch", "backend", "machine", "instructions")
 """Versions of what decides the numbers of a training."""
 
 
@@ -215,7 +215,8 @@ def _check_same(folder: Path, asked: Asked) -> None:
         )
     for key, was, now in _differences(before.settings(), asked.settings()):
         raise InputError(f"{folder}: was begun with {key} = {was}, not {now}; give that, or start again with --force")
-    other = [f"{name} {was}" for name in NUMBERS if (was := before.versions.get(name)) != asked.versions[name]]
+    began = {name: before.versions.get(name, "not recorded") for name in NUMBERS}
+    other = [f"{name} {was}" for name, was in began.items() if was != asked.versions[name]]
     if other:
         warnings.warn(
             f"{folder}: was begun with {', '.join(other)}; its numbers may differ from those of an uninterrupted run",

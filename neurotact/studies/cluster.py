@@ -13,6 +13,7 @@ from uuid import uuid4
 
 import torch
 
+from neurotact.backend import TORCH_INSTRUCTIONS
 from neurotact.errors import InputError
 from neurotact.studies.engine import Engine, MapCells, RunCell
 from neurotact.studies.store import AnyCell, Files
@@ -133,10 +134,12 @@ def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None)
 
     worker, found = dask_worker or get_worker(), versions()
     for name in (name for name in expected if name != "python" and found[name] != expected[name]):
-        raise InputError(
-            f"worker {worker.address}: {name} is {found[name]} there and {expected[name]} here; "
-            "install the same everywhere (pip install -c constraints.txt)"
+        mend = (
+            f"start it with {TORCH_INSTRUCTIONS}={expected[name].lower()}"
+            if name == "instructions"
+            else "install the same everywhere (pip install -c constraints.txt)"
         )
+        raise InputError(f"worker {worker.address}: {name} is {found[name]} there and {expected[name]} here; {mend}")
     if worker.state.nthreads != 1:
         raise InputError(
             f"worker {worker.address}: has {worker.state.nthreads} threads, and a cell needs a process of its own; "

@@ -161,7 +161,7 @@ def _keep_versions(folder: Path, device: str) -> None:
     began, here = {DEVICE: "cpu", **began}, {DEVICE: "cpu", **here}
     others = [name for name in here if name != "python" and here[name] != began.get(name)]
     if others:
-        told = ", ".join(f"{name} {here[name]} (was {began.get(name)})" for name in others)
+        told = ", ".join(f"{name} {here[name]} (was {began.get(name, 'not recorded')})" for name in others)
         say(f"{folder}: goes on with other versions than it began with, numbers may differ: {told}")
 
 

@@ -105,6 +105,13 @@ def test_a_worker_with_other_versions_is_refused(dask, tmp_path, monkeypatch):
     assert not (tmp_path / "run").exists()
 
 
+def test_a_worker_that_computes_with_other_instructions_is_refused(dask, tmp_path, monkeypatch):
+    here = {**cluster.versions(), "instructions": "SSE9"}
+    monkeypatch.setattr(cluster, "versions", lambda: here)
+    with pytest.raises(InputError, match=r"instructions is .* there and SSE9 here; start it with ATEN_.*=sse9"):
+        runner.run(study.resolve(TINY), tmp_path / "run", scheduler=dask[0])
+
+
 def test_a_worker_killed_in_the_middle_of_a_cell_changes_nothing(dask, expected, tmp_path):
     address, started = dask
     killed: list[str] = []
