@@ -19,7 +19,7 @@ ORACLE_PATIENCE = 120
 
 
 def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Accuracy, SOPs and early exit on the test windows, and the confusion matrix.
+    """Accuracy, SOPs and early exit on the test windows, the confusion matrix, and whether each window was right.
 
     populations: the afferents of each, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
     """
@@ -41,8 +41,9 @@ def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarr
         "window_steps": test.spikes.shape[1],
         "epochs": len(trained.training.epochs),
     }
-    matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
-    return {"row": row, "confusion": matrix.tolist()}
+    decided = full.labels.cpu()
+    matrix = confusion_matrix(test.labels, decided, labels=range(network.n_classes))
+    return {"row": row, "confusion": matrix.tolist(), "right": (decided == test.labels).tolist()}
 
 
 def means(

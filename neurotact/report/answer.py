@@ -3,9 +3,10 @@
 Validation trials choose, test trials tell: what a network is chosen by would flatter it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
+from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error, wilson_interval
 
 Kind = Literal["nothing learned", "no baseline", "worse", "tie", "better"]
@@ -45,12 +46,16 @@ class Network(NamedTuple):
 
 
 class Baseline(NamedTuple):
-    """A classifier without spikes in its decision; nJ is None where it cannot be told."""
+    """A classifier without spikes in its decision; nJ is None where it cannot be told.
+
+    rows: those of `baselines.csv` that it averages, one of each split.
+    """
 
     name: str
     validation: float
     accuracy: float
     nJ: float | None
+    rows: tuple[int, ...] = ()
 
     @property
     def is_of_spikes(self) -> bool:
@@ -72,23 +77,54 @@ class Answer(NamedTuple):
     interval: 95 % interval of its test accuracy. error: one standard error of its validation accuracy.
     cheapest: of the networks within that error on validation trials, the one of the fewest SOPs.
     baseline: that of the highest validation accuracy; None where there is none.
+    paired: the best network less the baseline, on the same test trials; None where it is not known which were right.
     guess: the accuracy of guessing, or of always answering the commonest class.
     """
 
-    kind: Kind
     best: Network
     interval: tuple[float, float]
     error: float
     cheapest: Network
     baseline: Baseline | None
+    paired: Paired | None
     guess: float
     trials: Trials
 
+    @property
+    def difference(self) -> float:
+        """How much more accurate the best network is than the baseline; 0 where there is no clear difference."""
+        if self.baseline is None:
+            return 0.0
+        if self.paired is not None:
+            return self.paired.difference if self.paired.is_clear else 0.0
+        low, high = self.interval
+        return 0.0 if low <= self.baseline.accuracy <= high else self.best.whole.accuracy - self.baseline.accuracy
 
-def answer(networks: Sequence[Network], baselines: Sequence[Baseline], guess: float, trials: Trials) -> Answer:
+    @property
+    def kind(self) -> Kind:
+        """How the best network compares."""
+        if self.interval[0] <= self.guess:
+            return "nothing learned"
+        if self.baseline is None:
+            return "no baseline"
+        return "worse" if self.difference < 0 else "better" if self.difference > 0 else "tie"
+
+
+Compare = Callable[[Network, Baseline], Paired | None]
+"""A network less a baseline on the same test trials; None where that is not known."""
+
+
+def answer(
+    networks: Sequence[Network],
+    baselines: Sequence[Baseline],
+    guess: float,
+    trials: Trials,
+    compare: Compare = lambda network, baseline: None,
+) -> Answer:
     """Choose on validation trials, judge on test trials.
 
-    networks: at least one.
+    networks: at least one. compare: how the two that are chosen are compared; without it a baseline differs clearly
+    where its accuracy lies outside the network's interval.
 
     >>> whole = Decision(0.9, 1000.0, 500.0, 80.0, None)
     >>> networks = [Network("1&1", 50, 3, 0.95, whole, None),
@@ -104,19 +140,8 @@ def answer(networks: Sequence[Network], baselines: Sequence[Baseline], guess: fl
     interval = wilson_interval(best.whole.accuracy, trials.test)
     # Of equal ones the cheapest; a cost that cannot be told counts as none.
     baseline = max(baselines, key=lambda one: (one.validation, -(one.nJ or 0.0)), default=None)
-    kind = _kind(interval, baseline, guess)
-    return Answer(kind, best, interval, error, cheapest, baseline, guess, trials)
-
-
-def _kind(interval: tuple[float, float], baseline: Baseline | None, guess: float) -> Kind:
-    low, high = interval
-    if low <= guess:
-        return "nothing learned"
-    if baseline is None:
-        return "no baseline"
-    if baseline.accuracy > high:
-        return "worse"
-    return "better" if baseline.accuracy < low else "tie"
+    paired = None if baseline is None else compare(best, baseline)
+    return Answer(best, interval, error, cheapest, baseline, paired, guess, trials)
 
 
 def headline(found: Answer) -> str:
@@ -124,6 +149,7 @@ def headline(found: Answer) -> str:
     best, (low, high) = found.best.whole, found.interval
     said = f"{percent(best.accuracy)} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
     rival = "" if found.baseline is None else f"{found.baseline.name}, {percent(found.baseline.accuracy)}"
+    rival += "" if found.paired is None else f" ({chance_of(found.paired)})"
     if found.kind == "nothing learned":
         also = _learned_without(found)
         return (
@@ -182,7 +208,7 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     ['the encoding loses 39.0 points (90.0 % by SVM on signals, 51.0 % by']
     """
     rivals = [[one for one in baselines if one.is_of_spikes == of_spikes] for of_spikes in (False, True)]
-    if found.baseline is None or found.baseline.accuracy <= found.interval[1] or not all(rivals):
+    if found.difference >= 0 or not all(rivals):
         return
     of_signals, of_spikes = (max(group, key=lambda one: one.validation) for group in rivals)
     encoding = of_signals.accuracy - of_spikes.accuracy
@@ -211,6 +237,16 @@ def _lost(before: Decision, after: Decision) -> str:
         return f"at the same test accuracy, {percent(after.accuracy)}"
     way = "falls" if points > 0 else "rises"
     return f"and test accuracy {way} by {abs(points):.1f} points to {percent(after.accuracy)}"
+
+
+def chance_of(paired: Paired) -> str:
+    """How likely chance alone makes the difference, in words.
+
+    >>> chance_of(Paired(0.1, 0.0002, 45)), chance_of(Paired(0.1, 0.0312, 45))
+    ('paired over 45 test trials, p < 0.001', 'paired over 45 test trials, p = 0.03')
+    """
+    p = "p < 0.001" if paired.p < 0.001 else f"p = {paired.p:.1g}"
+    return f"paired over {paired.n} test trials, {p}"
 
 
 def percent(share: float) -> str:

@@ -11,6 +11,8 @@ import pandas as pd
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
+from neurotact.metrics import paired
+from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks import cautions, ledger, recipe, tasks
 from neurotact.networks.trained import LOG
@@ -19,7 +21,7 @@ from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Table
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
-from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns
+from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import NETWORK, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
@@ -128,9 +130,14 @@ def as_json(found: Front, networks: Sequence[Network]) -> dict[str, Any]:
         "networks": drawn,
         "best": networks.index(one.best),
         "cheapest": networks.index(one.cheapest),
-        "baseline": None if one.baseline is None else one.baseline._asdict(),
+        "baseline": None if one.baseline is None else _without_rows(one.baseline),
+        "paired": None if one.paired is None else one.paired._asdict(),
         "guess": one.guess,
     }
+
+
+def _without_rows(baseline: Baseline) -> dict[str, Any]:
+    return {key: value for key, value in baseline._asdict().items() if key != "rows"}
 
 
 def _as_json(decision: Decision | None) -> dict[str, Any] | None:
@@ -153,12 +160,15 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             table = table[table[key].isna() | (table[key] == result[key])]
         by = ["classifier", "input", "t_ref_ra_ms", "t_ref_sa_ms"]
         measures = ["accuracy_validation", "accuracy_test", "energy_estimate_nJ"]
-        for row in means_over(table[table["dataset"] == dataset], by, measures, "splits").to_dict("records"):
+        table = table[table["dataset"] == dataset]
+        averaged = [tuple(part.index) for _, part in table.groupby(by, sort=False, dropna=False)]
+        means = means_over(table, by, measures, "splits").to_dict("records")
+        for row, rows in zip(means, averaged, strict=True):
             pair = "" if pd.isna(row["t_ref_ra_ms"]) else f"{row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g} ms "
             source, _, words = row["input"].partition(": ")
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
-            found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"])))
+            found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows))
     elif "baseline" in tables and "accuracy_validation" in tables["baseline"]:
         table, measures = tables["baseline"], ["accuracy_validation", "accuracy_test"]
         for row in means_over(table[table["dataset"] == dataset], ["dataset"], measures, "splits").to_dict("records"):
@@ -208,11 +218,41 @@ def fronts(
         guess = max(1 / len(counts), max(counts) / max(1, sum(counts)))
         networks = networks_of(rows)
         baselines = baselines_of(study, tables, rows.iloc[0].to_dict())
-        found = answers.answer(networks, baselines, guess, sides.trials)
+        compare = _comparing(study, folder, done, rows, tables)
+        found = answers.answer(networks, baselines, guess, sides.trials, compare)
         table = front_table(found, networks, baselines)
         lost = list(answers.where_lost(found, baselines))
         words = list(answers.details(found))
         yield Front(str(setting), found, sides, networks, answers.headline(found), words, table, lost)
+
+
+def _comparing(
+    study: StudySpec, folder: Path, done: Sequence[Cell], rows: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
+) -> answers.Compare:
+    """How a network and a baseline of one data set compare on the trials that both were tested on.
+
+    rows: those of `results.csv`, whose index counts `done`. A trial that several splits test counts once.
+    """
+    splits = split_columns(study)
+
+    def compare(network: Network, baseline: Baseline) -> Paired | None:
+        its = rows.index[(rows["pair"] == network.pair) & (rows["hidden"] == network.hidden)]
+        if "baselines_trials" not in tables or max(its) >= len(done):
+            return None
+        left = [(done[index], result_of(folder, done[index])) for index in its]
+        if not baseline.rows or any("right" not in result for _, result in left):  # of an earlier version
+            return None
+        spiking = [(*(value_at(cell, key) for key in splits), int(trial), share)
+                   for cell, result in left for trial, share in result["right"].items()]  # fmt: skip
+        trials = tables["baselines_trials"]
+        other = trials[trials["baseline"].isin(baseline.rows)].join(tables["baselines"][splits], on="baseline")
+        by = [*splits, "trial"]
+        means = pd.DataFrame(spiking, columns=[*by, "right"]).groupby(by)["right"].mean()
+        both = pd.concat([means, other.groupby(by)["right"].mean()], axis=1, join="inner", keys=["network", "baseline"])
+        once = both.groupby("trial").mean()
+        return paired.compare(once["network"].to_numpy(), once["baseline"].to_numpy()) if len(once) else None
+
+    return compare
 
 
 def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:

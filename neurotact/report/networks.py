@@ -20,7 +20,7 @@ from neurotact.report.network_drawings import network_drawings
 from neurotact.report.page import Entry, Table, plain
 from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_setting
 from neurotact.spec import to_toml
-from neurotact.studies import selection
+from neurotact.studies import preparation, selection
 from neurotact.studies import study as studies
 from neurotact.studies.firing import read_encoding
 from neurotact.studies.selection import Selection
@@ -42,6 +42,7 @@ DOWNLOADS = {
     "answer.json": "the first screen of this report for programs",
     "baseline.csv": "the linear classifier",
     "baselines.csv": "classical classifiers on the same windows",
+    "baselines_trials.csv": "which test trials each of them has right",
     "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
     "cut_short.csv": "each network on the first so many ms of its windows",
     "exit_curve.csv": "each network with early exit, over patience",
@@ -98,11 +99,11 @@ def write(study: StudySpec, folder: Path) -> Path:
     chosen = course.found if course else None
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    baseline = read_table(folder / "baseline.csv") if study.linear_baseline else None
-    baselines = read_table(folder / "baselines.csv") if study.baselines else None
+    asked = [name for name in preparation.tables_of(study) if name.startswith("baseline")]
+    beside = {name.removesuffix(".csv"): read_table(folder / name) for name in asked if (folder / name).is_file()}
+    baseline, baselines = (beside.get(name) for name in ("baseline", "baselines"))
     spent = front.costs_of(study, results, trains)
-    both = {name: table for name, table in (("baseline", baseline), ("baselines", baselines)) if table is not None}
-    found = list(front.fronts(study, folder, done, results.join(spent), trains, both))
+    found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
     cautions = front.beware(study, folder, done, found, trains)
     write_json(folder / ANSWER, answers_as_json(found, cautions))
     best = {"best": selection_steps.best_row(chosen, results)} if chosen else {}

@@ -17,6 +17,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import taxels_of
+from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
 from neurotact.metrics.signal_flops import Averaging
 from neurotact.networks.ledger import encoding_cost
@@ -28,6 +29,8 @@ MOST_MACHINES = 3000
 LINEAR = "logistic regression"
 STRONGER: dict[str, Family] = {"SVM": svm, "ELM": elm}
 SIGNALS, SPIKES = "signals", "spikes"
+RIGHT = "right"
+"""What a row holds besides the columns of `baselines.csv`."""
 
 
 class Input(NamedTuple):
@@ -110,6 +113,7 @@ def rows(
 ) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
+    Under `RIGHT` a row also has the share of right windows of each test trial.
     stronger: also fit the families of `STRONGER`, of which validation windows choose the candidate.
     most_machines: training windows up to which support vector machines are fitted.
     """
@@ -122,11 +126,12 @@ def rows(
         for name, family in families.items():
             if name == "SVM" and len(sides.y_train) > most_machines:
                 continue
-            yield _row(one, name, family, sides)
+            best = best_of(family, sides, 0)
+            right = best.fitted.predict(sides.test) == sides.y_test
+            yield {**_row(one, name, best, sides), RIGHT: paired.by_trial(cuts.windows.trial[cuts.sides[2]], right)}
 
 
-def _row(one: Input, name: str, family: Family, sides: Sides) -> dict[str, Any]:
-    best = best_of(family, sides, 0)
+def _row(one: Input, name: str, best: Candidate, sides: Sides) -> dict[str, Any]:
     spent = one.made + cost(Standardise(one.features.shape[1]), *best.layers)
     ra_ms, sa_ms = one.pair if one.pair else (None, None)
     named = {"classifier": name, "input": f"{one.source}: {one.words}", "t_ref_ra_ms": ra_ms, "t_ref_sa_ms": sa_ms}

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
+from neurotact.metrics import paired
 from neurotact.networks import fitting, measuring, search, search_journal, search_tables, tasks, trained, truncated
 from neurotact.networks.conditions import by_condition
 from neurotact.networks.population.devices import device_of
@@ -52,6 +53,8 @@ def left_by(
     """What a cell leaves whose network is trained, which took so many seconds."""
     began, task = perf_counter() - seconds, task_of(cell)
     result = measuring.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
+    trial = trains.cut(task.window, tasks.trials_of(trains, task).test).trial
+    result["right"] = paired.by_trial(trial, result["right"])
     result["row"] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,

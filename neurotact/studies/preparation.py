@@ -30,6 +30,7 @@ from neurotact.studies.signals import signal_table
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import write_table
 
+BASELINES = ("baselines.csv", "baselines_trials.csv")
 DATA = "data.json"
 """What the recordings of a run are: their hash, how many trials, which classes."""
 
@@ -91,13 +92,19 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
         table = pd.concat(tables, ignore_index=True)
         table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
         write_table(table, folder / "baseline.csv")
-    if "baselines.csv" in table_flaws:
-        write_table(_baselines_table(folder, recordings, study, cells), folder / "baselines.csv")
+    if not table_flaws.keys().isdisjoint(BASELINES):
+        for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
+            write_table(table, folder / name)
     manifest.seal(folder, tables_of(study))
 
 
-def _baselines_table(folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]) -> pd.DataFrame:
-    """`baselines.csv`: classical classifiers on the windows that the networks see, for each subset and split."""
+def _baselines_tables(
+    folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Classical classifiers on the windows that the networks see, for each subset and split, and their test trials.
+
+    The second table has, for each row of the first (`baseline`) and each test trial, the share of right windows.
+    """
     encoded = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     found = []
     with track("baselines", sum(map(len, encoded))) as advance:
@@ -105,7 +112,9 @@ def _baselines_table(folder: Path, recordings: Recordings, study: StudySpec, cel
             for cell in group:
                 found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
                 advance(1, "")
-    return pd.DataFrame(found)
+    rights = [row.pop(baselines.RIGHT) for row in found]
+    trials = [(row, *pair) for row, right in enumerate(rights) for pair in right.items()]
+    return pd.DataFrame(found), pd.DataFrame(trials, columns=["baseline", "trial", "right"])
 
 
 def _fitted(
@@ -156,7 +165,7 @@ def tables_of(study: StudySpec) -> list[str]:
     """The tables that a study asks for of its recordings, before any cell is run."""
     asked = {
         "baseline.csv": study.linear_baseline,
-        "baselines.csv": study.baselines,
+        **dict.fromkeys(BASELINES, study.baselines),
         "signals.csv": study.signals,
         "same_drive.csv": study.same_drive is not None,
     }

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error
 from neurotact.report import answer as answers
 from neurotact.report.answer import Baseline, Decision, Network, Trials, answer, details, headline
@@ -71,6 +72,20 @@ def test_the_network_is_judged_beside_the_baseline_and_guessing(accuracy, rival,
     assert found.kind == kind
     assert words in headline(found)
     assert not list(details(found)) if kind == "nothing learned" else True
+
+
+@pytest.mark.parametrize(
+    ("paired", "kind", "words"),
+    [
+        (Paired(-0.02, 0.03, 100), "worse", "SVM, 92.0 % (paired over 100 test trials, p = 0.03)."),
+        (Paired(-0.02, 0.07, 100), "tie", "SVM, 92.0 % (paired over 100 test trials, p = 0.07)."),
+        (Paired(0.02, 0.0004, 100), "better", "p < 0.001"),
+    ],
+)
+def test_where_trials_are_paired_they_decide_and_not_the_interval(paired, kind, words):
+    found = answer([network()], [Baseline("SVM", 0.9, 0.92, 12.0)], 0.25, TRIALS, lambda network, baseline: paired)
+    assert found.kind == kind
+    assert words in headline(found)
 
 
 def test_the_baseline_is_chosen_on_validation_trials_and_of_equal_ones_the_cheapest():

@@ -1,0 +1,90 @@
+"""The answer of a whole run on one's own recordings compares network and baseline trial by trial."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from neurotact.data import hdf5
+from neurotact.data.recordings import Recordings
+from neurotact.metrics import paired
+from neurotact.report import report
+from neurotact.studies import loading, runner, study
+from neurotact.studies.store import cell_folder
+from neurotact.tables import read_table
+
+SMALL = {
+    "sweep.seed": [0, 1],
+    "split.folds": 3,
+    "sweep.split.fold": [0, 2],
+    "window.length_ms": 150.0,
+    "window.per_trial": 2,
+    "sweep.network.hidden": [6],
+    "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
+    "network.training.epochs": 2,
+}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("paired")
+    noise = np.random.default_rng(3)
+    signals = [noise.normal(0.5 * (n % 2), 1.0, (200, 2)).cumsum(axis=0).astype(np.float32) for n in range(24)]
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * 12})
+    hdf5.save_recordings(Recordings(signals, 500.0, "mV", conditions), folder / "touches.h5")
+    what = loading.resolve("own-recordings", SMALL, data=folder / "touches.h5")
+    runner.run(what, folder / "run")
+    report.write(folder / "run")
+    return what, folder / "run"
+
+
+def results_of(what, folder):
+    for cell in study.cells(what):
+        yield cell, json.loads((cell_folder(folder, cell) / "result.json").read_text())
+
+
+def test_shares_of_trials_add_up_to_the_accuracies(run):
+    what, folder = run
+    for _, result in results_of(what, folder):
+        assert np.mean([*result["right"].values()]) == pytest.approx(result["row"]["accuracy_test"])
+        assert set(result["right"].values()) <= {0.0, 0.5, 1.0}  # two windows a trial
+    means = read_table(folder / "baselines_trials.csv").groupby("baseline")["right"].mean()
+    np.testing.assert_allclose(means, read_table(folder / "baselines.csv")["accuracy_test"])
+
+
+def test_the_answer_pairs_the_trials_of_each_split(run):
+    what, folder = run
+    (found,) = json.loads((folder / "answer.json").read_text())["answers"]
+    table, trials = read_table(folder / "baselines.csv"), read_table(folder / "baselines_trials.csv")
+    classifier, _, seen = found["baseline"]["name"].partition(" on ")
+    source = "spikes" if " spikes " in seen else "signals"
+    seen = f"{source}: {seen.partition('(')[2].removesuffix(')')}"
+    its = table.index[(table["classifier"] == classifier) & (table["input"] == seen)]
+    assert len(its) == 2  # a row of each fold
+    spiking = {fold: [] for fold in (0, 2)}
+    for cell, result in results_of(what, folder):
+        spiking[cell.split.fold].append(pd.Series(result["right"]).rename(index=int))
+    pairs = []
+    for row in its:
+        other = trials[trials["baseline"] == row].set_index("trial")["right"]
+        mine = pd.concat(spiking[table.loc[row, "split.fold"]], axis=1).mean(axis=1)
+        assert set(mine.index) == set(other.index)
+        pairs += [(mine[trial], other[trial]) for trial in other.index]
+    expected = paired.compare(*np.array(pairs).T)
+    assert found["paired"] == pytest.approx(expected._asdict())
+    assert f"paired over {expected.n} test trials" in found["headline"] or found["kind"] == "nothing learned"
+
+
+def test_a_run_of_an_earlier_version_is_judged_by_the_interval(run):
+    _, folder = run
+    table = folder / "baselines_trials.csv"
+    kept = table.read_bytes()
+    table.unlink()
+    try:
+        report.write(folder)
+        (found,) = json.loads((folder / "answer.json").read_text())["answers"]
+        assert found["paired"] is None
+        assert "paired" not in found["headline"]
+    finally:
+        table.write_bytes(kept)
