@@ -78,13 +78,15 @@ def test_what_a_line_tells_apart_all_tell_apart():
 
 
 def test_test_windows_choose_nothing():
-    """Other features and labels of test windows change the test accuracy alone."""
+    """Other features of test windows change what is said of these windows alone."""
     rng = np.random.default_rng(1)
     features = rng.normal(size=(40, 3)) + np.arange(40)[:, None] % 2
     spoilt = features.copy()
     spoilt[32:] = rng.normal(size=(8, 3))
     for before, after in zip(rows_of(features), rows_of(spoilt), strict=True):
-        assert {**before, "accuracy_test": 0} == {**after, "accuracy_test": 0}
+        of_test = {"accuracy_test": 0, "right": {}}
+        assert {**before, **of_test} == {**after, **of_test}
+        assert before["right"].keys() == after["right"].keys()
 
 
 def test_many_windows_are_too_many_for_machines():
