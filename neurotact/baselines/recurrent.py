@@ -130,32 +130,23 @@ class GRUClassifier(_RecurrentClassifier):
 Classifier = TypeVar("Classifier", bound=_RecurrentClassifier)
 
 
-def fit_many(
-    prototype: Classifier, examples: Sequence[tuple[ArrayLike, ArrayLike]], seeds: Sequence[int]
-) -> list[Classifier]:
-    """Fit a copy of `prototype` to each `(X, y)` with the seed beside it, all in one batched computation.
-
-    Each network comes out as `clone(prototype).set_params(random_state=seed).fit(X, y)` would, to rounding; fifty
-    take about five times as long as one. One pair of arrays may stand in the list many times at no cost.
-
-    >>> X, y = np.random.default_rng(0).normal(size=(6, 5, 2)), [0, 1] * 3
-    >>> together = fit_many(GRUClassifier(4, epochs=2), [(X, y), (X, y)], seeds=[0, 1])
-    >>> alone = GRUClassifier(4, epochs=2, random_state=1).fit(X, y)
-    >>> np.allclose(together[1].predict_proba(X), alone.predict_proba(X), atol=1e-5)
-    True
-    """
-    return fit_snapshots(prototype, examples, seeds, [prototype.epochs])[0]
-
-
 def fit_snapshots(
     prototype: Classifier,
     examples: Sequence[tuple[ArrayLike, ArrayLike]],
     seeds: Sequence[int],
     epochs: Sequence[int],
 ) -> list[list[Classifier]]:
-    """As `fit_many`, for each of several numbers of epochs at the cost of the largest: `[epochs][network]`.
+    """Fit a copy of `prototype` to each `(X, y)` with the seed beside it, for each of `epochs`: `[epochs][network]`.
 
-    A network trained for 96 epochs was, after 48, the one that the same seed gives for `epochs=48`.
+    All are one batched computation at the cost of the largest number of epochs. Each network comes out as
+    `clone(prototype).set_params(random_state=seed, epochs=epochs).fit(X, y)` would, to rounding; fifty take about five
+    times as long as one. One pair of arrays may stand in the list many times at no cost.
+
+    >>> X, y = np.random.default_rng(0).normal(size=(6, 5, 2)), [0, 1] * 3
+    >>> early, late = fit_snapshots(GRUClassifier(4), [(X, y), (X, y)], seeds=[0, 1], epochs=[1, 2])
+    >>> alone = GRUClassifier(4, epochs=2, random_state=1).fit(X, y)
+    >>> np.allclose(late[1].predict_proba(X), alone.predict_proba(X), atol=1e-5)
+    True
     """
     networks = [clone(prototype).set_params(random_state=seed) for seed in seeds]
     known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, Tensor]] = {}

@@ -11,8 +11,8 @@ import typer
 
 from neurotact import api
 from neurotact.cli.options import MOST_SEEDS, Force, HopMs, Json, OutFolder, RunFolder
-from neurotact.cli.outcome import print_outcome
-from neurotact.cli.output import print_row, print_table
+from neurotact.cli.outcome import print_json, print_outcome
+from neurotact.cli.output import print_table
 from neurotact.data import hdf5
 from neurotact.deploy import c_export, fine_tuning, proving, sources, targets
 from neurotact.deploy.chain import chain_of
@@ -21,7 +21,6 @@ from neurotact.deploy.sources import Noted
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.networks import train_run, trained
-from neurotact.networks.outcome import summary_of
 from neurotact.progress import say
 
 WindowMs = Annotated[
@@ -172,7 +171,7 @@ def fine_tune(
         run, out, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, force=force
     )
     if as_json:
-        print_row("", summary_of(outcome.as_json()), as_json=True)
+        print_json(outcome)
     else:
         print_outcome(outcome)
         rounded, best = (100 * epoch.validation_accuracy for epoch in (training.epochs[0], training.best))

@@ -44,15 +44,14 @@ from neurotact.cli.options import (
     split_table,
     window_table,
 )
-from neurotact.cli.outcome import print_outcome
-from neurotact.cli.output import print_line, print_row, print_table
+from neurotact.cli.outcome import print_json, print_outcome
+from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
 from neurotact.networks import inference, ledger, repeated, search, search_journal, tasks, train_run, trained, tuning
-from neurotact.networks.outcome import summary_of
 from neurotact.networks.population import trials as population
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
@@ -133,7 +132,7 @@ def train_command(
         print(f"{out}: this training is done already; its result is in {out / train_run.RESULT}")
     else:
         if as_json:
-            print_row("", summary_of(done.as_json()), as_json=True)
+            print_json(done)
         else:
             print_outcome(done)
             _print_next(out, spikes)
@@ -255,7 +254,7 @@ def tune(
         outcome = search.save_best(problem, spikes, out, found, device)
     best = search_journal.best_of(found)
     if as_json:
-        print_row("", summary_of(outcome.as_json()), as_json=True)
+        print_json(outcome)
     else:
         print(
             f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s"

@@ -1,8 +1,16 @@
 """What is printed of a trained network."""
 
+import pandas as pd
+
 from neurotact.cli.output import print_line
 from neurotact.networks import comparison
-from neurotact.networks.outcome import Outcome
+from neurotact.networks.outcome import Outcome, summary_of
+from neurotact.tables import to_json
+
+
+def print_json(outcome: Outcome) -> None:
+    """One record in a list: what a trained network reaches and costs."""
+    print(to_json(pd.DataFrame([summary_of(outcome.as_json())])))
 
 
 def print_outcome(outcome: Outcome) -> None:

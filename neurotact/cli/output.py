@@ -10,20 +10,8 @@ from rich.table import Table
 
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
-from neurotact.tables import to_json
 
 console = Console(soft_wrap=True, highlight=False)
-
-
-def print_row(title: str, row: dict[str, Any], *, as_json: bool = False) -> None:
-    """One result, a line per column; as JSON, a list of one record."""
-    if as_json:
-        print(to_json(pd.DataFrame([row])))
-        return
-    table = Table(title=title, title_justify="left", show_header=False, box=None)
-    for key, value in row.items():
-        table.add_row(key, _shown(value))
-    console.print(table)
 
 
 def save_recordings(recordings: Recordings, out: Path) -> None:

@@ -32,17 +32,6 @@ class Exits(NamedTuple):
     labels: Tensor
 
 
-class ExitCurve(NamedTuple):
-    """What patience buys, a row per patience from 1 to the window's length: `(patience,)` each.
-
-    The last row is the full window: a leader cannot stand longer than that.
-    """
-
-    patience: Tensor
-    accuracy: Tensor
-    mean_steps: Tensor
-
-
 class OracleExit(NamedTuple):
     """Algorithm 1's results, `(trial,)` int64: Time_new, index_op and the patience that it ended with."""
 
@@ -119,24 +108,6 @@ def _race(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
     for t in range(spikes.shape[1]):
         leader = leader.after(spikes[:, t], integration)
         yield leader
-
-
-def exit_curve(
-    rasters: Tensor | np.ndarray,
-    labels: Tensor | np.ndarray,
-    from_first_spike: bool = True,
-    integration: Integration | None = None,
-) -> ExitCurve:
-    """Accuracy and mean steps over patience; arguments as for `exits`, with the true classes `(trial,)`.
-
-    >>> curve = exit_curve(torch.tensor([[[1, 0], [0, 1], [0, 1]]]), torch.tensor([1]))
-    >>> curve.accuracy.tolist(), curve.mean_steps.tolist()
-    ([0.0, 1.0, 1.0], [2.0, 3.0, 3.0])
-    """
-    found = exits(rasters, from_first_spike, integration)
-    right = found.labels == _labels(labels, found)[:, None]
-    patience = torch.arange(1, found.steps.shape[1] + 1, device=found.steps.device)
-    return ExitCurve(patience, right.double().mean(dim=0), found.steps.double().mean(dim=0))
 
 
 def right_of(found: Exits, labels: Tensor | np.ndarray) -> Tensor:

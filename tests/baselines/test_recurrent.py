@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from sklearn.model_selection import cross_val_score
 
-from neurotact.baselines.recurrent import AT_ONCE, GRUClassifier, LSTMClassifier, fit_many, fit_snapshots
+from neurotact.baselines.recurrent import AT_ONCE, GRUClassifier, LSTMClassifier, fit_snapshots
 from neurotact.errors import InputError
 
 CLASSIFIERS = (LSTMClassifier, GRUClassifier)
@@ -63,7 +63,9 @@ def test_many_at_once_equal_each_alone(kind):
     problems = [touches(seed=0), touches(seed=0), touches(seed=1), touches(50, seed=2)]
     prototype = kind(6, epochs=8, batch=16, learning_rate=0.01)
     new, _ = touches(30, seed=3)
-    for seed, (net, problem) in enumerate(zip(fit_many(prototype, problems, range(4)), problems, strict=True)):
+    for seed, (net, problem) in enumerate(
+        zip(*fit_snapshots(prototype, problems, range(4), [8]), problems, strict=True)
+    ):
         alone = clone(prototype).set_params(random_state=seed).fit(*problem)
         np.testing.assert_allclose(weights_of(net), weights_of(alone), rtol=0, atol=1e-5)
         np.testing.assert_allclose(net.predict_proba(new), alone.predict_proba(new), rtol=0, atol=1e-5)
@@ -73,7 +75,7 @@ def test_many_at_once_equal_each_alone(kind):
 def test_more_networks_than_fit_at_once_keep_their_places():
     X, y = touches(6, 3, 2)
     prototype = GRUClassifier(2, epochs=1)
-    many = fit_many(prototype, [(X, y)] * (AT_ONCE + 2), range(AT_ONCE + 2))
+    (many,) = fit_snapshots(prototype, [(X, y)] * (AT_ONCE + 2), range(AT_ONCE + 2), [1])
     for seed in (0, AT_ONCE - 1, AT_ONCE, AT_ONCE + 1):
         alone = clone(prototype).set_params(random_state=seed).fit(X, y)
         np.testing.assert_allclose(weights_of(many[seed]), weights_of(alone), rtol=0, atol=1e-6)

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from neurotact.errors import InputError
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.exit_choice import (
-    exit_curve,
     exits,
     largest_lead,
     least,
@@ -169,7 +168,7 @@ def test_no_patience_above_the_steady_one_loses_more_than_it_may(one, other, see
         true = torch.from_numpy(draw.integers(0, classes, len(raster)))
         right.append(right_of(exits(raster), true))
         sizes.append(len(raster))
-        assert right[-1].tolist() == pytest.approx((exit_curve(raster, true).accuracy * len(raster)).tolist())
+        assert right[-1].tolist() == (exits(raster).labels == true[:, None]).sum(dim=0).tolist()
         if len(right) == 1:
             lowest = least_rule(raster, true, tolerance)
     patience = patience_rule(steady(right[0], sizes[0], right[1], sizes[1], tolerance)).patience
@@ -185,16 +184,15 @@ def test_no_patience_above_the_steady_one_loses_more_than_it_may(one, other, see
 def test_the_curve_of_exits_worked_by_hand():
     # Class 1 leads from step 1, class 0 draws level at step 4 and, being lower, leads; then class 1 again at 6.
     one = [[0, 1], [0, 0], [0, 0], [1, 0], [0, 0], [0, 1]]
-    curve = exit_curve(torch.tensor([one]), torch.tensor([1]))
-    assert curve.patience.tolist() == [1, 2, 3, 4, 5, 6]
-    assert curve.mean_steps.tolist() == [2, 3, 6, 6, 6, 6]
-    assert curve.accuracy.tolist() == [1, 1, 1, 1, 1, 1]
+    found = exits(torch.tensor([one]))
+    assert found.steps.tolist() == [[2, 3, 6, 6, 6, 6]]
+    assert right_of(found, torch.tensor([1])).tolist() == [1] * 6
     assert least_rule(torch.tensor([one]), torch.tensor([1])) == ExitRule(1, from_first_spike=True)
     # Two trials: the second is led by class 1 until its last step, and truly class 0.
     other = [[0, 1], [0, 0], [0, 0], [0, 0], [0, 0], [1, 0]]
-    curve = exit_curve(torch.tensor([one, other]), torch.tensor([1, 0]))
-    assert curve.accuracy.tolist() == [0.5, 0.5, 0.5, 0.5, 1, 1]
-    assert curve.mean_steps.tolist() == [2, 3, 5, 5.5, 6, 6]
+    found = exits(torch.tensor([one, other]))
+    assert found.steps.sum(dim=0).tolist() == [4, 6, 10, 11, 12, 12]
+    assert right_of(found, torch.tensor([1, 0])).tolist() == [1, 1, 1, 1, 2, 2]
     assert least_rule(torch.tensor([one, other]), torch.tensor([1, 0])).patience == 5
     assert least_rule(torch.tensor([one, other]), torch.tensor([1, 0]), tolerance=0.5).patience == 1
 

@@ -1,15 +1,13 @@
 """Datasets A, B and C of the touch-modality paper (Sec. IV-A): the same touches, organised for three kinds of network.
 
-A is 2 s of touch, `(pattern, 6144, 16)`; B is A as images for convolutions, `(pattern, 24, 64, 64)`; C is A averaged
-over N overlapping windows, `(pattern, N, 16)`, for recurrent networks.
+A, which `touches.touches_of` cuts, is 2 s of touch, `(pattern, 6144, 16)`; B is A as images for convolutions,
+`(pattern, 24, 64, 64)`; C is A averaged over N overlapping windows, `(pattern, N, 16)`, for recurrent networks.
 """
 
-from collections.abc import Iterable
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from neurotact.data.onset import ActivityBand, cut_from_onset
 from neurotact.errors import InputError
 
 TOUCH_SAMPLES = 6144
@@ -20,39 +18,6 @@ ARRAY_SIDE = 4
 IMAGE_SIDE = 64
 
 WindowRule = Literal["overlap", "printed"]
-
-
-class DatasetA(NamedTuple):
-    """patterns: `(pattern, TOUCH_SAMPLES, channel)` in V; kept: which of the given signals they are, ascending."""
-
-    patterns: np.ndarray
-    kept: np.ndarray
-
-
-def dataset_a(
-    signals: Iterable[np.ndarray], band: ActivityBand | None = None, n_samples: int = TOUCH_SAMPLES
-) -> DatasetA:
-    """The touch itself in each `(time, channel)` signal in V; signals that never leave the band are dropped.
-
-    Raises InputError when every signal is silent, or one is shorter than `n_samples`.
-
-    >>> still = np.full((7000, 16), 1.65)
-    >>> touched = still.copy()
-    >>> touched[500:2000, 3] = 1.5
-    >>> data = dataset_a([still, touched])
-    >>> data.patterns.shape, data.kept.tolist()
-    ((1, 6144, 16), [1])
-    """
-    band = band or ActivityBand()
-    cuts = ((index, cut_from_onset(signal, n_samples, band)) for index, signal in enumerate(signals))
-    # copied, so that a pattern does not keep its whole recording in memory
-    found = [(index, np.array(cut, np.float32)) for index, cut in cuts if cut is not None]
-    if not found:
-        raise InputError(
-            f"onset: no signal leaves the band {band.low_V} to {band.high_V} V; "
-            "set low_V and high_V around this sensor's rest"
-        )
-    return DatasetA(np.stack([cut for _, cut in found]), np.array([index for index, _ in found]))
 
 
 def dataset_b(patterns: np.ndarray) -> np.ndarray:
@@ -77,18 +42,6 @@ def dataset_b(patterns: np.ndarray) -> np.ndarray:
         )
     framed = patterns.reshape(n_patterns, -1, blocks, blocks, ARRAY_SIDE, ARRAY_SIDE)
     return framed.transpose(0, 1, 2, 4, 3, 5).reshape(n_patterns, -1, IMAGE_SIDE, IMAGE_SIDE)
-
-
-def from_dataset_b(images: np.ndarray) -> np.ndarray:
-    """The patterns `(pattern, time, 16)` that `dataset_b` made into `images`, exactly.
-
-    >>> patterns = np.arange(2 * 512 * 16.0).reshape(2, 512, 16)
-    >>> np.array_equal(from_dataset_b(dataset_b(patterns)), patterns)
-    True
-    """
-    blocks = IMAGE_SIDE // ARRAY_SIDE
-    framed = images.reshape(len(images), -1, blocks, ARRAY_SIDE, blocks, ARRAY_SIDE)
-    return framed.transpose(0, 1, 2, 4, 3, 5).reshape(len(images), -1, ARRAY_SIDE**2)
 
 
 def window_bounds(n_samples: int, n_steps: int, rule: WindowRule = "overlap") -> np.ndarray:

@@ -1,20 +1,22 @@
 """Datasets A, B and C: exact windows on a ramp, exact inverses, and the authors' public code as an oracle."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact.data.hdf5 import save_recordings
+from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.papers.touch_modality.datasets import (
     STEP_COUNTS,
     TOUCH_SAMPLES,
-    dataset_a,
     dataset_b,
     dataset_c,
-    from_dataset_b,
     window_bounds,
 )
+from neurotact.papers.touch_modality.touches import TouchData, touches_of
 
 RAMP = np.arange(TOUCH_SAMPLES, dtype=np.float64)[None, :, None] * np.ones(16)
 
@@ -40,21 +42,29 @@ def algorithm_1(sensor, n_steps):
     return np.array(means)
 
 
-def test_a_drops_silent_patterns_and_says_which_are_left():
+def touches_in(folder, signals):
+    """What `touches_of` makes of recordings of these signals, the first two slides and the others rolls."""
+    labels = pd.DataFrame({"label": ["sliding"] * 2 + ["rolling"] * (len(signals) - 2)})
+    save_recordings(Recordings(signals, 3000.0, "V", labels), folder / "touches.h5")
+    return touches_of(TouchData(recordings=str(folder / "touches.h5")))
+
+
+def test_a_drops_silent_recordings_and_says_how_many_there_were(tmp_path):
     rng = np.random.default_rng(0)
     signals = [1.65 + 0.02 * rng.uniform(-1, 1, (8000, 16)) for _ in range(5)]
     for index, onset in ((1, 700), (4, 7990)):
         signals[index][onset:, 7] = 1.9
-    data = dataset_a(signals)
-    assert data.kept.tolist() == [1, 4]
-    assert data.patterns.shape == (2, TOUCH_SAMPLES, 16)
-    np.testing.assert_array_equal(data.patterns[0], signals[1][650 : 650 + TOUCH_SAMPLES].astype(np.float32))
-    np.testing.assert_array_equal(data.patterns[1], signals[4][-TOUCH_SAMPLES:].astype(np.float32))
+    touches = touches_in(tmp_path, signals)
+    assert touches.labels.tolist() == ["rolling", "sliding"]
+    assert touches.recorded == {"sliding": 2, "rolling": 3}
+    assert touches.patterns.shape == (2, TOUCH_SAMPLES, 16)
+    np.testing.assert_array_equal(touches.patterns[0], signals[4][-TOUCH_SAMPLES:].astype(np.float32))
+    np.testing.assert_array_equal(touches.patterns[1], signals[1][650 : 650 + TOUCH_SAMPLES].astype(np.float32))
 
 
-def test_a_of_silent_signals_alone_is_refused():
-    with pytest.raises(InputError, match=r"no signal leaves the band 1\.62 to 1\.68 V"):
-        dataset_a([np.full((7000, 16), 1.65)])
+def test_a_of_silent_recordings_alone_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"touches\.h5: no signal leaves the band 1\.62 to 1\.68 V"):
+        touches_in(tmp_path, [np.full((7000, 16), 1.65)] * 3)
 
 
 def test_b_is_24_images_whose_blocks_slide_as_filters_do():
@@ -72,8 +82,8 @@ def test_b_is_24_images_whose_blocks_slide_as_filters_do():
 def test_b_has_an_exact_inverse(n_patterns, n_images, seed):
     patterns = np.random.default_rng(seed).normal(size=(n_patterns, 256 * n_images, 16))
     images = dataset_b(patterns)
-    np.testing.assert_array_equal(from_dataset_b(images), patterns)
-    np.testing.assert_array_equal(dataset_b(from_dataset_b(images)), images)
+    framed = images.reshape(n_patterns, n_images, 16, 4, 16, 4)
+    np.testing.assert_array_equal(framed.transpose(0, 1, 2, 4, 3, 5).reshape(patterns.shape), patterns)
 
 
 def test_b_refuses_what_fills_no_image():
