@@ -39,8 +39,7 @@ BYTES = 4
 """Of a weight or a state variable, in single precision."""
 
 
-LEDGER_COLUMNS = [
-    "name",
+LEDGER_COLUMNS = (
     "macs",
     "acs",
     "other_flops",
@@ -50,7 +49,8 @@ LEDGER_COLUMNS = [
     "sops",
     "signal_ms",
     "energy_estimate_nJ",
-]
+)
+"""What the ledger says of a cost."""
 
 
 @dataclass(frozen=True)
@@ -108,6 +108,14 @@ class Cost:
         """`energy_estimate_pJ` in nanojoules."""
         return 1e-3 * self.energy_estimate_pJ
 
+    def columns(self, *names: str) -> dict[str, float]:
+        """The cost as columns of a table: those named, in that order, else all of the ledger's.
+
+        >>> Cost(macs=10, acs=100).columns("macs", "flops")
+        {'macs': 10, 'flops': 120}
+        """
+        return {name: getattr(self, name) for name in names or LEDGER_COLUMNS}
+
 
 @dataclass(frozen=True)
 class Layer(ABC):
@@ -152,22 +160,7 @@ def ledger_table(costs: Mapping[str, Cost] | Iterable[tuple[str, Cost]]) -> pd.D
     561
     """
     named = costs.items() if isinstance(costs, Mapping) else costs
-    rows = [
-        {
-            "name": name,
-            "macs": c.macs,
-            "acs": c.acs,
-            "other_flops": c.other_flops,
-            "flops": c.flops,
-            "parameters": c.parameters,
-            "bytes": c.bytes,
-            "sops": c.sops,
-            "signal_ms": c.signal_ms,
-            "energy_estimate_nJ": c.energy_estimate_nJ,
-        }
-        for name, c in named
-    ]
-    return pd.DataFrame(rows, columns=LEDGER_COLUMNS)
+    return pd.DataFrame([{"name": name, **c.columns()} for name, c in named], columns=["name", *LEDGER_COLUMNS])
 
 
 def _with_weights(parameters: int, state: int = 0, *, bytes_a_parameter: int = BYTES, **operations: float) -> Cost:

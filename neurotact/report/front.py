@@ -27,7 +27,7 @@ from neurotact.tables import NETWORK, means_over
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and what the columns of `results.csv` begin with."""
-HEADS = ["t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "SOPs", "ms to decision", "energy, estimate"]
+HEADS = ["t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "SOPs", "ms to decision", "energy estimate"]
 
 
 class Sides(NamedTuple):

@@ -23,6 +23,7 @@ from neurotact.spec import to_toml
 from neurotact.studies import preparation, selection
 from neurotact.studies import study as studies
 from neurotact.studies.firing import read_encoding
+from neurotact.studies.protocol import HEADS
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, swept_columns
@@ -68,18 +69,6 @@ NETWORK_COLUMNS = {
     "exit_accuracy": "accuracy with early exit (%)",
     "early_ms": "ms with early exit",
     "exit_sops_total": "SOPs with early exit",
-}
-LEDGER_HEADS = {
-    "name": "decision by",
-    "macs": "MACs",
-    "acs": "ACs",
-    "other_flops": "other FLOPs",
-    "flops": "FLOPs",
-    "parameters": "parameters",
-    "bytes": "memory (bytes)",
-    "sops": "SOPs",
-    "signal_ms": "signal (ms)",
-    "energy_estimate_nJ": "energy, estimate (nJ)",
 }
 
 
@@ -289,7 +278,7 @@ def _baselines_table(found: pd.DataFrame | None) -> Table | None:
     ]
     heads = [
         "classifier", "input", "t_ref RA-I & SA-I (ms)", "data set", "validation accuracy (%)", "test accuracy (%)",
-        "FLOPs", "energy, estimate (nJ)", "chosen on validation windows",
+        "FLOPs", HEADS["energy_estimate_nJ"], "chosen on validation windows",
     ]  # fmt: skip
     return Table("Classical classifiers on the same windows and the same split", heads, rows, n_heads=2)
 
@@ -311,7 +300,10 @@ def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
         return None
     rows = [[row[0], *(f"{value:,.6g}" for value in row[1:])] for row in costs.itertuples(index=False, name=None)]
     return Table(
-        "Operations and energy of each decision", [LEDGER_HEADS[column] for column in costs.columns], rows, n_heads=1
+        "Operations and energy of each decision",
+        ["decision by", *(HEADS[column] for column in costs.columns[1:])],
+        rows,
+        n_heads=1,
     )
 
 

@@ -13,10 +13,10 @@ import pandas as pd
 from neurotact.figures.columns import in_unit
 from neurotact.report.answer import count
 from neurotact.report.page import Table
-from neurotact.studies.protocol import View
+from neurotact.studies.protocol import HEADS, View
 
 VALIDATION = "accuracy_validation"
-SPENT = {"signal_ms": "ms of signal", "energy_estimate_nJ": "energy, estimate (nJ)"}
+SPENT = {"signal_ms": "ms of signal", "energy_estimate_nJ": HEADS["energy_estimate_nJ"]}
 """What the first screen shows beside the view's own cost, where the run holds it."""
 MOST_KINDS = 8
 """Kinds of configurations in the first table; all of them stand in the table of every configuration."""

@@ -147,11 +147,7 @@ def measured(best: Candidate, sides: Sides, spent: Cost) -> dict[str, Any]:
         "n_test": len(sides.y_test),
         "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
         "accuracy_test": accuracy(best, sides.test, sides.y_test),
-        "macs": spent.macs,
-        "flops": spent.flops,
-        "parameters": spent.parameters,
-        "signal_ms": spent.signal_ms,
-        "energy_estimate_nJ": spent.energy_estimate_nJ,
+        **spent.columns("macs", "flops", "parameters", "signal_ms", "energy_estimate_nJ"),
     }
 
 

@@ -19,6 +19,36 @@ Arrays = dict[str, np.ndarray]
 """What the cells of a study share, by name; no array of objects."""
 
 
+HEADS = {
+    "accuracy_test": "test accuracy (%)",
+    "accuracy_validation": "validation accuracy (%)",
+    "accuracy_train": "training accuracy (%)",
+    "macs": "MACs",
+    "acs": "ACs",
+    "other_flops": "other FLOPs",
+    "flops": "FLOPs",
+    "parameters": "parameters",
+    "bytes": "memory (bytes)",
+    "sops": "SOPs",
+    "sops_total": "SOPs",
+    "signal_ms": "signal (ms)",
+    "energy_estimate_nJ": "energy estimate (nJ)",
+    "input_spikes": "input spikes",
+    "hidden_spikes": "hidden spikes",
+    "neurons": "mean N",
+}
+"""What tables call the columns that several protocols have."""
+
+
+def heads(columns: str, **own: str) -> dict[str, str]:
+    """The heads of `columns`, named in their order with spaces between them: those of `own`, else of `HEADS`.
+
+    >>> heads("flops epoch sops", flops="FLOPs (paper's count)", epoch="epoch chosen")
+    {'flops': "FLOPs (paper's count)", 'epoch': 'epoch chosen', 'sops': 'SOPs'}
+    """
+    return {name: own.get(name) or HEADS[name] for name in columns.split()}
+
+
 class View(NamedTuple):
     """How a report reads `results.csv`.
 

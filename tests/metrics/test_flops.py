@@ -261,6 +261,6 @@ def test_what_cannot_be_is_refused(make, complaint):
 def test_the_table_has_a_row_a_cost_in_the_order_given():
     table = ledger_table([("b", Cost(macs=1)), ("a", Cost(acs=2, sops=2))])
     assert table["name"].tolist() == ["b", "a"]
-    assert list(table.columns) == LEDGER_COLUMNS
+    assert list(table.columns) == ["name", *LEDGER_COLUMNS]
     assert table["energy_estimate_nJ"].tolist() == [pytest.approx(4.6e-3), pytest.approx(1.8e-3)]
-    assert list(ledger_table({}).columns) == LEDGER_COLUMNS
+    assert list(ledger_table({}).columns) == ["name", *LEDGER_COLUMNS]

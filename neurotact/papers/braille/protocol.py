@@ -26,7 +26,7 @@ from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Examples, train
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 PUBLISHED = {"rsnn": 0.637, "snn": 0.449}
 """Test accuracy of both networks at an event threshold of 10, of the epoch that is best on test letters."""
@@ -61,15 +61,13 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("model", "protocol"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_last": "test accuracy of the last epoch (%)",
-        "accuracy_train": "training accuracy (%)",
-        "epoch": "epoch chosen",
-        "epochs": "epochs run",
-        "sops_total": "SOPs",
-        "hidden_spikes": "hidden spikes per letter",
-    },
+    measures=heads(
+        "accuracy_test accuracy_last accuracy_train epoch epochs sops_total hidden_spikes",
+        accuracy_last="test accuracy of the last epoch (%)",
+        epoch="epoch chosen",
+        epochs="epochs run",
+        hidden_spikes="hidden spikes per letter",
+    ),
     cost="sops_total",
     score="accuracy_test",
     note="Under `published` the epoch is the one that is best on the test letters, so that the accuracy is optimistic; "

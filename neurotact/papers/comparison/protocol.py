@@ -15,16 +15,15 @@ from pydantic import Field
 from neurotact.baselines.families import accuracy, best_of
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import Cost, cost
+from neurotact.metrics.flops import LEDGER_COLUMNS, Cost, cost
 from neurotact.papers.comparison import families, figures
 from neurotact.papers.comparison import spiking as spiking_family
 from neurotact.papers.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact.papers.comparison.tasks import at_most, slowed, source_of, split_groups
 from neurotact.spec import Spec, build
-from neurotact.studies.protocol import Arrays, TaskData, View
+from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 COUNTED = ("macs", "acs", "other_flops", "parameters", "bytes")
-COSTS = ("macs", "acs", "other_flops", "flops", "sops", "parameters", "bytes", "signal_ms", "energy_estimate_nJ")
 
 
 class TaskSpec(Spec):
@@ -76,7 +75,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     """A row of the family on the task; two for the spiking network, which also decides early."""
     head = {"family": parameters.family, SKIPPED: ""}
     if SKIPPED in arrays:
-        return [{**head, **skipped_row(arrays, ("accuracy_validation", "accuracy_test", "chance", *COSTS))}]
+        return [{**head, **skipped_row(arrays, ("accuracy_validation", "accuracy_test", "chance", *LEDGER_COLUMNS))}]
     task = task_of(arrays)
     split = split_groups(task.labels, task.groups, parameters.seed)
     majority = np.unique(task.labels[split.train], return_counts=True)
@@ -97,7 +96,7 @@ def task_of(arrays: Arrays) -> TaskData:
 
 
 def _as_array(spent: Cost) -> np.ndarray:
-    return np.array([getattr(spent, name) for name in COUNTED], float)
+    return np.array([*spent.columns(*COUNTED).values()], float)
 
 
 def _as_cost(array: np.ndarray) -> Cost:
@@ -119,7 +118,7 @@ def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -
         "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
         "accuracy_test": accuracy(best, sides.test, sides.y_test),
         "energy_before_nJ": before.energy_estimate_nJ,
-        **_costs(before + cost(*best.layers, signal_ms=window_ms)),
+        **(before + cost(*best.layers, signal_ms=window_ms)).columns(),
     }
 
 
@@ -137,14 +136,10 @@ def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any)
                 "accuracy_validation": decided.accuracy_validation,
                 "accuracy_test": decided.accuracy_test,
                 "energy_before_nJ": before.energy_estimate_nJ,
-                **_costs(before + decided.network),
+                **(before + decided.network).columns(),
             }
         )
     return rows
-
-
-def _costs(spent: Cost) -> dict[str, float]:
-    return {name: getattr(spent, name) for name in COSTS}
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
@@ -178,18 +173,12 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 
 VIEW = View(
     by=("task", "family"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "energy_estimate_nJ": "energy estimate (nJ)",
-        "energy_before_nJ": "before the classifier (nJ)",
-        "macs": "MACs",
-        "acs": "ACs",
-        "sops": "SOPs",
-        "parameters": "parameters",
-        "signal_ms": "signal (ms)",
-        "chance": "largest class (%)",
-    },
+    measures=heads(
+        "accuracy_test accuracy_validation energy_estimate_nJ energy_before_nJ macs acs sops parameters "
+        "signal_ms chance",
+        energy_before_nJ="before the classifier (nJ)",
+        chance="largest class (%)",
+    ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
     note="Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ a MAC and 0.9 pJ any other operation, "

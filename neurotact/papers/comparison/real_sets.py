@@ -26,7 +26,7 @@ from neurotact.papers.comparison.ways_to_save import WaysData
 from neurotact.spec import Spec
 from neurotact.studies import baselines
 from neurotact.studies.baselines import LINEAR, Cuts, Input
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
@@ -47,15 +47,7 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("set", "split", "classifier", "input"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "energy_estimate_nJ": "energy estimate (nJ)",
-        "sops_total": "SOPs",
-        "flops": "FLOPs",
-        "parameters": "parameters",
-        "signal_ms": "signal (ms)",
-    },
+    measures=heads("accuracy_test accuracy_validation energy_estimate_nJ sops_total flops parameters signal_ms"),
     cost="energy_estimate_nJ",
     score="accuracy_test",
     note="Each seed has a split of its own, the same for all classifiers. Energy is an estimate of the arithmetic from "

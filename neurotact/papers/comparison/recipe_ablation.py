@@ -20,7 +20,7 @@ from neurotact.papers.comparison.saving import Setting, cut, fit, row_of
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
 from neurotact.papers.comparison.ways_to_save import WaysData
 from neurotact.spec import Spec, build, override
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 WHOLE = "the recipe"
 LEAST_POINTS = 5.0
@@ -42,12 +42,7 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("set", "change"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "sops_total": "SOPs",
-        "hidden_spikes": "hidden spikes",
-    },
+    measures=heads("accuracy_test accuracy_validation sops_total hidden_spikes"),
     cost="sops_total",
     score="accuracy_test",
     note="Each seed has a split of its own, the same for all changes. A change that leaves the network of a set as "

@@ -29,7 +29,7 @@ from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Bench, Fitted, Setting, measured
 from neurotact.papers.comparison.skipped import SKIPPED, left_out, of_run, skipped_row
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 CALIBRATED_AT_MS = 1.0
 COLOURS = (
@@ -103,15 +103,9 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("set", "way", "setting"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "sops_total": "SOPs",
-        "energy_estimate_nJ": "energy estimate (nJ)",
-        "signal_ms": "signal (ms)",
-        "input_spikes": "input spikes",
-        "hidden_spikes": "hidden spikes",
-    },
+    measures=heads(
+        "accuracy_test accuracy_validation sops_total energy_estimate_nJ signal_ms input_spikes hidden_spikes"
+    ),
     cost="sops_total",
     score="accuracy_test",
     note="Each seed has a split of its own, the same for all ways. A refractory period holds for both populations "

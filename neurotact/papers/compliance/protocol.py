@@ -25,7 +25,7 @@ from neurotact.papers.compliance.fpga_resources import published_accuracy
 from neurotact.papers.compliance.simulator import CHANNELS, SENSORS, ComplianceSpec, simulate, skin_of
 from neurotact.papers.compliance.tactile_moments import NAMES, moment_weights
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View
+from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 TEST_SHARE = 673 / 1974
 """673 of 1974 vectors are tested on (compliance paper, Sec. 5.1)."""
@@ -62,15 +62,12 @@ class Parameters(Spec):
 
 VIEW = View(
     ("protocol", "sensors", "bits", "moments", "combination", "components"),
-    {
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "accuracy_class_means": "test accuracy from class means (%)",
-        "accuracy_published": "published (%)",
-        "inputs": "inputs",
-        "flops": "FLOPs",
-        "signal_ms": "signal (ms)",
-    },
+    heads(
+        "accuracy_test accuracy_validation accuracy_class_means accuracy_published inputs flops signal_ms",
+        accuracy_class_means="test accuracy from class means (%)",
+        accuracy_published="published (%)",
+        inputs="inputs",
+    ),
     "flops",
     "accuracy_test",
     "Rows of the protocol `paper` let test data in: the best of the repetitions of k-means, the combination of "
@@ -155,12 +152,7 @@ def _row(parameters: Parameters, arrays: Arrays, moments: int, combination: str,
         "accuracy_published": _published(parameters, moments, combination, components),
         "n_test": len(sides.test),
         "repetitions": parameters.repetitions,
-        "flops": cost_of.flops,
-        "macs": cost_of.macs,
-        "acs": cost_of.acs,
-        "parameters": cost_of.parameters,
-        "signal_ms": cost_of.signal_ms,
-        "energy_estimate_nJ": cost_of.energy_estimate_nJ,
+        **cost_of.columns("flops", "macs", "acs", "parameters", "signal_ms", "energy_estimate_nJ"),
     }
 
 

@@ -24,7 +24,7 @@ from neurotact.metrics.flops import Cost, Dense, RBFExpansion, cost
 from neurotact.papers.materials import figures
 from neurotact.papers.materials.simulator import PATTERN, ContactMaterialsSpec, patterns, simulate
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 SETUPS = {"A": PATTERN, "B": tuple(c for c in PATTERN if c != "force_N"), "C": PATTERN[2:]}
 """Features of each problem set-up (Sec. IV-A)."""
@@ -143,10 +143,7 @@ def evaluate(parameters: Parameters, features: np.ndarray, indices: np.ndarray) 
         "units_per_machine": float(np.mean(best.units)),
         "penalty": best.settings.penalties[0],
         "sigma": best.settings.sigmas[0] if best.settings.sigmas else float("nan"),
-        "macs": spent.macs,
-        "flops": spent.flops,
-        "parameters": spent.parameters,
-        "energy_estimate_nJ": spent.energy_estimate_nJ,
+        **spent.columns("macs", "flops", "parameters", "energy_estimate_nJ"),
     }
 
 
@@ -253,14 +250,12 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 
 VIEW = View(
     by=("problem", "setup", "classifier"),
-    measures={
-        "error_validation": "validation error (%)",
-        "error_test": "test error (%)",
-        "accuracy_test": "test accuracy (%)",
-        "units": "neurons, support vectors or kernels",
-        "flops": "FLOPs",
-        "energy_estimate_nJ": "energy estimate (nJ)",
-    },
+    measures=heads(
+        "error_validation error_test accuracy_test units flops energy_estimate_nJ",
+        error_validation="validation error (%)",
+        error_test="test error (%)",
+        units="neurons, support vectors or kernels",
+    ),
     cost="flops",
     score="accuracy_test",
     apart=("problem", "setup"),

@@ -18,7 +18,7 @@ from neurotact.papers.stiffness.moments import peak_features
 from neurotact.papers.stiffness.peaks import PeakSpec, find_peaks
 from neurotact.papers.stiffness.slfn_chain import SLFNSpec, choices, unit_cost
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View
+from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 Rule = Literal["honest", "paper", "by placement"]
 
@@ -50,17 +50,10 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("classifier", "features", "n_max", "protocol"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "neurons": "mean N",
-        "flops": "FLOPs (paper's count)",
-        "macs": "MACs",
-        "acs": "ACs",
-        "energy_estimate_nJ": "energy, estimate (nJ)",
-        "parameters": "parameters",
-        "signal_ms": "signal (ms)",
-    },
+    measures=heads(
+        "accuracy_test accuracy_validation neurons flops macs acs energy_estimate_nJ parameters signal_ms",
+        flops="FLOPs (paper's count)",
+    ),
     cost="flops",
     score="accuracy_test",
     note="Protocol 'paper' standardises on all grasps, test grasps included, before they are split; 'honest' on the "
@@ -143,13 +136,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
                 "flops": slfn_unit_flops(
                     parameters.classifier, parameters.features, choice.neurons, n_classes, samples, channels
                 ),
-                "macs": unit.macs,
-                "acs": unit.acs,
-                "other_flops": unit.other_flops,
-                "energy_estimate_nJ": unit.energy_estimate_nJ,
-                "parameters": unit.parameters,
-                "bytes": unit.bytes,
-                "signal_ms": unit.signal_ms,
+                **unit.columns("macs", "acs", "other_flops", "energy_estimate_nJ", "parameters", "bytes", "signal_ms"),
             }
         )
     return rows

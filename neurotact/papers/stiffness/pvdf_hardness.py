@@ -22,7 +22,7 @@ from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
-from neurotact.metrics.flops import Cost, MovingAverage, cost
+from neurotact.metrics.flops import MovingAverage, cost
 from neurotact.networks import fitting, ledger, measuring, tasks
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
@@ -31,7 +31,7 @@ from neurotact.papers.stiffness.moments import moments
 from neurotact.papers.stiffness.peaks import PeakSpec, find_peaks
 from neurotact.papers.stiffness.slfn_chain import SLFNSpec, choices, unit_cost
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View
+from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 SET_OF: dict[int, FeatureSet] = {1: "4F", 2: "8F", 4: "16F"}
 """Moments a channel (mean; with deviation; with skewness and kurtosis), as the paper names them for four channels."""
@@ -76,20 +76,12 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("chain", "features", "protocol"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "energy_estimate_nJ": "energy, estimate (nJ)",
-        "macs": "MACs",
-        "acs": "ACs",
-        "sops": "SOPs",
-        "flops": "FLOPs (ledger)",
-        "flops_published": "FLOPs (stiffness paper's count)",
-        "parameters": "parameters",
-        "bytes": "memory (bytes)",
-        "signal_ms": "signal (ms)",
-        "neurons": "mean N",
-    },
+    measures=heads(
+        "accuracy_test accuracy_validation energy_estimate_nJ macs acs sops flops flops_published "
+        "parameters bytes signal_ms neurons",
+        flops="FLOPs (ledger)",
+        flops_published="FLOPs (stiffness paper's count)",
+    ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
     note="Real presses. By trial: every press stands on one side of a random split; by sequence: the tested height of "
@@ -199,7 +191,7 @@ def _slfn_rows(classifier: SLFN, parameters: Parameters, arrays: Arrays) -> list
                 "n_test": len(sides[choice.split].test),
                 "flops_published": published,
             }
-            rows.append({**row, **_costs(unit)})
+            rows.append({**row, **unit.columns()})
     return rows
 
 
@@ -243,10 +235,5 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
             "n_train": len(split.train),
             "n_test": len(split.test),
             "flops_published": float("nan"),
-            **_costs(smoothing + encoding + network),
+            **(smoothing + encoding + network).columns(),
         }
-
-
-def _costs(unit: Cost) -> dict[str, float]:
-    names = ("macs", "acs", "other_flops", "flops", "sops", "parameters", "bytes", "signal_ms", "energy_estimate_nJ")
-    return {name: getattr(unit, name) for name in names}

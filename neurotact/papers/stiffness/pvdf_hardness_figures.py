@@ -70,7 +70,7 @@ def draw_accuracy_and_cost(results: pd.DataFrame) -> Figure:
         keep_within([axes], axis="x")
     energy = found.groupby(["chain", "features"], sort=False)["energy_estimate_nJ"].mean()
     grid[-1].barh([heights[str(chain), str(name)] for chain, name in energy.index], energy, 0.6, color=MUTED)
-    grid[-1].set(title="cost of a decision", xlabel="energy, estimate (nJ)")
+    grid[-1].set(title="cost of a decision", xlabel="energy estimate (nJ)")
     for axes in grid:
         axes.grid(axis="x")
     grid[0].set_yticks(list(heights.values()), [f"{chain}, {name}" for chain, name in places])

@@ -39,7 +39,7 @@ from neurotact.networks.tasks import Task
 from neurotact.papers.texture import baselines_figures as figures
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 SIDES = ("force_N", "speed_mm_per_s")
 """Conditions balanced in the split, as in the studies of the RSNN."""
@@ -259,12 +259,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
                 "flops_encoder": encoding.flops,
                 "flops_features": found.features.flops,
                 "flops_classifier": found.classifier.flops,
-                "macs": total.macs,
-                "acs": total.acs,
-                "sops": total.sops,
-                "parameters": total.parameters,
-                "bytes": total.bytes,
-                "energy_estimate_nJ": total.energy_estimate_nJ,
+                **total.columns("macs", "acs", "sops", "parameters", "bytes", "energy_estimate_nJ"),
                 "spikes": seen.spikes,
                 "chosen": found.chosen,
             }
@@ -455,17 +450,14 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 
 VIEW = View(
     by=("classifier", "features", "encoder", "window_ms", "decision"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "signal_ms": "signal (ms)",
-        "flops": "FLOPs",
-        "flops_encoder": "encoder",
-        "flops_features": "features",
-        "flops_classifier": "classifier",
-        "parameters": "parameters",
-        "energy_estimate_nJ": "energy estimate (nJ)",
-        "spikes": "spikes",
-    },
+    measures=heads(
+        "accuracy_test signal_ms flops flops_encoder flops_features flops_classifier parameters "
+        "energy_estimate_nJ spikes",
+        flops_encoder="encoder",
+        flops_features="features",
+        flops_classifier="classifier",
+        spikes="spikes",
+    ),
     cost="flops",
     score="accuracy_test",
     note=(

@@ -48,7 +48,7 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Sides, Task
 from neurotact.papers.texture.simulator import SIMULATOR
 from neurotact.spec import Spec, build
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 FLOAT = 32
 TRAINED, TRAINED_ON, ROUNDING, FINE_TUNING = "float", "float, trained on", "rounding", "fine-tuning"
@@ -88,13 +88,13 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("pair", "method", "weight_bits", "state_bits"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "exit_accuracy": "with early exit (%)",
-        "exit_steps": "steps with early exit",
-        "exit_sops_total": "SOPs with early exit",
-        "bytes": "weights and states (bytes)",
-    },
+    measures=heads(
+        "accuracy_test exit_accuracy exit_steps exit_sops_total bytes",
+        exit_accuracy="with early exit (%)",
+        exit_steps="steps with early exit",
+        exit_sops_total="SOPs with early exit",
+        bytes="weights and states (bytes)",
+    ),
     cost="bytes",
     score="exit_accuracy",
     note="Rounding: of weights and states after training. Fine-tuning: trained on with rounded weights, without test "

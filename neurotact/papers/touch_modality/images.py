@@ -21,13 +21,13 @@ from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
 from neurotact.data.conditioning import fit_standardisation
 from neurotact.figures.style import Drawn
 from neurotact.metrics import flops
-from neurotact.metrics.flops import Cost, Dense, Layer, Moments, cost
+from neurotact.metrics.flops import Dense, Layer, Moments, cost
 from neurotact.papers.touch_modality import figures
 from neurotact.papers.touch_modality.datasets import IMAGE_SIDE, TOUCH_SAMPLES, dataset_b, dataset_c, window_bounds
 from neurotact.papers.touch_modality.folds import Fold
 from neurotact.papers.touch_modality.touches import TAXELS, TouchData, folds_of, seed_of, touches_of, typical
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, View
+from neurotact.studies.protocol import Arrays, View, heads
 
 KERNEL, FILTERS, UNITS = 3, 32, 100
 """Of the ConvLSTM (Sec. IV-B, 4)."""
@@ -62,15 +62,10 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("network", "protocol"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_train": "training accuracy (%)",
-        "parameters_trained": "trained parameters",
-        "parameters": "parameters",
-        "flops": "FLOPs",
-        "energy_estimate_nJ": "energy (nJ, estimate)",
-        "signal_ms": "signal (ms)",
-    },
+    measures=heads(
+        "accuracy_test accuracy_train parameters_trained parameters flops energy_estimate_nJ signal_ms",
+        parameters_trained="trained parameters",
+    ),
     cost="flops",
     score="accuracy_test",
     note=(
@@ -128,13 +123,8 @@ def _row(parameters: Parameters, arrays: Arrays, number: int, fold: Fold) -> dic
         "patterns_train": len(fold.train),
         "patterns_test": len(fold.test),
         "parameters_trained": _trained_parameters(fitted),
-        **_costs(spent),
+        **spent.columns("parameters", "flops", "macs", "energy_estimate_nJ", "signal_ms"),
     }
-
-
-def _costs(spent: Cost) -> dict[str, float]:
-    names = ("parameters", "flops", "macs", "energy_estimate_nJ", "signal_ms")
-    return {name: getattr(spent, name) for name in names}
 
 
 class Network(NamedTuple):

@@ -23,7 +23,7 @@ from neurotact.papers.touch_modality.datasets import STEP_COUNTS, TOUCH_SAMPLES,
 from neurotact.papers.touch_modality.folds import Fold
 from neurotact.papers.touch_modality.touches import TouchData, folds_of, seed_of, touches_of, typical
 from neurotact.spec import Spec
-from neurotact.studies.protocol import Arrays, TaskData, View
+from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 AtLeastOne = Annotated[int, Field(ge=1)]
 
@@ -86,16 +86,11 @@ class Parameters(Spec):
 
 VIEW = View(
     by=("network", "steps", "protocol"),
-    measures={
-        "accuracy_test": "test accuracy (%)",
-        "accuracy_validation": "validation accuracy (%)",
-        "parameters": "parameters",
-        "flops_published": "FLOPs as published",
-        "flops": "FLOPs",
-        "flops_windows": "FLOPs of averaging",
-        "energy_estimate_nJ": "energy (nJ, estimate)",
-        "signal_ms": "signal (ms)",
-    },
+    measures=heads(
+        "accuracy_test accuracy_validation parameters flops_published flops flops_windows energy_estimate_nJ signal_ms",
+        flops_published="FLOPs as published",
+        flops_windows="FLOPs of averaging",
+    ),
     cost="flops",
     score="accuracy_test",
     note=(
@@ -178,11 +173,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
                 "patterns_test": len(fold.test),
                 "parameters": spent.parameters,
                 "flops_published": published,
-                "flops": spent.flops,
-                "macs": spent.macs,
+                **spent.columns("flops", "macs"),
                 "flops_windows": averaging.flops,
-                "energy_estimate_nJ": spent.energy_estimate_nJ,
-                "signal_ms": spent.signal_ms,
+                **spent.columns("energy_estimate_nJ", "signal_ms"),
             }
         )
     return rows

@@ -5,7 +5,7 @@ function compareTable(front, one, other) {
   const rows = Object.entries(KINDS).flatMap(([kind, { words }]) => [
     ["test accuracy", "accuracy", percent, (x, y) => `${(100 * (y - x)).toFixed(1)} points`],
     ["SOPs", "sops", count, relative], ["ms to decision", "ms", short, relative],
-    ["input spikes", "spikes", short, relative], ["energy, estimate (nJ)", "nJ", short, relative],
+    ["input spikes", "spikes", short, relative], ["energy estimate (nJ)", "nJ", short, relative],
   ].filter(([, key]) => a[kind]?.[key] != null && b[kind]?.[key] != null).map(([name, key, write, change]) => [
     `${name}, ${words}`, write(a[kind][key]), write(b[kind][key]), change(a[kind][key], b[kind][key]),
   ]));
