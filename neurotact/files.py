@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import secrets
+import shutil
 import socket
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -291,6 +292,23 @@ def is_free(folder: str | Path) -> bool:
     if not os.path.isdir(folder):
         return not os.path.exists(folder)
     return all(path.name == LOCK or path.name.startswith(DRAFT) for path in folder.iterdir())
+
+
+def empty(folder: str | Path) -> None:
+    """Remove all that a folder holds but its lock; for one that was free when this process took it.
+
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> write_text(folder / "study.toml", "a draft")
+    >>> empty(folder)
+    >>> is_free(folder)
+    True
+    """
+    for place in Path(folder).iterdir():
+        if place.is_dir() and not place.is_symlink():
+            shutil.rmtree(place)
+        elif place.name != LOCK:
+            place.unlink()
 
 
 def existing(path: str | Path, what: str = "file") -> Path:

@@ -356,7 +356,7 @@ def test_a_rounded_refractory_period_is_said_in_one_line(neurotact, made, tmp_pa
     words = ("encode", made / "touch.h5", "-o", tmp_path / "s.h5", "--set", "sa1.t_ref_ms=0.3")
     code, _, err = neurotact(*words)
     assert code == 0
-    assert "neurotact: t_ref of 0.3 ms is 0.3 steps at 1000 Hz; 1 are taken" in err.splitlines()
+    assert "neurotact: t_ref of 0.3 ms is 0.3 steps at 1000 Hz; rounded up to 1 (1 ms)" in err.splitlines()
 
 
 INTERRUPTED_BY_IMPORT = """
@@ -846,7 +846,7 @@ def test_a_class_with_too_few_trials_is_named(neurotact, refused, tmp_path):
     save_recordings(touch(n_trials=5), tmp_path / "few.h5")
     assert neurotact("encode", tmp_path / "few.h5", "-o", tmp_path / "spikes.h5")[0] == 0
     words = ("train", tmp_path / "spikes.h5", "-o", tmp_path / "run")
-    refused(words, "split: class 'fine' has 2 trial(s), too few", "at least 3 trials per class")
+    refused(words, "split: class 'fine' has 2 trials, too few", "at least 3 trials per class")
 
 
 def test_an_output_folder_that_is_not_free_is_left_alone(refused, made, tmp_path):
@@ -961,7 +961,9 @@ def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
 
     runner._claim(tmp_path / "run", study.resolve("refractory-period", quick=True))
     words = ("study", "run", "refractory-period", "-o", tmp_path / "run")
-    refused(words, f"{tmp_path / 'run'}: already holds another study; choose another folder or remove it")
+    message = refused(words, f"{tmp_path / 'run'}: already holds another study")
+    assert "(dataset.parameters.trials = 25, here 100; " in message
+    assert message.endswith("; choose another folder or remove it")
 
 
 def test_a_folder_without_a_study_cannot_be_resumed(refused, tmp_path):

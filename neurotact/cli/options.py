@@ -5,7 +5,10 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from neurotact.progress import say
 from neurotact.spec import parse_where
+
+SHORTEST_TOUCH_MS = 5.0
 
 MOST_SEEDS = 2**63 - 2
 """Of a training, which draws its order from the next seed."""
@@ -156,6 +159,12 @@ def split_changes(
     return changes
 
 
+def say_if_seconds(window_ms: float | None) -> None:
+    """A window of a few milliseconds is likely meant in seconds; a line on stderr says so."""
+    if window_ms is not None and 0 < window_ms < SHORTEST_TOUCH_MS:
+        say(f"--window-ms {window_ms:g}: a window of {window_ms:g} ms is shorter than a touch; is it meant in seconds?")
+
+
 def window_table(
     length_ms: float,
     start_ms: float,
@@ -166,6 +175,7 @@ def window_table(
     deviations: float,
 ) -> dict[str, Any]:
     """The options that say what windows there are, as the table of a window."""
+    say_if_seconds(length_ms)
     onset = {"rest_ms": rest_ms, "bin_ms": min(10.0, rest_ms), "deviations": deviations}
     table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
     return table | ({"onset": onset} if align == "onset" else {})

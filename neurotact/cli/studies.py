@@ -20,9 +20,11 @@ from neurotact.cli.options import (
     StudyFolder,
     TestWhere,
     WorkersOption,
+    say_if_seconds,
     split_changes,
 )  # fmt: skip
 from neurotact.errors import INTERRUPTED, InputError
+from neurotact.interrupt import terminated_as_interrupted
 from neurotact.progress import say
 from neurotact.report import report
 from neurotact.report.networks import ANSWER
@@ -65,6 +67,7 @@ def study_run(
 
     With --folds or --repeats every network is trained for each split, and results are means over the splits.
     """
+    say_if_seconds(window_ms)
     changes = spec.parse_assignments(set_ or []) | ({} if window_ms is None else {"window.length_ms": window_ms})
     changes |= split_changes(test_where, group, order, folds, repeats)
     what = loading.resolve(name, changes, quick=quick, data=data)
@@ -99,8 +102,9 @@ def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | No
     if device != "cpu" and (workers or scheduler):
         raise InputError("--device, --workers, --scheduler: give one of them; a GPU trains all networks at once")
     try:
-        runner.run(what, out, workers or 2, scheduler, device)
-        page = report.write(out)
+        with terminated_as_interrupted():
+            runner.run(what, out, workers or 2, scheduler, device)
+            page = report.write(out)
     except KeyboardInterrupt:
         say(f"interrupted; go on with: neurotact study resume {out}")
         sys.exit(INTERRUPTED)

@@ -5,12 +5,9 @@ at its end `train.toml`, the network and what it came to. Until the first epoch 
 """
 
 import os
-import signal
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +17,7 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
+from neurotact.interrupt import terminated_as_interrupted
 from neurotact.networks import checkpoint, fitting, recipe, tasks, trained, training_checkpoint
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.specs import RSNNSpec
@@ -115,7 +113,7 @@ def run(
 def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
     keeper = _Keeper(folder, asked, start)
     n_before = len(start.epochs) if start else 0
-    with _terminated_as_interrupted():
+    with terminated_as_interrupted():
         try:
             with track("train", asked.network.training.epochs, done=n_before, at_most=True) as advance:
                 fitted, sides = fitting.fit(
@@ -245,24 +243,6 @@ def _load(folder: Path, asked: Asked, trains: SpikeTrains) -> Checkpoint:
 
 def _holds(folder: Path, *names: str) -> bool:
     return any((folder / name).is_file() for name in names)
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Within it SIGTERM, which comes at the end of a time limit, is what Ctrl-C is; a second one is ignored."""
-    if threading.current_thread() is not threading.main_thread():  # signals are not its own
-        yield
-        return
-
-    def interrupt(*_: Any) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def line_of(epoch: Epoch) -> str:

@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
 from neurotact import files
 from neurotact.errors import InputError
 from neurotact.progress import say, track
-from neurotact.spec import digest, without_defaults
+from neurotact.spec import digest, leaves, without_defaults
 from neurotact.studies import manifest
 from neurotact.studies.executors import MapCells, executor
 from neurotact.studies.loading import Study, engine_of, read_back
@@ -22,6 +23,10 @@ from neurotact.versions import versions
 STUDY = "study.toml"
 VERSIONS = "versions.json"
 DEVICE = "device"
+WORDS = {"title", "about", "claims", "notes", "as_shipped"}
+"""Keys of a study that decide none of its numbers."""
+MOST_NAMED, LONGEST_VALUE = 3, 40
+"""Keys that are named where two studies differ, and characters of each value."""
 
 
 def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None, device: str = "cpu") -> None:
@@ -35,11 +40,17 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
     the scheduler cannot be used.
     """
     with files.locked(folder), ExitStack() as at_last:
+        is_new = files.is_free(folder)
         with executor(workers, scheduler, device) as map_cells:
             _claim(folder, study, device)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # of worker processes that were stopped
-            _compute(study, folder, map_cells)
+            try:
+                _compute(study, folder, map_cells)
+            except InputError:
+                if is_new and not any(is_done(folder, cell) for cell in engine_of(study).cells()):
+                    files.empty(folder)  # so that the command can be mended and given again
+                raise
         _write_tables(study, folder)
 
 
@@ -54,8 +65,11 @@ def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
         discard(folder, cell)
     for name, asked in engine.steps(folder):
         todo = [cell for cell in asked if not is_done(folder, cell)]
+        before = len(asked) - len(todo)
+        if before and todo:
+            say(f"{folder}: goes on; {before} of {len(asked)} {name} are done already")
         if todo:
-            with track(name, len(todo)) as advance:
+            with track(name, len(asked), done=before) as advance:
                 for cell, left in map_cells(engine, todo, folder):
                     write_cell(left, cell, folder)
                     advance(1, "")
@@ -140,10 +154,31 @@ def _claim(folder: Path, study: Study, device: str = "cpu") -> None:
     else:
         raise InputError(f"{folder}: is not empty and holds no study; choose another folder")
     if not is_ours:
-        raise InputError(f"{folder}: already holds another study; choose another folder or remove it")
+        raise InputError(
+            f"{folder}: already holds another study{_differing(study, path)}; choose another folder or remove it"
+        )
     manifest.seal(folder, [], made_from)
     files.write_text(path, to_toml(study))
     _keep_versions(folder, device)
+
+
+def _differing(study: Study, path: Path) -> str:
+    """Which keys of a study have other values in a run folder's `study.toml`; nothing where that cannot be read."""
+    try:
+        there, here = (leaves(each.model_dump(mode="json", exclude=WORDS)) for each in (read_back(path), study))
+    except InputError:
+        return ""
+    keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
+    if not keys:
+        return ""
+    shown = [f"{key} = {_short(there.get(key))}, here {_short(here.get(key))}" for key in keys[:MOST_NAMED]]
+    more = f" and {len(keys) - MOST_NAMED} more keys" if len(keys) > MOST_NAMED else ""
+    return f" ({'; '.join(shown)}{more})"
+
+
+def _short(value: Any) -> str:
+    text = "absent" if value is None else str(value)
+    return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
 
 def _keep_versions(folder: Path, device: str) -> None:
@@ -167,8 +202,7 @@ def _keep_versions(folder: Path, device: str) -> None:
 
 def _made_from(study: Study) -> dict[str, str]:
     """What decides the numbers of a study, for its manifest: not its claims and words, nor where its files lie."""
-    words = {"title", "about", "claims", "notes", "as_shipped"}
-    table = study.model_dump(mode="json", exclude=words)
+    table = study.model_dump(mode="json", exclude=WORDS)
     table = without_defaults(study, table, LATER_KEYS) if isinstance(study, StudySpec) else table
     for key in ("file", "path"):
         table.get("dataset", {}).pop(key, None)

@@ -1,6 +1,7 @@
 """A study survives what interrupts it, and its bytes depend on nothing but its spec."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,11 +11,15 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from neurotact import files
 from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.studies import runner, study
 
 TINY = Path(__file__).parent / "tiny.toml"
+
+
+COMMAND = [sys.executable, "-c", "from neurotact.cli import main; main()"]
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +57,8 @@ def test_sops_of_a_row_add_up(finished):
 
 def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_path):
     folder = tmp_path / "killed"
-    command = [sys.executable, "-c", "from neurotact.cli import main; main()"]
     process = subprocess.Popen(
-        [*command, "study", "run", str(TINY), "-o", str(folder), "--workers", "2"],
+        [*COMMAND, "study", "run", str(TINY), "-o", str(folder), "--workers", "2"],
         start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     deadline = time.monotonic() + 120
@@ -65,7 +69,7 @@ def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert not (folder / "results.csv").exists()
-    resumed = subprocess.run([*command, "study", "resume", str(folder)], capture_output=True, text=True, check=False)
+    resumed = subprocess.run([*COMMAND, "study", "resume", str(folder)], capture_output=True, text=True, check=False)
     assert resumed.returncode == 0, resumed.stderr
     assert resumed.stdout.splitlines()[-1] == str(folder / "report.html")
     for path in (finished / "results.csv", finished / "encoding.csv", *finished.rglob("files.json")):
@@ -73,9 +77,56 @@ def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_
     assert not list(folder.rglob(".*")), "a draft or the lock of the killed process is left"
 
 
+def test_the_end_of_a_time_limit_says_how_to_go_on(tmp_path):
+    """As Ctrl-C does, without a word of the processes that it ends."""
+    words = [*COMMAND, "study", "run", str(TINY), "-o", str(tmp_path / "run"), "--workers", "1"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        deadline = time.monotonic() + 120
+        while not (tmp_path / "run" / "study.toml").exists():
+            assert time.monotonic() < deadline, "nothing began in two minutes"
+            time.sleep(0.02)
+        process.terminate()
+        _, err = process.communicate()
+    assert process.returncode == 130
+    assert err.splitlines()[-1] == f"neurotact: interrupted; go on with: neurotact study resume {tmp_path / 'run'}"
+    assert "leaked" not in err
+
+
 def test_a_folder_that_holds_another_study_is_refused(finished):
-    with pytest.raises(InputError, match="already holds another study"):
-        runner.run(study.resolve(TINY, quick=True), finished, workers=1)
+    with pytest.raises(InputError, match="already holds another study") as refused:
+        runner.run(study.resolve(TINY, {"split.test": 0.25}), finished, workers=1)
+    assert "(split.test = " in str(refused.value)
+    assert ", here 0.25); choose another folder" in str(refused.value)
+
+
+def test_what_is_refused_before_anything_is_computed_leaves_the_folder_free(tmp_path):
+    """So that the mended command can have it; what was computed is never removed."""
+    folder = tmp_path / "run"
+    with pytest.raises(InputError, match="fewer than the 999 folds"):
+        runner.run(study.resolve(TINY, {"split.folds": 999, "split.fold": 0}), folder, workers=1)
+    assert files.is_free(folder)
+
+
+def test_a_study_that_is_refused_later_keeps_what_is_done(finished, tmp_path, monkeypatch):
+    folder = tmp_path / "run"
+    shutil.copytree(finished, folder)
+    shutil.rmtree(next(folder.glob("cells/*")))
+
+    def refuse(*_):
+        raise InputError("no")
+
+    monkeypatch.setattr(runner, "_compute", refuse)
+    with pytest.raises(InputError, match="no"):
+        runner.run(study.resolve(TINY), folder, workers=1)
+    assert len(list(folder.glob("cells/*"))) == 7
+
+
+def test_a_study_that_goes_on_says_how_much_is_done(finished, tmp_path, capsys):
+    folder = tmp_path / "run"
+    shutil.copytree(finished, folder)
+    shutil.rmtree(next(folder.glob("cells/*")))
+    runner.run(study.resolve(TINY), folder, workers=1)
+    assert f"neurotact: {folder}: goes on; 7 of 8 cells are done already\n" in capsys.readouterr().err
 
 
 def test_a_folder_that_holds_anything_else_is_refused(tmp_path):
