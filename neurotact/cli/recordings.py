@@ -46,7 +46,8 @@ def import_folder(
         Path | None, typer.Option(help="A CSV file with the column file and one column per condition.")
     ] = None,
     columns: Annotated[
-        str | None, typer.Option(help="The taxels' columns, by numbers from 1 or by names, as in 1-5 or left,right.")
+        str | None,
+        typer.Option(help="The taxels' columns, by numbers from 1 or by names, as in 1-5, left,right or p1-p8."),
     ] = None,
     time_column: Annotated[str | None, typer.Option("--time-column", help="The column of time stamps.")] = None,
     time_unit: Annotated[

@@ -98,6 +98,7 @@ def read(
         check_size(folder, n_bytes)
     _check_same_channels({trial.file: trial.signal for trial in trials}, folder)
     channels = _same_names({trial.file: trial.names for trial in trials if trial.names}, folder)
+    _warn_of_constant_channels(trials, channels, folder)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, folder)
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in trials]
@@ -122,6 +123,21 @@ def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
     if dropped:
         log.warning("%s: %d rows repeat the time stamp of the row before them and are left out", path, dropped)
     return _Trial(file, table.names, table.signal[stamps.keep], stamps)
+
+
+def _warn_of_constant_channels(trials: Sequence[_Trial], channels: Sequence[str], folder: Path) -> None:
+    """A column that never changes is rarely a taxel: a temperature of the board, a counter of the device."""
+    first = trials[0].signal[0]
+    constant = np.logical_and.reduce([(trial.signal == first).all(axis=0) for trial in trials])
+    if constant.any() and not constant.all():
+        names = [
+            channels[at] if channels else f"column {at + 1} of the taxels" for at in np.flatnonzero(constant).tolist()
+        ]
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        log.warning(
+            "%s: every sample has the same value in %s%s; leave out what is no taxel with --columns",
+            folder, ", ".join(names[:MOST_NAMED]), more,
+        )  # fmt: skip
 
 
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path) -> tuple[float, list[np.ndarray]]:
@@ -172,7 +188,7 @@ def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, folder: Path)
     odd = [file for file, each_Hz in rates_Hz.items() if abs(each_Hz / rate_Hz - 1) > RATES_DIFFER]
     if odd:
         log.warning(
-            "%s: %d files are sampled at another rate than %g Hz; the first is %s at %.4g Hz",
+            "%s: %d files are sampled at another rate than %g Hz, to which all are brought; the first is %s at %.4g Hz",
             folder, len(odd), rate_Hz, odd[0], rates_Hz[odd[0]],
         )  # fmt: skip
 
@@ -185,7 +201,7 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     read = set(found)
     ignored = [path for path in paths if path not in read]
     if naming.is_label_by_folder:
-        _check_label_folders(folder, found)
+        _check_label_folders(folder, found, naming.pattern)
     elif not found:
         raise InputError(f"{folder}: holds no {KINDS} file; save the recordings in one of these forms")
     for inside in found:
@@ -201,12 +217,13 @@ def _with_suffix(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
     return [path for path in paths if path.suffix.lower() in suffixes and not is_hidden(path.name)]
 
 
-def _check_label_folders(folder: Path, found: Sequence[Path]) -> None:
+def _check_label_folders(folder: Path, found: Sequence[Path], pattern: str | None) -> None:
     labels = {place.name for place in folder.iterdir() if place.is_dir() and not is_hidden(place.name)}
     if not labels:
+        lacks = "" if pattern is None else f", and --pattern {pattern} no {{label}}"
         raise InputError(
-            f"{folder}: holds no sub-folder; put the files of each class in a sub-folder named by its label, or say "
-            "where the label is with --pattern, as in '{label}_{number}.csv', or --conditions"
+            f"{folder}: holds no sub-folder{lacks}; put the files of each class in a sub-folder named by its label, or "
+            "say where the label is with --pattern, as in '{label}_{number}.csv', or --conditions"
         )
     for inside in found:
         if len(inside.parts) == 1:

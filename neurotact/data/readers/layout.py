@@ -174,17 +174,25 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
 
 
 def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
-    """The columns that a name, a number or a range of numbers stands for."""
+    """The columns that a name, a number, or a range of numbers or of names stands for."""
     if asked in names:
         return [names.index(asked)]
+    ends = next(((asked[:at], asked[at + 1 :]) for at, mark in enumerate(asked) if mark == "-"
+                 and asked[:at] in names and asked[at + 1 :] in names), None)  # fmt: skip
     match = RANGE.fullmatch(asked)
+    if ends is not None and option == "--columns":
+        first, last = (names.index(end) for end in ends)
+        return list(range(min(first, last), max(first, last) + 1))
     if match is None:
         hint = nearest(asked, list(names)) if names else "the file names no columns, so give a number"
         raise InputError(f"{path}: {option}: there is no column '{asked[:40]}'; {hint}")
     first = int(match[1])
     last = int(match[2] or first)
     if not 1 <= first <= last <= n_columns or (option == "--time-column" and last > first):
-        raise InputError(f"{path}: {option} {asked}: the columns are numbered 1 to {n_columns}; give these")
+        raise InputError(
+            f"{path}: {option} {asked}: this file has {n_columns} columns, numbered from 1; name columns that it has, "
+            "or move it away if it is of another sensor"
+        )
     return list(range(first - 1, last))
 
 

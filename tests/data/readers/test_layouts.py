@@ -164,14 +164,38 @@ def test_one_table_in_many_forms(tmp_path, text, options):
     np.testing.assert_array_equal(found.signals[0], [[1, 2, 3], [4, 5, 6]])
 
 
+def test_columns_are_a_range_of_names_too(tmp_path):
+    write(tmp_path / "felt" / "a.csv", "t,p-1,p-2,p-3\n0,1,2,3\n1,4,5,7\n")
+    found = nt.read_folder(tmp_path, 100, "mV", columns="p-1-p-3")
+    assert found.channels == ("p-1", "p-2", "p-3")
+    assert nt.read_folder(tmp_path, 100, "mV", columns="p-3-p-2,t").channels == ("p-2", "p-3", "t")
+
+
+def test_a_column_that_never_changes_is_named(tmp_path, caplog):
+    """In all files: one that rests in a single trial is silent there, and no mistake."""
+    write(tmp_path / "felt" / "a.csv", "p,board_C,q\n1,31.2,3\n2,31.2,3\n")
+    write(tmp_path / "silk" / "b.csv", "p,board_C,q\n1,31.2,4\n2,31.2,4\n")
+    nt.read_folder(tmp_path, 100, "mV")
+    assert "every sample has the same value in board_C; leave out what is no taxel with --columns" in caplog.text
+    caplog.clear()
+    nt.read_folder(tmp_path, 100, "mV", columns="p,q")
+    assert "same value" not in caplog.text
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
         ("1;2,5\n", {}, "line 1 has decimal commas; pass --decimal ,"),
         ("1,2\n", {"decimal": ","}, "has commas between its columns"),
         ("1,5;2.5\n", {"decimal": ","}, "sample 1 holds a point where commas are decimal"),
-        ("a,b\n1,2\n", {"columns": "3"}, "--columns 3: the columns are numbered 1 to 2"),
+        (
+            "a,b\n1,2\n",
+            {"columns": "3"},
+            "--columns 3: this file has 2 columns, numbered from 1; name columns that it has, or move it away",
+        ),
         ("a,b\n1,2\n", {"columns": "left"}, r"--columns: there is no column 'left'; known: a, b"),
+        ("a,b\n1,2\n", {"columns": "a-c"}, "--columns: there is no column 'a-c'"),
+        ("a,b\n1,2\n", {"time_column": "a-b"}, "--time-column: there is no column 'a-b'"),
         ("a,b\n1,2\n", {"columns": "1,a"}, "--columns and --time-column name a column twice"),
         ("a\n1\n2\n", {"time_column": "a"}, "has no column besides the time"),
         ("t,a\n0,x\n1,2\n", {"time_column": "t"}, r"line 2, column 2 \(a\) is 'x', not a number"),
