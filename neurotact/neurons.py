@@ -97,7 +97,9 @@ def refractory_steps(t_ref_ms: float, sampling_rate_Hz: float) -> int:
         return round(steps)
     rounded = math.ceil(steps)
     warnings.warn(
-        f"t_ref of {t_ref_ms} ms is {steps:g} steps at {sampling_rate_Hz:g} Hz; {rounded} are taken", stacklevel=2
+        f"t_ref of {t_ref_ms} ms is {steps:g} steps at {sampling_rate_Hz:g} Hz; rounded up to {rounded} "
+        f"({1e3 * rounded / sampling_rate_Hz:g} ms)",
+        stacklevel=2,
     )
     return rounded
 

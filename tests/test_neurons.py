@@ -148,7 +148,7 @@ def test_whole_refractory_periods(t_ref_ms, rate_Hz, steps):
 
 @pytest.mark.parametrize(("t_ref_ms", "rate_Hz", "steps"), [(1.2, 2000.0, 3), (0.1, 2000.0, 1), (1.0, 485.0, 1)])
 def test_broken_refractory_periods_are_rounded_up_with_a_warning(t_ref_ms, rate_Hz, steps):
-    with pytest.warns(UserWarning, match=rf"t_ref of {t_ref_ms} ms is .* {steps} are taken"):
+    with pytest.warns(UserWarning, match=rf"t_ref of {t_ref_ms} ms is .* rounded up to {steps} "):
         assert refractory_steps(t_ref_ms, rate_Hz) == steps
 
 

@@ -166,7 +166,8 @@ def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None
     to_Hz = resample_Hz or rate_Hz
     if to_Hz > FINEST_CLOCK * rate_Hz:
         raise InputError(
-            f"resample_Hz: {to_Hz:g} Hz is over {FINEST_CLOCK:,} times the sampling rate of {rate_Hz:g} Hz; lower it"
+            f"resample_Hz: {to_Hz:g} Hz is over {FINEST_CLOCK:,} times the sampling rate of {rate_Hz:g} Hz; lower it, "
+            "or import the recordings again with the right rate or unit of time"
         )
     return n_samples if to_Hz == rate_Hz else int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
 

@@ -189,7 +189,7 @@ def unit_factor(unit: str, wanted: str, where: str) -> np.float32:
     if unit not in volts or wanted not in volts:
         raise InputError(
             f"{where}: signals are in '{unit}' but '{wanted}' is needed; "
-            "calibrate an encoder for this sensor (neurotact calibrate) or import with the right unit"
+            "calibrate an encoder for this sensor (neurotact calibrate, in Python nt.calibrate)"
         )
     return np.float32(volts[unit] / volts[wanted])
 

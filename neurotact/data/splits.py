@@ -102,7 +102,7 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     values, counts = np.unique(labels, return_counts=True)
     rarest = counts.argmin()
     too_few = InputError(
-        f"split: class '{values[rarest]}' has {counts[rarest]} trial(s), too few to train, validate and test on; give "
+        f"split: class '{values[rarest]}' has {_trials(counts[rarest])}, too few to train, validate and test on; give "
         f"at least 3 trials per class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for the asked shares)"
     )
     if counts[rarest] < 3:
@@ -199,7 +199,7 @@ class _Trials(NamedTuple):
             values, counts = np.unique(self.labels, return_counts=True)
             if counts.min() < n_folds:
                 raise InputError(
-                    f"split.folds: class '{values[counts.argmin()]}' has {counts.min()} trial(s), fewer than the "
+                    f"split.folds: class '{values[counts.argmin()]}' has {_trials(counts.min())}, fewer than the "
                     f"{n_folds} folds; ask for fewer folds"
                 )
         else:
@@ -229,7 +229,7 @@ class _Trials(NamedTuple):
         if counts.min() < 2 or n_found + len(values) > len(trials):
             rarest = values[counts.argmin()]
             raise InputError(
-                f"split: class '{rarest}' has {counts.min()} trial(s) that are not tested, too few to train and "
+                f"split: class '{rarest}' has {_trials(counts.min())} outside the test side, too few to train and "
                 "validate on; add trials"
             )
         _, found = train_test_split(trials, test_size=n_found, stratify=strata, random_state=seed)
@@ -283,7 +283,7 @@ def _in_order(strata: np.ndarray, ranks: np.ndarray, spec: SplitSpec) -> Split:
         n_train = len(trials) - n_validation - n_test
         if n_train < 1:
             raise InputError(
-                f"split: class '{value}' has {len(trials)} trial(s), too few to train, validate and test on; add trials"
+                f"split: class '{value}' has {_trials(len(trials))}, too few to train, validate and test on; add trials"
             )
         for side, part in zip(sides, np.split(trials, (n_train, n_train + n_validation)), strict=True):
             side.append(part)
@@ -328,3 +328,7 @@ def _known(conditions: pd.DataFrame, column: str, key: str) -> str:
         known = list(map(str, conditions.columns))
         raise InputError(f"{key}: there is no condition '{column}'; {nearest(column, known)}")
     return column
+
+
+def _trials(n: int) -> str:
+    return "1 trial" if n == 1 else f"{n} trials"

@@ -99,7 +99,9 @@ def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
         ("start_ms", first + 1, spec.start_ms),
         ("hop_ms", hop, spec.hop_ms),
     ):
-        if n_steps < 1:
+        steps = (duration_ms or 0.0) * 1e-3 * sampling_rate_Hz
+        is_broken = duration_ms is not None and key != "start_ms" and steps < 1 - 1e-9
+        if n_steps < 1 or is_broken:
             raise InputError(
                 f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
             )

@@ -184,9 +184,14 @@ def calibrate_causally(
     told = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
     told += [f"{baseline} cannot be calibrated" for baseline in refused]
     note = (
-        f"the baseline is '{best}', which knows the past alone; training trials that logistic regression names right "
-        f"by SA-I rates: {', '.join(told)}; of those within one standard error of the best, the first is taken"
+        f"conditioning.baseline = '{best}' is chosen; logistic regression on the SA-I rates of the training trials "
+        f"reaches {', '.join(told)}, and the first within one standard error of the best is taken"
     )
+    if np.isnan(found[best].accuracy):
+        note = (
+            f"conditioning.baseline = '{best}' is taken without a comparison: a class has one training trial, so that "
+            "none can be left out to test on; add trials of it, or choose with --set encoder.conditioning.baseline"
+        )
     notes = *found[best].notes, note
     _log(notes, recordings)
     return replace(found[best], notes=notes)
@@ -258,7 +263,10 @@ def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[Conditi
         notes.append(f"the EMA at {cutoff_Hz:g} Hz is left out: {rate_Hz:g} Hz recordings end at {rate_Hz / 2:g} Hz")
     if conditioning.resample_Hz is None and rate_Hz < CLOCK_HZ:
         change["resample_Hz"] = CLOCK_HZ
-        notes.append(f"the clock is {CLOCK_HZ:g} Hz: at {rate_Hz:g} Hz a refractory period of 1 ms cannot be resolved")
+        notes.append(
+            f"signals are resampled from {rate_Hz:g} to {CLOCK_HZ:g} Hz, since a step at {rate_Hz:g} Hz is longer than "
+            "a refractory period of 1 ms"
+        )
     return conditioning.model_copy(update=change), notes
 
 

@@ -77,7 +77,7 @@ def test_the_windows_of_a_trial_are_never_on_two_sides(labels, spec, n_windows):
 @pytest.mark.parametrize("counts", [(2, 20), (1, 1), (1, 0), (3, 300), (2, 2)])
 def test_a_class_with_too_few_trials_is_named(counts):
     labels = np.repeat(["felt", "silk"], counts)
-    with pytest.raises(InputError, match=rf"split: class 'felt' has {counts[0]} trial\(s\), too few"):
+    with pytest.raises(InputError, match=rf"split: class 'felt' has {counts[0]} trials?, too few"):
         split_trials(labels, SplitSpec())
 
 
@@ -218,7 +218,7 @@ def test_a_class_of_one_group_is_never_taken_from_training():
         ({"group": ("label",)}, "no training trial of class 'silk' is left"),
         ({"group": ("subjekt",)}, r"split\.group: there is no condition 'subjekt'; did you mean 'subject'\?"),
         ({"group": ("subject",), "folds": 6}, "subject makes 5 group.s. where 6 are needed"),
-        ({"folds": 101}, r"class 'felt' has 100 trial\(s\), fewer than the 101 folds"),
+        ({"folds": 101}, r"class 'felt' has 100 trials?, fewer than the 101 folds"),
         ({"order": "when"}, r"split\.order: there is no condition 'when'"),
     ],
 )

@@ -17,7 +17,7 @@ def device_of(name: str) -> torch.device:
     Raises InputError, in one line, where Triton or the device is absent.
     """
     if not name.startswith("cuda"):
-        raise InputError(f"--device {name}: a population is trained on cuda, or without --device on the CPU's cores")
+        raise InputError(f"--device {name}: is no device; give cuda, cuda:1 and so on, or cpu")
     if find_spec("triton") is None:
         raise InputError(
             f"--device {name}: needs Triton, which is not installed; pip install 'neurotact[gpu]' (Linux x86-64)"
