@@ -29,6 +29,7 @@ from neurotact.figures.style import (
     series_style,
 )
 from neurotact.metrics.fronts import pareto_front
+from neurotact.metrics.shares import wilson_interval
 from neurotact.tables import NETWORK, over_seeds
 
 TITLE_WIDTH = 44
@@ -64,7 +65,7 @@ def draw_accuracy_and_sops(
             _paint_networks(axes, rows, pairs, sizes, measure, scale)
             marks = [p for p in published if p.setting == setting and p.measure == measure and p.pair in pairs]
             _paint_published(axes, marks, pairs, sizes, scale)
-            axes.set(title=fill(setting, TITLE_WIDTH), ylabel=words)
+            axes.set(title=_title(setting, settings), ylabel=words)
             axes.set_xticks(range(len(pairs)), pairs)
             axes.grid(axis="y")
     for axes in grid[-1]:
@@ -78,13 +79,16 @@ def draw_accuracy_and_sops(
 
 
 @printed
-def draw_trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]] = {}) -> Figure:
+def draw_trade_off(
+    results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]] = {}, trials: Mapping[str, int] = {}
+) -> Figure:
     """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
 
     A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit, a thin
     line between the two. Bars are drawn where they decide, on the front of the full window, whose sizes N are named.
 
     levels: of each data set, accuracies that hold at any cost, by name: the best baseline, guessing.
+    trials: of each data set, its test trials; networks of a single seed get the 95 % interval of so many as their bar.
     """
     networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
     settings = list(dict.fromkeys(networks["setting"]))
@@ -97,10 +101,10 @@ def draw_trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, floa
     for axes, setting in zip(grid, settings, strict=False):
         rows = networks[networks["setting"] == setting]
         _join_exits(axes, rows, pairs)
-        fronts.append(_paint_points(axes, rows, pairs, "sops_total", "accuracy_test", filled=True))
-        _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", filled=False)
+        fronts.append(_paint_points(axes, rows, pairs, "sops_total", "accuracy_test", trials.get(setting), filled=True))
+        _paint_points(axes, rows, pairs, "exit_sops_total", "exit_accuracy", None, filled=False)
         _mark_levels(axes, levels.get(setting, {}))
-        axes.set(title=fill(setting, TITLE_WIDTH), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
+        axes.set(title=_title(setting, settings), xlabel="SOPs per sample (thousands)", ylabel="test accuracy (%)")
         axes.margins(0.1)
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
@@ -138,8 +142,8 @@ def draw_confusion(matrix: np.ndarray, names: Sequence[str], title: str) -> Figu
 
 
 @printed
-def draw_training(log: pd.DataFrame) -> Figure:
-    """Loss and accuracy over epochs on training and validation samples; a line marks the least validation loss."""
+def draw_training(log: pd.DataFrame, kept: int) -> Figure:
+    """Loss and accuracy over epochs on training and validation windows; a line marks the epoch that was kept."""
     figure = new_figure(2.2)
     panels = figure.subplots(1, 2)
     measures = (("loss", "loss", 1.0), ("accuracy", "accuracy (%)", 100.0))
@@ -148,15 +152,18 @@ def draw_training(log: pd.DataFrame) -> Figure:
             style = series_style(index) | {"marker": "", "ls": "-" if side == "validation" else "--"}
             name = "training" if side == "train" else side
             axes.plot(log["epoch"], scale * log[f"{side}_{what}"], label=name, **style)
-        if log["validation_loss"].notna().any():
-            kept = log["epoch"][log["validation_loss"].idxmin()]
-            axes.axvline(kept, color=MUTED, lw=0.8, ls=":", label="kept")
+        axes.axvline(kept, color=MUTED, lw=0.8, ls=":", label="kept")
         axes.set(xlabel="epoch", ylabel=words)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(axis="y")
     keep_within(panels[1:])
     add_legend(figure, panels, ncols=3)
     return figure
+
+
+def _title(setting: str, settings: Sequence[str]) -> str:
+    """A panel's title; none where there is one data set alone, which needs no name."""
+    return fill(setting, TITLE_WIDTH) if len(settings) > 1 else ""
 
 
 def _paint_networks(
@@ -236,9 +243,9 @@ def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str]) -> None:
 
 
 def _paint_points(
-    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, *, filled: bool
+    axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, n_test: int | None, *, filled: bool
 ) -> pd.DataFrame:
-    """Networks, their Pareto front with its deviations over seeds; the front, a row a network with `x` and `y`."""
+    """Networks and their Pareto front with its bars, as of `draw_trade_off`; the front, a row each, as `x`, `y`."""
     x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
     x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
     front = pareto_front(x, y)
@@ -251,6 +258,9 @@ def _paint_points(
         axes.plot(x[of_pair], y[of_pair], ls="", ms=4.5, mfc=face, label=label, zorder=3, **style)
     if is_marked.any():
         spread = bars(y[is_marked], y_sd[is_marked])
+        if n_test and rows["seeds"].max() == 1:
+            ends = 100.0 * np.array([wilson_interval(share / 100.0, n_test) for share in y[is_marked]]).T
+            spread = np.abs(ends - y[is_marked])
         axes.errorbar(x[is_marked], y[is_marked], spread, x_sd[is_marked], fmt="none", ecolor=INK, elinewidth=0.7)
     order = np.flatnonzero(front)[np.argsort(x[front], kind="stable")]
     name = "Pareto front, full window" if filled else "Pareto front, early exit"

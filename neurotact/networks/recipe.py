@@ -16,7 +16,7 @@ from torch import Tensor
 
 from neurotact import spec as specs
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
@@ -117,6 +117,15 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     table = specs.override(given, {key: value for key, value in chosen.items() if key not in given})
     table["training"] = {**table.get("training", {}), **training}
     return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
+
+
+def training_of(spec: RSNNSpec) -> TrainingSpec:
+    """How a network is trained, as far as that does not depend on its windows: `keep`, `schedule`.
+
+    >>> training_of(RSNNSpec(recipe="default")).keep, training_of(RSNNSpec()).keep
+    ('both', 'loss')
+    """
+    return resolve(spec, Seen(1, 1, 1000.0, 1.0)).training
 
 
 def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:

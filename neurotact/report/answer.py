@@ -159,9 +159,19 @@ def headline(found: Answer) -> str:
     return {
         "no baseline": f"The best network is right in {said}; guessing reaches {percent(found.guess)}.",
         "worse": f"Spiking costs accuracy: the best network is right in {said}, the best baseline is {rival}.",
-        "tie": f"No clear difference in accuracy: the best network is right in {said}, the best baseline is {rival}.",
+        "tie": f"No clear difference in accuracy{_at_energy(found)}: the best network is right in {said}, the best "
+        f"baseline is {rival}.",
         "better": f"Spiking is more accurate: the best network is right in {said}, the best baseline is {rival}.",
     }[found.kind]
+
+
+def _at_energy(found: Answer) -> str:
+    """Of two that are as accurate, what energy decides; nothing where it is about equal or cannot be told."""
+    rival = None if found.baseline is None else found.baseline.nJ
+    spent = found.best.whole.nJ
+    if rival is None or spent is None or not (told := _times(spent, rival)):
+        return ""
+    return f", and spiking takes{told.removeprefix(',')} energy (estimate)"
 
 
 def _learned_without(found: Answer) -> str:
@@ -183,17 +193,22 @@ def details(found: Answer) -> Iterator[str]:
     else:
         yield (
             f"Within its error ({100 * found.error:.1f} points on validation trials), {cheapest.name} is the cheapest: "
-            f"{_saved(best.whole, cheapest.whole)} than {best.name}, {_lost(best.whole, cheapest.whole)}."
+            f"{_saved(best.whole, cheapest.whole)} than {best.name}, "
+            f"{_lost(best.whole, cheapest.whole, found.trials.test)}."
         )
     if cheapest.early is not None:
         yield (
             f"With early exit it decides after {milliseconds(cheapest.early.ms)} of {milliseconds(cheapest.whole.ms)} "
-            f"on average: {_saved(cheapest.whole, cheapest.early)}, {_lost(cheapest.whole, cheapest.early)}."
+            f"on average: {_saved(cheapest.whole, cheapest.early)}, "
+            f"{_lost(cheapest.whole, cheapest.early, found.trials.test)}."
         )
     rival = found.baseline
     spent = (cheapest.early or cheapest.whole).nJ
     if rival is not None and rival.nJ is not None and spent is not None:
-        yield f"Energy, an estimate of the arithmetic: {energy(spent)} against {energy(rival.nJ)} for {rival.name}."
+        yield (
+            f"Energy, an estimate of the arithmetic: {energy(spent)} against {energy(rival.nJ)} for {rival.name}"
+            f"{_times(spent, rival.nJ)}."
+        )
 
 
 def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
@@ -228,15 +243,34 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
 def _saved(before: Decision, after: Decision) -> str:
     change = 1 - after.sops / before.sops if before.sops > 0 else 0.0
     how = f"{100 * change:.0f} % fewer SOPs" if change >= 0 else f"{-100 * change:.0f} % more SOPs"
-    return f"{how} ({count(after.sops)} against {count(before.sops)})"
+    said = f"{how} ({count(after.sops)} against {count(before.sops)})"
+    if before.nJ is None or after.nJ is None or before.nJ <= 0:
+        return said
+    # Conditioning and encoding cost the same, however few spikes they send: fewer SOPs are not as much less energy.
+    less = 1 - after.nJ / before.nJ
+    return f"{said} and {100 * abs(less):.2g} % {'less' if less >= 0 else 'more'} energy"
 
 
-def _lost(before: Decision, after: Decision) -> str:
+def _times(spent: float, rival: float) -> str:
+    """How many times as much a network takes as its rival, or the other way round; nothing where they are about equal.
+
+    >>> _times(366.0, 23.5), _times(10.0, 25.0), _times(11.0, 10.0)
+    (', 16 times as much', ', 2.5 times less', '')
+    """
+    if min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
+        return ""
+    return f", {spent / rival:.2g} times as much" if spent > rival else f", {rival / spent:.2g} times less"
+
+
+def _lost(before: Decision, after: Decision, n_test: int) -> str:
+    """What changes of the accuracy, in points and in test trials: of few trials, one is many points."""
     points = 100 * (before.accuracy - after.accuracy)
     if abs(points) < 0.05:
         return f"at the same test accuracy, {percent(after.accuracy)}"
     way = "falls" if points > 0 else "rises"
-    return f"and test accuracy {way} by {abs(points):.1f} points to {percent(after.accuracy)}"
+    trials = abs(points) / 100 * n_test
+    of = f" ({trials:.2g} of {n_test} test trials)" if n_test and trials < 3 else ""
+    return f"and test accuracy {way} by {abs(points):.1f} points{of} to {percent(after.accuracy)}"
 
 
 def chance_of(paired: Paired) -> str:

@@ -15,10 +15,10 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
 from neurotact.networks import checkpoint, tasks, trained
-from neurotact.networks.trained import Restored
-from neurotact.networks.training import Examples
+from neurotact.networks.trained import LOG, Restored
+from neurotact.networks.training import Epoch, Examples
 from neurotact.report import front
-from neurotact.report.tables import confusion, in_words
+from neurotact.report.tables import confusion, in_words, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import SPLIT, Cell
 from neurotact.tables import records, write_table
@@ -40,7 +40,6 @@ SOPS_COLUMNS = (
     "exit_accuracy", "exit_steps",
     "exit_sops_input", "exit_sops_recurrent", "exit_sops_readout", "exit_sops_total", "exit_sops_total_feedforward",
 )  # fmt: skip
-LOG_COLUMNS = ("epoch", "train_loss", "validation_loss", "train_accuracy", "validation_accuracy")
 
 
 class _Test(NamedTuple):
@@ -68,7 +67,7 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
             matrix = confusion(result_of(folder, done[index]), classes)
             found[index] = {
                 "confusion": None if matrix is None else matrix.tolist(),
-                "training": _training(place),
+                "training": _training(folder, done[index]),
             }
             if trains is None or not (place / checkpoint.NETWORK).is_file():
                 continue
@@ -178,13 +177,13 @@ def _events(raster: np.ndarray) -> list[list[int]]:
     return [np.flatnonzero(neuron).tolist() for neuron in raster.T]
 
 
-def _training(place: Path) -> dict[str, list[float | None]] | None:
-    """The training log by column, to four digits."""
-    if not (place / "training.csv").is_file():
+def _training(folder: Path, cell: Cell) -> dict[str, Any] | None:
+    """The training log by column, to four digits, and under `kept` the epoch whose weights the network has."""
+    path = cell_folder(folder, cell) / LOG
+    if not path.is_file():
         return None
-    log = pd.read_csv(place / "training.csv")
-    return {
-        column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]]
-        for column in LOG_COLUMNS
-        if column in log
+    log = pd.read_csv(path)
+    columns: dict[str, Any] = {
+        column: [None if pd.isna(value) else float(f"{value:.4g}") for value in log[column]] for column in Epoch._fields
     }
+    return columns | {"kept": kept_epoch(folder, cell)}

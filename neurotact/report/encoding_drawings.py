@@ -12,11 +12,13 @@ from neurotact.figures import encoding as encoding_figures
 from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
+from neurotact.report.tables import in_the_paper
 from neurotact.studies.firing import TOUCH
 from neurotact.studies.study import StudySpec
 from neurotact.tables import natural
 
 MOST_ROWS = 3
+MOST_CLASSES = 5
 SHOWN_s = 1.0
 
 
@@ -44,9 +46,9 @@ def encoding_drawings(
     view = view_of(encoding, study.dataset.stratify)
     if trains is not None:
         yield _rasters(study, trains, view, classes)
-    yield _spike_counts(encoding, view, classes)
-    yield _rates(encoding, view, classes)
-    yield _isis(encoding, view, classes)
+    yield _spike_counts(study, encoding, view, classes)
+    yield _rates(study, encoding, view, classes)
+    yield _isis(study, encoding, view, classes)
 
 
 def view_of(encoding: pd.DataFrame, stratify: Sequence[str]) -> View:
@@ -77,15 +79,22 @@ def name_classes(encoding: pd.DataFrame, conditions: pd.DataFrame | None) -> Cla
     return Classes("grating", order, short, long, are_ordered=True)
 
 
-def few(items: Sequence[Any]) -> list[Any]:
-    """The first, the middle and the last of them, or all of up to three.
+def few(items: Sequence[Any], most: int = MOST_ROWS) -> list[Any]:
+    """The first, the middle and the last of them, or all of up to `most`.
 
-    >>> few([1, 2, 3, 4, 5, 6, 7, 8])
-    [1, 5, 8]
+    >>> few([1, 2, 3, 4, 5, 6, 7, 8]), few([1, 2, 3, 4], most=4)
+    ([1, 5, 8], [1, 2, 3, 4])
     """
-    if len(items) <= MOST_ROWS:
+    if len(items) <= most:
         return list(items)
     return [items[0], items[len(items) // 2], items[-1]]
+
+
+def _of_all(shown: Sequence[str], classes: Classes) -> str:
+    """Which of the classes a figure shows, where it does not show all."""
+    if len(shown) == len(classes.order):
+        return ""
+    return f" Shown are {len(shown)} of the {len(classes.order)} classes: the first, the middle and the last."
 
 
 def in_words(where: dict[str, Any]) -> str:
@@ -100,7 +109,7 @@ def in_words(where: dict[str, Any]) -> str:
 def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes) -> Drawn:
     start_s = study.window.start_ms * 1e-3
     window_s = study.window.length_ms * 1e-3
-    shown = few(classes.order)
+    shown = few(classes.order, MOST_CLASSES)
     values = few(view.values) or [None]
     rows = [in_unit(view.vary, value) if view.vary else "" for value in values]
     wheres = [{**view.fixed, **({view.vary: value} if view.vary else {})} for value in values]
@@ -115,8 +124,8 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (
         f"Spikes of the SA-I (blue) and RA-I (orange) afferents in one trial each{at}{down}. t_ref {pair} ms "
-        f"(RA-I & SA-I). Grey: a trial's first window of {study.window.length_ms:g} ms, which the networks see. "
-        "As the texture paper's Fig. 5."
+        f"(RA-I & SA-I). Grey: a trial's first window of {study.window.length_ms:g} ms, which the networks see."
+        f"{_of_all(shown, classes)}{in_the_paper(study, 'Fig. 5')}"
     )
     counts = ", ".join(f"{len(trains.steps[trial])}" for trial in found)
     alt = f"Raster plots of {len(shown)} classes in {len(rows)} rows; spikes in each whole trial, row by row: {counts}."
@@ -131,9 +140,9 @@ def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int 
     return int(found[0]) if len(found) else None
 
 
-def _spike_counts(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     rows = _select(encoding, view.at)
-    shown = few([label for label in classes.order if label in set(rows[LABEL].astype(str))])
+    shown = few([label for label in classes.order if label in set(rows[LABEL].astype(str))], MOST_CLASSES)
     figure = encoding_figures.draw_spike_counts(rows, shown, classes)
     totals = rows[rows[LABEL].astype(str).isin(shown)].groupby("pair", sort=False)["spikes_total_per_s"].mean()
     falling = totals.sort_values(ascending=False, kind="stable")
@@ -142,24 +151,26 @@ def _spike_counts(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn
     caption = (
         f"Spikes per second of all SA-I and all RA-I afferents, and of both, over the pairs of refractory periods{at}"
         f"{_stretch(rows)}. "
-        f"Both together, mean of these classes, from most to least: {order}. As the texture paper's Fig. 6."
+        f"Both together, mean of these classes, from most to least: {order}.{_of_all(shown, classes)}"
+        f"{in_the_paper(study, 'Fig. 6')}"
     )
     alt = f"Bars of spikes per second for {len(shown)} classes over the pairs; from most to least: {order}."
     return Drawn("spike-counts", "Spike counts over the refractory periods", figure, caption, alt)
 
 
-def _rates(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+def _rates(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     pair, rows = _first_pair(encoding)
     figure = encoding_figures.draw_rates(rows, view.by, classes)
     caption = (
         f"Firing rate of each population for each {classes.word}{' and condition' if view.by else ''}, as a share of "
-        f"the population's highest, at t_ref {pair} ms{_stretch(rows)}. As the texture paper's Fig. 10(a)."
+        f"the population's highest, at t_ref {pair} ms{_stretch(rows)}."
+        f"{in_the_paper(study, 'Fig. 10(a)')}"
     )
     alt = f"Two matrices of firing rates, {_trends(rows, view, 'spikes', '_per_s')}"
     return Drawn("rates", "Firing rates", figure, caption, alt)
 
 
-def _isis(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
+def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     pair, rows = _first_pair(encoding)
     rows = _select(rows, view.fixed)
     within = _stretch(rows)
@@ -170,7 +181,7 @@ def _isis(encoding: pd.DataFrame, view: View, classes: Classes) -> Drawn:
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     caption = (
         f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap where the population is "
-        "silent. As the texture paper's Fig. 10(b)."
+        f"silent.{in_the_paper(study, 'Fig. 10(b)')}"
     )
     alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms')}"
     return Drawn("isis", "Inter-spike intervals", figure, caption, alt)

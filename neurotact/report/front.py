@@ -27,7 +27,10 @@ from neurotact.tables import NETWORK, means_over
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and what the columns of `results.csv` begin with."""
-HEADS = ["t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "SOPs", "ms to decision", "energy estimate"]
+HEADS = [
+    "t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision",
+    "energy estimate",
+]  # fmt: skip
 
 
 class Sides(NamedTuple):
@@ -222,8 +225,21 @@ def fronts(
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
         table = front_table(found, networks, baselines)
         lost = list(answers.where_lost(found, baselines))
-        words = list(answers.details(found))
+        words = [*answers.details(found), *_of_encoding(found, trains)]
         yield Front(str(setting), found, sides, networks, answers.headline(found), words, table, lost)
+
+
+def _of_encoding(found: Answer, trains: SpikeTrains | None) -> Iterator[str]:
+    """What conditioning and encoding take of the energy of the cheapest decision: fewer spikes do not lower it."""
+    decision = found.cheapest.early or found.cheapest.whole
+    if trains is None or decision.nJ is None or found.kind == "nothing learned":
+        return
+    rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
+    spent = ledger.encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
+    yield (
+        f"Conditioning and encoding take {answers.energy(spent.energy_estimate_nJ)} of "
+        f"{answers.energy(decision.nJ)}, at {rate_Hz:g} steps per second and however few spikes are sent."
+    )
 
 
 def _comparing(
@@ -281,20 +297,21 @@ def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[
     for baseline in leading(baselines):
         spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
         within = _with_interval(baseline.accuracy, found.trials.test)
-        rows.append([baseline.name, within, "", _ms(found.best.whole), spent])
-    rows.append(["guessing", answers.percent(found.guess), "", "", ""])
+        rows.append([baseline.name, within, "", "", _ms(found.best.whole), spent])
+    rows.append(["guessing", answers.percent(found.guess), *[""] * (len(HEADS) - 2)])
     trainings = max(network.seeds for network in networks)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
-        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Of each "
-        "pair the size that validation trials choose, or one that the sentence above names."
+        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Each pair stands "
+        "with one number of hidden neurons: that of the network named above, else the best on validation trials."
     )
     return Table(caption, HEADS, rows, n_heads=1)
 
 
 def _in_words(decision: Decision, n_test: int) -> list[str]:
     spent = "-" if decision.nJ is None else answers.energy(decision.nJ)
-    return [_with_interval(decision.accuracy, n_test), answers.count(decision.sops), _ms(decision), spent]
+    counts = answers.count(decision.spikes), answers.count(decision.sops)
+    return [_with_interval(decision.accuracy, n_test), *counts, _ms(decision), spent]
 
 
 def _with_interval(share: float, n_test: int) -> str:
@@ -339,8 +356,7 @@ def beware(
 def _of_training(folder: Path, cell: Cell) -> Iterator[str]:
     log = cell_folder(folder, cell) / LOG
     if cell.network is not None and log.is_file():
-        spec = recipe.resolve(cell.network, recipe.Seen(1, 1, 1000.0, 1.0))
-        yield from cautions.training(pd.read_csv(log), spec.training)
+        yield from cautions.training(pd.read_csv(log), recipe.training_of(cell.network))
 
 
 def chosen(trains: SpikeTrains | None, done: Sequence[Cell]) -> list[str]:

@@ -12,10 +12,10 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.networks import Published
 from neurotact.figures.style import Drawn
 from neurotact.metrics.fronts import pareto_front
-from neurotact.report.tables import confusion
+from neurotact.report.tables import confusion, in_the_paper, kept_epoch
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import Cell, StudySpec
-from neurotact.tables import over_seeds
+from neurotact.tables import NETWORK, over_seeds
 
 MOST_LISTED = 4
 
@@ -27,15 +27,16 @@ def network_drawings(
     results: pd.DataFrame,
     classes: Classes,
     levels: Mapping[str, Mapping[str, float]] = {},
+    trials: Mapping[str, int] = {},
 ) -> Iterator[Drawn]:
     """Accuracy and SOPs (the texture paper's Fig. 11), the trade-off of both, and a look at the best of the done cells.
 
-    results: a run's `results.csv` with the columns `pair` and `setting`. levels: as for `draw_trade_off`.
+    results: a run's `results.csv` with the columns `pair` and `setting`. levels, trials: as for `draw_trade_off`.
     """
     yield _accuracy_and_sops(study, results, len(classes.order))
-    yield _trade_off(results, levels)
+    yield _trade_off(results, levels, trials)
     if done:
-        yield from _best_network(folder, done, classes)
+        yield from _best_network(folder, done, results, classes)
 
 
 def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
@@ -78,11 +79,12 @@ def _accuracy_and_sops(study: StudySpec, results: pd.DataFrame, n_classes: int) 
     networks = over_seeds(results, ["accuracy_test", "sops_input", "sops_total"])
     best = networks.loc[networks["accuracy_test"].idxmax()]
     diamonds = "; diamonds: published" if published else ""
+    of_several = f": mean ± SD over {_seeds(networks)}, single seeds as dots" if networks["seeds"].max() > 1 else ""
     totals = _rise_sentence("Total SOPs", *rises(networks, "sops_total"))
     inputs = _rise_sentence("SOPs from afferents to hidden neurons", *rises(networks, "sops_input"))
     caption = (
-        f"Test accuracy and synaptic operations (SOPs) by pair and hidden size N: mean ± SD over {_seeds(networks)}, "
-        f"single seeds as dots{diamonds}. {totals} {inputs} As the texture paper's Fig. 11."
+        f"Test accuracy and synaptic operations (SOPs) by pair and hidden size N{of_several}{diamonds}. {totals} "
+        f"{inputs}{in_the_paper(study, 'Fig. 11')}"
     )
     alt = (
         f"Accuracy and SOPs of {len(networks)} networks; the best mean accuracy is {100 * best['accuracy_test']:.1f} % "
@@ -95,7 +97,7 @@ def _rise_sentence(what: str, found: list[str], steps: int) -> str:
     if not steps:
         return ""
     if not found:
-        return f"{what} rise at none of the {steps} steps from a pair to the next."
+        return f"{what} fall, or stay, from each pair to the next."
     more = f"; and {len(found) - MOST_LISTED} more" if len(found) > MOST_LISTED else ""
     listed = "; ".join(found[:MOST_LISTED]) + more
     return f"{what} rise at {len(found)} of {steps} steps from a pair to the next: {listed}."
@@ -106,13 +108,16 @@ def _seeds(networks: pd.DataFrame) -> str:
     return f"{low} to {high} seeds" if low < high else f"{high} seed{'s' if high > 1 else ''}"
 
 
-def _trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]]) -> Drawn:
-    figure = network_figures.draw_trade_off(results, levels)
+def _trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]], trials: Mapping[str, int]) -> Drawn:
+    figure = network_figures.draw_trade_off(results, levels, trials)
+    is_single = "seed" in results and results.groupby(NETWORK).size().max() == 1
+    means = "" if is_single else ", mean over seeds"
+    spread = "95 % intervals of the test trials" if is_single and trials else "SD over seeds"
     fronts = {str(name): _front(rows) for name, rows in results.groupby("setting", sort=False)}
     ends = [f"{name}: {_first_to_last(front)}" for name, front in fronts.items() if front]
     caption = (
-        "Each point is a pair and a hidden size, mean over seeds: filled for the full window, open for early exit with "
-        "the patience chosen on validation trials. Bars: SD over seeds of those on the front, which no network beats "
+        f"Each point is a pair and a hidden size{means}: filled for the full window, open for early exit as chosen on "
+        f"validation trials. Bars: {spread}, of those on the front, which no network beats "
         f"in both accuracy and SOPs; numbers beside it are hidden sizes. Networks on the front of {'; of '.join(ends)}."
     )
     alt = " ".join(f"Front of {name}, full window: {', '.join(front)}." for name, front in fronts.items())
@@ -133,28 +138,47 @@ def _front(results: pd.DataFrame) -> list[str]:
     ]
 
 
-def _best_network(folder: Path, done: list[Cell], classes: Classes) -> Iterator[Drawn]:
-    """The confusions and the training of the network that is most accurate on validation trials."""
-    found = [result_of(folder, cell) for cell in done]
-    best = max(range(len(done)), key=lambda i: found[i]["row"]["accuracy_validation"])
-    row = found[best]["row"]
+def best_of(results: pd.DataFrame) -> int:
+    """The row of the network that the answer calls best, and of its seeds the best, both on validation trials.
+
+    Networks count by their means over seeds; of equal ones the one with fewer SOPs is taken.
+
+    >>> rows = {"setting": ["all"] * 3, "pair": ["1&1", "5&5", "5&5"], "hidden": [20] * 3, "seed": [0, 0, 1],
+    ...         "accuracy_validation": [0.9, 0.85, 0.95], "sops_total": [300.0, 200.0, 220.0]}
+    >>> best_of(pd.DataFrame(rows))
+    2
+    """
+    measures = ["accuracy_validation", "sops_total"]
+    means = results.groupby(NETWORK, sort=False)[measures].transform("mean").round(9)
+    order = pd.concat([means, results[measures]], axis=1, keys=["network", "seed"])
+    by = [("network", "accuracy_validation"), ("network", "sops_total"), ("seed", "accuracy_validation")]
+    first = order.reset_index(drop=True).sort_values(by, ascending=[False, True, False], kind="stable").index[0]
+    return int(first)
+
+
+def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
+    """The confusions and the training of the network that is most accurate on validation trials.
+
+    results: a row for each of `done`.
+    """
+    best = best_of(results)
+    found = result_of(folder, done[best])
+    row = found["row"]
     what = f"{row['dataset']}, {row['t_ref_ra_ms']:g}&{row['t_ref_sa_ms']:g}, N = {row['hidden']}, seed {row['seed']}"
-    matrix = confusion(found[best], classes)
+    matrix = confusion(found, classes)
     if matrix is not None:
         right = 100 * np.trace(matrix) / max(matrix.sum(), 1)
         caption = (
-            f"Test samples of the network with the highest validation accuracy ({what}): {right:.1f} % lie on the "
-            f"diagonal. {_worst_confusion(matrix, classes)}"
+            f"Test windows of the network with the highest validation accuracy, of equal ones the one with the fewest "
+            f"SOPs ({what}): {right:.1f} % lie on the diagonal. {_worst_confusion(matrix, classes)}"
         )
         figure = network_figures.draw_confusion(matrix, classes.ticks, what)
         yield Drawn("confusion", "Confusion matrix", figure, caption, caption)
     log = cell_folder(folder, done[best]) / "training.csv"
     if log.is_file():
-        figure = network_figures.draw_training(pd.read_csv(log))
-        caption = (
-            f"Training of the same network ({what}). The weights of the epoch with the least validation loss were kept "
-            "(dotted line)."
-        )
+        kept = kept_epoch(folder, done[best])
+        figure = network_figures.draw_training(pd.read_csv(log), kept)
+        caption = f"Training of the same network ({what}). It has the weights of epoch {kept} (dotted line)."
         yield Drawn("training", "Training", figure, caption, caption)
 
 
@@ -164,4 +188,4 @@ def _worst_confusion(matrix: np.ndarray, classes: Classes) -> str:
         return "Nothing is mistaken."
     true, taken = np.unravel_index(np.argmax(wrong), wrong.shape)
     names = [classes.short[classes.order[i]] for i in (true, taken)]
-    return f"Most often mistaken: {classes.word} {names[0]} for {names[1]} ({wrong[true, taken]} samples)."
+    return f"Most often mistaken: {classes.word} {names[0]} for {names[1]} ({wrong[true, taken]} windows)."

@@ -58,6 +58,7 @@ DOWNLOADS = {
 MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "early_ms", "exit_sops_total"]
 NAMES = ["pair", "setting"]
 """Columns that name a network in words; they are read, and not written."""
+CALIBRATED = "Encoder, calibrated on the training trials of the first network"
 NETWORK_COLUMNS = {
     "setting": "data set",
     "pair": "t_ref RA-I & SA-I (ms)",
@@ -99,7 +100,8 @@ def write(study: StudySpec, folder: Path) -> Path:
     costs = _ledger(study, results, baseline, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
-    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(found))
+    test_trials = {one.setting: one.answer.trials.test for one in found}
+    drawn = drawings(study, folder, done, results, encoding, trains, classes, chosen, front.levels(found), test_trials)
     return page.write(
         "networks.html.jinja",
         study,
@@ -109,7 +111,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         tables={"results": results, "encoding": encoding, **extra, **left},
         figures=chain(drawn, _searches(study, trials), extra_drawings(study, results, extra, classes)),
         downloads=DOWNLOADS,
-        specs=_specs(study),
+        specs=_specs(study, trains),
         fronts=found,
         first=max(range(len(found)), key=lambda index: found[index].answer.best.validation),
         cautions=cautions,
@@ -197,17 +199,18 @@ def drawings(
     classes: Classes,
     found: Selection | None = None,
     levels: Mapping[str, Mapping[str, float]] = {},
+    trials: Mapping[str, int] = {},
 ) -> Iterator[Drawn]:
     """The figures that these tables and this run folder allow, in the order of the report.
 
-    levels: as for `figures.networks.draw_trade_off`.
+    levels, trials: as for `figures.networks.draw_trade_off`.
     found: what was selected; the figures of networks then show those at the window length of the selection.
     """
     if found is not None and study.selection is not None:
         yield from selection_steps.drawings(found, results, study.selection)
         results, done = selection_steps.at_choice(found, results, done)
     yield from encoding_drawings(study, trains, encoding, classes)
-    yield from network_drawings(study, folder, done, results, classes, levels)
+    yield from network_drawings(study, folder, done, results, classes, levels, trials)
 
 
 def _searches(study: StudySpec, trials: pd.DataFrame) -> Iterator[Drawn]:
@@ -307,10 +310,21 @@ def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
     )
 
 
-def _specs(study: StudySpec) -> dict[str, str]:
-    """The study's parts as TOML."""
+def _specs(study: StudySpec, trains: SpikeTrains | None) -> dict[str, str]:
+    """The study's parts as TOML; of an encoder that was calibrated, what the calibration of the first cell found."""
     parts = {name: getattr(study, name).model_dump(mode="json", exclude_none=True) for name in studies.PARTS}
-    return {name.capitalize(): to_toml(part) for name, part in parts.items()}
+    shown = {name.capitalize(): part for name, part in parts.items()}
+    if study.calibrate and trains is not None:
+        fitted = {CALIBRATED if name == "Encoder" else name: part for name, part in shown.items()}
+        shown = fitted | {CALIBRATED: _given(trains.encoder)}
+    return {name: to_toml(part) for name, part in shown.items()}
+
+
+def _given(part: Mapping[str, Any]) -> dict[str, Any]:
+    """A table without what is absent, which TOML cannot say."""
+    return {
+        key: _given(value) if isinstance(value, Mapping) else value for key, value in part.items() if value is not None
+    }
 
 
 def _spread(measure: str, mean: float, sd: float) -> str:

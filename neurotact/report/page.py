@@ -156,7 +156,8 @@ def timing_sentence(folder: Path) -> str:
     )
     if "epochs" not in timings:
         return f"{took}."
-    return f"{took}, for {timings['epochs'].min():.0f} to {timings['epochs'].max():.0f} epochs of training each."
+    low, high = (f"{timings['epochs'].agg(which):.0f}" for which in ("min", "max"))
+    return f"{took}, for {low if low == high else f'{low} to {high}'} epochs of training each."
 
 
 def if_there(path: Path) -> dict[str, Any]:

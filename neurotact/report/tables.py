@@ -11,6 +11,10 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
+from neurotact.networks import recipe
+from neurotact.networks.trained import LOG
+from neurotact.networks.training import Epoch, best_of
+from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.tables import read_table
 
@@ -54,6 +58,18 @@ def in_words(key: str) -> str:
     for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
         key = key.removeprefix(table)
     return quantity(key)[0].replace(".", " ")
+
+
+def in_the_paper(study: StudySpec, figure: str) -> str:
+    """Which figure of the texture paper a figure follows; nothing in a study without claims, which is no paper's."""
+    return f" As the texture paper's {figure}." if study.claims else ""
+
+
+def kept_epoch(folder: Path, cell: Cell) -> int:
+    """The epoch whose weights the network of a done cell has, by its training log."""
+    log = [Epoch(*row) for row in pd.read_csv(cell_folder(folder, cell) / LOG)[list(Epoch._fields)].to_numpy()]
+    keep = "loss" if cell.network is None else recipe.training_of(cell.network).keep
+    return int(best_of(log, keep).epoch)
 
 
 def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:

@@ -110,7 +110,7 @@ PUBLISHED = pd.DataFrame({"sensor": [], "bits": [], "moments": [], "accuracy": [
 DRAWN = {
     "networks": (lambda: network_figures.draw_accuracy_and_sops(networks(), chance=0.1), 100, "y"),
     "trade-off": (lambda: network_figures.draw_trade_off(networks()), 100, "y"),
-    "training": (lambda: network_figures.draw_training(LOG), 100, "y"),
+    "training": (lambda: network_figures.draw_training(LOG, 1), 100, "y"),
     "all ways": (lambda: all_ways_figures.draw_trade_offs(ways(), "energy_estimate_nJ", "nJ"), 1, "y"),
     "over signal": (lambda: texture_baselines_figures.draw_over_signal(before()), 100, "y"),
     "over cost": (lambda: texture_baselines_figures.draw_over_cost(before(), 150.0), 100, "y"),

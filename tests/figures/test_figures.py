@@ -198,10 +198,10 @@ def test_a_confusion_matrix_shows_its_counts():
 def test_training_marks_the_kept_epoch():
     log = pd.DataFrame({"epoch": [1, 2], "train_loss": [2.0, 1.0], "train_accuracy": [0.5, 0.6]})
     log = log.assign(validation_loss=[2.1, 1.5], validation_accuracy=[0.4, 0.5])
-    figure = network_figures.draw_training(log)
+    figure = network_figures.draw_training(log, kept=1)
     render(figure)
     assert [line.get_label() for line in figure.axes[0].lines] == ["training", "validation", "kept"]
-    assert list(figure.axes[1].lines[2].get_xdata()) == [2, 2]
+    assert list(figure.axes[1].lines[2].get_xdata()) == [1, 1]
     assert figure.axes[1].get_ylabel() == "accuracy (%)"
 
 

@@ -27,7 +27,7 @@ def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():
     assert (found.best, found.cheapest) == (best, near)
     (words,) = details(found)
     assert "5&5 ms with 50 neurons is the cheapest: 60 % fewer SOPs (400 against 1,000)" in words
-    assert "test accuracy falls by 2.0 points to 91.0 %" in words
+    assert "test accuracy falls by 2.0 points (2 of 100 test trials) to 91.0 %" in words
 
 
 def test_exactly_at_the_error_is_within_it():
@@ -98,8 +98,25 @@ def test_early_exit_and_energy_are_told_of_the_cheapest():
     found = answer([network(early=early, nJ=390.0)], [Baseline("SVM", 0.9, 0.9, 24.0)], 0.25, TRIALS)
     words = " ".join(details(found))
     assert "decides after 420 ms of 1,000 ms on average: 50 % fewer SOPs (500 against 1,000)" in words
-    assert "falls by 1.0 points to 89.0 %" in words
-    assert "200 nJ against 24 nJ for SVM" in words
+    assert "falls by 1.0 points (1 of 100 test trials) to 89.0 %" in words
+    assert "50 % fewer SOPs (500 against 1,000) and 49 % less energy, and test" in words
+    assert "200 nJ against 24 nJ for SVM, 8.3 times as much." in words
+    assert "No clear difference in accuracy, and spiking takes 16 times as much energy (estimate): the" in headline(
+        found
+    )
+
+
+def test_energy_is_not_told_where_it_is_about_equal_or_unknown():
+    for ours, theirs in ((25.0, 24.0), (None, 24.0), (25.0, None)):
+        found = answer([network(nJ=ours)], [Baseline("SVM", 0.9, 0.9, theirs)], 0.25, TRIALS)
+        assert headline(found).startswith("No clear difference in accuracy: ")
+
+
+def test_fewer_operations_that_save_no_energy_are_not_sold_as_savings():
+    best, near = network("1&1", sops=1000, nJ=590.0), network("5&5", validation=0.89, sops=800, nJ=588.0)
+    assert "20 % fewer SOPs (800 against 1,000) and 0.34 % less energy" in next(
+        details(answer([best, near], [], 0.25, TRIALS))
+    )
 
 
 def test_what_is_lost_is_divided_between_encoding_and_network():

@@ -5,6 +5,7 @@ import re
 from base64 import b64decode
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -18,9 +19,11 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks import tasks, trained
 from neurotact.networks.specs import TrainingSpec
+from neurotact.networks.training import Epoch
 from neurotact.report import front, networks, tables
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
+from neurotact.report.tables import kept_epoch
 from neurotact.studies import study
 from neurotact.studies.cell import task_of
 from neurotact.studies.claims import Claim
@@ -184,8 +187,34 @@ def test_one_seed_and_a_silent_population(tmp_path):
     what = make_study()
     what = what.model_copy(update={"sweep": {**what.sweep, "seed": [0]}})
     page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), silent_ra=True)))
-    assert "1 seed," in page.text
+    assert "by pair and hidden size N" in page.text
+    assert "mean ± SD over 1 seed" not in page.text
     assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path)).rows for cell in row)
+
+
+def test_the_report_shows_the_encoder_that_was_calibrated(tmp_path):
+    what = make_study()
+    folder = make_run(what, tmp_path, grating_conditions())
+    assert "calibrated on the training" not in Page(networks.write(what, folder)).text
+    fitted = what.model_copy(update={"calibrate": True})
+    trains = SimpleNamespace(encoder={"unit": "kPa", "sa1": {"gain": 7.2, "grades": None}})
+    shown = networks._specs(fitted, trains)
+    assert shown[networks.CALIBRATED] == 'unit = "kPa"\n\n[sa1]\ngain = 7.2\n'
+    assert "Encoder" not in shown
+
+
+@pytest.mark.parametrize("keep", ["loss", "both"])
+def test_the_epoch_that_was_kept_is_the_one_that_is_told(tmp_path, keep):
+    """An epoch of a low loss that has learned nothing is not the one that `both` keeps."""
+    what = make_study()
+    cell = next(study.cells(what))
+    network = cell.network.model_copy(update={"training": cell.network.training.model_copy(update={"keep": keep})})
+    cell = cell.model_copy(update={"network": network})
+    log = pd.DataFrame([Epoch(1, 2.0, 0.1, 1.5, 0.67), Epoch(2, 0.1, 1.0, 1.9, 0.56)])
+    path = cell_folder(tmp_path, cell) / "training.csv"
+    path.parent.mkdir(parents=True)
+    log.to_csv(path, index=False)
+    assert kept_epoch(tmp_path, cell) == {"loss": 1, "both": 2}[keep]
 
 
 @pytest.mark.parametrize("n_done", [1, 14])

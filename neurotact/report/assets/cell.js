@@ -13,7 +13,7 @@ function showCell(cell, study) {
   fill("cell-raster", "One test window", cell.raster, (width) => raster(cell.raster, study, width),
     "The network is not in the folder of this run.");
   fill("cell-sops", "Synaptic operations per window", row, () => ledger(cell, study));
-  fill("cell-confusion", "What is taken for what", cell.confusion, () => confusion(cell.confusion, study));
+  fill("cell-confusion", "Confusion matrix", cell.confusion, () => confusion(cell.confusion, study));
   fill("cell-training", "Training", cell.training, (width) => training(cell.training, width));
   if (document.getElementById("cell-search")) fill("cell-search", "Its search", cell.search, (width) => search(cell.search, width));
 }
@@ -146,12 +146,9 @@ function confusion(matrix, study) {
 
 function training(log, width) {
   const each = width < 520 ? width : width / 2;
-  const losses = log.validation_loss || [];
-  const least = Math.min(...losses.filter((v) => v != null));
-  const kept = log.epoch[losses.indexOf(least)];
   const charts = [["loss", 1, "loss"], ["accuracy", 100, "accuracy (%)"]].map(([what, scale, words]) =>
-    chart(log.epoch, log[`train_${what}`], log[`validation_${what}`], scale, words, kept, Math.floor(each) - 6));
-  const told = kept == null ? "" : ` The weights of epoch ${kept} were kept (dotted line).`;
+    chart(log.epoch, log[`train_${what}`], log[`validation_${what}`], scale, words, log.kept, Math.floor(each) - 6));
+  const told = log.kept == null ? "" : ` The network has the weights of epoch ${log.kept} (dotted line).`;
   return [element("div", { class: "charts" }, ...charts),
     element("p", { class: "soft" }, `Solid: validation. Dashed: training.${told}`)];
 }
