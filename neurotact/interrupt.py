@@ -31,20 +31,35 @@ def ending_at_once() -> Iterator[None]:
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Within it SIGTERM, which comes at the end of a time limit, is what Ctrl-C is; a second one is ignored."""
+    """Within it SIGTERM, which comes at the end of a time limit, is what Ctrl-C is; a second one is ignored.
+
+    Python drops an exception that a signal raises in a callback of its own, such as a weak reference's. Long work
+    therefore calls `stop_if_asked` between its steps.
+    """
     if threading.current_thread() is not threading.main_thread():  # signals are not its own
         yield
         return
 
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
+    before = signal.signal(signal.SIGTERM, _interrupt)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def stop_if_asked() -> None:
+    """Raise KeyboardInterrupt where SIGTERM has come within `terminated_as_interrupted`."""
+    if signal.getsignal(signal.SIGTERM) is _ignore:
+        raise KeyboardInterrupt
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    signal.signal(signal.SIGTERM, _ignore)
+    raise KeyboardInterrupt
+
+
+def _ignore(number: int, frame: FrameType | None) -> None:
+    """What SIGTERM does from the second one on."""
 
 
 def _end(number: int, frame: FrameType | None) -> None:

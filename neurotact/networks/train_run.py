@@ -17,7 +17,7 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.interrupt import terminated_as_interrupted
+from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks import checkpoint, fitting, recipe, tasks, trained, training_checkpoint
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.specs import RSNNSpec
@@ -149,6 +149,7 @@ class _Keeper:
 
     def keep(self, latest: Checkpoint) -> None:
         self.latest = latest
+        stop_if_asked()
         if time.monotonic() - self.written_at >= SECONDS_BETWEEN:
             self.write()
 

@@ -9,6 +9,7 @@ import pandas as pd
 
 from neurotact import files
 from neurotact.errors import InputError
+from neurotact.interrupt import stop_if_asked
 from neurotact.progress import say, track
 from neurotact.spec import digest, leaves, without_defaults
 from neurotact.studies import manifest
@@ -60,6 +61,7 @@ def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
     with track("prepare", 1) as advance:
         engine.prepare(folder)
         advance(1, "")
+    stop_if_asked()
     for cell, place, why in _damaged(study, folder):
         say(f"{place}: {why}; computed again")
         discard(folder, cell)
@@ -73,6 +75,7 @@ def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
                 for cell, left in map_cells(engine, todo, folder):
                     write_cell(left, cell, folder)
                     advance(1, "")
+                    stop_if_asked()
 
 
 def write_tables(folder: Path) -> None:

@@ -1,0 +1,44 @@
+"""The end of a time limit stops the work, also where Python drops the exception that its signal raises."""
+
+import os
+import signal
+
+import pytest
+
+from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
+
+
+class Dropped:
+    """Its end is a callback of Python's, which prints an exception and goes on."""
+
+    def __del__(self) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def test_sigterm_is_what_ctrl_c_is():
+    with pytest.raises(KeyboardInterrupt), terminated_as_interrupted():
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_exception_that_python_drops_is_raised_at_the_next_step():
+    with terminated_as_interrupted():
+        stop_if_asked()
+        Dropped()
+        with pytest.raises(KeyboardInterrupt):
+            stop_if_asked()
+
+
+def test_a_second_sigterm_does_not_break_the_tidying_up():
+    with terminated_as_interrupted():
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+def test_what_sigterm_did_before_it_does_again():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt), terminated_as_interrupted():
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) is before
+    stop_if_asked()
