@@ -821,7 +821,7 @@ def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
     ("words", "expected"),
     [
         (("--window-ms", 1000), ("lasts 0.300 s, less than the 1.000 s", "shorten the window")),
-        (("--window-ms", 0.1), ("window.length_ms: 0.1 ms is less than one step",)),
+        (("--window-ms", 0.1), ("window.length_ms: 0.1 ms is less than one step", "in milliseconds, not in seconds")),
         (("--window-ms", -5), ("window.length_ms: must be > 0; got -5",)),
         (("--start-ms", 290), ("lasts 0.300 s, less than the 0.440 s of start_ms + length_ms",)),
         (("--per-trial", 0), ("window.per_trial: must be >= 1; got 0",)),
@@ -963,7 +963,7 @@ def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
     words = ("study", "run", "refractory-period", "-o", tmp_path / "run")
     message = refused(words, f"{tmp_path / 'run'}: already holds another study")
     assert "(dataset.parameters.trials = 25, here 100; " in message
-    assert message.endswith("; choose another folder or remove it")
+    assert message.endswith(" more keys); choose another folder or remove it\n")
 
 
 def test_a_folder_without_a_study_cannot_be_resumed(refused, tmp_path):

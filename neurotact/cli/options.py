@@ -8,7 +8,7 @@ import typer
 from neurotact.progress import say
 from neurotact.spec import parse_where
 
-SHORTEST_TOUCH_MS = 5.0
+SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
 
 MOST_SEEDS = 2**63 - 2
 """Of a training, which draws its order from the next seed."""
@@ -160,8 +160,11 @@ def split_changes(
 
 
 def say_if_seconds(window_ms: float | None) -> None:
-    """A window of a few milliseconds is likely meant in seconds; a line on stderr says so."""
-    if window_ms is not None and 0 < window_ms < SHORTEST_TOUCH_MS:
+    """A window of a few milliseconds is likely meant in seconds; a line on stderr says so.
+
+    One of less than a step is refused (`data.windows`), in a line that says so too.
+    """
+    if window_ms is not None and SHORTEST_STEP_MS <= window_ms < SHORTEST_TOUCH_MS:
         say(f"--window-ms {window_ms:g}: a window of {window_ms:g} ms is shorter than a touch; is it meant in seconds?")
 
 

@@ -103,7 +103,8 @@ def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
         is_broken = duration_ms is not None and key != "start_ms" and steps < 1 - 1e-9
         if n_steps < 1 or is_broken:
             raise InputError(
-                f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it"
+                f"window.{key}: {duration_ms:g} ms is less than one step at {sampling_rate_Hz:g} Hz; lengthen it "
+                "(in milliseconds, not in seconds)"
             )
         if n_steps > LONGEST_STEPS:
             raise InputError(f"window.{key}: {duration_ms:g} ms is longer than any trial may be; shorten it")
