@@ -184,8 +184,8 @@ def calibrate_causally(
     told = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
     told += [f"{baseline} cannot be calibrated" for baseline in refused]
     note = (
-        f"conditioning.baseline = '{best}' is chosen; logistic regression on the SA-I rates of the training trials "
-        f"reaches {', '.join(told)}, and the first within one standard error of the best is taken"
+        f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
+        f"logistic regression on the SA-I rates of the training trials: {', '.join(told)}"
     )
     if np.isnan(found[best].accuracy):
         note = (

@@ -357,7 +357,7 @@ def pressed(levels: tuple[float, float], drift: float) -> Recordings:
 def test_a_static_level_that_tells_classes_apart_is_kept():
     found = calibrate_causally(pressed((0.0, 30.0), drift=0.0), SPEC, rule=RULE)
     assert found.encoder.conditioning.baseline == "none"
-    assert any("the baseline is 'none'" in note for note in found.notes)
+    assert any("conditioning.baseline = 'none' is chosen" in note for note in found.notes)
 
 
 def test_a_zero_that_drifts_is_taken_off_by_the_start():
