@@ -9,7 +9,8 @@ from typing import Literal, NamedTuple
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error, wilson_interval
 
-Kind = Literal["nothing learned", "no baseline", "worse", "tie", "better"]
+Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better"]
+"""nothing learned: no better than guessing. unclear: better, and chance alone may do as well."""
 
 
 class Decision(NamedTuple):
@@ -101,10 +102,15 @@ class Answer(NamedTuple):
         return 0.0 if low <= self.baseline.accuracy <= high else self.best.whole.accuracy - self.baseline.accuracy
 
     @property
+    def is_above_chance(self) -> bool:
+        """Whether the best network is clearly better than guessing."""
+        return self.interval[0] > self.guess
+
+    @property
     def kind(self) -> Kind:
         """How the best network compares."""
-        if self.interval[0] <= self.guess:
-            return "nothing learned"
+        if not self.is_above_chance:
+            return "nothing learned" if self.best.whole.accuracy <= self.guess else "unclear"
         if self.baseline is None:
             return "no baseline"
         return "worse" if self.difference < 0 else "better" if self.difference > 0 else "tie"
@@ -150,14 +156,14 @@ def headline(found: Answer) -> str:
     said = f"{percent(best.accuracy)} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
     rival = "" if found.baseline is None else f"{found.baseline.name}, {percent(found.baseline.accuracy)}"
     rival += "" if found.paired is None else f" ({chance_of(found.paired)})"
-    if found.kind == "nothing learned":
-        also = _learned_without(found)
-        return (
-            f"Nothing was learned: the best network is right in {said}, which guessing reaches too "
-            f"({percent(found.guess)}){also}."
-        )
+    guess = percent(found.guess)
+    n_test = found.trials.test
     return {
-        "no baseline": f"The best network is right in {said}; guessing reaches {percent(found.guess)}.",
+        "nothing learned": f"Nothing was learned: the best network is right in {said}, which guessing reaches too "
+        f"({guess}){_learned_without(found)}.",
+        "unclear": f"Not clearly better than guessing: the best network is right in {said} of {n_test} test "
+        f"trial{'' if n_test == 1 else 's'}, guessing in {guess}{_learned_without(found)}.",
+        "no baseline": f"The best network is right in {said}; guessing reaches {guess}.",
         "worse": f"Spiking costs accuracy: the best network is right in {said}, the best baseline is {rival}.",
         "tie": f"No clear difference in accuracy{_at_energy(found)}: the best network is right in {said}, the best "
         f"baseline is {rival}.",
@@ -175,18 +181,18 @@ def _at_energy(found: Answer) -> str:
 
 
 def _learned_without(found: Answer) -> str:
-    """Where the networks learned nothing: whether the best baseline did."""
+    """Where no network is clearly better than guessing: whether the best baseline is."""
     if found.baseline is None:
         return ""
     learned = wilson_interval(found.baseline.accuracy, found.trials.test)[0] > found.guess
-    rival = f"{found.baseline.name}, {percent(found.baseline.accuracy)}"
-    return f"; the best baseline does better ({rival})" if learned else f"; the best baseline does no better ({rival})"
+    verdict = "is clearly better than guessing" if learned else "is not clearly better than guessing either"
+    return f"; the best baseline {verdict} ({found.baseline.name}, {percent(found.baseline.accuracy)})"
 
 
 def details(found: Answer) -> Iterator[str]:
-    """What the cheapest network within the error saves and costs, in sentences; none where nothing is learned."""
+    """What the cheapest network within the error saves and costs, in sentences; none where guessing may do as well."""
     best, cheapest = found.best, found.cheapest
-    if found.kind == "nothing learned":
+    if not found.is_above_chance:
         return
     if cheapest == best:
         yield f"The most accurate network on validation trials, {best.name}, is also the cheapest within its error."
@@ -254,12 +260,13 @@ def _saved(before: Decision, after: Decision) -> str:
 def _times(spent: float, rival: float) -> str:
     """How many times as much a network takes as its rival, or the other way round; nothing where they are about equal.
 
-    >>> _times(366.0, 23.5), _times(10.0, 25.0), _times(11.0, 10.0)
-    (', 16 times as much', ', 2.5 times less', '')
+    >>> _times(366.0, 23.5), _times(2910.0, 10.0), _times(10.0, 25.0), _times(11.0, 10.0)
+    (', 16 times as much', ', 290 times as much', ', 2.5 times less', '')
     """
     if min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
         return ""
-    return f", {spent / rival:.2g} times as much" if spent > rival else f", {rival / spent:.2g} times less"
+    ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
+    return f", {ratio} times as much" if spent > rival else f", {ratio} times less"
 
 
 def _lost(before: Decision, after: Decision, n_test: int) -> str:

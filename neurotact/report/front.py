@@ -232,7 +232,7 @@ def fronts(
 def _of_encoding(found: Answer, trains: SpikeTrains | None) -> Iterator[str]:
     """What conditioning and encoding take of the energy of the cheapest decision: fewer spikes do not lower it."""
     decision = found.cheapest.early or found.cheapest.whole
-    if trains is None or decision.nJ is None or found.kind == "nothing learned":
+    if trains is None or decision.nJ is None or not found.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
     spent = ledger.encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
@@ -340,7 +340,7 @@ def beware(
     for front in found:
         before = f"{front.setting}: " if len(found) > 1 else ""
         one = front.answer
-        if one.kind == "nothing learned":
+        if not one.is_above_chance:
             low = one.interval[0]
             lines += [before + line for line in cautions.not_learned(one.best.whole.accuracy, low, one.guess)]
         lines += [before + line for line in front.lost]

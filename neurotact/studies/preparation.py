@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -237,7 +238,10 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
         train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
         fit, _ = way_of(cell.calibrate, {})
-        calibrated[key] = fit(recordings.select(train), cell.calibrate).encoder
+        training = recordings.select(train)
+        if cell.split.folds:  # each fold has an encoder of its own, and notes that say which
+            training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
+        calibrated[key] = fit(training, cell.calibrate).encoder
     fitted = calibrated[key]
     populations = {
         name: getattr(fitted, name).model_copy(update={"t_ref_ms": getattr(cell.encoder, name).t_ref_ms})

@@ -1,4 +1,4 @@
-"""What a study takes from the recordings that it is given: its file, the length of its windows, its seeds.
+"""What a study takes from the recordings that it is given: its file, the length of its windows, its seeds and folds.
 
 A study file leaves such a value open with `"auto"`; the rules below close it before anything runs, and the resolved
 study holds plain values and, in `notes`, what was chosen and why.
@@ -12,6 +12,7 @@ import numpy as np
 
 from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.recordings import LABEL
 from neurotact.data.sources import expand
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
@@ -23,6 +24,8 @@ MOST_PER_TRIAL, MOST_WINDOWS = 4, 4000
 """Windows of one trial, and of all trials: more tell little new and take time."""
 SMALL = 1000
 """Trials up to which three seeds are trained."""
+FOLDS, FOLDED = 5, 300
+"""Folds that test each trial once, and trials up to which they are used: 15 % of 300 trials are 45 test trials."""
 SOURCES = ("simulate", "read", "file")
 SHORT = 0.5
 """A shortest trial below this share of the median one is worth a note."""
@@ -33,10 +36,14 @@ PLACES = {"window.length_ms", "window.start_ms", "window.align"}
 
 
 class Recorded(NamedTuple):
-    """What the rules look at of some recordings: durations in seconds, `(trial,)`, and the sampling rate."""
+    """What the rules look at of some recordings: durations in seconds, `(trial,)`, sampling rate, trials of a class.
+
+    rarest: trials of the class that has the fewest.
+    """
 
     durations_s: np.ndarray
     sampling_rate_Hz: float
+    rarest: int = 0
 
 
 def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
@@ -60,7 +67,7 @@ def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path |
         table["window"], more = window(recorded, overrides)
         notes += more
     if table.get("sweep", {}).get("seed") == AUTO:
-        table["sweep"]["seed"], note = seeds(recorded)
+        table, note = _with_seeds(table, overrides, recorded)
         notes += [] if {"seed", "sweep.seed"} & {*overrides} else [note]
     notes += clock(recorded, table, overrides)
     return {**table, "notes": [*table.get("notes", []), *notes]}
@@ -110,7 +117,8 @@ def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
         rate_Hz = stored.sampling_rate_Hz
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
-        return Recorded(np.array(n_steps) / on_Hz, rate_Hz)
+        rarest = int(stored.conditions[LABEL].value_counts().min())
+        return Recorded(np.array(n_steps) / on_Hz, rate_Hz, rarest)
 
 
 def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
@@ -167,6 +175,24 @@ def seeds(recorded: Recorded) -> tuple[list[int], str]:
     if n_trials <= SMALL:
         return [0, 1, 2], f"Seeds: 3, since there are no more than {SMALL:,} trials ({n_trials:,})."
     return [0], f"Seeds: 1, since there are more than {SMALL:,} trials ({n_trials:,})."
+
+
+def _with_seeds(table: dict[str, Any], given: Mapping[str, Any], recorded: Recorded) -> tuple[dict[str, Any], str]:
+    """A study's table with its seeds, and with folds where trials are few and no split is given; the rule in words.
+
+    A test side of few trials says little; with folds every trial is a test trial once.
+    """
+    found, note = seeds(recorded)
+    n_trials = len(recorded.durations_s)
+    is_given = any(key == "seed" or key.startswith(("split", "sweep.seed", "sweep.split")) for key in given)
+    if is_given or table.get("split") or n_trials > FOLDED or recorded.rarest < FOLDS:
+        return {**table, "sweep": {**table["sweep"], "seed": found}}, note
+    note = (
+        f"Split: {FOLDS} folds with one random seed each, so that each of the {n_trials} trials is tested once; for "
+        "one split with three seeds: --set sweep.seed=[0,1,2]."
+    )
+    sweep = {**table["sweep"], "split.fold": [*range(FOLDS)], "seed": [0]}
+    return {**table, "split": {"folds": FOLDS}, "sweep": sweep}, note
 
 
 def clock(recorded: Recorded, table: Mapping[str, Any], given: Mapping[str, Any] = {}) -> list[str]:

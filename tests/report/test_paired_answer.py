@@ -73,7 +73,10 @@ def test_the_answer_pairs_the_trials_of_each_split(run):
         pairs += [(mine[trial], other[trial]) for trial in other.index]
     expected = paired.compare(*np.array(pairs).T)
     assert found["paired"] == pytest.approx(expected._asdict())
-    assert f"paired over {expected.n} test trials" in found["headline"] or found["kind"] == "nothing learned"
+    assert f"paired over {expected.n} test trials" in found["headline"] or found["kind"] in (
+        "nothing learned",
+        "unclear",
+    )
 
 
 def test_a_run_of_an_earlier_version_is_judged_by_the_interval(run):

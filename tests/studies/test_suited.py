@@ -10,6 +10,7 @@ import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import Recordings
+from neurotact.data.splits import split_conditions
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.studies import loading, preparation, study, suited
@@ -98,7 +99,7 @@ def test_the_shipped_study_takes_any_recordings(tmp_path):
     what = loading.resolve("own-recordings", data=path)
     assert what.dataset.file == str(path)
     assert what.window == WindowSpec(length_ms=1000.0, per_trial=1)
-    assert what.sweep["seed"] == [0, 1, 2]
+    assert what.sweep["seed"] == [0]
     assert len(what.notes) == 3
     changed = loading.resolve("own-recordings", {"window.length_ms": 300.0, "sweep.seed": [5]}, data=path)
     assert changed.window == WindowSpec(length_ms=300.0, per_trial=4)
@@ -106,7 +107,36 @@ def test_the_shipped_study_takes_any_recordings(tmp_path):
     assert not any(note.startswith("Seeds") for note in changed.notes)
 
 
-def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_path):
+@pytest.mark.parametrize(
+    ("n_trials", "given", "folds", "seeds"),
+    [
+        (12, {}, 5, [0]),
+        (8, {}, None, [0, 1, 2]),  # four of a class: fewer than the folds
+        (302, {}, None, [0, 1, 2]),  # 45 test trials of one split
+        (12, {"sweep.seed": [3]}, None, [3]),
+        (12, {"split.group": ("place",)}, None, [0, 1, 2]),
+        (12, {"split.folds": 3, "sweep.split.fold": [0, 1, 2]}, 3, [0, 1, 2]),
+    ],
+)
+def test_few_trials_are_each_tested_once_unless_a_split_or_seeds_are_given(tmp_path, n_trials, given, folds, seeds):
+    what = loading.resolve("own-recordings", given, data=save(tmp_path / "touches.h5", [20] * n_trials))
+    assert what.split.folds == folds
+    assert what.sweep["seed"] == seeds
+    assert what.sweep.get("split.fold") == ([*range(folds)] if folds else None)
+    assert any(note.startswith(f"Split: 5 folds with one random seed each, so that each of the {n_trials} trials")
+               for note in what.notes) == (folds == 5)  # fmt: skip
+
+
+def test_folds_of_few_trials_test_each_trial_once(tmp_path):
+    path = save(tmp_path / "touches.h5", [20] * 26)
+    what = loading.resolve("own-recordings", data=path)
+    conditions = hdf5.load_recordings(path).conditions
+    splits = {cell.split.fold: cell.split for cell in study.cells(what)}
+    tested = [split_conditions(conditions, (), split).test for split in splits.values()]
+    assert sorted(np.concatenate(tested).tolist()) == [*range(26)]
+
+
+def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_path, caplog):
     noise = np.random.default_rng(0)
     signals = [noise.normal(n % 2, 1.0, (150, 2)).astype(np.float32) for n in range(24)]
     conditions = pd.DataFrame({"label": ["felt", "silk"] * 12})
@@ -121,6 +151,9 @@ def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_pat
         return read_table(folder / "baselines.csv")
 
     both = fitted(**{"sweep.split.fold": [0, 2]})
+    assert {", fold 0: conditioning.baseline", ", fold 2: conditioning.baseline"} <= {
+        record.getMessage().partition(" = ")[0].partition("touches.h5")[2] for record in caplog.records
+    }
     for fold in (0, 2):
         mine = both[both["split.fold"] == fold].drop(columns="split.fold").reset_index(drop=True)
         pd.testing.assert_frame_equal(mine, fitted(**{"split.fold": fold}))
