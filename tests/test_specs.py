@@ -91,7 +91,8 @@ def test_a_quick_study_is_a_smaller_sweep_of_the_same_kind(name, resolve):
     full, quick = resolve(name), resolve(name, quick=True)
     assert quick != full
     assert len(loading.engine_of(quick).cells()) <= len(loading.engine_of(full).cells())
-    assert list(quick.sweep) == list(full.sweep)
+    folds = {"split.fold"} - {*quick.sweep}  # of few recordings; a first look has one split
+    assert list(quick.sweep) == [axis for axis in full.sweep if axis not in folds]
     for axis, values in quick.sweep.items():
         assert all(value in full.sweep[axis] for value in values)
 
