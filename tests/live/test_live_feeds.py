@@ -101,7 +101,7 @@ def test_slides_by_hand_are_like_those_of_the_study_and_none_of_them():
         ({"force_N": "hard"}, "force_N: must be from 1 to 24"),
         ({"force_N": float("nan")}, "force_N: must be from 1 to 24"),
         ({"force_N": True}, "force_N: must be from 1 to 24"),
-        ({"forc_N": 3.0}, "forc_N: is no control of this finger; did you mean 'force_N'"),
+        ({"forc_N": 3.0}, "forc_N: is not a control of this finger; did you mean 'force_N'"),
     ],
 )
 def test_a_control_that_cannot_be_set_is_refused_and_nothing_moves(values, message):
