@@ -24,7 +24,7 @@ SMALL = {
     "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
 }
 PERIODS = {**SMALL, "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]]}
-FOUND = "calibration finds it on the training trials"
+FOUND = "calibration sets it from the training trials"
 
 
 @pytest.fixture
