@@ -19,7 +19,7 @@ _said_so = False
 
 
 def hold_torch_to_avx2() -> None:
-    """Let torch compute with AVX2 where it would take AVX-512, so that a random seed gives the same network on both.
+    """Let torch compute with AVX2 in place of AVX-512, so that a random seed gives the same network on both.
 
     Some of torch's operations (normal numbers, log-softmax, Adam) round their last bits differently with AVX-512, and
     hundreds of training steps turn these into another network. The compiled kernels round the same on both. Call this

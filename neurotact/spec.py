@@ -104,7 +104,7 @@ def digest(value: Any) -> str:
 
 
 def specs_folder() -> Path:
-    """Where the shipped specs lie: inside an installed package, or beside it in a checkout."""
+    """The folder of the shipped specs: inside an installed package, or next to it in a checkout."""
     package = Path(neurotact.__file__).parent
     inside = package / "specs"
     return inside if inside.is_dir() else package.parent

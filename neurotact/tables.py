@@ -25,7 +25,7 @@ MARKUP = re.compile(r"[\\|*`<~]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(|&(?=#?\w+;)")
 
 
 def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
-    """Write a table as its suffix says, whole or not at all; a number that is missing is empty, or null in JSON.
+    """Write a table in the format of its suffix, whole or not at all; a missing number is empty, or null in JSON.
 
     about: Markdown above the table in a .md file.
     Raises InputError for a suffix that is not .csv, .json or .md.

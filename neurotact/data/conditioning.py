@@ -1,7 +1,7 @@
 """Conditioning: from a recorded signal to the signal that drives the afferents.
 
 The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline, standardisation, rectification.
-A trial is conditioned whole, or piece by piece where it is long; the result is the same.
+A trial is conditioned whole or, if it is long, piece by piece; the result is the same.
 """
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence

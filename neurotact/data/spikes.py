@@ -188,7 +188,7 @@ class SpikeTrains:
         return f"window.align: {'; '.join(parts)}" if parts else None
 
     def raster(self, windows: Windows) -> np.ndarray:
-        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError where that is too large."""
+        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large."""
         shape = (len(windows), windows.n_steps, len(self.afferents))
         check_size(f"the raster of {shape[0]} windows, {shape[1]} steps and {shape[2]} afferents", math.prod(shape))
         raster = np.zeros(shape, np.uint8)

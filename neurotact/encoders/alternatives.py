@@ -53,7 +53,7 @@ def compare(
 
     The best is the one with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
     better separation by ISIs). RA-I responds to changes of either sign, so polarity does not affect it.
-    Raises InputError where no alternative can be calibrated, and for an encoder that has both polarities.
+    Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
     if spec.sa1.opposite:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")

@@ -20,7 +20,7 @@ from neurotact.spec import Spec
 class Claim(Spec):
     """One published statement.
 
-    kind `value`: the measure lies within `tolerance` of `value`; the best over the columns `best_over`, if given.
+    kind `value`: the measure is within `tolerance` of `value`; the best over the columns `best_over`, if given.
     kind `at_least`, `at_most`: the measure does not fall below (rise above) `value`; in no selected row, if `each`.
     kind `change`: the measure changes from `against` to `where` by `value` within `tolerance`, as a share of
         `against` when `relative`; computed for each combination of the other swept columns, then averaged.
@@ -54,7 +54,7 @@ class Claim(Spec):
     value: float | None = None
     """The published value, or bound."""
     tolerance: float | None = None
-    """How far the measure may lie from `value`."""
+    """Maximum distance of the measure from `value`."""
     order: tuple[tuple[dict[str, Any], ...], ...] = ()
     """With `order`: the selections, from the largest value to the smallest."""
     why: str = ""

@@ -23,7 +23,7 @@ def signal_table(recordings: Recordings, encoder: EncoderSpec, by: Iterable[str]
 
     Signals are found as for the encoder; each trial must last longer than `start_ms`.
     Columns: label, for gratings also grating and pitch_mm, `by`, peak_<unit> (highest magnitude
-    on the taxel where that is highest), principal_Hz (highest line of that taxel's mean amplitude spectrum), and for
+    on the strongest taxel), principal_Hz (highest line of that taxel's mean amplitude spectrum), and for
     gratings expected_Hz, the speed as it was set / (pitch + 1 mm).
     """
     found = condition(recordings.to_unit(encoder.unit), encoder.conditioning)

@@ -49,7 +49,7 @@ class NWBSpec(Spec):
     label: str = LABEL
     """Its column with the class of each trial."""
     name: str = AFFERENT
-    """The column of units with their names; `unit` and the id where there is none."""
+    """The column of units with their names; `unit` and the id if there is none."""
     series: str | None = None
     """A time series that is read instead of the units; its columns are taxels."""
     unit: str | None = None
