@@ -1,4 +1,4 @@
-"""Which implementation runs: the compiled kernels where they exist and apply, else the reference; and torch's."""
+"""Which implementation runs: the compiled kernels where they exist and apply, else the reference; torch's settings."""
 
 import os
 import warnings
@@ -14,16 +14,16 @@ except ImportError:
     native = None
 
 TORCH_INSTRUCTIONS = "ATEN_CPU_CAPABILITY"
-"""The environment variable by which torch chooses among its builds for a processor."""
+"""The environment variable that selects torch's instruction set."""
 _said_so = False
 
 
 def hold_torch_to_avx2() -> None:
-    """Let torch compute with AVX2 where it would take AVX-512, so that a random seed gives the same network on both.
+    """Let torch compute with AVX2 in place of AVX-512, so that a random seed gives the same network on both.
 
-    Some of torch's operations (normal numbers, log-softmax, Adam) round their last bits otherwise with AVX-512, and a
-    training of hundreds of steps turns these into another network. The compiled kernels round alike on both. This comes
-    before torch is loaded, which is when it reads the variable; spawned processes inherit it. A user's own value stays.
+    Some of torch's operations (normal numbers, log-softmax, Adam) round their last bits differently with AVX-512, and
+    hundreds of training steps turn these into another network. The compiled kernels round the same on both. Call this
+    before torch is loaded: torch reads the variable then; spawned processes inherit it. A value set by the user stays.
     """
     if native is not None and native.widest_isa() == "avx512":
         os.environ.setdefault(TORCH_INSTRUCTIONS, "avx2")
@@ -32,8 +32,8 @@ def hold_torch_to_avx2() -> None:
 def use_native(backend: Backend, applies: bool, needs: str) -> bool:
     """Whether the compiled kernels run.
 
-    `auto` takes them wherever they are compiled and `applies` holds, and says once where they are not compiled;
-    `native` insists, with InputError where it cannot be; `needs` says what makes them apply.
+    `auto` uses them if they are compiled and `applies` holds, and warns once if they are not compiled;
+    `native` requires them, with InputError if they cannot run; `needs` is the condition for them to apply, in words.
     """
     if backend not in get_args(Backend):
         raise InputError(f"backend: '{backend}' is unknown; {nearest(backend, get_args(Backend))}")

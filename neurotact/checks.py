@@ -51,7 +51,7 @@ def one_of(name: str, value: object, known: tuple[str, ...]) -> None:
 
 
 def training_examples(estimator: BaseEstimator, X: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """X `(example, feature)` float64 and y `(example,)`, checked; the estimator takes note of the features."""
+    """X `(example, feature)` float64 and y `(example,)`, checked; the estimator records the features."""
     features, labels = validate_data(estimator, X, y, dtype=np.float64)
     return np.asarray(features), np.asarray(labels)
 

@@ -1,4 +1,4 @@
-"""Files are written whole and then renamed, outputs never replace inputs, and what is read is bounded before."""
+"""Files are written whole and then renamed, outputs never replace inputs, and the size of an input is limited."""
 
 import errno
 import fcntl
@@ -18,14 +18,14 @@ from typing import Any
 from neurotact.errors import InputError
 
 DRAFT = ".draft-"
-"""Begins the name of a file that is being written; one that is left shows a process that was killed."""
+"""Prefix of a file that is being written; one that is left shows a process that was killed."""
 LOCK = ".lock"
-"""The file in a run folder that the process which works there holds."""
+"""The lock file in a run folder, held by the process that works there."""
 MAX_MB = "NEUROTACT_MAX_MB"
 """The environment variable that sets how large one input may be once it is in memory."""
 DEFAULT_MAX_MB = 512
 PLACE_IS_TO_BLAME = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EACCES, errno.EPERM}
-"""Errors of a write that another place, or more room, mends."""
+"""Write errors that another place, or more free space, fixes."""
 
 
 @contextmanager
@@ -46,8 +46,8 @@ def whole(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written, it is a folder; name a file")
     if os.path.exists(path) and not os.path.isfile(path):  # a rename would put a file in its place
         raise InputError(f"{path}: cannot be written, it is a pipe, a socket or a device; name a file")
-    # Named before it exists, so that an interrupt at any point finds what to remove. The draft keeps the suffix:
-    # matplotlib and others choose the format by it.
+    # The draft is named before it exists, so that an interrupt at any point finds the file to remove. It keeps the
+    # suffix: matplotlib and others choose the format by it.
     draft = path.parent / f"{DRAFT}{secrets.token_hex(8)}{path.suffix}"
     try:
         with _writable(path):
@@ -57,13 +57,13 @@ def whole(path: str | Path) -> Iterator[Path]:
             yield draft
             draft.replace(path)
     finally:
-        with suppress(OSError):  # the folder may have become read-only; what the block raised says so
+        with suppress(OSError):  # the folder may have become read-only; the block's own error says so
             draft.unlink(missing_ok=True)
 
 
 @contextmanager
 def _writable(path: Path, draft: Path | None = None) -> Iterator[None]:
-    """Name `path` in an OSError; with `draft`, in those alone that writing the draft can be to blame for."""
+    """Name `path` in an OSError; with `draft`, only in those that writing the draft can cause."""
     try:
         yield
     except OSError as error:
@@ -71,13 +71,13 @@ def _writable(path: Path, draft: Path | None = None) -> Iterator[None]:
         if not is_ours:
             raise
         reason = error.strerror or str(error)
-        raise InputError(f"{path}: cannot be written ({reason}); make room there or choose another place") from error
+        raise InputError(f"{path}: cannot be written ({reason}); free space there or choose another place") from error
 
 
 def check_new(path: str | Path, *, force: bool = False, inputs: Iterable[str | Path | None] = ()) -> None:
-    """Refuse an output that exists unless `force`, and always one that is also an input.
+    """Refuse an output that exists, unless `force` is set; always refuse an output that is also an input.
 
-    Called before any work is done. Two names of one file, by a link or by another path, are one file.
+    Call it before any work is done. Two paths to one file, by a link for instance, count as one file.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "spikes.h5"
@@ -107,10 +107,10 @@ def sweep(folder: str | Path) -> None:
 
 @contextmanager
 def locked(folder: str | Path) -> Iterator[None]:
-    """Hold `folder` (made when absent) for this process; InputError says who holds it already.
+    """Lock `folder` (created if absent) for this process; InputError names the process that has locked it already.
 
-    The operating system lets go of the lock when the process ends, however it ends. Leaves no file behind, and no
-    folders that it made and nothing was written to.
+    The operating system releases the lock when the process ends, however it ends. The lock file is removed, and so are
+    the folders that this call created and nothing was written to.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -137,7 +137,7 @@ def locked(folder: str | Path) -> Iterator[None]:
             os.pwrite(descriptor, json.dumps(who).encode(), 0)
         yield
     finally:
-        with suppress(OSError):  # the folder may have become read-only; a lock that is let go may stay
+        with suppress(OSError):  # the folder may have become read-only; a released lock file may stay
             path.unlink(missing_ok=True)
         os.close(descriptor)
         for place in made:
@@ -146,7 +146,7 @@ def locked(folder: str | Path) -> Iterator[None]:
 
 
 def _take(path: Path) -> int | None:
-    """The descriptor of the locked file `path`; None where another process holds it."""
+    """The descriptor of the locked file `path`; None if another process has locked it."""
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
@@ -156,7 +156,7 @@ def _take(path: Path) -> int | None:
             return None
         except OSError:  # a file system without locks: work there is not refused
             return descriptor
-        # Whoever held it before may have removed the file between the two calls above: then lock the new one.
+        # The previous holder may have removed the file between the two calls above: then lock the new one.
         if _is_at(descriptor, path):
             return descriptor
         os.close(descriptor)
@@ -189,10 +189,10 @@ def write_json(path: str | Path, value: Any) -> None:
 
 
 def append(path: str | Path, text: str) -> None:
-    """Add `text` to the end of a file; when this returns it is on the disk, and when it raises nothing was added."""
+    """Append `text` to a file: after the return it is on the disk; after an exception nothing was added."""
     path = Path(path)
     if os.path.exists(path):
-        existing(path)  # a pipe that nobody reads would be opened for ever
+        existing(path)  # opening a pipe that nobody reads never returns
     with _writable(path), path.open("ab", buffering=0) as file:
         before = file.tell()
         try:
@@ -213,7 +213,7 @@ def read_json(path: str | Path) -> Any:
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a UTF-8 file; InputError as of `read_bytes`, and when it is not UTF-8."""
+    """The text of a UTF-8 file; InputError as in `read_bytes`, and when it is not UTF-8."""
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -229,7 +229,7 @@ def read_bytes(path: str | Path) -> bytes:
 
 
 def sha256(path: str | Path) -> str:
-    """The SHA-256 of a file's content, which is read piece by piece; InputError as `read_bytes` raises it.
+    """The SHA-256 of a file's content, read piece by piece; InputError as in `read_bytes`.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "empty"
@@ -248,11 +248,11 @@ def _readable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(f"{path}: cannot be read ({reason}); check the file and its rights") from error
+        raise InputError(f"{path}: cannot be read ({reason}); check the file and its permissions") from error
 
 
 def check_size(path: str | Path, n_bytes: int) -> None:
-    """Refuse what would take more memory than one input may, by its declared size and before it is read.
+    """Refuse an input that would exceed the memory limit, by its declared size, before it is read.
 
     >>> check_size("touch.npz", 10**13)
     Traceback (most recent call last):
@@ -287,7 +287,7 @@ def scratch() -> Iterator[Path]:
 
 
 def is_free(folder: str | Path) -> bool:
-    """Whether `folder` does not exist or is empty; a lock and drafts are ignored."""
+    """Whether `folder` is absent or empty; a lock and drafts are ignored."""
     folder = Path(folder)
     if not os.path.isdir(folder):
         return not os.path.exists(folder)
@@ -295,7 +295,7 @@ def is_free(folder: str | Path) -> bool:
 
 
 def empty(folder: str | Path) -> None:
-    """Remove all that a folder holds but its lock; for one that was free when this process took it.
+    """Remove everything in a folder except its lock; for a folder that was free when this process locked it.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -314,12 +314,12 @@ def empty(folder: str | Path) -> None:
 def existing(path: str | Path, what: str = "file") -> Path:
     """`path` as a Path; InputError when there is no such file (with `what`: "folder", or "file or folder").
 
-    What is neither, such as a pipe or a device, is never opened: reading it may not end. A name that is not UTF-8 is
-    refused, since it becomes a label or a source, which no file can hold.
+    Anything else, such as a pipe or a device, is never opened: reading it may not end. A name that is not UTF-8 is
+    refused, since it becomes a label or a source, which files store as UTF-8.
     """
     path = Path(path)
     check_text(str(path))
-    # os.path and not Path: a name that is too long, or in a folder without rights, is not there either.
+    # os.path and not Path: a name that is too long, or in a folder without permission, counts as absent.
     is_there = {"file": os.path.isfile, "folder": os.path.isdir}
     if any(is_there[kind](path) for kind in what.split(" or ")):
         return path
@@ -329,7 +329,7 @@ def existing(path: str | Path, what: str = "file") -> Path:
 
 
 def check_text(word: str) -> None:
-    """Refuse a word from outside, such as the name of a file, that is not UTF-8."""
+    """Refuse an external text, such as a file name, that is not UTF-8."""
     try:
         word.encode()
     except UnicodeEncodeError as error:
@@ -337,9 +337,9 @@ def check_text(word: str) -> None:
 
 
 def below(folder: str | Path) -> list[Path]:
-    """The files in `folder` and its sub-folders, sorted by path; a hidden sub-folder stands there itself.
+    """The files in `folder` and its sub-folders, sorted by path; a hidden sub-folder is listed itself.
 
-    Links to folders are followed; InputError when one leads to a folder that is read already, which might never end.
+    Links to folders are followed; InputError when one leads to a folder that is read already, which could loop.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -365,5 +365,5 @@ def below(folder: str | Path) -> list[Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether a file or folder is hidden or a program's own, such as `.DS_Store` or `__MACOSX`."""
+    """Whether a file or folder is hidden or belongs to a program, such as `.DS_Store` or `__MACOSX`."""
     return name.startswith((".", "__"))

@@ -14,10 +14,10 @@ LINE = "neurotact: interrupted\n"
 
 @contextmanager
 def ending_at_once() -> Iterator[None]:
-    """Ctrl-C within it ends the process in one line: nothing has begun.
+    """Within it, Ctrl-C ends the process with one line: no work has started yet.
 
-    An exception would be taken for a failed import by some module. Where Ctrl-C is ignored, as under nohup, or handled
-    by somebody else, it stays so.
+    Some modules would take an exception for a failed import. If Ctrl-C is already ignored, as under nohup, or handled
+    elsewhere, that stays.
     """
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -31,12 +31,12 @@ def ending_at_once() -> Iterator[None]:
 
 @contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Within it SIGTERM, which comes at the end of a time limit, is what Ctrl-C is; a second one is ignored.
+    """Within it, SIGTERM (the end of a time limit) acts as Ctrl-C; a second one is ignored.
 
-    Python drops an exception that a signal raises in a callback of its own, such as a weak reference's. Long work
-    therefore calls `stop_if_asked` between its steps.
+    Python drops an exception that a signal raises inside some callbacks, such as a weak reference's. So long work calls
+    `stop_if_asked` between its steps.
     """
-    if threading.current_thread() is not threading.main_thread():  # signals are not its own
+    if threading.current_thread() is not threading.main_thread():  # only the main thread handles signals
         yield
         return
 
@@ -48,7 +48,7 @@ def terminated_as_interrupted() -> Iterator[None]:
 
 
 def stop_if_asked() -> None:
-    """Raise KeyboardInterrupt where SIGTERM has come within `terminated_as_interrupted`."""
+    """Raise KeyboardInterrupt if SIGTERM has arrived within `terminated_as_interrupted`."""
     if signal.getsignal(signal.SIGTERM) is _ignore:
         raise KeyboardInterrupt
 
@@ -59,7 +59,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def _ignore(number: int, frame: FrameType | None) -> None:
-    """What SIGTERM does from the second one on."""
+    """The SIGTERM handler from the second signal on."""
 
 
 def _end(number: int, frame: FrameType | None) -> None:

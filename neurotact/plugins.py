@@ -1,7 +1,7 @@
 """Parts that are found by name and never imported: simulators, readers and protocols, ours and other packages'.
 
 A part is an entry point of the group `neurotact.simulators`, `neurotact.readers` or `neurotact.protocols` in the
-`pyproject.toml` of the package that brings it (`docs/plugins.md`).
+`pyproject.toml` of the package that provides it (`docs/plugins.md`).
 """
 
 from functools import lru_cache
@@ -14,7 +14,7 @@ Group = Literal["simulators", "readers", "protocols"]
 
 
 def names(group: Group) -> list[str]:
-    """The names that installed packages give to parts of a group, sorted; nothing is imported.
+    """The names of the parts of a group in the installed packages, sorted; nothing is imported.
 
     >>> "gratings" in names("simulators")
     True
@@ -23,9 +23,9 @@ def names(group: Group) -> list[str]:
 
 
 def load(group: Group, name: str) -> Any:
-    """Import the part of a group that is called `name`.
+    """Import the part of a group with this name.
 
-    Raises InputError when there is none, when two packages bring one of that name, or when it cannot be imported.
+    Raises InputError when there is none, when two packages provide one of that name, or when it cannot be imported.
 
     >>> load("protocols", "stifness")
     Traceback (most recent call last):
@@ -36,7 +36,7 @@ def load(group: Group, name: str) -> Any:
         raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
     if len(found) > 1:
         packages = " and ".join(sorted(_package(point) for point in found))
-        raise InputError(f"{group}: '{name}' is brought by {packages}; uninstall one of them")
+        raise InputError(f"{group}: '{name}' is provided by {packages}; uninstall one of them")
     try:
         return found[0].load()
     except (ImportError, AttributeError) as error:
@@ -46,7 +46,7 @@ def load(group: Group, name: str) -> Any:
 
 @lru_cache
 def _found(group: Group) -> dict[str, list[EntryPoint]]:
-    """Entry points by name; one package that is installed twice counts once."""
+    """Entry points by name; a package that is installed twice counts once."""
     found: dict[str, dict[str, EntryPoint]] = {}
     for point in entry_points(group=f"neurotact.{group}"):
         found.setdefault(point.name, {})[f"{_package(point)} {point.value}"] = point

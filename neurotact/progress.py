@@ -15,7 +15,7 @@ _shown = ContextVar("shown", default=True)
 
 
 def show(is_shown: bool) -> None:
-    """Whether `track` writes anything from here on."""
+    """Set whether `track` writes anything from here on."""
     _shown.set(is_shown)
 
 
@@ -23,8 +23,8 @@ def show(is_shown: bool) -> None:
 def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Iterator[Advance]:
     """Yield `advance(n, note)`, to be called when `n` more of `total` are done; writes to stderr.
 
-    done: how many were done before, by a run that this one goes on with; they say nothing of the time left.
-    at_most: the work may be over before the total is reached; the time left is shown beside a note, as a bound.
+    done: how many were done by the run that this one continues; the estimate of the time left ignores them.
+    at_most: the work may end before the total is reached; the time left is shown beside a note, as an upper bound.
 
     >>> with track("encode", 2) as advance:
     ...     advance(1, "trial 1")
@@ -52,14 +52,14 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
             last = now
             known = before < done < total and (at_most or not note)
             left = time_left((now - began) / (done - before) * (total - done)) if known else ""
-            told = ", ".join(filter(None, (note, f"at most {left}" if left and at_most else left)))
-            print(f"{what} {done}/{total}{f'  {told}' if told else ''}", file=sys.stderr, flush=True)
+            shown = ", ".join(filter(None, (note, f"at most {left}" if left and at_most else left)))
+            print(f"{what} {done}/{total}{f'  {shown}' if shown else ''}", file=sys.stderr, flush=True)
 
     yield advance
 
 
 def time_left(seconds: float) -> str:
-    """How long something will still take, in words.
+    """The time left, in words.
 
     >>> time_left(12.4), time_left(720.0), time_left(9000.0)
     ('12 s left', '12 min left', '2.5 h left')
@@ -70,29 +70,29 @@ def time_left(seconds: float) -> str:
 
 
 def counting(advance: Advance) -> Callable[[int, int], None]:
-    """`advance` for one who tells how many are done in all: `progress(done, total)`.
+    """`advance` as a function that takes the number done so far: `progress(done, total)`.
 
     >>> steps = []
     >>> progress = counting(lambda n, note: steps.append(n))
     >>> progress(2, 5), progress(5, 5), steps
     (None, None, [2, 3])
     """
-    told = 0
+    shown = 0
 
     def progress(done: int, _total: int) -> None:
-        nonlocal told
-        advance(done - told, "")
-        told = done
+        nonlocal shown
+        advance(done - shown, "")
+        shown = done
 
     return progress
 
 
 def silent(n: int, note: str) -> None:
-    """An `Advance` that says nothing."""
+    """An `Advance` that prints nothing."""
 
 
 LONGEST_LINE = 500
-"""Characters of a line that is read; what is cut out is the middle, since the end says what to do."""
+"""Characters of a readable line; the middle is cut out, since the end says what to do."""
 
 
 def say(what: object) -> None:

@@ -29,20 +29,20 @@ from neurotact.errors import InputError, nearest
 from neurotact.files import existing, read_text
 
 DEEPEST = 32
-"""Tables and lists within one another."""
+"""Nested tables and lists, at most."""
 LARGEST, SMALLEST = 1e15, 1e-100
-"""Magnitudes of a number in a spec; beyond them, steps and sizes that are formed of it overflow."""
+"""Magnitudes of a number in a spec; beyond them, the steps and sizes computed from it overflow."""
 LONGEST = 2_000_000
-"""Characters of a spec."""
+"""Characters of a spec, at most."""
 
 KINDS = ("encoders", "networks", "networks/spaces", "studies")
 
 
 @dataclass_transform(kw_only_default=True, field_specifiers=(Field,))
 class _InOurWords(type(BaseModel)):
-    """Makes `RSNNSpec(hiden=30)` complain as a file with that key does."""
+    """Makes `RSNNSpec(hiden=30)` raise the same error as a file with that key."""
 
-    if not TYPE_CHECKING:  # a checker is to see the keys of each spec
+    if not TYPE_CHECKING:  # a type checker must see the keys of each spec
 
         def __call__(cls, *args, **keys):
             try:
@@ -64,9 +64,10 @@ class Spec(BaseModel, metaclass=_InOurWords):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
     folder: ClassVar[str] = ""
     later_keys: ClassVar[tuple[str, ...]] = ()
-    """Keys that came after specs of this kind had been used: with its default, such a key is not written."""
+    """Keys added after specs of this kind were in use: a key with its default value is not written."""
     decided: ClassVar[Mapping[str, str]] = {}
-    """Dotted keys of a protocol's parameters that something else decides, and what; to set or sweep one is refused."""
+    """Dotted keys of a protocol's parameters that something else sets, and what sets them; setting or sweeping one is
+    refused."""
 
     @model_serializer(mode="wrap")
     def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -86,7 +87,7 @@ class Spec(BaseModel, metaclass=_InOurWords):
 def without_defaults(spec: Spec, table: dict[str, Any], keys: Sequence[str]) -> dict[str, Any]:
     """The table of a spec without those of `keys` that have their default.
 
-    A spec is written as before there were such keys: digests and seeds are drawn from what is written.
+    A spec is written as it was before these keys existed: digests and seeds are computed from the written table.
     """
     fields = type(spec).model_fields
     absent = {key for key in keys if getattr(spec, key) == fields[key].default}
@@ -103,7 +104,7 @@ def digest(value: Any) -> str:
 
 
 def specs_folder() -> Path:
-    """Where the shipped specs lie: inside an installed package, or beside it in a checkout."""
+    """The folder of the shipped specs: inside an installed package, or next to it in a checkout."""
     package = Path(neurotact.__file__).parent
     inside = package / "specs"
     return inside if inside.is_dir() else package.parent
@@ -139,12 +140,12 @@ def read(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: is not valid TOML ({error}); mend that line") from error
+        raise InputError(f"{path}: is not valid TOML ({error}); fix that line") from error
     return _plain(table, str(path))
 
 
 def pop_table(table: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
-    """The table that stands under `key`, taken out of `table`; empty where it is absent."""
+    """The table under `key`, removed from `table`; empty if it is absent."""
     value = table.pop(key, {})
     if not isinstance(value, dict):
         raise InputError(f"{key}: must be a table; got {value!r} ({path})")
@@ -152,7 +153,7 @@ def pop_table(table: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
 
 
 def _plain(value: Any, source: str, key: str = "", depth: int = 0) -> Any:
-    """What a TOML text holds, dates as text; InputError for a number or a nesting that nothing later can take."""
+    """The values of a TOML text, dates as text; InputError for a number or a nesting beyond the limits."""
     if depth > DEEPEST:
         raise InputError(f"{key[:40]}...: is nested more than {DEEPEST} tables or lists deep; flatten it ({source})")
     if isinstance(value, dict):
@@ -178,7 +179,7 @@ def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | No
 
 
 def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str, Any] | None = None) -> SpecT:
-    """The spec that is called `what`, lies at that path, or is `what` itself, after `overrides` of dotted keys."""
+    """The spec with the name or path `what`, or `what` itself, after `overrides` of dotted keys."""
     if isinstance(what, (str, Path)):
         return load(model, what, overrides)
     if not isinstance(what, model):
@@ -219,13 +220,13 @@ def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str
         for key in path:
             node = node.setdefault(key, {})
             if not isinstance(node, dict):
-                raise InputError(f"{dotted}: '{key}' is a value, not a table; drop what follows it")
+                raise InputError(f"{dotted}: '{key}' is a value, not a table; remove the keys after it")
         node[last] = value.tolist() if hasattr(value, "tolist") else value  # NumPy's numbers as Python's own
     return result
 
 
 def checked_settings(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
-    """Changes of a spec, none where there are none; InputError for anything but a mapping of dotted keys.
+    """Changes of a spec as a mapping, which may be empty; InputError for anything but a mapping of dotted keys.
 
     >>> checked_settings(["sa1.t_ref_ms=5"])
     Traceback (most recent call last):
@@ -241,7 +242,7 @@ def checked_settings(settings: Mapping[str, Any] | None) -> Mapping[str, Any]:
 
 
 def leaves(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Dotted keys that are given, with those that stand in tables.
+    """The dotted keys that are given, with those inside tables.
 
     >>> leaves({"encoder.sa1": {"gain": 3.2}, "seed": 0})
     {'encoder.sa1.gain': 3.2, 'seed': 0}
@@ -256,9 +257,9 @@ def leaves(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse(given: Mapping[str, Any], decided: Mapping[str, str]) -> None:
-    """InputError where a dotted key is given that something else decides: setting it would change nothing.
+    """InputError for a given dotted key that something else sets: setting it would change nothing.
 
-    decided: what decides each such key, and what to do instead, in words.
+    decided: for each such key, what sets it and what to do instead, in words.
     """
     for key in leaves(given):
         if key in decided:
@@ -359,7 +360,7 @@ def toml_value(value: Any) -> str:
 
 
 def _explain(model: type[BaseModel], error: ValidationError) -> str:
-    """The first complaint of pydantic, in the words of the spec."""
+    """The first error of pydantic, in the words of the spec."""
     first = error.errors()[0]
     path, known = _place(model, first["loc"])
     key = ".".join(path) or "spec"
@@ -386,7 +387,7 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
 
 
 def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Where text or a truth value stands in place of a number, or the other way round: its key, and both."""
+    """Keys where text or a truth value is given for a number, or the other way round, with both values."""
     if isinstance(given, Mapping) and isinstance(taken, Mapping):
         for name in (name for name in given if name in taken):
             yield from _misread(given[name], taken[name], f"{key}.{name}" if key else str(name))
@@ -400,13 +401,13 @@ def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, 
 
 
 def _place(model: Any, location: tuple[int | str, ...]) -> tuple[list[str], list[str]]:
-    """Where a complaint stands, as the keys that lead there, and all keys that are known in that table."""
+    """The path of an error, as the keys that lead there, and all known keys of that table."""
     path: list[str] = []
     known: list[str] = []
     here = model
     for part in map(str, location):
         choices = _tagged(here)
-        if part in choices:  # pydantic names the chosen model of a union here, which is no key
+        if part in choices:  # here pydantic gives the chosen model of a union, which is not a key
             here = choices[part]
             continue
         path.append(part)

@@ -1,7 +1,7 @@
 """Tables on disk: .csv and .json to be computed with, .md for people.
 
-A class may be named as its user likes. In a .csv, a text that a spreadsheet would run as a formula is led by `'`,
-which `read_table` takes off again; in a .md, what would be markup is escaped.
+A class may have any name. In a .csv, a text that a spreadsheet would run as a formula gets the prefix `'`, which
+`read_table` removes again; in a .md, markup is escaped.
 """
 
 import json
@@ -18,16 +18,16 @@ from neurotact.files import existing, whole
 SUFFIXES = (".csv", ".json", ".md")
 NETWORK = ["setting", "pair", "hidden"]
 FORMULA = re.compile(r"'*[=+\-@\t\r\n].", re.DOTALL)
-"""A text that a spreadsheet runs, or that is led by ' already."""
+"""A text that a spreadsheet runs as a formula, or that starts with ' already."""
 NUMBER = re.compile(r"[+-](\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 MARKUP = re.compile(r"[\\|*`<~]|(?<![^\W_])_|_(?![^\W_])|(?<=\])\(|&(?=#?\w+;)")
-"""What Markdown takes for markup; an underscore within a word is none."""
+"""Characters that Markdown reads as markup; an underscore within a word is not."""
 
 
 def write_table(table: pd.DataFrame, path: str | Path, about: str = "") -> None:
-    """Write a table as its suffix says, whole or not at all; a number that is missing is empty, or null in JSON.
+    """Write a table in the format of its suffix, whole or not at all; a missing number is empty, or null in JSON.
 
-    about: Markdown that stands above the table in a .md file.
+    about: Markdown above the table in a .md file.
     Raises InputError for a suffix that is not .csv, .json or .md.
     """
     suffix = Path(path).suffix.lower()
@@ -81,7 +81,7 @@ def _unguarded(text: Any) -> Any:
 
 
 def natural(text: str) -> list[tuple[int, int, str]]:
-    """What texts with numbers in them are sorted by, as people do.
+    """Sort key of texts with numbers in them, in natural order.
 
     >>> sorted(["class 10", "class 2", "Class 1"], key=natural)
     ['Class 1', 'class 2', 'class 10']
@@ -91,7 +91,7 @@ def natural(text: str) -> list[tuple[int, int, str]]:
 
 
 def means_over(table: pd.DataFrame, by: Sequence[str], measures: Iterable[str], counted: str) -> pd.DataFrame:
-    """Means and standard deviations of what `by` tells apart, in the order of the table.
+    """Means and standard deviations of the groups by `by`, in the order of the table.
 
     Columns: those of `by`, the number of rows as `counted`, and for each measure its mean under its own name and
     `<measure>_sd` (n - 1 in the denominator; NaN with one row).
@@ -133,7 +133,7 @@ def to_json(table: pd.DataFrame) -> str:
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """The rows as JSON holds them: plain numbers, text and lists of them; None for what is missing."""
+    """The rows as JSON holds them: plain numbers, text and lists of them; None for a missing value."""
     return [{str(key): _or_none(value) for key, value in row.items()} for row in table.to_dict("records")]
 
 
@@ -142,7 +142,7 @@ def _or_none(value: Any) -> Any:
 
 
 def to_markdown(table: pd.DataFrame) -> str:
-    """A Markdown table; numbers to six digits, a dash for what is missing.
+    """A Markdown table; numbers to six digits, a dash for a missing value.
 
     >>> print(to_markdown(pd.DataFrame({"label": ["a|b"], "sops": [1234.5678], "exit": [float("nan")]})))
     | label | sops | exit |

@@ -1,8 +1,8 @@
 """Spawned processes that do jobs one after another, with one thread each.
 
-Their number decides nothing but the time. What a process keeps between jobs (the caches of a module) it keeps until the
-block is left. A process that dies takes only its own job along, which begins again in a new one; InputError says so
-where that happens to a job too often.
+Their number changes only the run time. A process keeps its state between jobs (the caches of a module) until the block
+is left. If a process dies, only its own job is lost, and that job starts again in a new process; InputError is raised
+when this happens to a job too often.
 """
 
 import os
@@ -87,7 +87,7 @@ def _call(job: tuple[Callable[..., Any], tuple]) -> Any:
 def _run(
     task: Task, jobs: Sequence[Any], idle: list[ProcessPoolExecutor], start: Callable[[], ProcessPoolExecutor]
 ) -> Iterator[tuple[int, Any]]:
-    """Give each idle process a job, and the next as it gets done with it."""
+    """Give each idle process a job, and the next one when it has finished."""
     todo = deque((place, 1) for place in range(len(jobs)))
     running: dict[Future, tuple[ProcessPoolExecutor, int, int]] = {}
 
@@ -95,7 +95,7 @@ def _run(
         while todo and idle:
             process = idle.pop()
             place, attempt = todo.popleft()
-            with _born_deaf():
+            with _ignoring_interrupts():
                 try:
                     future = process.submit(task, jobs[place])
                 except BrokenProcessPool:  # it died while it was idle
@@ -109,12 +109,12 @@ def _run(
         process, place, attempt = running.pop(future)
         died = isinstance(future.exception(), BrokenProcessPool)
         if died and attempt < ATTEMPTS:
-            say("a worker process died; what it was at begins again in another")
+            say("a worker process died; its job starts again in another")
             todo.appendleft((place, attempt + 1))
         idle.append(start() if died else process)
         if died and attempt == ATTEMPTS:
             why = "usually too little memory, or a full disk"
-            raise InputError(f"{ATTEMPTS} worker processes died at the same work ({why}); make room and run it again")
+            raise InputError(f"{ATTEMPTS} worker processes died at the same job ({why}); free some and run it again")
         deal()
         if not died:
             yield place, future.result()
@@ -122,7 +122,7 @@ def _run(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Within it torch uses one thread, as worker processes do, so that what they computed comes out to the last bit."""
+    """Within it torch uses one thread, as worker processes do, so that results are the same to the last bit."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -132,9 +132,9 @@ def one_thread() -> Iterator[None]:
 
 
 def settle() -> None:
-    """In a new process: one thread; Ctrl-C is left to the process that started it, and without that one it ends.
+    """In a new process: use one thread, leave Ctrl-C to the parent process, and end when the parent ends.
 
-    Warnings are printed in one line, as those of the process that started it are.
+    Warnings are printed in one line, as in the parent.
     """
     torch.set_num_threads(1)
     warnings.showwarning = lambda message, *_: say(message)
@@ -145,10 +145,10 @@ def settle() -> None:
 
 
 @contextmanager
-def _born_deaf() -> Iterator[None]:
-    """Processes that start within it hear no Ctrl-C until they `settle`: loading modules takes them seconds.
+def _ignoring_interrupts() -> Iterator[None]:
+    """Processes that start within it ignore Ctrl-C until they `settle`: they load modules for seconds.
 
-    What comes for this process meanwhile waits until the block is left.
+    Signals to this process wait until the block is left.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

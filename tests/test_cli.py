@@ -643,7 +643,7 @@ def test_an_output_never_replaces_an_input(refused, made, tmp_path, monkeypatch,
 
 def test_two_outputs_of_a_command_are_two_files(refused, made, tmp_path):
     words = ("calibrate", made / "touch.h5", "-o", tmp_path / "x.png", "--figure", tmp_path / "." / "x.png", "--force")
-    refused(words, "x.png: is the place of two outputs of this command")
+    refused(words, "x.png: is the path of two outputs of this command")
 
 
 def test_a_name_that_is_too_long_is_refused_before_any_work(refused, made, tmp_path, monkeypatch):

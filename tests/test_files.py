@@ -141,7 +141,7 @@ def test_a_disk_that_fills_while_a_file_is_written_is_one_sentence(tmp_path, num
             draft.write_text("half")
             raise OSError(number, os.strerror(number))
 
-    with pytest.raises(InputError, match=r"result\.txt: cannot be written \(.*make room"):
+    with pytest.raises(InputError, match=r"result\.txt: cannot be written \(.*free space"):
         fill()
     assert (tmp_path / "result.txt").read_text() == "old"
     assert os.listdir(tmp_path) == ["result.txt"]

@@ -1,4 +1,4 @@
-"""The classical classifiers that a spiking network is set beside, in scikit-learn's API."""
+"""Classical classifiers for comparison with spiking networks, in scikit-learn's API."""
 
 import lazy_loader
 

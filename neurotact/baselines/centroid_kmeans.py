@@ -1,4 +1,4 @@
-"""k-means with one centroid a class."""
+"""k-means with one centroid per class."""
 
 import warnings
 from typing import Literal
@@ -19,18 +19,18 @@ Init = Literal["k-means++", "class-mean"]
 
 
 class ClassCentroidKMeans(ClassifierMixin, BaseEstimator):
-    """As many centroids as classes, found without labels; then each is given a class, one to one.
+    """As many centroids as classes, found without labels; then each is assigned a class, one to one.
 
-    Compliance paper, Sec. 3.5. The classes are given so that most training examples lie nearest the centroid of
-    their own. Of the repetitions the one of least inertia is kept or, where `fit` is given a validation set, the
-    one of highest accuracy there (ties: of least inertia). The paper chose it on the test set, which flatters: give
-    that set to `fit` only to reproduce it.
+    Compliance paper, Sec. 3.5. The classes are assigned so that most training examples lie nearest the centroid of
+    their own class. Of the repetitions, the one with the least inertia is kept or, if `fit` is given a validation set,
+    the one with the highest accuracy there (ties: the least inertia). The paper chose it on the test set, which is
+    optimistic: give that set to `fit` only to reproduce the paper.
 
     Parameters
     ----------
-    init : "k-means++", or "class-mean": start at the means of the training classes, which is done once.
-    repetitions : how many starts are drawn; the paper draws 100.
-    max_iter : rounds of Lloyd's algorithm of each.
+    init : "k-means++", or "class-mean": start at the means of the training classes, a single repetition.
+    repetitions : number of starts; the paper draws 100.
+    max_iter : iterations of Lloyd's algorithm per repetition.
     random_state : seed or RandomState of the starts.
 
     Attributes
@@ -62,7 +62,7 @@ class ClassCentroidKMeans(ClassifierMixin, BaseEstimator):
     ) -> "ClassCentroidKMeans":
         """Cluster X `(example, feature)`, assign the classes of y `(example,)`, keep the best repetition.
 
-        validation: `(X, y)` on which the repetition is chosen; absent, the inertia chooses.
+        validation: `(X, y)` for the choice of the repetition; when absent, the least inertia is chosen.
         """
         one_of("init", self.init, ("k-means++", "class-mean"))
         at_least("repetitions", self.repetitions, 1, whole=True)
@@ -101,7 +101,7 @@ class ClassCentroidKMeans(ClassifierMixin, BaseEstimator):
 
 
 def _class_order(clusters: np.ndarray, indices: np.ndarray) -> np.ndarray:
-    """For each class its cluster, one to one, so that as many examples as possible are in their own, `(class,)`."""
+    """The cluster of each class, one to one, with as many examples as possible in their class's cluster, `(class,)`."""
     n_classes = indices.max() + 1
     counts = np.zeros((n_classes, n_classes), int)
     np.add.at(counts, (indices, clusters), 1)

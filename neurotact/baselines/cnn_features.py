@@ -1,4 +1,4 @@
-"""Features of images from a trained convolutional network, to be fed to a recurrent one."""
+"""Features of images from a trained convolutional network, as input to a recurrent one."""
 
 import copy
 from collections.abc import Callable
@@ -24,34 +24,34 @@ TRUNKS: dict[str, Callable[[Any], nn.Module]] = {
     "mobilenet_v2": lambda network: network.features,
     "vgg16": lambda network: network.features,
 }
-"""The convolutional part of torchvision's networks: what comes before pooling and classification."""
+"""The convolutional part of torchvision's networks: the layers before pooling and classification."""
 
 IMAGENET_MEAN, IMAGENET_SD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Of the three colours, by which torchvision's networks were trained to expect their input."""
+"""Mean and deviation of the three colours, for the input that torchvision's networks were trained on."""
 
 IMAGES_AT_ONCE = 64
 
 
 class CNNFeatures(TransformerMixin, BaseEstimator):
-    """The flattened output of a trained CNN's convolutional part for each image, the CNN left as it is.
+    """The flattened output of a trained CNN's convolutional part for each image; the CNN is not trained.
 
-    With an LSTM behind it this is the CNN-LSTM of the touch-modality paper (Fig. 3), whose networks give 2048 to 8192
-    features of a 64 x 64 image. Images are scaled so that those of training span 0 to 1, and enter as three equal
-    colours. Nothing is ever downloaded.
+    Followed by an LSTM, this is the CNN-LSTM of the touch-modality paper (Fig. 3), whose networks give 2048 to 8192
+    features per 64 x 64 image. Images are scaled so that those of training span 0 to 1, and are passed as three equal
+    colours. Nothing is downloaded.
 
     Parameters
     ----------
     network : "resnet50", "mobilenet_v2" or "vgg16", built by torchvision (an extra: `pip install 'neurotact[cnn]'`), or
         a torch module from images `(image, 3, height, width)` between 0 and 1 to features of any shape. torchvision
         has no ResNet152V2 (the paper's "ResNet150V2"): give it as a module.
-    weights : a local safetensors file with the state dict of the whole network; a module may come with its own.
+    weights : a local safetensors file with the state dict of the whole network; optional for a module.
 
     Attributes
     ----------
-    low_, high_ : the values that become 0 and 1; network_, the part that is used; n_parameters_ of it, none of them
-    trained here; n_features_out_ of an image.
+    low_, high_ : the values mapped to 0 and 1; network_, the part in use; n_parameters_, its parameters, which are not
+    trained here; n_features_out_, features per image.
 
-    Raises InputError for unknown networks, for weights that are absent or do not fit, and for X of another shape.
+    Raises InputError for unknown networks, for missing or unsuitable weights, and for X of another shape.
 
     >>> from sklearn.pipeline import make_pipeline
     >>> from neurotact.baselines.recurrent import LSTMClassifier
@@ -67,7 +67,7 @@ class CNNFeatures(TransformerMixin, BaseEstimator):
         self.weights = weights
 
     def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> "CNNFeatures":
-        """Load the network and note the range of the images X `(trial, time, height, width)`; y is ignored."""
+        """Load the network and record the range of the images X `(trial, time, height, width)`; y is ignored."""
         images = sequences(X, IMAGE_AXES, np.float32)
         self.network_ = _trunk(self.network, self.weights).eval()
         self.n_parameters_ = sum(p.numel() for p in self.network_.parameters())
@@ -124,13 +124,13 @@ def _load(network: nn.Module, weights: str | Path) -> nn.Module:
     expected = network.state_dict()
     for name in (*expected, *tensors):
         if name not in tensors:
-            raise InputError(f"{path}: '{name}' is missing; give the weights of this very network")
+            raise InputError(f"{path}: '{name}' is missing; give the weights of this network")
         if name not in expected:
-            raise InputError(f"{path}: '{name}' is not in the network; give the weights of this very network")
+            raise InputError(f"{path}: '{name}' is not in the network; give the weights of this network")
         if tensors[name].shape != expected[name].shape:
             raise InputError(
                 f"{path}: '{name}' is {tuple(tensors[name].shape)} where the network has "
-                f"{tuple(expected[name].shape)}; give the weights of this very network"
+                f"{tuple(expected[name].shape)}; give the weights of this network"
             )
     network.load_state_dict(tensors)
     return network

@@ -18,15 +18,16 @@ from neurotact.errors import InputError
 IMAGE_AXES = "trial, time, height, width"
 
 TRIALS_AT_ONCE = 8
-"""Trials whose gradient is formed at once; a batch is the sum of such parts, since 48 trials would need gigabytes."""
+"""Trials per gradient computation; a batch is the sum of such parts, since 48 trials would need gigabytes."""
 
 
 class ConvLSTMClassifier(ClassifierMixin, BaseEstimator):
     """One ConvLSTM layer, a dense ReLU layer on its last state and a softmax, trained by Adam (touch-modality paper).
 
-    The LSTM of `LSTMClassifier` with convolutions for products: that of the image without a border (so it shrinks by
-    `kernel - 1`), that of the state with one; a bias a gate and filter. It starts as Keras starts. The code beside the
-    paper also normalises by batches and drops out, of which the paper says nothing; here is what the paper says.
+    The LSTM of `LSTMClassifier` with convolutions in place of products: that of the image without padding (so it
+    shrinks by `kernel - 1`), that of the state with padding; one bias per gate and filter. Initialised as in Keras. The
+    paper's code also uses batch normalisation and dropout, which the paper does not mention; this class follows the
+    paper.
 
     Parameters
     ----------
@@ -34,7 +35,7 @@ class ConvLSTMClassifier(ClassifierMixin, BaseEstimator):
     units : of the dense ReLU layer.
     epochs, batch, learning_rate : of the training.
     random_state : seed or RandomState of the weights and of the order of the trials.
-    device : torch device of the training and of predictions; 48 epochs of the paper's set take hours on a CPU core.
+    device : torch device for training and predictions; 48 epochs of the paper's set take hours on a CPU core.
 
     Attributes
     ----------
@@ -76,7 +77,7 @@ class ConvLSTMClassifier(ClassifierMixin, BaseEstimator):
         at_least("learning_rate", self.learning_rate, 0, above=True)
         images = sequences(X, IMAGE_AXES, np.float32)
         if min(images.shape[2:]) < self.kernel:
-            raise InputError(f"kernel: {self.kernel} is wider than the images {images.shape[2:]}; take a smaller one")
+            raise InputError(f"kernel: {self.kernel} is wider than the images {images.shape[2:]}; choose a smaller one")
         self.classes_, indices = encode(trial_labels(y, len(images)))
         seed = int(check_random_state(self.random_state).randint(2**31 - 1))
         height, width = images.shape[2:]

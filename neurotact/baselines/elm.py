@@ -22,22 +22,22 @@ ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 LEAST_POWER = -8
-"""Exponent of the least weight of a hard-limit network: a longer shift leaves nothing of an 8-bit input."""
+"""Exponent of the smallest weight of a hard-limit network: a longer shift makes an 8-bit input zero."""
 
 
 class ELMClassifier(ClassifierMixin, BaseEstimator):
-    """Extreme learning machine, one output a class (one for two classes), targets ±1, largest output wins.
+    """Extreme learning machine: one output per class (one for two classes), targets ±1, the largest output decides.
 
     Stiffness paper, Eq. 1 (S-ELM, R-ELM, H-ELM); materials paper, Eqs. 4 and 5 (RELM, `output_bias=True`).
     Hidden weights and biases are uniform in (-1, 1); with `hard_limit` the weights become the nearest powers of two.
-    Inputs are taken as they come: standardise them in a pipeline.
+    Inputs are not scaled: standardise them in a pipeline.
 
     Parameters
     ----------
     hidden : neurons of the hidden layer.
     activation : "sigmoid", "relu" or "hard_limit" (1 from zero on, else 0).
     alpha : L2 penalty of the output weights (lambda in the papers); 0 gives the solution of least norm.
-    output_bias : whether the outputs have a bias, which is not penalised.
+    output_bias : whether the outputs have a bias (not penalised).
     random_state : seed or RandomState of the hidden layer.
 
     Attributes
@@ -94,9 +94,9 @@ class ELMClassifier(ClassifierMixin, BaseEstimator):
         return self.classes_[decide(scores.reshape(len(scores), -1))]
 
     def accuracy_path(self, alphas: ArrayLike, X: ArrayLike, y: ArrayLike) -> np.ndarray:
-        """Accuracy on (X, y) that this network would have, had it been fitted with each alpha, `(alpha,)`.
+        """Accuracy on (X, y) of this network if it were fitted with each alpha, `(alpha,)`.
 
-        The decomposition of the fit serves them all, so that a whole grid costs about as much as one alpha.
+        All use the decomposition of the fit, so a whole grid costs about as much as one alpha.
 
         >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
         >>> elm = ELMClassifier(hidden=10, random_state=0).fit(X, y)
@@ -107,7 +107,7 @@ class ELMClassifier(ClassifierMixin, BaseEstimator):
         return (decide(self.decision_path(alphas, X)) == truth).mean(axis=1)
 
     def decision_path(self, alphas: ArrayLike, X: ArrayLike) -> np.ndarray:
-        """Outputs that this network would have with each alpha, `(alpha, example, machine)`."""
+        """Outputs of this network with each alpha, `(alpha, example, machine)`."""
         return self._path.outputs(self._hidden(further_examples(self, X)), alphas)
 
     def _hidden(self, X: np.ndarray) -> np.ndarray:
@@ -115,9 +115,9 @@ class ELMClassifier(ClassifierMixin, BaseEstimator):
 
 
 def powers_of_two(weights: np.ndarray) -> np.ndarray:
-    """Weights with the same sign whose size is the nearest power of two in ratio, at least `2**LEAST_POWER`.
+    """Weights of the same sign, with the nearest power of two in ratio as magnitude, at least `2**LEAST_POWER`.
 
-    A product is then a shift, which small processors do in one cycle (stiffness paper, H-ELM).
+    A product is then a shift, which takes one cycle on small processors (stiffness paper, H-ELM).
 
     >>> powers_of_two(np.array([0.9, -0.3, 0.6, 1e-9])).tolist()
     [1.0, -0.25, 0.5, 0.00390625]

@@ -1,7 +1,7 @@
-"""Families of classifiers that are chosen on validation examples: what each tries, and what a decision then costs.
+"""Families of classifiers chosen on validation examples: the candidates of each, and the cost of a decision.
 
-Features are standardised on training examples. A family yields its candidates from the smallest on, and of those that
-validate equally well the first is taken.
+Features are standardised on training examples. A family yields its candidates from the smallest on; ties in
+validation accuracy: the first.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from neurotact.metrics.linear import fit_linear
 
 ELM_HIDDEN, ELM_ALPHAS = (25, 50, 100, 200), tuple(10.0**k for k in range(2, -7, -1))
 SVM_GAMMAS, SVM_CS = (0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
-"""Gammas are divided by the number of features."""
+"""Gamma, before division by the number of features."""
 
 
 class Sides(NamedTuple):
@@ -32,7 +32,7 @@ class Sides(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A fitted classifier, in words, and the layers of its decision."""
+    """A description, the fitted classifier, and the layers of its decision."""
 
     settings: str
     fitted: Any
@@ -49,7 +49,7 @@ def logistic_regression(sides: Sides, seed: int = 0) -> Iterator[Candidate]:
 
 
 def elm(sides: Sides, seed: int) -> Iterator[Candidate]:
-    """Sigmoid ELMs, each with the penalty that validates best, the strongest of equals."""
+    """Sigmoid ELMs, each with the penalty of the best validation accuracy (ties: the strongest)."""
     n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
     for hidden in ELM_HIDDEN:
         network = ELMClassifier(hidden, alpha=ELM_ALPHAS[0], random_state=seed).fit(sides.train, sides.y_train)
@@ -60,7 +60,7 @@ def elm(sides: Sides, seed: int) -> Iterator[Candidate]:
 
 
 def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
-    """RBF support vector machines, one against one, whose machines share their support vectors."""
+    """RBF support vector machines, one against one, with shared support vectors."""
     n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
     fits = [
         (gamma, c, SVC(C=c, gamma=gamma / n_features).fit(sides.train, sides.y_train))
@@ -74,10 +74,10 @@ def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
 
 
 def best_of(family: Family, sides: Sides, seed: int) -> Candidate:
-    """The candidate of the highest validation accuracy, the first of equals; test examples are ignored."""
+    """The candidate with the highest validation accuracy (ties: the first); test examples are not used."""
     return max(family(sides, seed), key=lambda candidate: accuracy(candidate, sides.validation, sides.y_validation))
 
 
 def accuracy(candidate: Candidate, x: np.ndarray, y: np.ndarray) -> float:
-    """Share of right decisions."""
+    """Share of correct decisions."""
     return float((candidate.fitted.predict(x) == y).mean())

@@ -1,4 +1,4 @@
-"""LSTM and GRU classifiers of sequences, trained alone or many at once."""
+"""LSTM and GRU classifiers of sequences, trained singly or many at once."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -21,14 +21,14 @@ from neurotact.errors import InputError
 SIGNAL_AXES = "trial, time, channel"
 
 AT_ONCE = 50
-"""Networks in one computation: more gain nothing and need more memory."""
+"""Networks in one computation: more bring no speed-up and need more memory."""
 
 PREDICTED_AT_ONCE = 256
 """Trials in one prediction, which bounds its memory."""
 
 
 class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
-    """What the two have in common: a layer of `hidden` cells whose last state feeds a dense softmax."""
+    """The common part: a layer of `hidden` cells whose last state feeds a dense softmax."""
 
     _layers: ClassVar[type[Layers]]
 
@@ -86,9 +86,9 @@ class _RecurrentClassifier(ClassifierMixin, BaseEstimator):
 class LSTMClassifier(_RecurrentClassifier):
     """One LSTM layer and a dense softmax on its last state, trained on cross-entropy by Adam (touch-modality paper).
 
-    Gates i, f, o are sigmoids with one bias each, candidate and output squashed by tanh. It starts as Keras starts:
-    Glorot uniform input weights, orthogonal recurrent weights, forget biases one, other biases zero. Every epoch takes
-    the trials in a new order; the last batch is smaller where they do not divide. Scale the signals beforehand.
+    Gates i, f, o are sigmoids with one bias each; candidate and output use tanh. Initialised as in Keras:
+    Glorot uniform input weights, orthogonal recurrent weights, forget biases one, other biases zero. Every epoch uses
+    a new order of the trials; the last batch may be smaller. Scale the signals beforehand.
 
     Parameters
     ----------
@@ -116,8 +116,9 @@ class LSTMClassifier(_RecurrentClassifier):
 class GRUClassifier(_RecurrentClassifier):
     """One GRU layer and a dense softmax on its last state, trained on cross-entropy by Adam (touch-modality paper).
 
-    The reset gate comes before the recurrent product, so that each gate has one bias. Start, training and parameters
-    are those of `LSTMClassifier`, but that all biases start at zero; gates are z (update), r (reset) and candidate.
+    The reset gate is applied before the recurrent product, so each gate has one bias. Initialisation, training and
+    parameters are those of `LSTMClassifier`, except that all biases start at zero; gates are z (update), r (reset) and
+    candidate.
 
     >>> X, y = np.random.default_rng(0).normal(size=(6, 20, 16)), ["brushing", "rolling", "sliding"] * 2
     >>> [GRUClassifier(hidden, epochs=1, random_state=0).fit(X, y).n_parameters_ for hidden in (10, 12)]
@@ -136,11 +137,11 @@ def fit_snapshots(
     seeds: Sequence[int],
     epochs: Sequence[int],
 ) -> list[list[Classifier]]:
-    """Fit a copy of `prototype` to each `(X, y)` with the seed beside it, for each of `epochs`: `[epochs][network]`.
+    """Fit a copy of `prototype` to each `(X, y)` with its seed, for each of `epochs`: `[epochs][network]`.
 
-    All are one batched computation at the cost of the largest number of epochs. Each network comes out as
-    `clone(prototype).set_params(random_state=seed, epochs=epochs).fit(X, y)` would, to rounding; fifty take about five
-    times as long as one. One pair of arrays may stand in the list many times at no cost.
+    All are one batched computation at the cost of the largest number of epochs. Each network equals
+    `clone(prototype).set_params(random_state=seed, epochs=epochs).fit(X, y)` to rounding; fifty take about five
+    times as long as one. One pair of arrays may be listed many times at no cost.
 
     >>> X, y = np.random.default_rng(0).normal(size=(6, 5, 2)), [0, 1] * 3
     >>> early, late = fit_snapshots(GRUClassifier(4), [(X, y), (X, y)], seeds=[0, 1], epochs=[1, 2])
@@ -168,7 +169,7 @@ def fit_snapshots(
 
 
 class _Problem(NamedTuple):
-    X: Tensor  # (time, trial, channel): a trial's channels lie together, so that choosing trials is fast
+    X: Tensor  # (time, trial, channel): a trial's channels are adjacent, so that selecting trials is fast
     y: Tensor
     n_classes: int
     generator: torch.Generator
@@ -183,7 +184,7 @@ def _problem(
     y: ArrayLike,
     known: dict[tuple[int, int], tuple[np.ndarray, np.ndarray, Tensor]] | None = None,
 ) -> _Problem:
-    """Check and convert, and what is `known` by the identity of the arrays only once."""
+    """Check and convert; arrays in `known`, by identity, are converted only once."""
     for name in ("hidden", "epochs", "batch"):
         at_least(name, getattr(network, name), 1, whole=True)
     at_least("learning_rate", network.learning_rate, 0, above=True)
@@ -199,7 +200,7 @@ def _problem(
 
 
 def _start(shape: Shape, kind: type[Layers], problem: _Problem) -> Tensor:
-    """All weights of one network in a row, first the layer, then the dense part, as `_views` finds them."""
+    """All weights of one network in a row, first the layer, then the dense part, as `_views` reads them."""
     n_rows, generator = kind.n_gates * shape.hidden, problem.generator
     layer = torch.zeros(n_rows, shape.stacked)
     init.xavier_uniform_(layer[:, : shape.channels], generator=generator)

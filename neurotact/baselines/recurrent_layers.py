@@ -1,9 +1,9 @@
-"""LSTM and GRU layers of many small networks at once: forward over the steps, and back by hand.
+"""LSTM and GRU layers of many small networks at once: forward pass, and backward pass derived by hand.
 
-The networks are small and many, so what costs is not arithmetic but calls: a step of all networks is one batched matrix
-product and a handful of operations in place, on buffers that every batch reuses. Input, state and a one for the bias
+The networks are small and many, so calls dominate the cost, not arithmetic: a step of all networks is one batched
+matrix product and a few in-place operations, on buffers that every batch reuses. Input, state and a one for the bias
 are stacked, `v[t] = (x[t], h[t-1], 1)`, so that one product gives all gates; gates are rows and trials are columns, so
-that a gate is one stretch of memory. `tanh(a)` is `2 sigmoid(2a) - 1`, because torch's sigmoid takes a tenth of the
+that a gate is contiguous in memory. `tanh(a)` is `2 sigmoid(2a) - 1`, because torch's sigmoid takes a tenth of the
 time of its tanh on a CPU; the 2 inside is a factor on rows of the weights.
 """
 
@@ -17,7 +17,7 @@ _tanh_backward = torch.ops.aten.tanh_backward.grad_input
 
 
 class Shape(NamedTuple):
-    """What layers run over."""
+    """The sizes of a computation."""
 
     networks: int
     trials: int
@@ -32,17 +32,17 @@ class Shape(NamedTuple):
 
     @property
     def state(self) -> slice:
-        """Where `h` stands in `(x, h, 1)`."""
+        """Position of `h` in `(x, h, 1)`."""
         return slice(self.channels, self.channels + self.hidden)
 
 
 class Layers(Protocol):
-    """Buffers for one shape, run forward and backward in turn."""
+    """Buffers for one shape; run forward and backward alternately."""
 
     n_gates: ClassVar[int]
 
     x: Tensor
-    """The signals, to be written before each `forward`, `(step, network, channel, trial)`."""
+    """The signals, `(step, network, channel, trial)`; write them before each `forward`."""
 
     def __init__(self, shape: Shape, dtype: torch.dtype = torch.float32): ...
 
@@ -56,7 +56,7 @@ class Layers(Protocol):
 
 
 def _stack(shape: Shape, dtype: torch.dtype) -> Tensor:
-    """`v` for every step and for what follows the last, `(step + 1, network, channel+hidden+1, trial)`; h[-1] = 0."""
+    """`v` for every step and after the last one, `(step + 1, network, channel+hidden+1, trial)`; h[-1] = 0."""
     v = torch.zeros(shape.steps + 1, shape.networks, shape.stacked, shape.trials, dtype=dtype)
     v[:, :, -1] = 1
     return v
@@ -123,7 +123,7 @@ class LSTMLayers:
 class GRULayers:
     """Gates in the rows, in the order update z, reset r, candidate n; one bias each.
 
-    The reset comes before the recurrent product, which is what one bias a gate means:
+    The reset is applied before the recurrent product, hence one bias per gate:
     `n = tanh(W x + U (r h[t-1]) + b)`, `h[t] = z h[t-1] + (1 - z) n` (touch-modality paper, Sec. III.B, after Cho
     et al.).
     """
@@ -137,7 +137,7 @@ class GRULayers:
         self.x = self.v[:-1, :, :n_channels]
         self.gates = torch.empty(n_steps, n_networks, 3 * hidden, n_trials, dtype=dtype)
         self.kept = torch.empty(n_steps, n_networks, hidden, n_trials, dtype=dtype)  # r h
-        # The candidate's row sees `r h`, by a product of its own, where the other rows see `h`.
+        # The candidate's row multiplies `r h`, in a separate product; the other rows multiply `h`.
         self.factors = torch.ones(3 * hidden, shape.stacked, dtype=dtype)
         self.factors[2 * hidden :] = 2
         self.factors[2 * hidden :, shape.state] = 0
@@ -171,7 +171,7 @@ class GRULayers:
             z, r, n = gates.chunk(3, dim=1)
             torch.sub(before, n, out=d_z).mul_(d_state)
             torch.mul(d_state, z, out=d_kept)
-            torch.sub(d_state, d_kept, out=d_n).mul_(0.5)  # by the drive 2a, whose tanh is of half of it
+            torch.sub(d_state, d_kept, out=d_n).mul_(0.5)  # derivative by 2a, since tanh is of half of it
             _tanh_backward(d_n, n, grad_input=d_n)
             d_next = d_kept.clone()
             torch.bmm(self.candidate.transpose(1, 2), d_n, out=d_kept)

@@ -10,9 +10,9 @@ from scipy import linalg
 class RidgePath(NamedTuple):
     """`min ||A w + b - t||² + alpha ||w||²` by the singular value decomposition of A.
 
-    The normal equations would square the condition of A, which for the hidden layer of an ELM is beyond what
-    float64 holds. Directions whose singular value is lost in rounding take no part, so that `alpha = 0` gives the
-    least-squares solution of least norm, and constant or repeated columns do no harm.
+    The normal equations would square the condition number of A, which for the hidden layer of an ELM exceeds the
+    precision of float64. Directions whose singular value is lost in rounding are dropped, so `alpha = 0` gives the
+    least-squares solution of least norm, and constant or repeated columns are allowed.
     """
 
     right: np.ndarray

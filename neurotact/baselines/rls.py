@@ -11,10 +11,10 @@ from neurotact.checks import at_least, further_examples, training_examples
 
 
 class RLSClassifier(ClassifierMixin, BaseEstimator):
-    """Regularised least squares with the kernel `exp(-||x - x'||² / (2 sigma²))`, one machine a class.
+    """Regularised least squares with the kernel `exp(-||x - x'||² / (2 sigma²))`, one machine per class.
 
-    Materials paper, Eqs. 1 and 2: `(K + alpha I) beta = t` with targets ±1; the largest output wins. It is solved in
-    the eigenvectors of K, so that `alpha = 0` and repeated examples are no trouble. Scale the inputs beforehand.
+    Materials paper, Eqs. 1 and 2: `(K + alpha I) beta = t` with targets ±1; the largest output decides. It is solved in
+    the eigenvectors of K, so `alpha = 0` and repeated examples are allowed. Scale the inputs beforehand.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class RLSClassifier(ClassifierMixin, BaseEstimator):
 
     Attributes
     ----------
-    classes_ `(class,)`; X_fit_ `(example, feature)`, all of which a prediction needs; dual_coef_ `(example, machine)`.
+    classes_ `(class,)`; X_fit_ `(example, feature)`, needed in full by predictions; dual_coef_ `(example, machine)`.
 
     Raises InputError for a single class and for parameters out of range.
 
@@ -61,7 +61,7 @@ class RLSClassifier(ClassifierMixin, BaseEstimator):
         return self.classes_[decide(scores.reshape(len(scores), -1))]
 
     def accuracy_path(self, alphas: ArrayLike, X: ArrayLike, y: ArrayLike) -> np.ndarray:
-        """Accuracy on (X, y) that this machine would have, had it been fitted with each alpha, `(alpha,)`.
+        """Accuracy on (X, y) of this machine if it were fitted with each alpha, `(alpha,)`.
 
         >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
         >>> rls = RLSClassifier().fit(X, y)
@@ -72,7 +72,7 @@ class RLSClassifier(ClassifierMixin, BaseEstimator):
         return (decide(self.decision_path(alphas, X)) == truth).mean(axis=1)
 
     def decision_path(self, alphas: ArrayLike, X: ArrayLike) -> np.ndarray:
-        """Outputs that this machine would have with each alpha, `(alpha, example, machine)`."""
+        """Outputs of this machine with each alpha, `(alpha, example, machine)`."""
         return (self._kernel(further_examples(self, X)) @ self._eigenvectors) @ self._filtered(alphas)
 
     def _kernel(self, X: np.ndarray) -> np.ndarray:

@@ -25,17 +25,17 @@ Examples = tuple[ArrayLike, ArrayLike]
 class SLFNClassifier(ClassifierMixin, BaseEstimator):
     """Single-hidden-layer feed-forward network with a softmax, trained by back-propagation on cross-entropy.
 
-    Stiffness paper, Eq. 1 (S-FC, R-FC): Adam, weights first uniform in (-1, 1), biases zero; training stops when the
-    accuracy on the validation examples has not risen for `patience` epochs, and the weights of the best epoch (the
-    first, where several tie) are kept. Inputs are taken as they come: standardise them in a pipeline.
+    Stiffness paper, Eq. 1 (S-FC, R-FC): Adam, initial weights uniform in (-1, 1), biases zero; training stops when the
+    accuracy on the validation examples has not risen for `patience` epochs, and the weights of the best epoch (ties:
+    the first) are kept. Inputs are not scaled: standardise them in a pipeline.
 
     Parameters
     ----------
     hidden : neurons of the hidden layer.
     activation : "sigmoid" or "relu".
-    epochs, patience : most epochs, and how many may pass without a rise.
-    batch, learning_rate : of Adam's steps; the last batch of an epoch is smaller where the examples do not divide.
-    validation_fraction : share of the examples split off by class for validation, where `fit` is given no others.
+    epochs, patience : maximum number of epochs, and of epochs without a rise.
+    batch, learning_rate : of Adam's steps; the last batch of an epoch may be smaller.
+    validation_fraction : share of the examples split off by class for validation, if `fit` is given none.
     random_state : seed or RandomState of the weights, the order of the examples and that split.
 
     Attributes
@@ -98,10 +98,10 @@ class SLFNClassifier(ClassifierMixin, BaseEstimator):
 def fit_many(
     prototype: SLFNClassifier, splits: Sequence[tuple[Examples, Examples]], seeds: Sequence[int]
 ) -> list[SLFNClassifier]:
-    """Fit a copy of `prototype` to each split with the seed beside it, all in one batched computation.
+    """Fit a copy of `prototype` to each split with its seed, all in one batched computation.
 
-    splits: `(training, validation)` of each network, each an `(X, y)`; one split may stand several times.
-    Each network comes out as `clone(prototype).set_params(random_state=seed).fit(*training, validation)` would.
+    splits: `(training, validation)` of each network, each an `(X, y)`; one split may be listed several times.
+    Each network equals `clone(prototype).set_params(random_state=seed).fit(*training, validation)`.
 
     >>> X, y = np.random.default_rng(0).normal(size=(30, 2)), np.arange(30) % 2
     >>> split = ((X[:20], y[:20]), (X[20:], y[20:]))
@@ -239,7 +239,7 @@ def _train_epoch(
     rows = torch.arange(len(X))[:, None]
     for chosen in order.split(network.batch, dim=1):
         logits = _logits(weights, X[rows, chosen], network.activation)
-        # Summed over networks, since each has its own weights; averaged over the batch of each.
+        # Summed over networks, since each has its own weights; averaged over each batch.
         loss = functional.cross_entropy(logits.flatten(0, 1), y[rows, chosen].flatten(), reduction="sum")
         optimiser.zero_grad()
         (loss / chosen.shape[1]).backward()
@@ -252,7 +252,7 @@ def _accuracy(weights: list[Tensor], X: Tensor, y: Tensor, activation: str) -> T
 
 
 def _drop(weights: list[Tensor], optimiser: torch.optim.Optimizer, kept: Tensor) -> None:
-    """Keep only some networks, with what Adam remembers of them."""
+    """Keep only some networks, with their Adam state."""
     for w in weights:
         w.data, w.grad = w.data[kept], None
         state = optimiser.state[w]

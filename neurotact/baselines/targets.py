@@ -8,7 +8,7 @@ from neurotact.errors import InputError
 
 
 def encode(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`(classes, indices)`: the sorted labels `(class,)` and the place of each example's in them `(example,)`.
+    """`(classes, indices)`: the sorted labels `(class,)` and the class index of each example `(example,)`.
 
     Raises InputError for a single class, and scikit-learn's ValueError for targets of a regression.
 
@@ -24,7 +24,7 @@ def encode(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def indices_of(y: ArrayLike, classes: np.ndarray) -> np.ndarray:
-    """The place of each label in the sorted `classes`; InputError names a label that is not there.
+    """The index of each label in the sorted `classes`; InputError names an unknown label.
 
     >>> indices_of(np.array(["soft"]), np.array(["hard", "soft"])).tolist()
     [1]

@@ -18,7 +18,7 @@ from neurotact.progress import say
 
 
 class Place(NamedTuple):
-    """Where a command stands: its module in this package, its function or app there, and its line of help."""
+    """The location of a command: its module in this package, its function or app there, and its line of help."""
 
     module: str
     name: str
@@ -28,11 +28,11 @@ class Place(NamedTuple):
 COMMANDS = {
     "list": Place("specs", "list_specs", "List the specs that ship: encoders, networks, search spaces, studies."),
     "show": Place("specs", "show", "Print a spec, with the comments that give its sources."),
-    "copy": Place("specs", "copy", "Copy a spec here, to be edited and given by its path."),
+    "copy": Place("specs", "copy", "Copy a spec to this folder, to edit it and pass its path."),
     "simulate": Place("simulate", "app", "Simulate an experiment."),
     "fetch": Place("fetch", "fetch", "Download a public tactile data set."),
-    "import": Place("recordings", "app", "Read recordings as they were published into one HDF5 file."),
-    "info": Place("info", "info", "Say what a file of recordings or spikes holds."),
+    "import": Place("recordings", "app", "Convert recordings to one HDF5 file."),
+    "info": Place("info", "info", "Describe the content of a file of recordings or spikes."),
     "calibrate": Place("encoding", "calibrate", "Find an encoder's gains for a sensor, from its training trials."),
     "encode": Place("encoding", "encode", "Turn whole trials into the spikes of SA-I and RA-I afferents."),
     "raster": Place(
@@ -40,13 +40,13 @@ COMMANDS = {
     ),
     "train": Place("networks", "train_command", "Train a network on windows of spike trains."),
     "tune": Place("networks", "tune", "Search a network's hyperparameters on validation windows."),
-    "infer": Place("networks", "infer", "Classify every window with a trained network, and count what it cost."),
+    "infer": Place("networks", "infer", "Classify every window with a trained network, and count its operations."),
     "sops": Place("networks", "sops", "Write the synaptic operations of each test window (.csv, .json, .md)."),
     "fine-tune": Place(
         "deploy", "fine_tune", "Continue the training of a network with rounded weights, for an export with few bits."
     ),
-    "stream": Place("deploy", "stream", "Decide as samples come, from a pipe, a device or a file."),
-    "live": Place("live", "live", "Show a running chain on a local page: touch, spikes, decision; sliders change it."),
+    "stream": Place("deploy", "stream", "Classify samples as they arrive, from a pipe, a device or a file."),
+    "live": Place("live", "live", "Show a running chain on a local page with sliders: touch, spikes, decision."),
     "export": Place(
         "deploy", "export_command", "Write a trained chain as C or NIR, or check it against a chip's limits."
     ),
@@ -57,7 +57,7 @@ COMMANDS = {
 def _load(name: str) -> Any:
     place = COMMANDS[name]
     with ending_at_once(), warnings.catch_warnings():  # torch alone takes seconds
-        warnings.simplefilter("ignore")  # what other packages say of themselves while they load helps nobody
+        warnings.simplefilter("ignore")  # warnings of other packages while they load do not help the user
         found = getattr(import_module(f"neurotact.cli.{place.module}"), place.name)
     return get_group(found) if isinstance(found, typer.Typer) else command_of(found)
 
@@ -71,7 +71,7 @@ def _root(
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Show no progress; warnings and errors are shown.")] = False,
 ) -> None:
-    """Spiking touch: taxel signals to mechanoreceptor spikes to a decision, and what each saving costs."""
+    """Spiking touch: taxel signals to mechanoreceptor spikes to a decision, and the cost of each saving."""
     progress.show(not quiet)
     if version:
         print(__version__)
@@ -82,7 +82,7 @@ def main() -> None:
     """Run the command line; exit code 0, 2 for what the user got wrong, 1 for a fault of neurotact."""
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Said()])
     if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may know no µ
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal may be unable to print µ
     warnings.showwarning = lambda message, *_: say(message)
     try:
         for word in sys.argv[1:]:
@@ -100,7 +100,7 @@ def main() -> None:
 
 
 class _Said(logging.Handler):
-    """What neurotact logs, printed like its errors."""
+    """Prints the log records of neurotact like its errors."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(self.format(record))

@@ -1,4 +1,4 @@
-"""The commands that carry a trained chain on: fine-tune, stream, export."""
+"""The commands that use a trained chain: fine-tune, stream, export."""
 
 import json
 import shlex
@@ -23,11 +23,9 @@ from neurotact.errors import INTERRUPTED, InputError
 from neurotact.networks import train_run, trained
 from neurotact.progress import say
 
-WindowMs = Annotated[
-    float | None, typer.Option("--window-ms", help="Length of a window; that of training when absent.")
-]
+WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
 StartMs = Annotated[
-    float | None, typer.Option("--start-ms", help="Start of the first window; that of training when absent.")
+    float | None, typer.Option("--start-ms", help="Start of the first window; as in training when absent.")
 ]
 Contact = Annotated[
     bool, typer.Option("--contact", help="Start a window at the first spike after --quiet-ms without spikes.")
@@ -48,7 +46,7 @@ RateHz = Annotated[
 ]
 Format = Annotated[str, typer.Option("--format", help="Format of input other than .h5: csv, float32 or int16.")]
 Baud = Annotated[int, typer.Option(min=1, max=100_000_000, help="Baud rate of a serial port.")]
-Unit = Annotated[str | None, typer.Option(help="Unit of the input; that of the encoder when absent.")]
+Unit = Annotated[str | None, typer.Option(help="Unit of the input; the encoder's when absent.")]
 TimeColumn = Annotated[
     str | None,
     typer.Option(
@@ -91,11 +89,11 @@ def stream(
     stall_s: StallS = 1.0,
     as_json: Json = False,
 ) -> None:
-    """Decide as samples come, from a pipe, a device or a file.
+    """Classify samples as they arrive, from a pipe, a device or a file.
 
-    One line a decision, and at the end what was wrong with the samples.
-    A value that is missing, NaN or infinite repeats the last one for --hold-ms and is counted; a longer gap drops the
-    windows under way and begins anew. Rows that are no samples are counted as missing ones.
+    Prints one line per decision, and at the end the faults in the samples.
+    A value that is missing, NaN or infinite is replaced by the last one for --hold-ms and counted; a longer gap drops
+    the current windows and starts again. Rows that are not samples count as missing.
     """
     if rate not in ("fast", "real"):
         raise InputError(f"--rate {rate}: is unknown; choose one of fast, real")
@@ -127,14 +125,14 @@ def _run(flow: Stream, decisions, noted: Noted, *, as_json: bool) -> None:
             print(_line(decision, as_json=as_json), flush=True)
     except KeyboardInterrupt:
         code = INTERRUPTED
-    except BrokenPipeError:  # whoever read the decisions has gone
+    except BrokenPipeError:  # the reader of the decisions has closed the pipe
         sys.stderr.close()
         sys.exit(0)
     tally, took_s = flow.tally, time.perf_counter() - began
     trouble = sources.trouble_of(tally, noted)
     say(
         f"{tally.samples} samples, {tally.decisions} decisions, in {took_s:.1f} s; "
-        f"{trouble or 'every sample was used as it came'}"
+        f"{trouble or 'every sample was used unchanged'}"
     )
     sys.exit(code)
 
@@ -143,7 +141,7 @@ def _line(decision: Decision, *, as_json: bool) -> str:
     if as_json:
         return json.dumps(decision._asdict())
     held = f", {decision.held} steps on repeated values" if decision.held else ""
-    label = decision.label if decision.heard else f"nothing (no readout spike; {decision.label} by its place)"
+    label = decision.label if decision.heard else f"nothing (no readout spike; {decision.label} by its index)"
     return (
         f"{decision.time_s:.4f} s: {label} after {decision.steps} steps ({decision.ms:g} ms), "
         f"{decision.input_spikes} + {decision.hidden_spikes} spikes, {decision.sops} SOPs{held}"
@@ -164,8 +162,8 @@ def fine_tune(
 ) -> None:
     """Continue the training of a network with rounded weights, for an export with few bits.
 
-    The rounded network is a run of its own; neurotact export --to c writes it with these bits. Of the epochs, and of
-    rounding alone, the one that is best on validation windows is saved.
+    The rounded network is saved as a new run; neurotact export --to c writes it with these bits. The best epoch on
+    validation windows is saved, or the network that is only rounded, if that is better.
     """
     outcome, training = fine_tuning.run(
         run, out, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, force=force
@@ -196,7 +194,7 @@ def export_command(
         int | None,
         typer.Option(
             "--weight-bits",
-            help="Bits of a weight in the integer variant: 2 to 8; those of fine-tune, else 8, when absent.",
+            help="Bits of a weight in the integer variant: 2 to 8; when absent, as in fine-tune, else 8.",
         ),
     ] = None,
     state_bits: StateBits = None,
@@ -241,7 +239,7 @@ def export_command(
 ) -> None:
     """Write a trained chain as C or NIR, or check it against a chip's limits.
 
-    The chain in C goes from a raw sample to a decision: conditioning, afferents, network and early exit. A NIR file
+    The chain in C computes a decision from raw samples: conditioning, afferents, network and early exit. A NIR file
     holds afferents and network as a graph, the rest as metadata.
     """
     if check is not None:

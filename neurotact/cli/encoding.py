@@ -42,7 +42,7 @@ from neurotact.figures.style import save as save_figure
 from neurotact.progress import say, track
 
 COLUMNS = ["baseline", "polarity", "accuracy", "separation_sa", "separation_ra", "acausal", "chosen"]
-"""What is shown of alternatives."""
+"""The columns shown for alternatives."""
 
 
 def calibrate(
@@ -75,8 +75,8 @@ def calibrate(
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials.
 
-    A baseline that knows the whole trial gives way to one that knows the past alone, unless
-    it is given with --set. Afferents that fire at rest are named, with the remedy.
+    A baseline that uses the whole trial is replaced by a causal one, unless
+    it is given with --set. Afferents that fire at rest are listed, with a remedy.
     """
     began = perf_counter()
     _check_outputs([out, figure], force, [recordings, encoder])
@@ -169,13 +169,13 @@ def _check_outputs(outputs: list[Path | None], force: bool, inputs: list[str | P
         files.check_new(out, force=force, inputs=inputs)
     places = [out.resolve() for out in given]
     if len(set(places)) < len(places):
-        raise InputError(f"{given[-1]}: is the place of two outputs of this command; give each its own file")
+        raise InputError(f"{given[-1]}: is the path of two outputs of this command; give each its own file")
 
 
 def _signal_of(
     trains: SpikeTrains, trial: int, given: Path | None, spikes: Path
 ) -> tuple[np.ndarray, float, str] | None:
-    """The recorded signal of one trial, its sampling rate and unit; None where the recordings are not at hand."""
+    """The recorded signal of one trial, its sampling rate and unit; None if the recordings are not available."""
     path = given or Path(trains.source or ".")
     if not (given or path.is_file()):
         say(f"the signal is left out: {trains.source or 'its recordings'} does not exist; name it with --recordings")

@@ -1,4 +1,4 @@
-"""The command that brings public tactile data sets to this machine."""
+"""The command that downloads public tactile data sets."""
 
 from pathlib import Path
 from typing import Annotated
@@ -19,8 +19,8 @@ def fetch(
 ) -> None:
     """Download a public tactile data set.
 
-    Its licence, size and citation are shown first. Files that exist are not downloaded again. Where a set cannot be
-    downloaded, the steps by hand are printed.
+    Its licence, size and citation are shown first. Files that exist are not downloaded again. If a set cannot be
+    downloaded, the manual steps are printed.
     """
     if name is None:
         for each, about in public.SETS.items():
@@ -34,4 +34,4 @@ def fetch(
     with track("fetch", max(1, len(wanted))) as advance:
         n_files = public.fetch(name, folder, advance)
     n_there = len(public.registry_of(name)) - n_files
-    print(f"{folder}: {n_files} files downloaded, {n_there} were there; neurotact import {about.reader} reads them")
+    print(f"{folder}: {n_files} files downloaded, {n_there} existed; neurotact import {about.reader} reads them")

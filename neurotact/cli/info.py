@@ -1,4 +1,4 @@
-"""The command that says what a file holds."""
+"""The command that describes the content of a file."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,10 +11,10 @@ from neurotact.data import description, hdf5
 
 
 def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings or spikes.")]) -> None:
-    """Say what a file of recordings or spikes holds.
+    """Describe the content of a file of recordings or spikes.
 
-    Its classes and conditions, the length and the rate of its trials, the range of each taxel or the rate of each
-    population. Look at it after an import: a wrong unit, a dead taxel or a clock column among the taxels shows here.
+    Prints its classes and conditions, the length and the rate of its trials, the range of each taxel or the rate of
+    each population. Use it after an import: it shows a wrong unit, a dead taxel or a clock column among the taxels.
     """
     if hdf5.kind_of(file) == "recordings":
         with hdf5.open_recordings(file) as data:

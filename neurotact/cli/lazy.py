@@ -1,4 +1,4 @@
-"""Groups of commands that are imported when they are used: help on a group imports none of them."""
+"""Groups of commands that are imported on use: the help of a group imports none of them."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping
 from typing import Any
@@ -28,7 +28,7 @@ def command_of(function: Callable[..., None]) -> Any:
 class LazyCommands(MutableMapping[str, Any]):
     """Commands by name, each loaded when it is looked up.
 
-    ready: commands that need no loading. names: of the others. load: gives one of these by its name.
+    ready: commands that need no loading. names: those of the others. load: returns one of these by its name.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class LazyCommands(MutableMapping[str, Any]):
             if name not in self._names():
                 raise KeyError(name)
             self._loaded[name] = self._load(name)
-            self._loaded[name].name = name  # as it is typed, not as its function is called
+            self._loaded[name].name = name  # the name that the user types, not that of the function
         return self._loaded[name]
 
     def __setitem__(self, name: str, command: Any) -> None:
@@ -61,8 +61,8 @@ class LazyCommands(MutableMapping[str, Any]):
 def add_plugins(app: typer.Typer, kind: plugins.Group, command: Callable[[str, Any], Callable[..., None]]) -> None:
     """Give `app` a command for each plug-in of a kind, such as "readers", with its `about` as the first line of help.
 
-    command: gives the function of a command for the name of a plug-in and the plug-in; its docstring, where it has
-        one, follows in the help.
+    command: returns the function of a command for the name of a plug-in and the plug-in; its docstring, if any,
+        follows in the help.
     """
 
     def load(name: str) -> Any:
@@ -79,7 +79,7 @@ def add_plugins(app: typer.Typer, kind: plugins.Group, command: Callable[[str, A
 
 
 def lazy_group(helps: Callable[[], Mapping[str, Help]], load: Callable[[str], Any]) -> type[TyperGroup]:
-    """A kind of group with further commands, which `load(name)` gives when they are run or asked for help.
+    """A kind of group with further commands, which `load(name)` returns when they are run or their help is requested.
 
     helps: the line of each such command in the group's help, by name.
     """

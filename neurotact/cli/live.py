@@ -59,7 +59,7 @@ def live(
     save_to: Annotated[
         Path | None, typer.Option("--save-to", file_okay=False, help="Folder for encoders saved from the page.")
     ] = None,
-    port: Annotated[int, typer.Option(min=0, max=MOST_PORTS, help="Port of the page; 0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=MOST_PORTS, help="Port of the page; 0 chooses a free one.")] = 0,
     format_: Format = "csv",
     baud: Baud = DEFAULT_BAUD,
     sampling_rate_Hz: RateHz = None,
@@ -76,10 +76,10 @@ def live(
     hold_ms: HoldMs = 5.0,
     stall_s: StallS = 1.0,
 ) -> None:
-    """Show a running chain on a local page: touch, spikes, decision; sliders change it.
+    """Show a running chain on a local page with sliders: touch, spikes, decision.
 
-    Prints the address to open in a browser on this machine, and serves it until Ctrl-C. Recordings are replayed at
-    their own rate; a device is read as its samples come; gratings is a simulated finger that the page moves (--set
+    Prints the address to open in a browser on this machine, and serves the page until Ctrl-C. Recordings are replayed
+    at their own rate; a device is read as its samples arrive; gratings is a simulated finger that the page moves (--set
     changes its spec). The page's sliders change refractory periods, gains and patience of the running stream.
     """
     server = _server_module()
@@ -89,7 +89,7 @@ def live(
     elif from_ in plugins.names("simulators"):
         feed = ByHand(from_, simulator(from_), spec.parse_assignments(set_ or []), speed)
     if set_ and not isinstance(feed, ByHand):
-        raise InputError(f"--set: changes a simulated finger, and --from {from_} is none; leave it out")
+        raise InputError(f"--set: changes a simulated finger, and --from {from_} is not one; leave --set out")
     chain = chain_of(
         run, sampling_rate_Hz=feed.sampling_rate_Hz if feed else sampling_rate_Hz, early_exit=not full_window,
         length_ms=window_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
@@ -106,19 +106,19 @@ def live(
     )
     served = server.Server(session, port)
     session.on_end = lambda: _ended(session, served.stop)
-    print(f"{served.address}  (Ctrl-C ends it)", flush=True)
-    with suppress(KeyboardInterrupt):  # this is how it is meant to end
+    print(f"{served.address}  (press Ctrl-C to stop)", flush=True)
+    with suppress(KeyboardInterrupt):  # the normal end
         served.run()
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure
     tally = session.stream.tally
     trouble = trouble_of(tally, session.noted)
-    say(f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used as it came'}")
+    say(f"{tally.samples} samples, {tally.decisions} decisions; {trouble or 'every sample was used unchanged'}")
     sys.exit(0)
 
 
 def _ended(session: Session, stop: Callable[[], None]) -> None:
-    """Where nothing could be read at all, or the thread failed, there is nothing to look at."""
+    """Raise if nothing could be read, or the thread failed: there is nothing to show."""
     if session.fault is not None or (session.failure is not None and not session.stream.tally.samples):
         stop()
     elif session.failure is not None:
@@ -126,7 +126,7 @@ def _ended(session: Session, stop: Callable[[], None]) -> None:
 
 
 def _afferents(run: Path, chain: Chain, feed: Feed) -> tuple[str, ...]:
-    """The names that the network was trained with, or those of the source's taxels."""
+    """The taxel names from the network's training, or those of the source."""
     provenance = trained.restore(run).provenance
     known = None if provenance is None else provenance.afferents
     if known and len(known) == chain.network.n_inputs:

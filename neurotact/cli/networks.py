@@ -58,13 +58,13 @@ from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
 
 SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
-"""What of a SOP summary fits a terminal; the files hold all of it."""
+"""The columns of a SOP summary that fit a terminal; the files hold all of them."""
 SIDES = {
-    synops.TRAINING: "training windows: seen in training, so that their accuracy is not that of new touches",
-    synops.VALIDATION: "validation windows: they chose the epoch and when to exit",
+    synops.TRAINING: "training windows: seen in training, so their accuracy does not hold for new touches",
+    synops.VALIDATION: "validation windows: used to choose the epoch and the exit rule",
     synops.TEST: "test windows",
-    synops.UNSEEN: "unseen windows: of trials on no side of the split",
-    synops.UNKNOWN: "windows that may have been seen in training: the network was saved without its trials",
+    synops.UNSEEN: "unseen windows: of trials outside the split",
+    synops.UNKNOWN: "windows that may have been seen in training: the network was saved without the list of its trials",
 }
 
 
@@ -101,7 +101,7 @@ def train_command(
     seed: Seed = 0,
     device: DeviceOption = "cpu",
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with an interrupted training; without one, begin.")
+        bool, typer.Option("--resume", help="Continue an interrupted training; start a new one if there is none.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
     as_json: Json = False,
@@ -109,8 +109,8 @@ def train_command(
     """Train a network on windows of spike trains.
 
     The weights of the best epoch (`training.keep`) are saved. After an interruption, the same command with --resume
-    goes on and leaves the same files. With --folds, or with --repeats, one network is trained for each split, in a
-    folder of its own, and their mean is printed.
+    continues and writes the same files. With --folds or --repeats, one network is trained per split, each in its own
+    folder, and the mean is printed.
     """
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
@@ -141,7 +141,7 @@ def train_command(
 
 
 def _print_next(run: Path, spikes: Path) -> None:
-    """Where things were saved, and what to run next."""
+    """Print where results were saved, and what to run next."""
     where = shlex.quote(str(run))
     print(f"saved in {run}: the network, {train_run.RESULT} with all numbers, {trained.LOG}")
     print(f"next: neurotact infer {where} {shlex.quote(str(spikes))} --early-exit")
@@ -157,7 +157,7 @@ def _print_repeated(out: Path, found: repeated.Repeated, *, as_json: bool) -> No
 
 
 def _how_to_go_on(epochs: int) -> str:
-    """What an interrupted training says, with the command that goes on."""
+    """The message of an interrupted training, with the command that continues it."""
     if epochs == 0:
         return "interrupted before the first epoch was over; nothing is saved"
     words = [word for word in sys.argv[1:] if word not in ("--force", "--resume")]
@@ -187,7 +187,7 @@ def tune(
     ] = None,
     tuner: Annotated[str, typer.Option(help="How trials are proposed: tpe, random or grid.")] = "tpe",
     batch: Annotated[
-        int, typer.Option(min=1, help="Trials that are proposed together; another number gives other proposals.")
+        int, typer.Option(min=1, help="Trials proposed together; another number gives other proposals.")
     ] = 8,
     assessor: Annotated[
         str, typer.Option(help="median-stop stops trials below the median early; none trains all to the end.")
@@ -248,7 +248,7 @@ def tune(
             with population.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
                 found, timing = search.search(problem, out, run, advance)
         except KeyboardInterrupt:
-            say(f"interrupted; the same command goes on in {out}")
+            say(f"interrupted; the same command continues in {out}")
             sys.exit(INTERRUPTED)
         save_found(problem, found, out)
         outcome = search.save_best(problem, spikes, out, found, device)
@@ -280,7 +280,7 @@ def infer(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Classify every window with a trained network, and count what it cost.
+    """Classify every window with a trained network, and count its operations.
 
     Training, validation, test and unseen windows are summarised separately; trials are recognised by their content.
     """

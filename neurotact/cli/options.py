@@ -11,9 +11,9 @@ from neurotact.spec import parse_where
 SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
 
 MOST_SEEDS = 2**63 - 2
-"""Of a training, which draws its order from the next seed."""
+"""Largest seed of a training, which draws its order from the next seed."""
 MOST_SPLITS = 2**32 - 2
-"""Of a split, in the same way; scikit-learn takes 32 bits."""
+"""Largest seed of a split, which also uses the next one; scikit-learn takes 32 bits."""
 MOST_WORKERS = 1024
 
 SetOption = Annotated[
@@ -47,7 +47,8 @@ Seed = Annotated[
 WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of a window, the unit that is classified.")]
 StartMs = Annotated[float, typer.Option("--start-ms", help="Start of the first window in each trial.")]
 HopMs = Annotated[
-    float | None, typer.Option("--hop-ms", help="From one window's start to the next; the window length when absent.")
+    float | None,
+    typer.Option("--hop-ms", help="Time between the starts of windows; the window length when absent."),
 ]
 PerTrial = Annotated[
     int | None, typer.Option("--per-trial", help="Maximum number of windows per trial; all that fit when absent.")
@@ -112,8 +113,8 @@ ExitBy = Annotated[
     str,
     typer.Option(
         "--exit-by",
-        help="What early exit waits for: stability, the leading class unchanged for long enough, or margin, a lead "
-        "that is large enough; how long or how large is chosen on validation windows.",
+        help="Early exit waits for stability (the leading class unchanged for long enough) or margin (a large enough "
+        "lead); how long or how large is chosen on validation windows.",
     ),
 ]
 OtherEncoder = Annotated[
@@ -135,7 +136,7 @@ def split_table(
     folds: int | None,
     fold: int,
 ) -> dict[str, Any]:
-    """The options that say how trials are divided, as the table of a split."""
+    """The options for the split, as its table."""
     where = parse_where(test_where or [], "--test-where")
     return {"seed": seed, "test_where": where, "group": group or [], "order": order, "folds": folds, "fold": fold}
 
@@ -147,7 +148,7 @@ def split_changes(
     folds: int | None,
     repeats: int | None,
 ) -> dict[str, Any]:
-    """The options that say how trials are divided, as changes of a study; others keep the study's value."""
+    """The options for the split, as changes of a study; others keep the study's value."""
     given = {"split.group": group, "split.order": order, "split.folds": folds}
     changes = {key: value for key, value in given.items() if value}
     if test_where:
@@ -160,9 +161,9 @@ def split_changes(
 
 
 def say_if_seconds(window_ms: float | None) -> None:
-    """A window of a few milliseconds is likely meant in seconds; a line on stderr says so.
+    """Print a line on stderr for a window of a few milliseconds, which is likely meant in seconds.
 
-    One of less than a step is refused (`data.windows`), in a line that says so too.
+    `data.windows` refuses a window of less than a step, with the same hint.
     """
     if window_ms is not None and SHORTEST_STEP_MS <= window_ms < SHORTEST_TOUCH_MS:
         say(f"--window-ms {window_ms:g}: a window of {window_ms:g} ms is shorter than a touch; is it meant in seconds?")
@@ -177,7 +178,7 @@ def window_table(
     rest_ms: float,
     deviations: float,
 ) -> dict[str, Any]:
-    """The options that say what windows there are, as the table of a window."""
+    """The options for the windows, as the table of a window."""
     say_if_seconds(length_ms)
     onset = {"rest_ms": rest_ms, "bin_ms": min(10.0, rest_ms), "deviations": deviations}
     table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}

@@ -1,4 +1,4 @@
-"""What is printed of a trained network."""
+"""The printed results of a trained network."""
 
 import pandas as pd
 
@@ -9,12 +9,12 @@ from neurotact.tables import to_json
 
 
 def print_json(outcome: Outcome) -> None:
-    """One record in a list: what a trained network reaches and costs."""
+    """One record in a list: the accuracy and the cost of a trained network."""
     print(to_json(pd.DataFrame([summary_of(outcome.as_json())])))
 
 
 def print_outcome(outcome: Outcome) -> None:
-    """How good a trained network is, what it costs, and what it mistakes."""
+    """The accuracy, the cost and the confusions of a trained network."""
     for line in comparison.lines(outcome.compared):
         print(line)
     print(comparison.costs(outcome.row, outcome.step_ms))

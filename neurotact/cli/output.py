@@ -1,4 +1,4 @@
-"""What commands print: tables for people or, as JSON, for programs."""
+"""The output of commands: tables for people or, as JSON, for programs."""
 
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,13 @@ console = Console(soft_wrap=True, highlight=False)
 
 
 def save_recordings(recordings: Recordings, out: Path) -> None:
-    """Save recordings and print what they hold."""
+    """Save recordings and print a summary."""
     hdf5.save_recordings(recordings, out)
     print(f"{out}: {recordings.summary()}")
 
 
 def print_line(line: str | None) -> None:
-    """Print a line, where there is one."""
+    """Print a line, if there is one."""
     if line:
         print(line)
 

@@ -1,4 +1,4 @@
-"""The commands that read recordings in the forms that they are published in."""
+"""The commands that import recordings in published and common formats."""
 
 import re
 from collections.abc import Callable
@@ -19,9 +19,9 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
 IMPORTED = (".csv", ".npz", ".npy", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
-"""Files of recordings as they were published."""
+"""Formats of recordings."""
 
-app = new_app("Read recordings as they were published into one HDF5 file.")
+app = new_app("Convert recordings to one HDF5 file.")
 
 
 @app.command("folder")
@@ -36,7 +36,7 @@ def import_folder(
     levels: Annotated[
         str | None,
         typer.Option(
-            help="The conditions that the sub-folders name, from the top, as in label,speed.", show_default="label"
+            help="Conditions that name the sub-folders, from the top, as in label,speed.", show_default="label"
         ),
     ] = None,
     pattern: Annotated[
@@ -91,10 +91,10 @@ def import_arrays(
         list[str] | None,
         typer.Option(
             "--names", metavar="WHAT=NAME",
-            help="What the file calls signals, label or channels, as in signals=data,label=gesture; may be repeated.",
+            help="Names of signals, label or channels in the file, as in signals=data,label=gesture; may be repeated.",
         ),
     ] = None,
-    axes: Annotated[str, typer.Option(help="Of the signals, in their order.")] = "trial,time,taxel",
+    axes: Annotated[str, typer.Option(help="Axes of the signals, in their order.")] = "trial,time,taxel",
     force: Force = False,
 ) -> None:  # fmt: skip
     """Recordings in one file of arrays, NPZ or HDF5: signals of all trials in one array, their classes in another.
@@ -139,14 +139,14 @@ def import_events(
             "time=ts_us,label=shape; may be repeated.",
         ),
     ] = None,
-    levels: Annotated[str | None, typer.Option(help="For a folder: what sub-folders name, as in label,speed.")] = None,
+    levels: Annotated[str | None, typer.Option(help="For a folder: conditions that name sub-folders.")] = None,
     pattern: Annotated[str | None, typer.Option(help="For a folder: conditions in the file names.")] = None,
     conditions: Annotated[Path | None, typer.Option(help="For a folder: a CSV file of conditions.")] = None,
     force: Force = False,
 ) -> None:  # fmt: skip
-    """Spikes of any sensor that sends events: CSV, NPZ or NPY, HDF5 as the Heidelberg Digits, or a folder of such.
+    """Spikes of any event-based sensor: CSV, NPZ or NPY, HDF5 in the Heidelberg layout, or a folder of such files.
 
-    The file says which populations there are, such as ON and OFF. Events of a channel within one step are one spike.
+    The file defines the populations, such as ON and OFF. Events of a channel within one step are one spike.
     """
     _check_import(source, out, force, conditions)
     spec = {
@@ -188,7 +188,7 @@ def import_nwb(
 
 
 def _names(assignments: list[str], known: list[str]) -> dict[str, str]:
-    """Assignments, one an option or several apart by commas; a comma that no `WHAT=` follows is part of a name."""
+    """Assignments, one per option or separated by commas; a comma without `WHAT=` after it is part of a name."""
     apart = re.compile(rf",(?=(?:{'|'.join(known)})=)")
     pairs = [each.partition("=") for assignment in assignments for each in apart.split(assignment)]
     wrong = [what + equals for what, equals, name in pairs if what not in known or not name]
@@ -229,10 +229,10 @@ def _save(found: Recordings | SpikeTrains, out: Path) -> None:
         return
     hdf5.save_spikes(found, out)
     populations = found.populations
-    told = (
+    shares = (
         f" ({', '.join(f'{len(rows)} {name}' for name, rows in populations.items())})" if len(populations) > 1 else ""
     )
     print(
         f"{out}: {len(found)} trials of {len(found.classes)} classes, {sum(map(len, found.steps))} spikes of "
-        f"{len(found.afferents)} afferents{told}, {found.trial_steps[0]} steps at {found.sampling_rate_Hz:g} Hz"
+        f"{len(found.afferents)} afferents{shares}, {found.trial_steps[0]} steps at {found.sampling_rate_Hz:g} Hz"
     )

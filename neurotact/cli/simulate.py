@@ -1,4 +1,4 @@
-"""The commands that simulate an experiment: one for each simulator that is found by name."""
+"""The commands that simulate an experiment: one for each installed simulator."""
 
 from collections.abc import Callable
 from typing import Any

@@ -33,7 +33,7 @@ def copy(
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; NAME.toml here when absent.")] = None,
     force: Force = False,
 ) -> None:
-    """Copy a spec here, to be edited and given by its path."""
+    """Copy a spec to this folder, to edit it and pass its path."""
     source = _find_any(name)
     target = out or Path(source.name)
     files.check_new(target, force=force, inputs=[source])
@@ -42,7 +42,7 @@ def copy(
 
 
 def _find_any(name: str) -> Path:
-    """A spec of any kind; a name that stands in several kinds is refused."""
+    """A spec of any kind; a name that several kinds have is refused."""
     if name.endswith(".toml") or "/" in name:
         return files.existing(name)
     known = [path for kind in spec.KINDS for path in spec.shipped(kind)]

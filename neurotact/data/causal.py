@@ -1,7 +1,7 @@
-"""Conditioning of a signal that is still being recorded: block by block, with its state going in and coming out.
+"""Conditioning of a signal during recording: block by block, the state is an argument and a result.
 
-What it gives, end to end, is what `conditioning.condition` makes of the whole trial, to the last bit, whatever the
-blocks: one sample each or many. Baselines that know the whole trial cannot be taken off before it is over.
+The concatenated result equals `conditioning.condition` of the whole trial to the last bit, for any block size, one
+sample included. Baselines that use the whole trial cannot be subtracted before it ends.
 """
 
 from typing import NamedTuple
@@ -25,12 +25,12 @@ from neurotact.errors import InputError
 
 
 class Conditioned(NamedTuple):
-    """What conditioning remembers from one block of a trial to the next.
+    """The state of conditioning between two blocks of a trial.
 
-    n_samples, n_steps: samples taken and steps of the encoder's clock given so far.
-    smoothed: the moving average after the last sample, `(taxel,)`; held: the smoothed samples that resampling still
-    needs, `(sample, taxel)`, the last ones taken; level: the first sample, `(1, taxel)`; carried: of a baseline that
-    moves. None where there is none yet.
+    n_samples, n_steps: samples received and steps of the encoder's clock returned so far.
+    smoothed: the moving average after the last sample, `(taxel,)`; held: the last smoothed samples, which resampling
+    still needs, `(sample, taxel)`; level: the first sample, `(1, taxel)`; carried: the state of a moving baseline.
+    None where there is none yet.
     """
 
     n_samples: int = 0
@@ -44,8 +44,8 @@ class Conditioned(NamedTuple):
 class Conditioner:
     """Conditioning of blocks `(sample, taxel)` float32 of one trial, as `condition` does.
 
-    factor: by which samples are multiplied first (see `unit_factor`).
-    Raises InputError for a baseline that knows the whole trial.
+    factor: multiplies the samples first (see `unit_factor`).
+    Raises InputError for a baseline that uses the whole trial.
 
     >>> how = ConditioningSpec(ema_cutoff_Hz=30.0, baseline="first")
     >>> conditioner, state = Conditioner(2000.0, how), Conditioned()
@@ -58,7 +58,7 @@ class Conditioner:
     def __init__(self, sampling_rate_Hz: float, how: ConditioningSpec, *, factor: np.float32 = np.float32(1.0)) -> None:
         if how.baseline in ACAUSAL:
             raise InputError(
-                f"conditioning.baseline: '{how.baseline}' knows the whole trial, which a stream has not heard yet; "
+                f"conditioning.baseline: '{how.baseline}' uses the whole trial, which a stream has not received yet; "
                 "encode and train with --set conditioning.baseline=start (or first, running, high-pass, none)"
             )
         self.how, self.rate_Hz, self.factor = how, sampling_rate_Hz, factor
@@ -82,7 +82,7 @@ class Conditioner:
         return self._without_baseline(signal, state)
 
     def finish(self, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
-        """The steps that resampling still holds back when a trial is over: at most one."""
+        """The steps that resampling still holds when a trial ends: at most one."""
         if state.held is None:
             return np.empty((0, 0), np.float32), state
         signal, state = self._on_the_clock(state.held[:0], state, at_end=True)

@@ -1,7 +1,7 @@
-"""Conditioning: from a signal as recorded to the signal that the afferents feel.
+"""Conditioning: from a recorded signal to the signal that drives the afferents.
 
 The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline, standardisation, rectification.
-A trial is conditioned whole, or piece by piece where it is long; the result is the same.
+A trial is conditioned whole or, if it is long, piece by piece; the result is the same.
 """
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
@@ -19,11 +19,11 @@ from neurotact.spec import Spec
 
 Baseline = Literal["none", "mean", "median", "first", "start", "running", "high-pass"]
 Pieces = Callable[[], Iterator[np.ndarray]]
-"""Begins at the start of a trial each time; every piece but the last has as many samples."""
+"""Each call starts at the beginning of a trial; all pieces but the last have equally many samples."""
 PIECE_VALUES = 1_000_000
-"""Samples times taxels: a trial of more is long, and is conditioned in pieces of so many."""
+"""Samples times taxels: a longer trial is conditioned in pieces of this size."""
 FINEST_CLOCK = 1000
-"""Steps of an encoder's clock for each sample of a recording, at most: finer ones take time and add no information."""
+"""Steps of an encoder's clock per sample of a recording, at most: finer clocks cost time and add no information."""
 
 
 def _not_zero(value: float) -> float:
@@ -33,7 +33,7 @@ def _not_zero(value: float) -> float:
 
 
 class ConditioningSpec(Spec):
-    """What is done to a recording before it drives afferents, in this order."""
+    """The steps from a recording to the drive of afferents, in this order."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("start_ms", "high_pass_Hz")
     ema_cutoff_Hz: float | None = Field(default=None, gt=0)
@@ -41,37 +41,35 @@ class ConditioningSpec(Spec):
     resample_Hz: float | None = Field(default=None, gt=0)
     """The encoder's clock; the recording's own rate when absent."""
     baseline: Baseline = "none"
-    """What is subtracted from each taxel of each trial. `mean` and `median` know the whole trial, so that a window
-    knows what comes after it (`ACAUSAL`). The others know the past alone: the `first` sample, the mean so far
-    (`running`), that mean up to `start_ms` (`start`), or what an EMA at `high_pass_Hz` follows (`high-pass`)."""
+    """The level subtracted from each taxel of each trial. `mean` and `median` use the whole trial, so each window
+    contains information from later samples (`ACAUSAL`). The others use only the past: the `first` sample, the mean so
+    far (`running`), that mean up to `start_ms` (`start`), or an EMA at `high_pass_Hz` (`high-pass`)."""
     start_ms: float = Field(default=100.0, gt=0)
-    """The baseline `start` is the mean up to this time, and kept from then on."""
+    """The baseline `start` is the mean up to this time, and constant afterwards."""
     high_pass_Hz: float = Field(default=0.5, gt=0)
     """Cut-off of the baseline `high-pass`."""
     offset: tuple[float, ...] | None = None
-    """Standardisation, a taxel each: subtracted first (fitted on training trials by `neurotact calibrate`)."""
+    """Standardisation, one value per taxel: subtracted first (fitted on training trials by `neurotact calibrate`)."""
     scale: tuple[Annotated[float, AfterValidator(_not_zero)], ...] | None = None
-    """Standardisation, a taxel each: divided by afterwards. Negative for a sensor whose signal falls on contact."""
+    """Standardisation, one value per taxel: the divisor. Negative for a sensor whose signal falls on contact."""
     rectify: bool = False
     """Take the absolute value at the end."""
 
 
-HEEDED_BY: dict[str, Baseline] = {"start_ms": "start", "high_pass_Hz": "high-pass"}
-"""Keys of a conditioning that one baseline alone heeds."""
+USED_BY: dict[str, Baseline] = {"start_ms": "start", "high_pass_Hz": "high-pass"}
+"""Keys of a conditioning that only one baseline uses."""
 
 
-def check_heeded(given: Container[str], baseline: Baseline, table: str = "conditioning") -> None:
-    """InputError where one of the dotted keys `given` changes nothing under a baseline.
+def check_used(given: Container[str], baseline: Baseline, table: str = "conditioning") -> None:
+    """InputError if one of the dotted keys `given` has no effect under a baseline.
 
     table: the dotted key of the conditioning, as the user writes it.
 
-    >>> check_heeded({"conditioning.high_pass_Hz": 1.0}, "high-pass")
+    >>> check_used({"conditioning.high_pass_Hz": 1.0}, "high-pass")
     """
-    for key, heeding in HEEDED_BY.items():
-        if f"{table}.{key}" in given and baseline != heeding:
-            raise InputError(
-                f"{table}.{key}: the baseline '{baseline}' ignores it; set {table}.baseline={heeding}, too"
-            )
+    for key, needed in USED_BY.items():
+        if f"{table}.{key}" in given and baseline != needed:
+            raise InputError(f"{table}.{key}: the baseline '{baseline}' ignores it; set {table}.baseline={needed}, too")
 
 
 def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
@@ -101,14 +99,14 @@ def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
     is_plain = how.offset is None and how.scale is None
     if is_plain and not how.rectify:
         return recordings
-    felt = _each(recordings, lambda x: standardised(x, how.offset, how.scale, how.rectify))
-    return felt if is_plain else replace(felt, unit="sd")
+    conditioned = _each(recordings, lambda x: standardised(x, how.offset, how.scale, how.rectify))
+    return conditioned if is_plain else replace(conditioned, unit="sd")
 
 
 def standardised(
     signal: np.ndarray, offset: Sequence[float] | None, scale: Sequence[float] | None, rectify: bool = False
 ) -> np.ndarray:
-    """`(signal - offset) / scale`, a value per taxel, of `(..., time, taxel)`; its absolute value where asked.
+    """`(signal - offset) / scale`, one value per taxel, of `(..., time, taxel)`; its absolute value with `rectify`.
 
     >>> standardised(np.array([[1.0, 5.0]], np.float32), (2.0, 5.0), (0.5, 1.0)).tolist()
     [[-2.0, 0.0]]
@@ -122,10 +120,10 @@ def standardised(
 def condition_pieces(
     recordings: Trials, trial: int, how: ConditioningSpec, unit: str | None = None
 ) -> Iterator[np.ndarray]:
-    """The conditioned signal of one trial, piece by piece: end to end, what `condition` makes of it.
+    """The conditioned signal of one trial, piece by piece; the concatenation equals `condition`.
 
-    unit: that the signal is converted to; its own when absent.
-    A baseline that knows the whole trial (`mean`, `median`) is found in a first pass.
+    unit: the signal is converted to it; unchanged when absent.
+    A baseline that uses the whole trial (`mean`, `median`) is computed in a first pass.
 
     >>> import pandas as pd
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
@@ -195,14 +193,14 @@ def _sampled(
 
     if resample_Hz is None or resample_Hz == rate_Hz:
         return recorded()
-    n_at_once = max(1, int(n_rows * min(1.0, resample_Hz / rate_Hz)))  # of a slower clock, they need more samples
+    n_at_once = max(1, int(n_rows * min(1.0, resample_Hz / rate_Hz)))  # steps of a slower clock need more samples
     return _regrouped(_resampled(recorded(), n_samples, rate_Hz, resample_Hz, n_at_once), n_rows)
 
 
 def _resampled(
     signal: Iterator[np.ndarray], n_samples: int, rate_Hz: float, to_Hz: float, n_rows: int
 ) -> Iterator[np.ndarray]:
-    """What `resample` makes of a signal that comes in pieces, in pieces of `n_rows`."""
+    """`resample` of a signal that arrives in pieces, in pieces of `n_rows`."""
     n_resampled, done, first = conditioned_length(n_samples, rate_Hz, to_Hz), 0, 0
     held = next(signal)
     while done < n_resampled:
@@ -236,7 +234,7 @@ def _regrouped(signal: Iterator[np.ndarray], n_rows: int) -> Iterator[np.ndarray
 def _mean(signal: np.ndarray) -> np.ndarray:
     """The mean of each taxel over time, `(..., 1, taxel)`.
 
-    A long trial is added in float64: in float32, samples would be lost beside their own sum.
+    A long trial is added in float64: in float32, samples would be lost in their own sum.
     """
     n_steps, n_channels = signal.shape[-2:]
     if not is_long(n_steps, n_channels):
@@ -248,30 +246,30 @@ def _mean(signal: np.ndarray) -> np.ndarray:
 
 
 BYTES_WHILE_RESAMPLED = 32
-"""For each value of the result: its place, its neighbours and itself."""
+"""Bytes for each value of the result: its position, its neighbours and itself."""
 
 BASELINES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "mean": _mean,
     "median": lambda x: np.median(x, axis=-2, keepdims=True).astype(x.dtype),
     "first": lambda x: x[..., :1, :],
 }
-"""What is subtracted from a signal `(..., time, taxel)`, as `(..., 1, taxel)`."""
+"""The level that is subtracted from a signal `(..., time, taxel)`, as `(..., 1, taxel)`."""
 
 
 ACAUSAL = ("mean", "median")
-"""Baselines that know the whole trial, so that each of its windows knows what comes after it."""
+"""Baselines that use the whole trial, so each window contains information from later samples."""
 ACAUSAL_NOTE = (
-    "acausal: the baseline is the {baseline} of each whole trial, so that a window knows what comes after it; "
-    "conditioning.baseline = none, first, start, running or high-pass knows the past alone"
+    "acausal: the baseline is the {baseline} of each whole trial, so windows contain information from later samples; "
+    "conditioning.baseline = none, first, start, running or high-pass is causal"
 )
 CAUSAL = ("start", "running", "high-pass")
-"""Baselines that move with the trial and know its past alone; the first sample, too, is past."""
+"""Baselines that change during the trial and use only its past, the current sample included."""
 Carried = tuple[np.ndarray, int]
-"""From one piece of a trial to the next: the sum of its samples so far, or what the EMA has come to; and how many."""
+"""State between two pieces of a trial: the sum of its samples so far, or the EMA; and their number."""
 
 
 def acausal_note(encoder: Mapping[str, Any] | None) -> str | None:
-    """What to say beside the results of an encoder whose windows know what comes after them; None for any other.
+    """The note printed with the results of an encoder with an acausal baseline; None for any other.
 
     encoder: its spec, as spike trains carry it.
 
@@ -284,25 +282,25 @@ def acausal_note(encoder: Mapping[str, Any] | None) -> str | None:
 
 @dataclass(frozen=True)
 class Past:
-    """A baseline of `CAUSAL`, of signals at some rate."""
+    """A baseline of `CAUSAL`, for signals at a given rate."""
 
     how: ConditioningSpec
     sampling_rate_Hz: float
 
     @property
     def smoothing(self) -> float:
-        """Weight of the newest step in the EMA that `high-pass` follows."""
+        """Weight of the newest step in the EMA of `high-pass`."""
         return ema_coefficient(self.how.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz")
 
     @property
     def n_start(self) -> int:
-        """Steps whose mean the baseline `start` is."""
+        """Number of steps in the mean of the baseline `start`."""
         return max(1, round(self.how.start_ms * 1e-3 * self.sampling_rate_Hz))
 
     def taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
-        """The signal `(..., time, taxel)` without its baseline, and what the piece after it needs.
+        """The signal `(..., time, taxel)` without its baseline, and the state for the next piece.
 
-        carried: what the piece before it gave; None at the start of a trial.
+        carried: the state after the previous piece; None at the start of a trial.
 
         >>> past = Past(ConditioningSpec(baseline="running"), 1000.0)
         >>> past.taken_off(np.array([[2.0], [4.0], [9.0]]), None)[0].ravel().tolist()
@@ -315,7 +313,7 @@ class Past:
         return self._mean_taken_off(signal, carried)
 
     def _mean_taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
-        """In float64, from one sample to the next, so that pieces add up as the whole does."""
+        """In float64, sample by sample, so that pieces give the same sum as the whole."""
         total, n_before = (np.zeros_like(signal[..., 0, :], np.float64), 0) if carried is None else carried
         n_steps = signal.shape[-2]
         last = n_before + n_steps
@@ -323,8 +321,8 @@ class Past:
             last = self.n_start
         n_new = min(max(last - n_before, 0), n_steps)
         sums = np.cumsum(np.concatenate([total[..., None, :], signal[..., :n_new, :]], axis=-2), axis=-2)
-        heard = np.arange(n_before + 1, n_before + n_new + 1)
-        level = sums[..., 1:, :] / heard[:, None]
+        n_so_far = np.arange(n_before + 1, n_before + n_new + 1)
+        level = sums[..., 1:, :] / n_so_far[:, None]
         after = n_before + n_new
         kept = np.repeat(sums[..., -1:, :] / max(1, after), n_steps - n_new, axis=-2)
         levels = np.concatenate([level, kept], axis=-2)
@@ -340,7 +338,7 @@ def _mean_of_pieces(signal: Pieces) -> np.ndarray:
 
 
 def _median_of_pieces(signal: Pieces) -> np.ndarray:
-    """The exact median of float32 pieces: the middle ones are found eleven bits at a time, from the highest down."""
+    """The exact median of float32 pieces: a radix search, eleven bits at a time, from the highest bits down."""
     n_steps = sum(map(len, signal()))
     middle = sorted({(n_steps - 1) // 2, n_steps // 2})
     found = np.array([_ranked(signal, rank) for rank in middle], np.float32)
@@ -348,7 +346,7 @@ def _median_of_pieces(signal: Pieces) -> np.ndarray:
 
 
 def _ranked(signal: Pieces, rank: int) -> np.ndarray:
-    """The value of each taxel, `(taxel,)`, that `rank` others go before in ascending order."""
+    """The value of each taxel, `(taxel,)`, with index `rank` in ascending order."""
     prefix, left = None, None
     for shift, bits in ((21, 11), (10, 11), (0, 10)):
         counts: np.ndarray | None = None
@@ -374,7 +372,7 @@ def _ranked(signal: Pieces, rank: int) -> np.ndarray:
 
 
 def _sortable(signal: np.ndarray) -> np.ndarray:
-    """Whole numbers in the order of float32 ones: the bits of a negative number turned round, of others above them."""
+    """Unsigned integers in the order of float32 values: all bits inverted if negative, else the sign bit set."""
     bits = (signal + np.float32(0.0)).view(np.uint32)  # so that -0 is 0
     return np.where(bits >> np.uint32(31) == 1, ~bits, bits | np.uint32(0x80000000))
 
@@ -388,7 +386,7 @@ LEVELS: dict[str, Callable[[Pieces], np.ndarray]] = {
 
 
 def ema_coefficient(cutoff_Hz: float, rate_Hz: float, key: str = "ema_cutoff_Hz") -> float:
-    """Weight of the newest sample, `1 - exp(-2 pi cutoff / rate)`; InputError, which names `key`, above Nyquist's.
+    """Weight of the newest sample, `1 - exp(-2 pi cutoff / rate)`; InputError, which names `key`, from Nyquist up.
 
     >>> round(ema_coefficient(30.0, 2000.0), 4)
     0.0899
@@ -404,8 +402,8 @@ def ema_coefficient(cutoff_Hz: float, rate_Hz: float, key: str = "ema_cutoff_Hz"
 def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None) -> np.ndarray:
     """`y[t] = y[t-1] + coefficient (x[t] - y[t-1])` along time, `(..., time, taxel)`.
 
-    before: y just before the signal begins, `(..., taxel)`: the last output of the piece before it. A signal
-        without one starts at y[0] = x[0].
+    before: y just before the signal begins, `(..., taxel)`: the last output of the previous piece. Without it,
+        y[0] = x[0].
 
     >>> ema(np.array([[0.0], [1.0], [1.0]]), 0.5).ravel().tolist()
     [0.0, 0.5, 0.75]
@@ -420,7 +418,7 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
 def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
     """Linear interpolation of `(..., time, taxel)` at another rate, from the first sample to the last.
 
-    Samples are not invented beyond the recording; going to a lower rate wants an EMA before it.
+    There is no extrapolation; before going to a lower rate, apply an EMA.
 
     >>> resample(np.array([[0.0], [2.0]]), 1.0, 2.0).ravel().tolist()
     [0.0, 1.0, 2.0]
@@ -432,12 +430,12 @@ def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
 
 
 def position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
-    """Where steps of one clock lie between the samples of another."""
+    """The positions of steps of one clock between the samples of another."""
     return steps * (rate_Hz / to_Hz)
 
 
 def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
-    """A signal of `n_samples`, of which those from `first` on are given, between them."""
+    """Interpolates a signal of `n_samples`, of which those from `first` on are given."""
     before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)
     weight = (position - before).astype(signal.dtype)[:, None]
@@ -448,7 +446,7 @@ def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples
 def fit_standardisation(signals: Sequence[np.ndarray]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """`(offset, scale)`: mean and standard deviation of each taxel over training trials.
 
-    A taxel that never moves gets scale 1, so that it stays silent and not infinite.
+    A constant taxel gets scale 1, so that it stays silent and finite.
 
     >>> fit_standardisation([np.array([[1.0, 5.0], [3.0, 5.0]])])
     ((2.0, 5.0), (1.0, 1.0))

@@ -1,4 +1,4 @@
-"""When contact begins in a trial of spikes: the first time that the spike count leaves its rest."""
+"""The onset of contact in a trial of spikes: the first time that the spike count rises above rest."""
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -8,19 +8,19 @@ from neurotact.spec import Spec
 
 
 class OnsetSpec(Spec):
-    """The rule for the onset of contact; it knows the past alone.
+    """The rule for the onset of contact; it is causal.
 
     c(t) is the number of spikes of all afferents in the last `bin_ms`. A trial begins at rest: m and s are the mean and
     the deviation of c over its first `rest_ms`. The onset is the first step after them at which c > m + deviations s;
-    s is at least sqrt(m), the deviation of a Poisson count, and at least one spike, so that a silent rest serves too.
+    s is at least sqrt(m), the deviation of a Poisson count, and at least one spike, so that a silent rest works too.
     """
 
     rest_ms: float = Field(default=50.0, gt=0)
-    """How long a trial is at rest at its beginning."""
+    """Length of the rest at the beginning of a trial."""
     bin_ms: float = Field(default=10.0, gt=0)
-    """The stretch in which spikes are counted."""
+    """Length of the bin in which spikes are counted."""
     deviations: float = Field(default=3.0, gt=0)
-    """By how many standard deviations the count must exceed its mean at rest."""
+    """The count must exceed its mean at rest by this many standard deviations."""
 
     @model_validator(mode="after")
     def _rests_for_a_bin(self) -> "OnsetSpec":
@@ -30,7 +30,7 @@ class OnsetSpec(Spec):
 
 
 def onset_of(steps: np.ndarray, sampling_rate_Hz: float, spec: OnsetSpec) -> int | None:
-    """The step of a trial at which contact begins; None where the spike count never leaves its rest.
+    """The step of a trial at which contact begins; None if the spike count never rises above rest.
 
     steps: of every spike of the trial, ascending. Raises InputError where a bin is shorter than one step.
 
@@ -46,7 +46,7 @@ def onset_of(steps: np.ndarray, sampling_rate_Hz: float, spec: OnsetSpec) -> int
     at_rest = _counts(steps, np.arange(width - 1, rest), width)
     mean = at_rest.mean()
     level = mean + spec.deviations * max(at_rest.std(), np.sqrt(mean), 1.0)
-    later = np.concatenate([[rest], steps[np.searchsorted(steps, rest) :]])  # a count rises at a spike alone
+    later = np.concatenate([[rest], steps[np.searchsorted(steps, rest) :]])  # a count rises only at a spike
     above = later[_counts(steps, later, width) > level]
     return int(above[0]) if len(above) else None
 

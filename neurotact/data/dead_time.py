@@ -1,4 +1,4 @@
-"""A refractory period of events: after each event of an afferent, its next ones within a dead time are lost."""
+"""A refractory period of events: events of an afferent within a dead time after its last kept event are dropped."""
 
 from dataclasses import replace
 
@@ -9,11 +9,11 @@ from neurotact.errors import InputError
 
 
 def with_dead_time(trains: SpikeTrains, steps: int) -> SpikeTrains:
-    """The spikes that an afferent still sends when it is silent for so many steps after each of them.
+    """The spikes that remain when each afferent is silent for `steps` steps after each of them.
 
-    So the shortest interval between two spikes of an afferent is `steps` + 1, as that of a LIF afferent with a
-    refractory period of as many steps; but a LIF afferent also loses the drive of that time, where an event is only
-    dropped. Raises InputError for a negative number.
+    So the shortest interval between two spikes of an afferent is `steps` + 1, as for a LIF afferent with a
+    refractory period of as many steps; but a LIF afferent also ignores the drive during that time, while here events
+    are only dropped. Raises InputError for a negative number.
 
     >>> import pandas as pd
     >>> from neurotact.data.spikes import from_rasters
@@ -35,7 +35,7 @@ def with_dead_time(trains: SpikeTrains, steps: int) -> SpikeTrains:
 
 
 def _kept(at: np.ndarray, units: np.ndarray, steps: int) -> np.ndarray:
-    """Which spikes of a trial stay, `(spike,)` boolean; they come in order of time."""
+    """Which spikes of a trial are kept, `(spike,)` boolean; the spikes are in order of time."""
     keep = np.zeros(len(at), bool)
     free_from: dict[int, int] = {}
     for index, (step, unit) in enumerate(zip(at.tolist(), units.tolist(), strict=True)):

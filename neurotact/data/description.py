@@ -1,4 +1,4 @@
-"""What a file of recordings or spikes holds, as tables for people: conditions, taxels, afferents."""
+"""The content of a file of recordings or spikes, as tables for people: conditions, taxels, afferents."""
 
 import numpy as np
 import pandas as pd
@@ -7,7 +7,7 @@ from neurotact.data.recordings import Trials
 from neurotact.data.spikes import SpikeTrains
 
 MOST_VALUES = 12
-"""Values of a condition that are listed; of more, only their number is."""
+"""Values of a condition to list; if there are more, only their number is shown."""
 PIECE = 100_000
 """Samples of a trial that are read at once."""
 
@@ -40,7 +40,7 @@ def taxels_table(trials: Trials) -> pd.DataFrame:
     total, within = np.zeros(trials.n_channels), np.zeros(trials.n_channels)
     for trial, length in enumerate(trials.lengths.tolist()):
         sums, squares = np.zeros(trials.n_channels), np.zeros(trials.n_channels)
-        origin = trials.piece(trial, 0, 1)[0].astype(float)  # large offsets would cost the squares their digits
+        origin = trials.piece(trial, 0, 1)[0].astype(float)  # avoids a loss of digits in the squares of large offsets
         for start in range(0, length, PIECE):
             piece = trials.piece(trial, start, min(start + PIECE, length)).astype(float)
             low, high = np.minimum(low, piece.min(0)), np.maximum(high, piece.max(0))
@@ -73,7 +73,7 @@ def afferents_table(trains: SpikeTrains) -> pd.DataFrame:
 
 
 def lengths_line(steps: np.ndarray, rate_Hz: float) -> str:
-    """How long trials last.
+    """The lengths of trials, in words.
 
     >>> lengths_line(np.array([50, 200]), 100.0)
     'trials of 0.5 to 2 s, at 100 Hz (10 ms a sample)'

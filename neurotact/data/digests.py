@@ -1,6 +1,6 @@
-"""Digests of trials: the same content has the same digest, whatever file and place it lies in.
+"""Digests of trials: the same content has the same digest in any file and at any index.
 
-They tell whether a network has seen a trial before. A digest is the first 16 hexadecimal digits of a SHA-256.
+They show whether a network has seen a trial before. A digest is the first 16 hexadecimal digits of a SHA-256.
 """
 
 import hashlib
@@ -16,11 +16,11 @@ from neurotact.data.spikes import SpikeTrains
 
 DIGITS = 16
 DIGEST = "recorded_digest"
-"""What other programs' files call the digest of what was recorded."""
+"""The name of the digest of the recorded signal in files of other formats."""
 
 
 def recorded_digest(recordings: Trials, trial: int) -> str:
-    """The digest of what was recorded in a trial: samples, sampling rate, unit and channels; not its label.
+    """The digest of a trial's recording: samples, sampling rate, unit and channels; not its label.
 
     >>> import pandas as pd
     >>> from neurotact.data.recordings import Recordings
@@ -38,7 +38,7 @@ def recorded_digest(recordings: Trials, trial: int) -> str:
 def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
     """One digest per trial of its spikes: events, length, clock and afferents; not its label.
 
-    It tells trials apart less well than what was recorded does: two silent trials of one length have the same.
+    It distinguishes trials less well than the digest of the recording: two silent trials of equal length have the same.
     """
     about = [float(trains.sampling_rate_Hz), list(trains.afferents)]
     events = zip(trains.steps, trains.units, trains.trial_steps.tolist(), strict=True)

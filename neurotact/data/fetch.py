@@ -1,7 +1,7 @@
-"""Public tactile data sets: what they are, under which licence, and how they come to this machine.
+"""Public tactile data sets: description, licence and download.
 
-A set is downloaded where its files and their hashes are known; the others are fetched by hand, and what is to be put
-where is said. Files that are there already, whole, are not downloaded again.
+A set is downloaded if its files and their hashes are known; for the others, manual steps are printed. Files that
+exist and are undamaged are not downloaded again.
 """
 
 import hashlib
@@ -18,9 +18,9 @@ REGISTRY = Path(__file__).parent / "registry"
 class PublicSet(NamedTuple):
     """A public data set.
 
-    about, licence, size, citation, page: for a person. reader: the `neurotact import` command that reads it; empty
-    where there is none. base_url: of the files in the registry of its name; None where it is fetched by hand, by the
-    words of `by_hand`. folder: where the files lie below the set's own folder. opens: the file that the reader takes.
+    about, licence, size, citation, page: printed. reader: the `neurotact import` command that reads it; empty
+    if there is none. base_url: of the files in the registry of its name; None if it is downloaded by hand, as `by_hand`
+    says. folder: where the files are below the set's own folder. opens: the file that the reader takes.
     """
 
     about: str
@@ -51,8 +51,8 @@ SETS = {
     ),
     "pvdf-hardness": PublicSet(
         about="a patch of 8 P(VDF-TrFE) taxels pressed on five cubes of different hardness",
-        licence="none is stated: ask the authors before you pass it on",
-        size="not known here",
+        licence="none is stated: ask the authors before you share it",
+        size="unknown",
         citation="University of Genoa, COSMIC lab: Tactile_Heatmaps",
         page="https://github.com/cosmiclabunige/Tactile_Heatmaps",
         reader="pvdf-hardness",
@@ -60,8 +60,8 @@ SETS = {
     ),
     "braille-letters": PublicSet(
         about="27 Braille letters under an event-based fingertip of 12 taxels",
-        licence="that of the Zenodo record; read it there",
-        size="not known here",
+        licence="see the Zenodo record",
+        size="unknown",
         citation="S. F. Müller-Cleve et al.: Braille letter reading: A benchmark for spatio-temporal pattern "
         "recognition on neuromorphic hardware. Frontiers in Neuroscience 16:951164 (2022), "
         "doi 10.3389/fnins.2022.951164",
@@ -72,8 +72,8 @@ SETS = {
     ),
     "st-mnist": PublicSet(
         about="handwritten digits on a 10 x 10 neuromorphic tactile array",
-        licence="that of the form on the page; read it there",
-        size="not known here",
+        licence="see the form on the page",
+        size="unknown",
         citation="H. H. See et al.: ST-MNIST - The Spiking Tactile MNIST Neuromorphic Dataset (2020), arXiv 2005.04319",
         page="https://scholarbank.nus.edu.sg/bitstream/10635/168106/2/"
         "STMNIST%20dataset%20NUS%20Tee%20Research%20Group.zip",
@@ -83,26 +83,26 @@ SETS = {
     ),
     "touch-modality": PublicSet(
         about="70 people who slide, brush and roll over a 4 x 4 piezoelectric array",
-        licence="that of the Mendeley record; read it there",
-        size="not known here",
+        licence="see the Mendeley record",
+        size="unknown",
         citation="M. Alameh et al., University of Genoa, COSMIC lab: Mendeley Data dmcdp33ctt, version 2",
         page="https://data.mendeley.com/datasets/dmcdp33ctt/2",
         reader="touch-modality",
         by_hand="download the record and unpack it",
     ),
 }
-"""By the names that `neurotact fetch` takes."""
+"""Data sets by the names that `neurotact fetch` takes."""
 
 
 def public_set(name: str) -> PublicSet:
-    """The set of that name; InputError names the nearest where there is none."""
+    """The set of that name; if there is none, InputError names the nearest."""
     if name not in SETS:
         raise InputError(f"fetch: there is no set '{name}'; {nearest(name, list(SETS))}")
     return SETS[name]
 
 
 def registry_of(name: str) -> dict[str, str]:
-    """The files of a set and their hashes (`sha256:...`), as pooch takes them; none where they are not known."""
+    """The files of a set and their hashes (`sha256:...`), as pooch takes them; empty if they are unknown."""
     path = REGISTRY / f"{name}.txt"
     if not path.is_file():
         return {}
@@ -118,11 +118,11 @@ def missing(name: str, folder: Path) -> list[str]:
 def fetch(
     name: str, folder: Path, progress: Callable[[int, str], None] | None = None, *, base_url: str | None = None
 ) -> int:
-    """Download what is missing of a set into `folder`; how many files that were.
+    """Download the missing files of a set into `folder`; returns their number.
 
-    progress: called with 1 and its name after each file. base_url: in place of the set's own, for a mirror.
-    Raises InputError, with what to do by hand, for a set that is not downloaded, where nothing can be reached, and for
-    a file that is not the one that was published.
+    progress: called with 1 and its name after each file. base_url: replaces the set's own, for a mirror.
+    Raises InputError, with the manual steps, for a set that is not downloaded, for a failed connection, and for a file
+    that differs from the published one.
     """
     about = public_set(name)
     url, wanted = base_url or about.base_url, missing(name, folder)
@@ -137,7 +137,7 @@ def fetch(
 
 
 def by_hand(name: str, folder: Path) -> str:
-    """What a person does where a set is not downloaded."""
+    """The manual steps for a set that is not downloaded."""
     about = public_set(name)
     then = f"; then run neurotact import {about.reader} {folder / about.opens} -o {name}.h5" if about.reader else ""
     return f"{about.by_hand} from {about.page} to {folder / about.folder}{then}"
@@ -154,9 +154,9 @@ def _download(name: str, url: str, file: str, place: Path, folder: Path) -> None
         pooch.retrieve(url, registry_of(name)[file], fname=file, path=place)
     except ValueError as error:
         raise InputError(
-            f"{name}: {url} is not the file that was published (its hash differs); {by_hand(name, folder)}"
+            f"{name}: {url} is not the published file (its hash differs); {by_hand(name, folder)}"
         ) from error
-    except OSError as error:  # what requests and the disk raise
+    except OSError as error:  # raised by requests and by the disk
         why = (str(error).splitlines() or [type(error).__name__])[0][:120]
         raise InputError(f"{name}: {url} cannot be downloaded ({why}); {by_hand(name, folder)}") from error
 

@@ -2,7 +2,7 @@
 
 Recordings: `signals/values` (all trials end to end, `(time, channel)`), `signals/lengths`, `conditions/<column>`.
 Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, `spikes/units`, `labels`), and
-`conditions/<column>`, `trial_steps`. What else belongs to a file stands in its attributes.
+`conditions/<column>`, `trial_steps`. Everything else is in the file's attributes.
 """
 
 import json
@@ -41,7 +41,7 @@ from neurotact.files import check_size, whole
 log = logging.getLogger("neurotact")
 
 FLUSHED_SPIKES, FLUSHED_TRIALS = 100_000, 1000
-"""So many spikes or trials are gathered before they are written."""
+"""Spikes or trials that are collected before they are written."""
 
 
 def save_recordings(recordings: Recordings, path: str | Path) -> None:
@@ -65,11 +65,11 @@ def save_recordings(recordings: Recordings, path: str | Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class StoredRecordings(Trials):
-    """Recordings in an open file, of which the signals are read as they are needed (`open_recordings`).
+    """Recordings in an open file; signals are read on demand (`open_recordings`).
 
     values: all trials end to end, `(sample, channel)`.
-    numbers, starts, stored_lengths: a trial each: its number in the file, where it begins in `values`, its samples.
-    The others are those of `Recordings`. Samples are checked when they are read.
+    numbers, starts, stored_lengths: for each trial, its number in the file, its first sample in `values`, its length.
+    The others are as in `Recordings`. Samples are checked when they are read.
     """
 
     values: h5py.Dataset
@@ -124,7 +124,7 @@ class StoredRecordings(Trials):
         )
 
     def _runs(self) -> Iterator[tuple[int, int]]:
-        """First and last of the trials that lie end to end, so that they are read at once."""
+        """First and last of each run of adjacent trials, which is read at once."""
         ends = self.starts + self.stored_lengths
         begins = [0, *(np.flatnonzero(self.starts[1:] != ends[:-1]) + 1).tolist(), len(self)]
         yield from ((first, after - 1) for first, after in pairwise(begins))
@@ -141,7 +141,7 @@ class StoredRecordings(Trials):
 
 @contextmanager
 def open_recordings(path: str | Path) -> Iterator[StoredRecordings]:
-    """Recordings whose signals are read as they are needed, so that a file of any size serves; while it is open.
+    """Recordings whose signals are read on demand, for files of any size; valid while the file is open.
 
     Raises InputError for a file that is truncated, not HDF5 or of another kind, or declares far more than it holds.
     """
@@ -150,7 +150,7 @@ def open_recordings(path: str | Path) -> Iterator[StoredRecordings]:
 
 
 def load_recordings(path: str | Path) -> Recordings:
-    """Read recordings into memory; InputError as `open_recordings`, and for more than the limit on one input."""
+    """Read recordings into memory; InputError as in `open_recordings`, and above the limit on one input."""
     with opened(path, "recordings") as (file, _):
         return _recordings(Declared(file, path))
 
@@ -221,7 +221,7 @@ class SpikeWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Write what waits."""
+        """Write the collected spikes and trials."""
         first = len(self.trial_steps) - len(self._waiting)
         if self._waiting:
             _write_rows(self._times, first, [trial.steps / self._rate_Hz for trial in self._waiting], np.float64)
@@ -276,13 +276,13 @@ def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
 
 
 def kind_of(path: str | Path) -> str:
-    """What a file holds: "recordings", "spikes", or "events" of the Heidelberg layout; InputError as `load`."""
+    """The kind of a file: "recordings", "spikes", or "events" of the Heidelberg layout; InputError as in `load`."""
     with opened(path, "recordings", "spikes", EVENTS) as (_, kind):
         return kind
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:
-    """Read recordings or spike trains, whichever the file says that it holds; InputError as of either."""
+    """Read recordings or spike trains, whichever the file declares; InputError as for either."""
     read = {"recordings": _recordings, "spikes": _spikes, EVENTS: _events}
     with opened(path, *read) as (file, kind):
         return read[kind](Declared(file, path))
@@ -327,7 +327,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
 
 
 def _steps(times_s: np.ndarray, rate_Hz: float) -> np.ndarray:
-    """The steps nearest to times; one that is no time at all becomes -1."""
+    """The steps nearest to times; an invalid time becomes -1."""
     with np.errstate(over="ignore"):
         steps = np.rint(times_s * rate_Hz)
     return np.where(np.abs(steps) < 2.0**62, steps, -1).astype(np.int64)
@@ -338,7 +338,7 @@ def _write_rows(dataset: h5py.Dataset, first: int, rows: list[np.ndarray], kind:
     boxed = np.empty(len(rows), h5py.vlen_dtype(kind))
     for i, values in enumerate(rows):
         boxed[i] = np.asarray(values, kind)
-    # h5py's own assignment takes rows that happen to be of one length for a table.
+    # h5py's own assignment turns rows that happen to have one length into a table.
     place = dataset.id.get_space()
     place.select_hyperslab((first,), boxed.shape)
     dataset.id.write(h5py.h5s.create_simple(boxed.shape), place, boxed)
@@ -360,5 +360,5 @@ def _write_table(group: h5py.Group, table: pd.DataFrame) -> None:
 def _read_table(declared: Declared, n_trials: int) -> pd.DataFrame:
     columns = names(attribute(declared.group("conditions"), "columns", declared.path))
     if len(set(columns)) < len(columns):
-        raise ValueError("a condition stands in its table twice")
+        raise ValueError("a condition occurs twice in its table")
     return pd.DataFrame({column: declared.column(f"conditions/{column}", n_trials) for column in columns})

@@ -1,7 +1,7 @@
-"""HDF5 files from anywhere: what a file declares is bounded before it is read.
+"""HDF5 files from any program: declared sizes are checked before anything is read.
 
 A file of a few kilobytes can declare any size: of data that was never written, that inflates a thousand times, or of
-rows that all point to one stretch of the file. So a dataset is checked before it is read, and rows of their own
+rows that all point to one stretch of the file. So a dataset is checked before it is read, and rows of variable
 length are read a few at a time.
 """
 
@@ -26,32 +26,32 @@ from neurotact.files import MAX_MB, check_size, existing, max_bytes
 HEAP = b"GCOL\x01\0\0\0"
 """Signature and version of a global heap, and its reserved bytes."""
 HEAP_WORDS = [np.uint32(int.from_bytes(HEAP[i : i + 4], "little")) for i in range(4)]
-"""What a whole word of 4 bytes within a signature can be."""
+"""The possible aligned 4-byte words within a signature."""
 BLOCK_BYTES = 2**20
-"""Of whole words, so few that they stay in a processor's cache."""
+"""Bytes of a block that is searched: few enough for a processor's cache."""
 MOST_OBJECTS = 2**16 + 1
-"""Of a heap, whose indices have 16 bits."""
+"""Objects of a heap, whose indices have 16 bits."""
 FARTHEST = 2**62
 STREAMED_RATIO = 50
-"""What is read in pieces may be larger than the limit on one input, but not so many times larger than its file."""
+"""Data read in pieces may exceed the limit on one input, but be at most this many times larger than its file."""
 CACHE_BYTES = 32_000_000
-"""Of the chunks side by side that one piece of a dataset needs."""
+"""Bytes of the adjacent chunks that one piece of a dataset needs."""
 EVENTS = "events"
-"""The kind of a file that says none and holds spikes with labels, as the Heidelberg Digits do."""
+"""The kind of a file that declares none and holds spikes with labels, as the Heidelberg Digits do."""
 MADE_BY = {"recordings": "simulate or import", "spikes": "encode", EVENTS: "import events"}
 """Kinds of files, and the commands that write them."""
 TEXT_BYTES = 200
-"""What a short text takes in memory, in a table that is copied twice."""
+"""Memory of a short text, in a table that is copied twice."""
 FILTERS = {
     h5py.h5z.FILTER_DEFLATE: "gzip",
     h5py.h5z.FILTER_SHUFFLE: "shuffle",
     h5py.h5z.FILTER_FLETCHER32: "fletcher32",
 }
-"""What may be done to chunks: filters whose output can be bounded before."""
+"""Accepted filters of chunks: their output size can be bounded before."""
 
 
 def check_heaps(path: Path) -> None:
-    """Refuse a file whose global heaps (texts and rows of their own length) libhdf5 would read for ever.
+    """Refuse a file whose global heaps (texts and rows of variable length) libhdf5 would read for ever.
 
     A heap is a list of objects: index (2 bytes), references (2), reserved (4) and size (8 bytes), then the content. The
     free space has index 0 and its own header within its size; where a damaged file gives it the size 0, libhdf5 1.14
@@ -63,7 +63,7 @@ def check_heaps(path: Path) -> None:
 
 
 def _after_hole(descriptor: int, offset: int) -> int:
-    """Where the file goes on from `offset` with data: a hole holds zeros, of any size, and need not be read."""
+    """The next offset with data from `offset` on: a hole holds zeros, of any size, and need not be read."""
     try:
         return os.lseek(descriptor, offset, os.SEEK_DATA)
     except OSError as error:
@@ -71,13 +71,13 @@ def _after_hole(descriptor: int, offset: int) -> int:
             return os.lseek(descriptor, 0, os.SEEK_END)
     except AttributeError:
         pass
-    return offset  # the system or the file system knows no holes
+    return offset  # the system or the file system does not support holes
 
 
 def _heaps(file: BinaryIO, after_hole: Callable[[int], int] = int) -> Iterator[int]:
-    """Where global heaps begin; a heap whose signature lies across two blocks may come twice.
+    """The offsets of global heaps; a heap whose signature crosses two blocks may occur twice.
 
-    Wherever a signature of 8 bytes begins, it covers a whole word of 4 bytes: numpy finds such words three times faster
+    A signature of 8 bytes at any offset covers an aligned word of 4 bytes: numpy finds such words three times faster
     than `bytes.find` finds signatures, and only blocks that hold one are searched.
     """
     offset = after_hole(0)
@@ -123,10 +123,10 @@ def _open(path: str | Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def opened(path: str | Path, *kinds: str) -> Iterator[tuple[h5py.File, str]]:
-    """The file at `path`, to read from, and which of `kinds` it holds.
+    """The file at `path`, open for reading, and which of `kinds` it holds.
 
-    Raises InputError for a file that is truncated, not HDF5 or of another kind. Whatever reading it raises within the
-    block is reported as a damaged file.
+    Raises InputError for a file that is truncated, not HDF5 or of another kind. A read error within the block is
+    reported as a damaged file.
     """
     what, command = " or ".join([kind for kind in kinds if kind != EVENTS] or kinds), f"neurotact {MADE_BY[kinds[0]]}"
     with reading(path, what, command) as file:
@@ -139,7 +139,7 @@ def opened(path: str | Path, *kinds: str) -> Iterator[tuple[h5py.File, str]]:
 
 @contextmanager
 def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
-    """The file at `path`, to read from; what reading it raises becomes an InputError that names the fix."""
+    """The file at `path`, open for reading; a read error becomes an InputError that names the fix."""
     try:
         with _open(path) as file:
             yield file
@@ -153,7 +153,7 @@ def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
 
 
 def attribute(holder: h5py.Group, name: str, path: str | Path) -> Any:
-    """One value that a file or a group in it carries; InputError for a text that is not UTF-8, KeyError for none."""
+    """One attribute of a file or a group; InputError for a text that is not UTF-8, KeyError if it is absent."""
     found = h5py.h5a.open(holder.id, name.encode())
     if found.shape != ():
         raise ValueError(f"{name} is not a single value")
@@ -167,34 +167,34 @@ def attribute(holder: h5py.Group, name: str, path: str | Path) -> Any:
 
 
 def table(text: Any, kind: type) -> Any:
-    """What a JSON attribute holds; ValueError unless that is of the kind that is due.
+    """The value of a JSON attribute; ValueError unless it is of the expected kind.
 
     >>> table('["taxel1"]', list)
     ['taxel1']
     """
     found = json.loads(text)
     if not isinstance(found, kind):
-        raise ValueError(f"holds {_shown(text)} where a {'table' if kind is dict else kind.__name__} is due")
+        raise ValueError(f"holds {_shown(text)} where a {'table' if kind is dict else kind.__name__} is expected")
     return found
 
 
 def names(text: Any) -> tuple[str, ...]:
-    """The names in a JSON attribute, which can be written to any file."""
+    """The names in a JSON attribute; each is valid UTF-8."""
     found = table(text, list)
     for name in found:
         if not isinstance(name, str):
-            raise ValueError(f"holds {_shown(name)} where a name is due")
+            raise ValueError(f"holds {_shown(name)} where a name is expected")
         name.encode()
     return tuple(found)
 
 
 class Declared:
-    """The datasets of an open file, each checked before it is read, and all that is read together.
+    """The datasets of an open file; each is checked before it is read, and so is their total.
 
     path: of the file, for messages.
 
-    Its methods raise InputError for what is too large, and KeyError, TypeError or ValueError for what is not there or
-    not of the kind that is asked for.
+    Its methods raise InputError for data that is too large, and KeyError, TypeError or ValueError for data that is
+    absent or of another kind.
     """
 
     def __init__(self, file: h5py.File, path: str | Path) -> None:
@@ -204,13 +204,13 @@ class Declared:
         self._read_bytes = 0
 
     def numbers(self, name: str, kinds: str = "iuf") -> np.ndarray:
-        """A dataset of numbers of one row per trial, `(trial,)`; `kinds` of numpy."""
+        """A dataset of one number per trial, `(trial,)`; `kinds` of numpy."""
         dataset = self._dataset(name, kinds, 1)
         self._reserve(dataset.size * dataset.dtype.itemsize)
         return dataset[()]
 
     def rows(self, name: str, kinds: str) -> list[np.ndarray]:
-        """A dataset of rows of their own length, one a trial."""
+        """A dataset of rows of variable length, one per trial."""
         dataset = self._dataset(name, "O", 1)
         base = h5py.check_vlen_dtype(dataset.dtype)
         if not isinstance(base, np.dtype) or base.kind not in kinds:
@@ -223,7 +223,7 @@ class Declared:
         return found
 
     def texts(self, name: str) -> list[str]:
-        """A dataset of UTF-8 texts, one a trial."""
+        """A dataset of UTF-8 texts, one per trial."""
         dataset = self._dataset(name, "OS", 1)
         if not h5py.check_string_dtype(dataset.dtype):
             raise TypeError(f"{name} does not hold texts")
@@ -252,7 +252,7 @@ class Declared:
         return np.array(decoded, object).reshape(dataset.shape) if dataset.ndim else decoded[0]
 
     def column(self, name: str, n_trials: int) -> list[str] | np.ndarray:
-        """A dataset of texts or of numbers, one a trial."""
+        """A dataset of texts or of numbers, one per trial."""
         dataset = self._dataset(name, "OSiufb", 1)
         if len(dataset) != n_trials:
             raise InputError(
@@ -261,7 +261,7 @@ class Declared:
         return self.texts(name) if dataset.dtype.kind in "OS" else self.numbers(name, "iufb")
 
     def holds(self, name: str) -> bool:
-        """Whether something is called so in this very file."""
+        """Whether this file itself has an object of that name."""
         try:
             self._found(name)
         except KeyError:
@@ -269,7 +269,7 @@ class Declared:
         return True
 
     def group(self, name: str) -> h5py.Group:
-        """A group of this very file."""
+        """A group of this file itself."""
         found = self._found(name)
         if not isinstance(found, h5py.Group):
             raise TypeError(f"{name} is not a group")
@@ -294,7 +294,7 @@ class Declared:
         return h5py.Dataset(h5py.h5d.open(self.file.id, name.encode(), access))
 
     def _found(self, name: str) -> Any:
-        """What is called so in this very file: a link could lead to any other."""
+        """The object of that name in this file itself: a link could lead to any other file."""
         parts = name.split("/")
         for depth in range(1, len(parts) + 1):
             link = self.file.get("/".join(parts[:depth]), getlink=True)
@@ -303,7 +303,7 @@ class Declared:
         return self.file[name]
 
     def _dataset(self, name: str, kinds: str, n_dims: int | None) -> h5py.Dataset:
-        """The dataset called `name`, of this very file and of a layout whose reading is bounded."""
+        """The dataset called `name`, in this file itself and of a layout with a bounded size."""
         dataset = self._found(name)
         if not isinstance(dataset, h5py.Dataset) or dataset.shape is None:
             raise TypeError(f"{name} is not a dataset")
@@ -340,7 +340,7 @@ class Declared:
                 raise InputError(f"{self.path}: {name} inflates to more than it declares; write it again")
 
     def _parts(self, dataset: h5py.Dataset) -> Iterator[np.ndarray]:
-        """Its rows, so few at a time that they fit in memory even if each is as large as the whole file."""
+        """Its rows, in parts that fit in memory even if each row is as large as the whole file."""
         at_once = max(1, max_bytes() // max(self._file_bytes, 1))
         for start in range(0, len(dataset), at_once):
             yield dataset[start : start + at_once]
@@ -358,11 +358,11 @@ def _decoded(text: bytes, what: str) -> str:
 
 
 def _inflates_within(dataset: h5py.Dataset, place: Any, n_bytes: int) -> bool:
-    """Whether a gzip chunk holds no more than `n_bytes`, and the checksum that may stand within or behind it."""
+    """Whether a gzip chunk holds no more than `n_bytes` and the checksum, which may be inside or after it."""
     if place.size > 2 * n_bytes + 1000:
         return False
     mask, content = dataset.id.read_direct_chunk(place.chunk_offset)
-    if mask:  # a filter was left out for this chunk: it is as it is
+    if mask:  # a filter was skipped for this chunk: it is stored as it is
         return True
     inflater, left = zlib.decompressobj(), n_bytes + 4
     try:
@@ -375,6 +375,6 @@ def _inflates_within(dataset: h5py.Dataset, place: Any, n_bytes: int) -> bool:
 
 
 def _shown(value: Any) -> str:
-    """A value that may come from anyone, in printable characters and of a readable length."""
+    """An external value, in printable characters and of a readable length."""
     text = str(value)[:200]
     return text if text.isprintable() and text.isascii() else ascii(text)

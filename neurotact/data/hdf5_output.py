@@ -1,7 +1,7 @@
-"""HDF5 files that are written through a Python file, so that a full disk ends in an error and not in a crash.
+"""HDF5 files that are written through a Python file, so that a full disk gives an error and not a crash.
 
-Where a write fails, libhdf5 fails again when the file is closed, and may then crash the process. So it never sees a
-failure here: the first one is kept, what is written after it stays in memory, and the error is raised afterwards.
+If a write fails, libhdf5 fails again when the file is closed, and may then crash the process. So failures are hidden
+from it: the first one is kept, later writes stay in memory, and the error is raised at the end.
 """
 
 import io
@@ -12,14 +12,14 @@ from pathlib import Path
 import h5py
 
 PAGE = 4096
-"""Bytes that are kept together of what could not be written."""
+"""Page size of the data that could not be written."""
 
 
 class Output(io.RawIOBase):
-    """A new binary file at `path` whose writing never fails; `error` is the first failure that it met.
+    """A new binary file at `path` whose writes never fail; `error` is the first failure.
 
-    What is written after an error is kept in memory and read back from there. Whoever writes much calls `check` in
-    between, which raises the error.
+    Data written after an error is kept in memory and read back from there. Call `check` during long writes: it raises
+    the error.
 
     >>> import tempfile
     >>> with Output(Path(tempfile.mkdtemp()) / "a.bin") as file:
@@ -35,7 +35,7 @@ class Output(io.RawIOBase):
         self._lost: dict[int, bytearray] = {}
 
     def check(self) -> None:
-        """Raise the error that writing met, if any."""
+        """Raise the first error of a write, if any."""
         if self.error is not None:
             raise self.error
 
@@ -61,7 +61,7 @@ class Output(io.RawIOBase):
         if self.error is None:
             try:
                 self._write_to_disk(view)
-            except BaseException as error:  # an interrupt, too, would be a failed write to the library
+            except BaseException as error:  # the library would take an interrupt for a failed write, too
                 self.error = error
         if self.error is not None:
             self._keep(view)
@@ -89,14 +89,14 @@ class Output(io.RawIOBase):
         return size
 
     def flush(self) -> None:
-        """Nothing is held back; an Output is unbuffered."""
+        """Does nothing: an Output is unbuffered."""
 
     def close(self) -> None:
         if not self.closed:
             self._lost.clear()
             try:
                 self._file.close()
-            except OSError as error:  # a network file system tells of a full disk here
+            except OSError as error:  # a network file system reports a full disk here
                 self.error = self.error or error
         super().close()
 
@@ -117,7 +117,7 @@ class Output(io.RawIOBase):
             place, view = place + len(part), view[len(part) :]
 
     def _remembered(self, place: int, n_bytes: int) -> bytes:
-        """What was written, whether it is on the disk or in memory."""
+        """The written data, whether it is on the disk or in memory."""
         found = bytearray(self._from_disk(place, n_bytes))
         for number in range(place // PAGE, (place + n_bytes + PAGE - 1) // PAGE):
             page = self._lost.get(number)
@@ -127,7 +127,7 @@ class Output(io.RawIOBase):
         return bytes(found)
 
     def _from_disk(self, place: int, n_bytes: int) -> bytes:
-        """What lies on the disk; zeros beyond its end."""
+        """The data on the disk; zeros beyond its end."""
         self._file.seek(place)
         found = bytearray()
         while len(found) < n_bytes and (more := self._file.read(n_bytes - len(found))):
@@ -141,7 +141,7 @@ class Output(io.RawIOBase):
 
 @contextmanager
 def create(path: Path) -> Iterator[tuple[h5py.File, Output]]:
-    """A new HDF5 file to write to, and what it is written through; OSError at the end where the disk did not take it.
+    """A new HDF5 file for writing, and its `Output`; OSError at the end if a write to the disk failed.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "a.h5"

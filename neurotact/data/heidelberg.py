@@ -1,7 +1,7 @@
 """HDF5 files in the layout of the Spiking Heidelberg Digits, as they are published (Cramer et al. 2022).
 
-`spikes/times` and `spikes/units`: a row of its own length per trial, in s. `labels`: the class of each, an index into
-`extra/keys` if the file has it. Other datasets of one value per trial in `extra` are conditions, such as `speaker`
+`spikes/times` and `spikes/units`: one row of variable length per trial, in s. `labels`: the class of each, an index
+into `extra/keys` if the file has it. Other datasets of one value per trial in `extra` are conditions, such as `speaker`
 (doi 10.1109/TNNLS.2020.3044364).
 """
 
@@ -19,7 +19,7 @@ from neurotact.errors import InputError
 
 
 def load(path: str | Path, spec: EventSpec) -> SpikeTrains:
-    """The spikes of a file on a clock of `spec.step_ms`; InputError for one that is damaged, too large or otherwise."""
+    """Spikes of a file on a clock of `spec.step_ms`; InputError if it is damaged, too large or not in the layout."""
     with opened(path, EVENTS) as (file, _):
         return read(Declared(file, path), spec)
 
@@ -27,7 +27,7 @@ def load(path: str | Path, spec: EventSpec) -> SpikeTrains:
 def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     """The spikes of an open file on a clock of `spec.step_ms`.
 
-    Rows are read as they are stored and put on the clock trial by trial, since such files hold many millions of spikes.
+    Rows are read as they are stored and binned trial by trial, since such files hold many millions of spikes.
     """
     path = declared.path
     times, units = declared.rows("spikes/times", "f"), declared.rows("spikes/units", "iu")

@@ -17,7 +17,7 @@ from neurotact.errors import InputError
 from neurotact.files import check_size
 
 NOT_SAID_HZ = 1.0
-"""The sampling rate that Neo gives to spike trains without one."""
+"""Neo's sampling rate of spike trains without one."""
 
 
 def to_neo(spikes: SpikeTrains) -> Any:
@@ -62,10 +62,10 @@ def to_neo(spikes: SpikeTrains) -> Any:
 def from_neo(block: Any, *, step_ms: float | None = None, label: str = LABEL) -> SpikeTrains:
     """The spike trains of a `neo.Block`, a trial per segment; those of the same name are one afferent.
 
-    step_ms: the clock; that of the block of `to_neo` or of its spike trains when None, else 1 ms. A spike stands in the
-    step floor((t - t_start) / step) from the beginning of its segment on.
+    step_ms: the clock; that of the block of `to_neo` or of its spike trains when None, else 1 ms. A spike falls in
+    step floor((t - t_start) / step), counted from the beginning of its segment.
     label: the annotation of segments with their class. Other annotations that all segments have are conditions.
-    Raises InputError for another object, for segments without spike trains or classes, and for what no clock holds.
+    Raises InputError for another object, for segments without spike trains or classes, and for times beyond any clock.
     """
     _neo()
     segments: list[Any] = list(getattr(block, "segments", ()))
@@ -123,7 +123,7 @@ def _trial(segment: Any, trial: int, rate_Hz: float, places: dict[str, int]) -> 
         raise InputError(f"block: segment {trial} lasts from {start_s:g} s to {stop_s:g} s; no clock holds it")
     times_s = [np.asarray(train.rescale("s").magnitude, np.float64) - start_s for train in trains]
     units = np.repeat([places[name] for name in _names(segment)], [len(each) for each in times_s])
-    # A spike at the very end of its train stands in the last step.
+    # A spike at the end of its train falls in the last step.
     since_s = np.concatenate(times_s).clip(0.0, (n_steps - 0.5) / rate_Hz)
     found = one_trial(since_s, units, 1e3 / rate_Hz, n_steps, len(places), SLACK)
     return found._replace(digest=str(segment.annotations.get(DIGEST, "")))

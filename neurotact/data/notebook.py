@@ -1,4 +1,4 @@
-"""How objects are shown in a notebook."""
+"""The display of objects in a notebook."""
 
 from collections.abc import Mapping
 from html import escape

@@ -16,7 +16,7 @@ from neurotact.errors import InputError
 from neurotact.spec import digest
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-"""When a session began whose day nobody knows: NWB needs one."""
+"""The start of a session of unknown date: NWB needs one."""
 
 
 def to_nwb(
@@ -24,11 +24,11 @@ def to_nwb(
 ) -> None:
     """Write spike trains to an NWB file; `neurotact import nwb` reads them back equal.
 
-    The trials follow one another without a gap, from 0 s on; a spike stands at the beginning of its step. Units have
-    the afferents' names, trials the conditions; clock, encoder and source stand in the notes as JSON.
+    The trials follow one another without a gap, from 0 s on; a spike is written at the beginning of its step. Units
+    have the afferents' names, trials the conditions; clock, encoder and source are in the notes as JSON.
 
     session_start: with a time zone. about: the description of the session. force: replace an existing file.
-    Raises InputError where pynwb is not installed, for no trials, and for conditions whose names NWB keeps for itself.
+    Raises InputError where pynwb is not installed, for no trials, and for conditions with names that NWB reserves.
 
     >>> import pandas as pd, tempfile
     >>> from neurotact.data.readers import nwb
@@ -93,7 +93,7 @@ def _add_units(made: Any, spikes: SpikeTrains, pynwb: Any) -> None:
 
 def _check(spikes: SpikeTrains) -> None:
     if not len(spikes) or not len(spikes.afferents) or not (spikes.trial_steps > 0).all():
-        raise InputError("spikes: hold no trials, or an empty one, which NWB has no place for; drop it")
+        raise InputError("spikes: hold no trials, or an empty one, which NWB cannot store; drop it")
     for name in map(str, spikes.conditions.columns):
         if name in KEPT or "/" in name or ":" in name:
             raise InputError(f"conditions: '{name}' cannot be a column of NWB's trials; rename it")

@@ -10,16 +10,16 @@ from neurotact.spec import Spec
 
 
 class ActivityBand(Spec):
-    """The voltages of a sensor at rest; whatever lies outside is touch.
+    """The voltages of a sensor at rest; values outside are touch.
 
-    The touch-modality paper states a predefined threshold (Sec. IV-A) without its value; the values here, and the
-    samples taken before the onset, are those of the authors' public code.
+    The touch-modality paper mentions a predefined threshold (Sec. IV-A) without its value; the values here, and the
+    samples before the onset, are those of the authors' public code.
     """
 
     low_V: float = 1.62
     high_V: float = 1.68
     lead_samples: int = Field(default=50, ge=0)
-    """Taken before the first sample outside the band (public code; the paper's Algorithm starts at that sample)."""
+    """Samples before the first one outside the band (public code; the paper's Algorithm starts at that sample)."""
 
     @model_validator(mode="after")
     def _is_a_band(self) -> "ActivityBand":
@@ -52,7 +52,7 @@ def find_activity(signal: np.ndarray, band: ActivityBand) -> Activity | None:
 def cut_from_onset(signal: np.ndarray, n_samples: int, band: ActivityBand) -> np.ndarray | None:
     """`n_samples` of a `(time, channel)` signal in V from its onset on; None for a silent signal.
 
-    The stretch starts `band.lead_samples` before the onset, at 0 at the earliest; where a late onset would leave
+    The stretch starts `band.lead_samples` before the onset, at 0 at the earliest; if a late onset would leave
     fewer than `n_samples`, it is the last `n_samples` of the recording. A view, not a copy.
 
     Raises InputError for a recording shorter than `n_samples`.

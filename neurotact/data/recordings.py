@@ -19,9 +19,9 @@ MOST_NAMED = 12
 
 
 class Trials(ABC):
-    """What recorded trials have in common, in memory (`Recordings`) or in a file (`hdf5.StoredRecordings`).
+    """The common interface of recorded trials in memory (`Recordings`) and in a file (`hdf5.StoredRecordings`).
 
-    The attributes are those of `Recordings`, but for the signals: they are read by `piece` and `loaded`.
+    The attributes are those of `Recordings`, except for the signals: `piece` and `loaded` read them.
     """
 
     sampling_rate_Hz: float
@@ -68,18 +68,18 @@ class Trials(ABC):
 class Recordings(Trials):
     """Trials recorded by one skin.
 
-    signals: one `(time, channel)` array a trial, float32, in `unit`; lengths may differ, the number
-        of channels may not. A `(trial, time, channel)` array serves where all lengths are equal.
+    signals: one `(time, channel)` array per trial, float32, in `unit`; lengths may differ, the number
+        of channels may not. A `(trial, time, channel)` array works if all lengths are equal.
     sampling_rate_Hz: samples per second, the same for every trial.
     unit: of the signals, such as "mV", "V" or "count".
     conditions: one row per trial, index 0..n-1; the column `label` (str) names the class, the others
-        say how the trial was recorded (`force_N`, `speed_mm_per_s`, ...). A mapping of columns makes such a
-        table, and a sequence of class names one with the column `label` alone.
+        describe the trial (`force_N`, `speed_mm_per_s`, ...). A mapping of columns is converted to such a
+        table, and a sequence of class names to one with only the column `label`.
     channels: the taxels' names; `taxel1..` when not given.
     source: where the recordings come from, in one line.
 
     Raises InputError for signals that hold NaN or infinity, are empty, differ in their number of
-    channels, or do not match the table of conditions; for channels of one name and trials of no class.
+    channels, or do not match the table of conditions; for two channels of one name and trials without a class.
 
     >>> touch = Recordings([np.ones((4, 2)), np.ones((6, 2))], 2000.0, "mV", ["felt", "silk"])
     >>> len(touch), touch.n_channels, touch.classes
@@ -160,7 +160,7 @@ class Recordings(Trials):
         return html_of(self, {"trials of each class": ", ".join(f"{name}: {n}" for name, n in counts.items())})
 
     def summary(self) -> str:
-        """How many trials, classes and taxels, how long, at which rate and in which unit: one line."""
+        """The numbers of trials, classes and taxels, the duration, the rate and the unit, in one line."""
         seconds = self.lengths.sum() / self.sampling_rate_Hz
         return (
             f"{len(self)} trials of {len(self.classes)} classes, {self.n_channels} taxels, "
@@ -178,7 +178,7 @@ class Recordings(Trials):
 
 
 def unit_factor(unit: str, wanted: str, where: str) -> np.float32:
-    """By what signals in `unit` are multiplied to be in `wanted`; InputError unless they are one, or both volts.
+    """The factor from `unit` to `wanted`; InputError unless they are equal, or V and mV.
 
     >>> unit_factor("V", "mV", "skin.h5")
     np.float32(1000.0)
@@ -195,7 +195,7 @@ def unit_factor(unit: str, wanted: str, where: str) -> np.float32:
 
 
 def default_channels(n_channels: int) -> tuple[str, ...]:
-    """Names of taxels that have none: taxel1, taxel2, ..."""
+    """Default names of taxels: taxel1, taxel2, ..."""
     return tuple(f"taxel{i + 1}" for i in range(n_channels))
 
 
@@ -218,7 +218,7 @@ def chosen(keep: ArrayLike, n_trials: int, what: str = "trials") -> np.ndarray:
         raise InputError(f"select: chooses none of the {n_trials} {what}; choose at least one")
     outside = given[(given < -n_trials) | (given >= n_trials)]
     if len(outside):
-        raise InputError(f"select: there is no number {outside[0]} among the {n_trials} {what}, which count from 0")
+        raise InputError(f"select: there is no number {outside[0]} among the {n_trials} {what}, counted from 0")
     return np.where(given < 0, given + n_trials, given).astype(np.int64)
 
 
@@ -271,7 +271,7 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
             raise InputError(f"{source}: there is no condition '{column}'; {nearest(column, list(table.columns))}")
         values = list(wanted) if isinstance(wanted, (list, tuple)) else [wanted]
         found = table[column]
-        if found.dtype.kind not in "iufb":  # a class may be called 3
+        if found.dtype.kind not in "iufb":  # a class may have the name 3
             found, values = found.astype(str), list(map(str, values))
         keep &= found.isin(values).to_numpy()
     if not keep.any():
@@ -281,7 +281,7 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
 
 
 def _values_of(table: pd.DataFrame, columns: Iterable[str]) -> str:
-    """What the trials have in each column, for a person who asked for something else."""
+    """The values of the trials in each column, for an error message."""
     parts = []
     for column in columns:
         values = [str(value) for value in table[column].drop_duplicates().sort_values()[: MOST_NAMED + 1]]
@@ -303,9 +303,9 @@ def check_unit(unit: object, where: str) -> None:
 
 
 def check_conditions(conditions: pd.DataFrame, where: str) -> None:
-    """Refuse a table of conditions whose trials are not all of a class with a name."""
+    """Refuse a table of conditions with a trial that has no class name."""
     if LABEL not in conditions:
-        raise InputError(f"{where}: the table of conditions has no column 'label'; add one class name a trial")
+        raise InputError(f"{where}: the table of conditions has no column 'label'; add one class name per trial")
     labels = conditions[LABEL]
     names = labels.astype(str)
     nameless = np.flatnonzero(labels.isna().to_numpy() | (names.str.strip() == "").to_numpy())
@@ -316,7 +316,7 @@ def check_conditions(conditions: pd.DataFrame, where: str) -> None:
 
 
 def check_channels(channels: Sequence[str], where: str) -> None:
-    """Refuse channels that cannot be told apart by their names."""
+    """Refuse channels with equal names."""
     seen: set[str] = set()
     for name in channels:
         if not isinstance(name, str):
@@ -328,7 +328,7 @@ def check_channels(channels: Sequence[str], where: str) -> None:
 
 
 def check_text(text: str, what: str) -> None:
-    r"""Refuse a text that no file can hold, as a name in another encoding than UTF-8 becomes.
+    r"""Refuse a text that cannot be written as UTF-8, such as a name in another encoding.
 
     >>> check_text("caf\udce9", "touch.h5: the label")
     Traceback (most recent call last):
@@ -366,7 +366,7 @@ def _as_signal(signal: np.ndarray) -> np.ndarray:
     try:
         if np.iscomplexobj(signal):
             raise TypeError("complex numbers")
-        with np.errstate(over="ignore"):  # what is too large becomes infinite, and is refused as that
+        with np.errstate(over="ignore"):  # a number that is too large becomes infinite, and is refused
             return np.asarray(signal, dtype=np.float32)
     except (TypeError, ValueError) as error:
         raise InputError(f"recordings: a signal is not a table of numbers ({error})") from error

@@ -1,4 +1,4 @@
-"""What a simulation would take in memory, checked before anything is simulated."""
+"""The memory of a simulation, checked before it starts."""
 
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB, max_bytes
@@ -8,7 +8,7 @@ BYTES_A_VALUE = 4
 
 
 def check_room(n_trials: int, n_samples: int, n_channels: int) -> None:
-    """InputError where so many trials, samples of each and channels take more memory than one input may.
+    """InputError if this many trials, samples per trial and channels take more memory than one input may.
 
     >>> check_room(10**9, 2500, 8)
     Traceback (most recent call last):

@@ -1,4 +1,4 @@
-"""Where recordings come from besides files of our own: simulators and readers, found by name."""
+"""Sources of recordings besides our own files: simulators and readers, found by name."""
 
 import os
 from collections.abc import Callable, Mapping
@@ -16,9 +16,9 @@ Progress = Callable[[int, int], None]
 
 
 class Control(NamedTuple):
-    """A quantity of a touch that is set by hand: one of `choices`, else a number from `low` to `high`.
+    """A quantity of a touch that the user sets: one of `choices`, else a number from `low` to `high`.
 
-    name: with its unit, as in force_N. about: in words.
+    name: with its unit, as in force_N. about: a description.
     """
 
     name: str
@@ -31,23 +31,23 @@ class Control(NamedTuple):
 
 
 class Finger(NamedTuple):
-    """A simulated finger that is moved by hand, one touch after the other.
+    """A simulated finger that the user moves, one touch after the other.
 
-    controls: called as `controls(spec)`; what can be set.
-    touch: called as `touch(spec, values, number)`; a touch as recordings of one trial. Its number chooses its random
-    numbers; no touch is a trial of `simulate`.
+    controls: called as `controls(spec)`; returns the controls.
+    touch: called as `touch(spec, values, number)`; returns a touch as recordings of one trial. Its number is the seed
+    of its random numbers; no touch equals a trial of `simulate`.
     """
 
     controls: Callable[[Any], tuple[Control, ...]]
     touch: Callable[[Any, Mapping[str, Any], int], Recordings]
 
     def checked(self, what: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Values of all controls, those that are not given as the controls have them; InputError for a wrong one."""
+        """Values of all controls, with defaults for those that are not given; InputError for a wrong one."""
         controls = {control.name: control for control in self.controls(what)}
         found = {name: control.value for name, control in controls.items()}
         for name, value in values.items():
             if name not in controls:
-                raise InputError(f"{name}: is no control of this finger; {nearest(name, [*controls])}")
+                raise InputError(f"{name}: is not a control of this finger; {nearest(name, [*controls])}")
             found[name] = _checked(controls[name], value)
         return found
 
@@ -69,7 +69,7 @@ class Simulator(NamedTuple):
     about: what it simulates, in one line.
     model: its spec, which has the property `n_trials`.
     simulate: called as `simulate(spec, progress)`.
-    by_hand: its finger, where it has one that `neurotact live` can move.
+    by_hand: its finger, if it has one that `neurotact live` can move.
     """
 
     about: str
@@ -78,17 +78,17 @@ class Simulator(NamedTuple):
     by_hand: Finger | None = None
 
     def build(self, changes: Mapping[str, Any], source: str) -> Any:
-        """The simulator's spec with dotted keys changed; a change within a nested table keeps the rest of it."""
+        """The simulator's spec with dotted keys changed; the rest of a nested table is kept."""
         table = spec.override(self.model().model_dump(mode="json"), changes)
         return spec.build(self.model, table, source=source)
 
 
 class Reader(NamedTuple):
-    """A format that recordings are published in (entry point group `neurotact.readers`).
+    """A format of recordings (entry point group `neurotact.readers`).
 
-    about: which recordings, in one line.
-    read: called as `read(path)`; as `read(path, step_ms)` where `step_ms` is given, and returns spikes then.
-    step_ms: of a reader of events: the clock on which they become spikes, unless the user names another.
+    about: the recordings, in one line.
+    read: called as `read(path)`; called as `read(path, step_ms)` if `step_ms` is given, and then returns spikes.
+    step_ms: for a reader of events: the clock on which they become spikes, unless the user gives another.
     """
 
     about: str
@@ -107,7 +107,7 @@ def reader(name: str) -> Reader:
 
 
 def read_recordings(name: str, path: Path) -> Recordings:
-    """The recordings that the reader of that name finds; InputError where it finds spikes, which need no encoder."""
+    """The recordings from the reader of that name; InputError if it reads spikes, which need no encoder."""
     found = reader(name).read(path)
     if not isinstance(found, Recordings):
         raise InputError(f"{path}: '{name}' reads spikes, not recordings; train on them with neurotact train")

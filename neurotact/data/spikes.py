@@ -27,7 +27,7 @@ from neurotact.files import check_size
 class TrialSpikes(NamedTuple):
     """The spikes of one trial: the step and the afferent of each, in order of time, and the trial's length in steps.
 
-    digest: of what was recorded (`data.digests`); empty where that is not known.
+    digest: of the recording (`data.digests`); empty if unknown.
     """
 
     steps: np.ndarray
@@ -40,7 +40,7 @@ def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
     """The afferents of each population, `(afferent,)` int64 indices, in the order of their first afferents.
 
     The first word of an afferent's name is its population, as in "SA-I taxel1" and "ON left"; afferents with a name of
-    one word make a single population, "afferents".
+    one word form a single population, "afferents".
 
     >>> {name: its.tolist() for name, its in populations_of(("ON left", "ON right", "OFF left")).items()}
     {'ON': [0, 1], 'OFF': [2]}
@@ -53,16 +53,16 @@ def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
 class SpikeTrains:
     """The spikes of every trial.
 
-    steps, units: a trial each, the step at which each spike falls and the afferent that sent it, in order of time.
+    steps, units: for each trial, the step and the afferent of each spike, in order of time.
     trial_steps: length of each trial in steps, `(trial,)`.
     sampling_rate_Hz: steps per second.
     afferents: the afferents' names, such as "SA-I taxel1".
     conditions: one row per trial, with the column `label`.
-    encoder: the spec that made them.
-    source: the recordings that they were made from, usually a path.
-    trial_digests: one digest per trial of what was recorded (`data.digests`); empty where that is not known.
+    encoder: the encoder spec.
+    source: the recordings that were encoded, usually a path.
+    trial_digests: one digest per trial of the recording (`data.digests`); empty if unknown.
 
-    Raises InputError where they do not belong together, and for spikes out of order or outside their trial.
+    Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
 
     >>> raster = np.zeros((1, 4, 2), np.uint8)
     >>> raster[0, 1, 0] = raster[0, 3, 1] = 1
@@ -87,7 +87,7 @@ class SpikeTrains:
         object.__setattr__(self, "conditions", conditions_table(self.conditions, "spikes"))
         object.__setattr__(self, "trial_steps", _lengths(self.trial_steps))
         if not len(self.steps) == len(self.units) == len(self.trial_steps) == len(self.conditions):
-            raise InputError("spikes, trial_steps and conditions differ in number of trials; give one of each a trial")
+            raise InputError("spikes, trial_steps and conditions differ in number of trials; give one each per trial")
         if self.trial_digests and len(self.trial_digests) != len(self.steps):
             raise InputError("spikes and trial_digests differ in number of trials; give one digest per trial, or none")
         check_conditions(self.conditions, "spikes")
@@ -95,7 +95,7 @@ class SpikeTrains:
             if not _fits(np.asarray(steps), np.asarray(units), self.trial_steps[trial], len(self.afferents)):
                 raise InputError(
                     f"trial {trial} has spikes out of order, or outside its time or its afferents; "
-                    "sort them by time and drop those that lie outside"
+                    "sort them by time and drop those outside"
                 )
 
     def __len__(self) -> int:
@@ -155,7 +155,7 @@ class SpikeTrains:
         )
 
     def cut(self, spec: WindowSpec, trials: np.ndarray | None = None) -> Windows:
-        """The windows of some trials (of all when absent), which name trials of these spike trains.
+        """The windows of some trials (of all when absent), with the trial numbers of these spike trains.
 
         Raises InputError when a trial holds no window, or too many.
         """
@@ -167,7 +167,7 @@ class SpikeTrains:
         return cut(self.trial_steps[trials], self.sampling_rate_Hz, spec, trials, begin)
 
     def onset_complaint(self, spec: WindowSpec) -> str | None:
-        """What to say of trials whose windows do not start at the onset of contact as asked; None where all do."""
+        """A note on trials whose windows do not start at the onset of contact as requested; None if all do."""
         if spec.align != "onset" or not len(self):
             return None
         onsets = [onset_of(steps, self.sampling_rate_Hz, spec.onset) for steps in self.steps]
@@ -182,13 +182,13 @@ class SpikeTrains:
             )
         if len(late):
             parts.append(
-                f"{len(late)} end too soon after it for a window (the first is trial {late[0]}): theirs is the last "
-                "that fits"
+                f"{len(late)} end too soon after it for a window (the first is trial {late[0]}): they use the last "
+                "window that fits"
             )
         return f"window.align: {'; '.join(parts)}" if parts else None
 
     def raster(self, windows: Windows) -> np.ndarray:
-        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError where that is too large."""
+        """Spikes in the given windows, `(window, time, afferent)` uint8; InputError if it is too large."""
         shape = (len(windows), windows.n_steps, len(self.afferents))
         check_size(f"the raster of {shape[0]} windows, {shape[1]} steps and {shape[2]} afferents", math.prod(shape))
         raster = np.zeros(shape, np.uint8)
@@ -206,7 +206,7 @@ def from_trials(
     encoder: Mapping[str, Any] | None = None,
     source: str = "",
 ) -> SpikeTrains:
-    """Spike trains from one trial after the other, in the order of the rows of `conditions`."""
+    """Spike trains from an iterator of trials, in the order of the rows of `conditions`."""
     found = list(trials)
     return SpikeTrains(
         steps=[trial.steps for trial in found],
@@ -230,7 +230,7 @@ def from_rasters(
     source: str = "",
     trial_digests: Sequence[str] = (),
 ) -> SpikeTrains:
-    """Events from one `(time, afferent)` raster a trial."""
+    """Events from one `(time, afferent)` raster per trial."""
     digests = trial_digests or [""] * len(rasters)
     trials = (spikes_of(raster)._replace(digest=digest) for raster, digest in zip(rasters, digests, strict=True))
     return from_trials(trials, sampling_rate_Hz, afferents, conditions, encoder, source)
@@ -247,10 +247,10 @@ def spikes_of(raster: np.ndarray) -> TrialSpikes:
 
 
 def _lengths(trial_steps: np.ndarray) -> np.ndarray:
-    """Lengths of trials as int64; InputError where they are none."""
+    """Lengths of trials as int64; InputError if they are invalid."""
     lengths = np.asarray(trial_steps)
     if lengths.ndim != 1 or lengths.dtype.kind not in "iu":
-        raise InputError(f"trial_steps: must be one whole number a trial; got {lengths.dtype} of shape {lengths.shape}")
+        raise InputError(f"trial_steps: must be a whole number per trial; got {lengths.dtype} of shape {lengths.shape}")
     if len(lengths) and not (lengths.min() >= 0 and lengths.max() <= LONGEST_STEPS):
         wrong = lengths[(lengths < 0) | (lengths > LONGEST_STEPS)][0]
         raise InputError(f"trial_steps: must lie between 0 and 2^40 steps; got {wrong}")

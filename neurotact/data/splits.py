@@ -1,6 +1,6 @@
 """Splits of trials into training, validation and test: at random, by group, by condition, in order, by folds.
 
-No trial, and where groups are named no group, stands on two sides. Windows follow their trial.
+No trial is on two sides and, if groups are named, no group is. Windows follow their trial.
 """
 
 import warnings
@@ -17,29 +17,29 @@ from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
 AS_RECORDED = "trial"
-"""The value of `order` that takes the trials as they stand in the file, where no condition has this name."""
+"""The value of `order` that means the order in the file, if no condition has this name."""
 
 
 class SplitSpec(Spec):
-    """How trials are divided (70/15/15 at random in the texture paper)."""
+    """The division of trials (70/15/15 at random in the texture paper)."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("group", "test_where", "order", "folds", "fold")
     validation: float = Field(default=0.15, gt=0, lt=1)
-    """Share of all trials; with `test_where` or `folds`, which say themselves what is tested, of the other trials."""
+    """Share of all trials; with `test_where` or `folds`, which select the test trials, share of the other trials."""
     test: float = Field(default=0.15, gt=0, lt=1)
-    """Share of all trials; `test_where` and `folds` do without it."""
+    """Share of all trials; unused with `test_where` and `folds`."""
     seed: int = Field(default=0, ge=0)
     """Random seed of the division."""
     group: tuple[str, ...] = ()
-    """Conditions that name a group, such as `subject`: trials that agree in them stand on one side."""
+    """Conditions that name a group, such as `subject`: trials with equal values are on one side."""
     test_where: dict[str, Any] = {}
     """Test on the trials with these conditions and train on the others: `{ speed = 450, force_N = [3, 6] }`. A trial is
-    tested when each condition has the value, or one of the values."""
+    tested if each condition has the value, or one of the values."""
     order: str | None = None
     """Test on the last trials of each class and validate on those before them, in the order of this condition;
-    `trial`: as they stand in the file."""
+    `trial`: the order in the file."""
     folds: int | None = Field(default=None, ge=2)
-    """Divide the trials into so many folds, and test on one of them."""
+    """Divide the trials into this many folds, and test on one of them."""
     fold: int = Field(default=0, ge=0)
     """The fold that is tested, from 0."""
 
@@ -51,7 +51,7 @@ class SplitSpec(Spec):
     @field_validator("test_where", mode="before")
     @classmethod
     def _holds_plain_values(cls, where: Any) -> Any:
-        """Arrays and NumPy's numbers as Python's own, which every file can hold."""
+        """Arrays and NumPy's numbers as Python's own, for writing to files."""
         if not isinstance(where, Mapping):
             return where
         plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in where.items()}
@@ -71,17 +71,17 @@ class SplitSpec(Spec):
     def _is_one_way_to_choose_test_trials(self) -> "SplitSpec":
         ways = [name for name in ("test_where", "order", "folds") if getattr(self, name)]
         if len(ways) > 1:
-            raise ValueError(f"{ways[0]} and {ways[1]} each say which trials are tested; give one of them")
+            raise ValueError(f"{ways[0]} and {ways[1]} both select the test trials; give one of them")
         if self.order is not None and self.group:
-            raise ValueError("order divides the trials of each class and may part a group; give order or group")
+            raise ValueError("order divides the trials of each class and may split a group; give order or group")
         if self.fold >= (self.folds or 1):
-            hint = f"be 0 to {self.folds - 1}" if self.folds else "have folds beside it, the number of folds"
+            hint = f"be 0 to {self.folds - 1}" if self.folds else "be given together with folds, the number of folds"
             raise ValueError(f"fold must {hint}; got {self.fold}")
         return self
 
 
 class Split(NamedTuple):
-    """Sorted indices of trials; together they are all trials, and none stands in two."""
+    """Sorted indices of trials; together they are all trials, and none is in two."""
 
     train: np.ndarray
     validation: np.ndarray
@@ -91,8 +91,8 @@ class Split(NamedTuple):
 def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     """Divide trials at random within each class. Windows follow their trial, so none leaks across.
 
-    labels: a value a trial, `(trial,)`; pass class and condition joined to balance conditions too.
-    Raises InputError when a class has too few trials to stand on all three sides.
+    labels: one value per trial, `(trial,)`; pass class and condition joined to balance conditions too.
+    Raises InputError when a class has too few trials for all three sides.
 
     >>> split = split_trials(np.repeat([0, 1], 20), SplitSpec())
     >>> [len(part) for part in split]
@@ -103,22 +103,20 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     rarest = counts.argmin()
     too_few = InputError(
         f"split: class '{values[rarest]}' has {_trials(counts[rarest])}, too few to train, validate and test on; give "
-        f"at least 3 trials per class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for the asked shares)"
+        f"at least 3 trials per class (about {np.ceil(1 / min(spec.validation, spec.test)):.0f} for these shares)"
     )
     if counts[rarest] < 3:
         raise too_few
     n_trials = len(labels)
     n_test, n_validation = (max(len(values), round(n_trials * share)) for share in (spec.test, spec.validation))
     if n_test + n_validation + len(values) > n_trials:
-        raise InputError(
-            f"split: {n_trials} trials of {len(values)} classes are too few for the asked shares; add trials"
-        )
+        raise InputError(f"split: {n_trials} trials of {len(values)} classes are too few for these shares; add trials")
     try:
         rest, test = train_test_split(np.arange(n_trials), test_size=n_test, stratify=labels, random_state=spec.seed)
         train, validation = train_test_split(
             rest, test_size=n_validation, stratify=labels[rest], random_state=spec.seed + 1
         )
-    except ValueError as error:  # the first split left a single trial of a class to the second
+    except ValueError as error:  # the first split left only one trial of a class for the second
         raise too_few from error
     if any(len(np.unique(labels[side])) < len(values) for side in (train, validation, test)):
         raise too_few
@@ -128,7 +126,7 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
 def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec) -> Split:
     """Split trials as `spec` says, balanced over the class and the `stratify` columns.
 
-    Training trials hold every class. Raises InputError, which names the class or the group, where that cannot be.
+    Training trials hold every class. Raises InputError, which names the class or the group, if that is impossible.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 8, "speed": [300, 300, 450, 450] * 4})
     >>> split = split_conditions(table, (), SplitSpec(test_where={"speed": 450}))
@@ -159,10 +157,10 @@ def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: Sp
 
 
 def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: int) -> np.ndarray:
-    """About this share of the examples, whole groups alone, `(held,)` indices; the other groups keep every class.
+    """About this share of the examples, in whole groups, `(held,)` indices; the other groups keep every class.
 
-    labels, groups: `(example,)`. Of the ways to divide the groups that were drawn, the one with most classes on both
-    sides is taken.
+    labels, groups: `(example,)`. Several divisions of the groups are drawn; the one with most classes on both sides is
+    used.
     Raises InputError for a single group, and where a class would be left without a training example.
 
     >>> held = hold_out_groups(np.repeat(["felt", "silk"], 20), np.arange(40) // 4, 0.2, seed=0)
@@ -174,7 +172,7 @@ def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: 
 
 
 class _Trials(NamedTuple):
-    """Trials with their classes, what is balanced (class and conditions), and their groups; None: each its own."""
+    """Trials with their classes, their strata (class and conditions), and their groups; None: each trial is a group."""
 
     labels: np.ndarray
     strata: np.ndarray
@@ -182,7 +180,7 @@ class _Trials(NamedTuple):
     spec: SplitSpec
 
     def share(self, trials: np.ndarray, share: float, seed: int) -> np.ndarray:
-        """About this share of `trials`, drawn at random, whole groups alone; the others keep every class."""
+        """About this share of `trials`, drawn at random in whole groups; the others keep every class."""
         if self.groups is None:
             return self._random_share(trials, share, seed)
         n_groups = len(np.unique(self.groups[trials]))
@@ -193,25 +191,25 @@ class _Trials(NamedTuple):
         return np.sort(found)
 
     def fold(self, n_folds: int, fold: int) -> np.ndarray:
-        """One of the folds of all trials, whole groups alone; the others keep every class."""
+        """One of the folds of all trials, in whole groups; the others keep every class."""
         every = np.arange(len(self.labels))
         if self.groups is None:
             values, counts = np.unique(self.labels, return_counts=True)
             if counts.min() < n_folds:
                 raise InputError(
                     f"split.folds: class '{values[counts.argmin()]}' has {_trials(counts.min())}, fewer than the "
-                    f"{n_folds} folds; ask for fewer folds"
+                    f"{n_folds} folds; choose fewer folds"
                 )
         else:
             self._check_groups(len(np.unique(self.groups)), n_folds)
         found = self._folds_of(every, n_folds, self.spec.seed)[fold]
         if not len(found):
-            raise InputError(f"split.fold: fold {fold} of {n_folds} holds no group; ask for fewer folds")
+            raise InputError(f"split.fold: fold {fold} of {n_folds} holds no group; choose fewer folds")
         self._check_trained(np.setdiff1d(every, found))
         return np.sort(found)
 
     def check_whole_groups(self, test: np.ndarray) -> None:
-        """Refuse test trials that part a group."""
+        """Refuse test trials that split a group."""
         if self.groups is None:
             return
         parted = np.intersect1d(self.groups[test], np.delete(self.groups, test))
@@ -249,7 +247,7 @@ class _Trials(NamedTuple):
         return [trials[test] for _, test in found]
 
     def _best(self, folds: list[np.ndarray], trials: np.ndarray) -> np.ndarray:
-        """The first fold that holds most classes among those that leave every class to the others."""
+        """Among the folds that leave every class to the others, the first one with most classes."""
 
         def merit(fold: np.ndarray) -> tuple[int, int]:
             left = np.setdiff1d(trials, fold)
@@ -269,12 +267,12 @@ class _Trials(NamedTuple):
         if n_groups < wanted:
             raise InputError(
                 f"split.group: {', '.join(self.spec.group)} makes {n_groups} group(s) where {wanted} are needed; "
-                "group by another condition, or ask for fewer folds"
+                "group by another condition, or choose fewer folds"
             )
 
 
 def _in_order(strata: np.ndarray, ranks: np.ndarray, spec: SplitSpec) -> Split:
-    """Within each stratum the first trials are for training, then come those for validation, then those for test."""
+    """Within each stratum the first trials are for training, the next for validation, the last for test."""
     sides: list[list[np.ndarray]] = [[], [], []]
     for value in np.unique(strata):
         trials = np.flatnonzero(strata == value)
@@ -291,7 +289,7 @@ def _in_order(strata: np.ndarray, ranks: np.ndarray, spec: SplitSpec) -> Split:
 
 
 def _ranks(conditions: pd.DataFrame, order: str) -> np.ndarray:
-    """The place of each trial in the order of a condition."""
+    """The rank of each trial in the order of a condition."""
     if order == AS_RECORDED and order not in conditions:
         return np.arange(len(conditions))
     column = conditions[_known(conditions, order, "split.order")]
@@ -318,7 +316,7 @@ def _strata(conditions: pd.DataFrame, stratify: Iterable[str]) -> np.ndarray:
 
 
 def _groups(conditions: pd.DataFrame, group: Iterable[str]) -> np.ndarray | None:
-    """The name of each trial's group; None where no group is asked for."""
+    """The name of each trial's group; None if no group is requested."""
     columns = [conditions[_known(conditions, column, "split.group")].astype(str) for column in group]
     return None if not columns else np.array([", ".join(values) for values in zip(*columns, strict=True)])
 

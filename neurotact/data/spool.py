@@ -1,4 +1,4 @@
-"""A sequence of signals that lies in a temporary file once it is large."""
+"""A sequence of signals that is kept in a temporary file when it is large."""
 
 import tempfile
 import weakref
@@ -10,13 +10,13 @@ import numpy as np
 from neurotact.errors import InputError
 
 IN_MEMORY_BYTES = 8_000_000
-"""What is larger goes to the file."""
+"""A larger sequence is written to the file."""
 
 
 class Spool(Sequence[np.ndarray]):
     """Float32 signals `(time, channel)` of one number of channels, read back one at a time.
 
-    The file has no name and is gone with the last reference. Raises InputError where there is no room for it.
+    The file has no name and is deleted with the last reference. Raises InputError if there is no space for it.
 
     >>> signals = Spool(np.full((n, 2), n, np.float32) for n in (1, 3))
     >>> [signal.shape for signal in signals], float(signals[1][2, 0])
@@ -36,7 +36,7 @@ class Spool(Sequence[np.ndarray]):
             except OSError as error:
                 raise InputError(
                     f"{tempfile.gettempdir()}: cannot hold the signals ({error.strerror}); "
-                    "make room there or name another place in TMPDIR"
+                    "free space there or name another folder in TMPDIR"
                 ) from error
 
     @property

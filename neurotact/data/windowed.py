@@ -1,4 +1,4 @@
-"""Windows of spike trains as arrays that an estimator takes: X, y and the trial that each window comes from."""
+"""Windows of spike trains as arrays for an estimator: X, y and the trial of each window."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -18,7 +18,7 @@ from neurotact.spec import build
 
 
 class SpikeArray(np.ndarray):
-    """A raster of spikes that knows its clock: an ordinary NumPy array with the attribute `sampling_rate_Hz`.
+    """A raster of spikes with its clock: an ordinary NumPy array with the attribute `sampling_rate_Hz`.
 
     Slices, indexed parts and reshaped views keep the clock, so that it reaches an estimator through scikit-learn's
     splitters and pipelines. The result of arithmetic keeps it too; `np.asarray` drops it.
@@ -55,7 +55,7 @@ class WindowedSpikes:
 
     X: spikes `(window, time, afferent)` uint8, with the attribute `sampling_rate_Hz`.
     y: class names `(window,)`.
-    groups: the trial of each window `(window,)` int64, as scikit-learn's group splitters take it.
+    groups: the trial of each window `(window,)` int64, for scikit-learn's group splitters.
     start_steps: the first step of each window in its trial `(window,)`.
     trains: the spike trains that the windows were cut from.
     """
@@ -93,15 +93,15 @@ class WindowedSpikes:
         folds: int | None = None,
         fold: int = 0,
     ) -> "WindowedSplit":
-        """Training, validation and test windows. Trials are split, so no trial stands on two sides.
+        """Training, validation and test windows. Trials are split, so no trial is on two sides.
 
         seed: random seed of the split. validation, test: shares of the trials.
         stratify: conditions that are balanced over the sides, besides the class.
-        group: conditions that name a group, such as "subject"; its trials stand on one side.
+        group: conditions that name a group, such as "subject"; its trials are on one side.
         test_where: test on the trials with these conditions, `{"speed": 450}`, and train on the others.
-        order: test on the last trials of each class by this condition; "trial": as they stand in the file.
-        folds, fold: divide the trials into so many folds, and test on one of them, from 0; repeat with other seeds.
-        Raises InputError when a class has too few trials, or where training trials would lack one.
+        order: test on the last trials of each class by this condition; "trial": the order in the file.
+        folds, fold: divide the trials into this many folds, and test on one of them, from 0; repeat with other seeds.
+        Raises InputError when a class has too few trials, or when training trials would lack one.
         """
         table = {
             "seed": seed, "validation": validation, "test": test, "test_where": dict(test_where or {}), "order": order,
@@ -144,10 +144,10 @@ def windows(
     """Cut the trials of spike trains into windows.
 
     length_ms: length of a window. start_ms: skipped at the beginning of each trial.
-    hop_ms: from one window's start to the next; the window's length when None.
-    per_trial: at most so many windows per trial; all that fit when None.
+    hop_ms: time between the starts of windows; the window's length when None.
+    per_trial: at most this many windows per trial; all that fit when None.
     align: "onset" makes `start_ms` count from the onset of contact, which `data.contact.OnsetSpec` defines.
-    onset: keys of that rule: rest_ms, bin_ms, deviations. Warns of trials that never leave their rest.
+    onset: keys of that rule: rest_ms, bin_ms, deviations. Warns of trials without an onset.
     Raises InputError when a trial holds no window, or for values out of range.
 
     >>> import pandas as pd

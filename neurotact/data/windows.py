@@ -1,4 +1,4 @@
-"""Windows of a trial, which remember the trial that they come from."""
+"""Windows of trials, with the trial of each."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -12,13 +12,13 @@ from neurotact.files import check_size
 from neurotact.spec import Spec
 
 LONGEST_STEPS = 2**40
-"""Of a trial or a window: at 1 MHz twelve days. What is longer is a damaged number, and would overflow."""
+"""Longest trial or window: at 1 MHz twelve days. A larger number is damaged, and would overflow."""
 BYTES_PER_WINDOW = 40
-"""What is held of each window while they are cut."""
+"""Memory per window while they are cut."""
 
 
 class WindowSpec(Spec):
-    """Which stretches of each trial a network sees."""
+    """The stretches of each trial that a network receives."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("align", "onset")
     length_ms: float = Field(default=150.0, gt=0)
@@ -26,11 +26,11 @@ class WindowSpec(Spec):
     start_ms: float = Field(default=0.0, ge=0)
     """Skipped at the beginning of each trial, so that filters and membranes have settled."""
     hop_ms: float | None = Field(default=None, gt=0)
-    """From one window's start to the next; the window's length when absent."""
+    """Time between the starts of windows; the window's length when absent."""
     per_trial: int | None = Field(default=None, ge=1)
-    """At most so many windows of a trial, the first ones; all that fit when absent."""
+    """Maximum number of windows per trial, the first ones; all that fit when absent."""
     align: Literal["trial", "onset"] = "trial"
-    """What `start_ms` counts from: the trial's beginning, or the onset of contact."""
+    """`start_ms` counts from the trial's beginning, or from the onset of contact."""
     onset: OnsetSpec = OnsetSpec()
 
 
@@ -56,8 +56,8 @@ def cut(
     """The windows that fit into trials of `trial_steps` steps; InputError when a trial holds none, or too many.
 
     trials: numbers that name the trials; 0, 1, ... when absent.
-    onsets: the step of each trial that `start_ms` counts from; 0 when absent. Where no window fits after it, the one
-    window of a trial is the last that fits.
+    onsets: the step of each trial from which `start_ms` counts; 0 when absent. If no window fits after it, the trial's
+    only window is the last that fits.
 
     >>> windows = cut(np.array([10, 7]), 1000.0, WindowSpec(length_ms=3, start_ms=1))
     >>> windows.trial.tolist(), windows.start.tolist()
@@ -87,7 +87,7 @@ def cut(
 
 
 def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
-    """Length, start and hop in steps; InputError for what is less than a step or longer than any trial.
+    """Length, start and hop in steps; InputError if one is less than a step or longer than any trial may be.
 
     >>> steps_of(WindowSpec(length_ms=150, start_ms=250), 2000.0)
     (300, 500, 300)
@@ -112,4 +112,4 @@ def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
 
 
 def _steps(duration_ms: float, sampling_rate_Hz: float) -> int:
-    return round(min(duration_ms * 1e-3 * sampling_rate_Hz, 2.0 * LONGEST_STEPS))  # an infinite number has no integer
+    return round(min(duration_ms * 1e-3 * sampling_rate_Hz, 2.0 * LONGEST_STEPS))  # infinity cannot be rounded

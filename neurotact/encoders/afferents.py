@@ -1,7 +1,8 @@
 """SA-I and RA-I afferents: LIF neurons driven by a taxel's signal and by its rate of change.
 
-Texture paper, Eqs. 1 to 3 and Tables II and III. SA-I feels `gain x`, RA-I feels `gain |dx/dt|`. A taxel may have
-several afferents of a type: grades, which feel the same more or less strongly, and SA-I that feel the signal's fall.
+Texture paper, Eqs. 1 to 3 and Tables II and III. The drive of SA-I is `gain x`, that of RA-I `gain |dx/dt|`. A taxel
+may
+have several afferents of a type: grades, with the same drive times a factor, and SA-I driven by the falling signal.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,22 +23,22 @@ POPULATIONS = {"sa1": "SA-I", "ra1": "RA-I"}
 """The key of each type in an encoder's spec and the first word of its afferents' names, in the order of the output."""
 MOST_GRADES = 16
 Gains = tuple[Sequence[float], Sequence[float]]
-"""In mV of the SA-I and of the RA-I under each taxel."""
+"""Drives in mV of the SA-I and of the RA-I under each taxel."""
 
 
 class AfferentType(Spec):
-    """The afferents of one type: under each taxel one, or one for each grade and polarity."""
+    """The afferents of one type: one under each taxel, or one for each grade and polarity."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("grades", "opposite")
 
     gain: float = Field(gt=0)
-    """Drive in mV, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
+    """Drive in mV per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
     t_ref_ms: float = Field(default=1.0, ge=0)
     """Refractory period."""
     grades: tuple[Annotated[float, Field(gt=0)], ...] = Field(default=(1.0,), min_length=1, max_length=MOST_GRADES)
-    """An afferent for each, with the gain times the grade: it fires from the threshold divided by the grade on."""
+    """One afferent per grade, with the gain times the grade: it fires from threshold / grade on."""
     opposite: bool = False
-    """As many again feel the signal's fall below zero, by the same gains (SA-I alone)."""
+    """Add as many afferents that are driven by the signal below zero, with the same gains (SA-I only)."""
 
     @field_validator("grades")
     @classmethod
@@ -45,12 +46,12 @@ class AfferentType(Spec):
         if list(grades) != sorted(set(grades)):
             raise ValueError("must rise from each to the next")
         if len(grades) == 1 and grades[0] != 1:
-            raise ValueError("must be [1.0] where there is one grade; change the gain")
+            raise ValueError("must be [1.0] if there is one grade; change the gain")
         return grades
 
     @property
     def gains(self) -> tuple[float, ...]:
-        """Of each afferent under a taxel, in the order of `marks`; negative where it feels the fall."""
+        """The gain of each afferent under a taxel, in the order of `marks`; negative for the falling signal."""
         rising = tuple(self.gain * grade for grade in self.grades)
         return rising + (tuple(-gain for gain in rising) if self.opposite else ())
 
@@ -63,9 +64,9 @@ class AfferentSpec(Spec):
     model: Literal["lif"] = "lif"
     """Leaky integrate-and-fire neurons."""
     unit: str = "mV"
-    """The unit of the recordings that the encoder takes."""
+    """The unit of the recordings."""
     v_rest_mV: float = -65.0
-    """Membrane potential at rest, to which it decays without drive."""
+    """Membrane potential at rest; it decays to this value without drive."""
     v_reset_mV: float = -65.0
     """Membrane potential after a spike and throughout the refractory period."""
     v_threshold_mV: float = -55.0
@@ -83,14 +84,14 @@ class AfferentSpec(Spec):
         if self.v_threshold_mV <= max(self.v_rest_mV, self.v_reset_mV):
             raise ValueError("v_threshold_mV must be above v_rest_mV and v_reset_mV, else the neuron never rests")
         if self.ra1.opposite:
-            raise ValueError("ra1.opposite must be false: RA-I feels rise and fall alike")
+            raise ValueError("ra1.opposite must be false: rise and fall drive RA-I equally")
         if self.sa1.opposite and self.conditioning.rectify:
-            raise ValueError("sa1.opposite must be false where conditioning.rectify is true: no signal is below zero")
+            raise ValueError("sa1.opposite must be false if conditioning.rectify is true: no signal is below zero")
         return self
 
     @property
     def n_per_taxel(self) -> int:
-        """How many afferents each taxel has; 2 where there is one SA-I and one RA-I."""
+        """The number of afferents per taxel; 2 for one SA-I and one RA-I."""
         return len(self.sa1.gains) + len(self.ra1.gains)
 
     def neuron(self, kind: AfferentType, sampling_rate_Hz: float) -> LIF:
@@ -105,7 +106,7 @@ class AfferentSpec(Spec):
 
 
 class EncoderState(NamedTuple):
-    """What an encoder remembers between pieces: both types, `(trial, afferent)`, and the last sample `(trial, taxel)`.
+    """The state of an encoder between pieces: both types, `(trial, afferent)`, and the last sample `(trial, taxel)`.
 
     `last` is None before the first sample.
     """
@@ -126,10 +127,10 @@ def encode(
 ) -> tuple[np.ndarray, EncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, as `afferent_names`.
 
-    The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole. The
+    The state is an argument and a result, so that a recording encoded in pieces gives the spikes of the whole. The
     arithmetic is done in the signal's float type. At the very first sample the derivative is 0.
 
-    out: an array of the result's shape to write to, so that encoding in a loop asks for no memory.
+    out: an array of the result's shape to write to, so that encoding in a loop allocates no memory.
     backend: which implementation runs; all give the same spikes.
 
     >>> spec = AfferentSpec(sa1=AfferentType(gain=3.2), ra1=AfferentType(gain=16.0))
@@ -139,7 +140,7 @@ def encode(
     """
     signal = checked(signal)
     neurons = (spec.neuron(spec.sa1, sampling_rate_Hz), spec.neuron(spec.ra1, sampling_rate_Hz))
-    # RA-I feels the change per ms; per sample it is this much.
+    # RA-I is driven by the change per ms; this is the factor per sample.
     gains = (spec.sa1.gains, tuple(gain * sampling_rate_Hz * 1e-3 for gain in spec.ra1.gains))
     state = _start(signal, gains, neurons) if state is None else state
     if use_native(backend, signal.dtype in (np.float32, np.float64), "signals in float32 or float64"):
@@ -150,7 +151,7 @@ def encode(
 def _encode_natively(
     signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF], state: EncoderState, out: np.ndarray | None
 ) -> tuple[np.ndarray, EncoderState]:
-    """By the kernel, which takes one SA-I and one RA-I under each taxel: a call for each pair of them."""
+    """With the kernel, which handles one SA-I and one RA-I under each taxel: one call per pair."""
     if len(gains[0]) == len(gains[1]) == 1:
         pair = gains[0][0], gains[1][0]
         spikes, populations, last = native.encode(signal, pair, neurons, (state.sa1, state.ra1), state.last, out)
@@ -162,7 +163,7 @@ def _encode_natively(
     following: tuple[list[LIFState], list[LIFState]] = [], []
     last = state.last
     for copy in range(max(n_copies)):
-        # Where one type has fewer afferents, its first is computed again and dropped.
+        # If one type has fewer afferents, its first is computed again and dropped.
         at = [copy if copy < n else 0 for n in n_copies]
         blocks = [slice(n_taxels * each, n_taxels * (each + 1)) for each in at]
         states = tuple(
@@ -181,7 +182,7 @@ def _encode_natively(
 def _encode_by_steps(
     signal: np.ndarray, gains: Gains, neurons: tuple[LIF, LIF], state: EncoderState, out: np.ndarray | None
 ) -> tuple[np.ndarray, EncoderState]:
-    """The definition: a step at a time."""
+    """The definition, step by step."""
     drive, last = drives(signal, gains, state.last)
     spikes = np.empty(drive.shape, np.uint8) if out is None else out
     sa1, ra1 = state.sa1, state.ra1
@@ -195,7 +196,7 @@ def _encode_by_steps(
 def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingProxyType({})) -> tuple[str, ...]:
     """Names in the order of every encoder's output: SA-I of every taxel, then RA-I of every taxel.
 
-    encoder: its spec as a table. Where a taxel has several afferents of a type, the first of every taxel come first.
+    encoder: its spec as a table. If a taxel has several afferents of a type, the first of every taxel come first.
 
     >>> afferent_names(("taxel1", "taxel2"))
     ('SA-I taxel1', 'SA-I taxel2', 'RA-I taxel1', 'RA-I taxel2')
@@ -207,7 +208,7 @@ def afferent_names(taxels: Sequence[str], encoder: Mapping[str, Any] = MappingPr
 
 
 def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
-    """What ends the names of the afferents that a taxel has of one type, by its table; all the same number of words.
+    """The suffixes of the names of a taxel's afferents of one type, by its table; all have equally many words.
 
     >>> marks({}), marks({"grades": [0.5, 2.0]}), marks({"opposite": True})
     (('',), (' x0.5', ' x2'), (' rising', ' falling'))
@@ -219,7 +220,7 @@ def marks(kind: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
-    """How many taxels have so many afferents, by the encoder's spec as a table; at least one.
+    """The number of taxels for a number of afferents, by the encoder's spec as a table; at least one.
 
     >>> taxels_of(16, {}), taxels_of(50, {"sa1": {"grades": [0.5, 1.0, 2.0, 4.0]}})
     (8, 10)
@@ -228,10 +229,9 @@ def taxels_of(n_afferents: int, encoder: Mapping[str, Any]) -> int:
 
 
 def drives(signal: np.ndarray, gains: Gains, last: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """What the afferents feel, `(trial, time, afferent)`, and the signal's last sample (Eqs. 2 and 3).
+    """The drives of the afferents, `(trial, time, afferent)`, and the signal's last sample (Eqs. 2 and 3).
 
-    gains: of the SA-I under a taxel, for each unit of the signal; of its RA-I, for each unit of change from one sample
-        to the next.
+    gains: of the SA-I under a taxel, per unit of the signal; of its RA-I, per unit of change between two samples.
     last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
 
     >>> drives(np.array([[[1.0], [3.0]]]), ((2.0, -2.0), (10.0,)), None)[0].tolist()
@@ -240,12 +240,12 @@ def drives(signal: np.ndarray, gains: Gains, last: np.ndarray | None) -> tuple[n
     kind = signal.dtype.type
     before = signal[:, :1] if last is None else last[:, None]
     change = np.abs(np.diff(signal, axis=1, prepend=before[:, : signal.shape[1]]))
-    felt = [kind(gain) * source for source, its in zip((signal, change), gains, strict=True) for gain in its]
-    return np.concatenate(felt, axis=2), signal[:, -1] if signal.shape[1] else last
+    driven = [kind(gain) * source for source, its in zip((signal, change), gains, strict=True) for gain in its]
+    return np.concatenate(driven, axis=2), signal[:, -1] if signal.shape[1] else last
 
 
 def checked(signal: np.ndarray) -> np.ndarray:
-    """The signal if it is a float array `(trial, time, taxel)`; InputError otherwise."""
+    """The signal, if it is a float array `(trial, time, taxel)`; else InputError."""
     signal = np.asarray(signal)
     if signal.ndim != 3 or signal.dtype.kind != "f":
         raise InputError(f"signal: must be a float array (trial, time, taxel); got {signal.dtype} {signal.shape}")

@@ -1,4 +1,4 @@
-"""Baselines, polarities and rectification compared by what calibration measures: how well spikes tell classes apart."""
+"""Comparison of baselines, polarities and rectification by how well the calibrated spikes separate the classes."""
 
 from collections.abc import Callable
 from itertools import product
@@ -16,21 +16,21 @@ from neurotact.errors import InputError
 BASELINES: tuple[Baseline, ...] = ("none", "start", "first", "running", "mean")
 Polarity = Literal["rising", "falling", "both"]
 POLARITIES: tuple[Polarity, ...] = ("rising", "falling", "both")
-"""What SA-I feels of the signal: its rise above the baseline, its fall below, or both (rectified)."""
+"""The drive of SA-I: the signal's rise above the baseline, its fall below, or both (rectified)."""
 COMPARED: dict[str, str] = dict.fromkeys(
     ("conditioning.baseline", "conditioning.rectify"),
-    "--compare tries all of them, so that a given value would be ignored; leave one of both out",
+    "--compare tries all of them and would ignore a given value; leave out one of the two",
 )
 """Keys of an encoder that a comparison decides."""
 COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles": 4}
-"""Of the comparison's rule: the range of the full search in half as many steps, on fewer trials."""
+"""Changes of the rule for the comparison: the range of the full search in half as many steps, on fewer trials."""
 
 
 class Compared(NamedTuple):
     """Each alternative, the best first, and the calibration of the one that was chosen.
 
     table: baseline, polarity, accuracy (`Calibration.accuracy`), separation_sa and separation_ra (bit, at the chosen
-    gains), acausal (whether a window knows what comes after it), chosen, and why_not (empty where it could be
+    gains), acausal (whether windows contain information from later samples), chosen, and why_not (empty if it could be
     calibrated).
     """
 
@@ -39,7 +39,7 @@ class Compared(NamedTuple):
 
 
 def n_steps(rule: CalibrationRule) -> int:
-    """How often `compare` calls `progress`."""
+    """The number of calls of `progress` by `compare`."""
     return len(BASELINES) * len(POLARITIES) * COARSE["candidates"] + rule.candidates
 
 
@@ -49,11 +49,11 @@ def compare(
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
 ) -> Compared:
-    """Calibrate with each baseline and polarity, and fully with the best of those that know the past alone.
+    """Calibrate with each baseline and polarity, and in full with the best causal one.
 
-    The best is the one by whose SA-I rates logistic regression names most training trials, of equal ones that under
-    which ISIs separate the classes better. RA-I feels changes of either sign, so that polarity is the same to it.
-    Raises InputError where no alternative can be calibrated, and for an encoder that has both polarities.
+    The best is the one with the highest accuracy of logistic regression on the SA-I rates of training trials (ties: the
+    better separation by ISIs). RA-I responds to changes of either sign, so polarity does not affect it.
+    Raises InputError if no alternative can be calibrated, and for an encoder with both polarities.
     """
     if spec.sa1.opposite:
         raise InputError("compare: chooses a polarity, and this encoder has both (sa1.opposite); leave one of them out")
@@ -79,7 +79,7 @@ def compare(
     table = pd.DataFrame(rows).sort_values(by, ascending=False, kind="stable", ignore_index=True)
     causal = table[~table["acausal"] & table["separation_sa"].notna()]
     if causal.empty:
-        raise InputError(str(table["why_not"].iloc[0]) or "recordings: no baseline that knows the past alone serves")
+        raise InputError(str(table["why_not"].iloc[0]) or "recordings: no causal baseline can be calibrated")
     best = causal.index[0]
     table["chosen"] = table.index == best
     first = table.loc[best]
@@ -107,7 +107,7 @@ def _separation(found: Calibration, afferent: str) -> float:
 
 
 class _Counted:
-    """Progress of one alternative, which always comes to the same number of steps."""
+    """Progress of one alternative, which always counts the same number of steps."""
 
     def __init__(self, progress: Progress | None, note: str) -> None:
         self._progress: Callable[[int, str], None] = progress or (lambda n, note: None)
@@ -120,6 +120,6 @@ class _Counted:
         self._progress(n, self._note)
 
     def finish(self, n: int) -> None:
-        """Count the steps that were left out, as where it cannot be calibrated."""
+        """Count the skipped steps, for instance if it cannot be calibrated."""
         if n > self._done:
             self._progress(n - self._done, self._note)

@@ -3,7 +3,7 @@
 The texture paper (Sec. III-A) weighs gains by the inter-spike intervals (ISIs) of its gratings: too high, and all
 ISIs crowd at the refractory period, where the gratings overlap; too low, and afferents fall silent. Here that is a
 rule: among the gains with few silent trials and few ISIs at the floor, the one whose ISI distributions separate the
-classes best. No trial but those given is seen.
+classes best. Only the given trials are used.
 """
 
 import logging
@@ -20,7 +20,7 @@ from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
 from neurotact.encoders import grading
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, AfferentType
-from neurotact.encoders.excerpts import Felt, as_felt, cut, draw
+from neurotact.encoders.excerpts import Excerpts, cut, draw, standardise
 from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
@@ -32,27 +32,27 @@ from neurotact.spec import refuse
 CLOCK_HZ = 1000.0
 """A clock that can express a refractory period of 1 ms."""
 PAST: tuple[Baseline, ...] = ("none", "start", "high-pass")
-"""Baselines that `calibrate_causally` chooses from, the first of equal ones."""
+"""Baselines that `calibrate_causally` chooses from (ties: the first)."""
 
 FITTED = ("unit", "sa1.gain", "ra1.gain", "conditioning.offset", "conditioning.scale")
-"""Keys of an encoder that calibration finds, whatever they were before."""
-BY_CALIBRATION = "calibration finds it on the training trials, so that a given value would be ignored; leave it out"
+"""Keys of an encoder that calibration always sets."""
+BY_CALIBRATION = "calibration sets it from the training trials and would ignore a given value; leave it out"
 
 log = logging.getLogger("neurotact")
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """An encoder for a sensor, and why it has these gains.
+    """An encoder for a sensor, and the search for its gains.
 
-    encoder: the fitted spec, for recordings of the unit, taxels and rate that it was fitted on.
+    encoder: the fitted spec, for recordings with the unit, taxels and rate of the training trials.
     table: one row per population and candidate gain: `afferent` ("SA-I", "RA-I"), `gain` (mV per standard deviation, or
         mV per standard deviation per ms), `silent_share`, `floor_share`, `separation` (bit), `spikes_per_s` (of one
         afferent), `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
     rates, labels: of SA-I at the chosen gain, in spikes per second, `(trial, afferent)`, and the classes, `(trial,)`.
-    notes: what was changed of the spec, and what else one should know.
+    notes: the changes of the spec, and warnings.
     """
 
     encoder: AfferentSpec
@@ -64,9 +64,9 @@ class Calibration:
 
     @cached_property
     def accuracy(self) -> float:
-        """The share of the training trials that logistic regression on `rates` names right, in cross-validation.
+        """The cross-validated accuracy of logistic regression on `rates` of the training trials.
 
-        NaN where a class has one trial.
+        NaN if a class has one trial.
         """
         return cross_validated_accuracy(self.rates, self.labels)
 
@@ -80,18 +80,18 @@ def calibrate(
     inverted: bool = False,
     tell: bool = True,
 ) -> Calibration:
-    """Fit standardisation and gains of `spec` on training trials as recorded, of any unit and rate.
+    """Fit standardisation and gains of `spec` on recorded training trials of any unit and rate.
 
     The spec's smoothing, clock and baseline stay, but for what the recordings cannot take: an EMA whose cut-off is
     not below their Nyquist frequency is dropped, and a recording below 1 kHz without `resample_Hz` gets a 1 kHz clock.
-    Then each taxel is scaled by its standard deviation, and the gain of each population is searched by itself. The
+    Then each taxel is scaled by its standard deviation, and the gain of each population is searched separately. The
     same trials, spec and rule give the same encoder.
 
     progress: called with 1 and a note at each of the `rule.candidates` steps.
-    inverted: SA-I feels the signal's fall and not its rise: the scales are negative.
+    inverted: SA-I is driven by the signal's fall instead of its rise: the scales are negative.
     tell: log the notes, too.
-    Raises InputError for less than two classes, for signals that never move, and where every gain that sends spikes
-    crowds them at the refractory floor.
+    Raises InputError for less than two classes, for constant signals, and if every gain that gives spikes
+    puts too many ISIs at the refractory floor.
 
     >>> from neurotact.data.recordings import Recordings
     >>> from neurotact.spec import build
@@ -114,15 +114,15 @@ def calibrate(
     drawn = recordings.select(draw(recordings.labels, rule.trials_per_class, rng))
     clock_Hz = conditioning.resample_Hz or recordings.sampling_rate_Hz
     excerpts = cut(drawn, conditioning, rule.excerpt_s, rng)
-    # Of both polarities the mean is the zero: what lies below it is felt too.
+    # With both polarities the mean is the zero: the signal below it drives afferents, too.
     rest_sd = 0.0 if spec.sa1.opposite else REST_SD
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
     conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
-    standardised = Spool(as_felt(excerpts, conditioning))
-    felt = Felt(standardised, drawn.labels, drawn.classes, clock_Hz, _source(recordings))
+    standardised = Spool(standardise(excerpts, conditioning))
+    conditioned = Excerpts(standardised, drawn.labels, drawn.classes, clock_Hz, _source(recordings))
 
-    table, isi, rates = search(felt, fitted, rule, rng, progress)
+    table, isi, rates = search(conditioned, fitted, rule, rng, progress)
     chosen = {}
     for part, afferent in POPULATIONS.items():
         mine = table.afferent == afferent
@@ -130,17 +130,17 @@ def calibrate(
         table.loc[best, "chosen"] = True
         gain = float(table.gain[best])
         if not table.admissible[best]:
-            notes.append(_on_silence(felt, rates[afferent, gain], afferent, rule))
-        chosen[part] = _graded(felt, fitted, part, gain)
+            notes.append(_on_silence(conditioned, rates[afferent, gain], afferent, rule))
+        chosen[part] = _graded(conditioned, fitted, part, gain)
         n_lost = len(getattr(spec, part).grades) - len(chosen[part].grades)
         if n_lost:
-            notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are left out")
+            notes.append(f"{afferent}: {n_lost} of the grades would equal others, and are dropped")
         if gain == table.gain[mine].max():
             notes.append(f"{afferent}: the chosen gain is the largest tried; more candidates may find a better one")
-    less = "less than a tenth as much as the liveliest taxel"
+    less = "less than a tenth of that of the most active taxel"
     if scaling.noise:
         notes.append(
-            f"treated as noise, since its deviation is {less} and alike in all classes: {', '.join(scaling.noise)}"
+            f"treated as noise, since its deviation is {less} and similar in all classes: {', '.join(scaling.noise)}"
         )
     if scaling.small:
         names = ", ".join(scaling.small)
@@ -148,7 +148,7 @@ def calibrate(
     if tell:
         _log(notes, recordings)
     sent = rates[POPULATIONS["sa1"], chosen["sa1"].gain]
-    return Calibration(fitted.model_copy(update=chosen), table, isi, sent, felt.labels, tuple(notes))
+    return Calibration(fitted.model_copy(update=chosen), table, isi, sent, conditioned.labels, tuple(notes))
 
 
 def calibrate_causally(
@@ -157,16 +157,16 @@ def calibrate_causally(
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
 ) -> Calibration:
-    """`calibrate`, with the baseline of `PAST` under which SA-I tells the classes apart best in place of the spec's.
+    """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
 
-    Without a baseline the static level is felt, which tells many surfaces apart; the mean of each trial's start takes
-    off what drifts from touch to touch, and a high-pass what drifts within one. The first of them is taken whose
-    `Calibration.accuracy` lies within one standard error of the highest. ISI distributions, by which gains are chosen,
-    cannot decide this: they are finer where an afferent fires less, whatever it leaves out. RA-I feels changes, which
-    no baseline touches much.
+    Without a baseline, the static level drives SA-I, which separates many surfaces; the mean of each trial's start
+    removes drift between touches, and a high-pass drift within one. The first one whose `Calibration.accuracy` is
+    within one standard error of the highest is chosen. ISI distributions, which choose the gains, cannot decide this:
+    they are finer if an afferent fires less, whatever the baseline removes. RA-I responds to changes, which a baseline
+    hardly affects.
 
     progress: called with 1 and a note at each of `rule.candidates` steps a baseline.
-    Raises InputError where none of them can be calibrated.
+    Raises InputError if none of them can be calibrated.
     """
     found: dict[Baseline, Calibration] = {}
     refused = []
@@ -181,16 +181,16 @@ def calibrate_causally(
                 raise
     n_trials = len(next(iter(found.values())).labels)
     best = _best_of({baseline: each.accuracy for baseline, each in found.items()}, n_trials)
-    told = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
-    told += [f"{baseline} cannot be calibrated" for baseline in refused]
+    accuracies = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
+    accuracies += [f"{baseline} cannot be calibrated" for baseline in refused]
     note = (
         f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
-        f"logistic regression on the SA-I rates of the training trials: {', '.join(told)}"
+        f"logistic regression on the SA-I rates of the training trials: {', '.join(accuracies)}"
     )
     if np.isnan(found[best].accuracy):
         note = (
-            f"conditioning.baseline = '{best}' is taken without a comparison: a class has one training trial, so that "
-            "none can be left out to test on; add trials of it, or choose with --set encoder.conditioning.baseline"
+            f"conditioning.baseline = '{best}' is chosen without a comparison: a class has one training trial, so none "
+            "can be held out for testing; add trials of it, or choose with --set encoder.conditioning.baseline"
         )
     notes = *found[best].notes, note
     _log(notes, recordings)
@@ -198,7 +198,7 @@ def calibrate_causally(
 
 
 def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
-    """The first within one standard error of the highest accuracy; the first at all where none is known.
+    """The first within one standard error of the highest accuracy; the first of all if no accuracy is known.
 
     >>> _best_of({"none": 0.85, "start": 0.7, "high-pass": 0.88}, 100), _best_of({"none": 0.5, "start": 0.9}, 100)
     ('none', 'start')
@@ -211,10 +211,10 @@ def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
 
 
 def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., Calibration], int]:
-    """How an encoder is calibrated, and how often that goes through all candidates of its rule.
+    """The calibration of an encoder, and how many times it goes through all candidates of its rule.
 
-    A baseline that knows the whole trial gives way to one that knows the past alone, unless its key is among `given`,
-    the dotted keys that were set. Raises InputError where one of them is of `FITTED`.
+    A baseline that uses the whole trial is replaced by a causal one, unless its key is among `given`,
+    the dotted keys that were set. Raises InputError if one of them is in `FITTED`.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
@@ -231,30 +231,30 @@ def _log(notes: Iterable[str], recordings: Trials) -> None:
         log.warning("%s: %s", _source(recordings), note)
 
 
-def _on_silence(felt: Felt, rates: np.ndarray, afferent: str, rule: CalibrationRule) -> str:
-    """The note on trials that stay silent because no gain keeps both limits, and the class most of them are of."""
+def _on_silence(conditioned: Excerpts, rates: np.ndarray, afferent: str, rule: CalibrationRule) -> str:
+    """The note on trials that stay silent because no gain satisfies both limits, and their most frequent class."""
     silent = np.logical_not(rates.any(axis=1))
-    most = int(np.bincount(felt.labels[silent]).argmax())
-    rests = f"{silent[felt.labels == most].mean():.0%} of '{felt.classes[most]}'"
+    most = int(np.bincount(conditioned.labels[silent]).argmax())
+    rests = f"{silent[conditioned.labels == most].mean():.0%} of '{conditioned.classes[most]}'"
     return (
-        f"{afferent}: silent in {silent.mean():.0%} of the training trials (in {rests}); no gain wakes more of them "
+        f"{afferent}: silent in {silent.mean():.0%} of the training trials (in {rests}); no gain gives spikes in more "
         f"without putting over {rule.max_floor_share:.0%} of the intervals at the refractory period; leave trials "
         "without contact out, unless that is a class"
     )
 
 
-def _graded(felt: Felt, spec: AfferentSpec, part: str, gain: float) -> AfferentType:
-    """The afferents of a type with their gain, and with as many grades as they have, set anew (`grading`)."""
+def _graded(conditioned: Excerpts, spec: AfferentSpec, part: str, gain: float) -> AfferentType:
+    """The afferents of a type with the new gain, and as many new grades as they have (`grading`)."""
     kind: AfferentType = getattr(spec, part)
     n_grades = len(kind.grades)
     if n_grades == 1:
         return kind.model_copy(update={"gain": gain})
-    values = grading.sample(*drives(felt, spec)[part])
+    values = grading.sample(*drives(conditioned, spec)[part])
     return kind.model_copy(update={"gain": gain, "grades": grading.fit(values, spec, gain, n_grades)})
 
 
 def _suited(conditioning: ConditioningSpec, recordings: Trials) -> tuple[ConditioningSpec, list[str]]:
-    """Conditioning that recordings of this rate can take, without standardisation, and what was changed."""
+    """Conditioning for recordings of this rate, without standardisation, and the changes."""
     rate_Hz, notes = recordings.sampling_rate_Hz, []
     change: dict[str, float | None] = {"offset": None, "scale": None}
     cutoff_Hz = conditioning.ema_cutoff_Hz

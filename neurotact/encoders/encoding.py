@@ -18,11 +18,11 @@ from neurotact.encoders.specs import EncoderSpec, encode
 
 Progress = Callable[[int], None]
 IN_MEMORY_BLOCK = 8
-"""Trials that are in memory already are encoded so many times more at once: Izhikevich neurons want many."""
+"""Factor on the number of trials encoded at once if they are in memory: Izhikevich neurons are faster with many."""
 
 
 class Encoded(NamedTuple):
-    """What a spikes file holds: trials, spikes of each afferent `(afferent,)`, steps of all trials and per second."""
+    """Summary of a spikes file: trials, spikes of each afferent `(afferent,)`, steps of all trials and per second."""
 
     trials: int
     fired: np.ndarray
@@ -34,11 +34,11 @@ def encode_recordings(recordings: Trials, spec: EncoderSpec, progress: Progress 
     """Spike trains of whole trials.
 
     progress: called with the number of trials done since its last call.
-    Raises InputError where the unit, the sampling rate or the taxels do not suit the spec.
+    Raises InputError if the unit, the sampling rate or the taxels do not fit the spec.
 
     >>> import pandas as pd
     >>> from neurotact.encoders.specs import load
-    >>> skin = Recordings([np.zeros((400, 8))], 2000.0, "mV", pd.DataFrame({"label": ["felt"]}))
+    >>> skin = Recordings([np.zeros((400, 8))], 2000.0, "mV", pd.DataFrame({"label": ["conditioned"]}))
     >>> trains = encode_recordings(skin, load("sa1-ra1-lif"))
     >>> len(trains), len(trains.afferents), int(trains.trial_steps[0])
     (1, 16, 400)
@@ -47,7 +47,7 @@ def encode_recordings(recordings: Trials, spec: EncoderSpec, progress: Progress 
 
 
 def encode_file(recordings: Trials, spec: EncoderSpec, path: str | Path, progress: Progress | None = None) -> Encoded:
-    """Write the spike trains of whole trials to `path`, one after the other: what `encode_recordings` would hold.
+    """Write the spike trains of whole trials to `path`, one after the other: those of `encode_recordings`.
 
     progress: called with the number of trials done since its last call.
     """
@@ -78,12 +78,12 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
 
 def _encode_together(recordings: Trials, block: np.ndarray, spec: EncoderSpec) -> Iterator[TrialSpikes]:
     recorded = recordings.select(block).loaded()
-    felt = condition(recorded.to_unit(spec.unit), spec.conditioning)
-    rate_Hz = felt.sampling_rate_Hz
-    if isinstance(felt.signals, np.ndarray):
-        rasters = iter(encode(felt.signals, rate_Hz, spec, trials=block)[0])
+    conditioned = condition(recorded.to_unit(spec.unit), spec.conditioning)
+    rate_Hz = conditioned.sampling_rate_Hz
+    if isinstance(conditioned.signals, np.ndarray):
+        rasters = iter(encode(conditioned.signals, rate_Hz, spec, trials=block)[0])
     else:
-        alone = zip(felt.signals, block, strict=True)
+        alone = zip(conditioned.signals, block, strict=True)
         rasters = (encode(signal[None], rate_Hz, spec, trials=trial[None])[0][0] for signal, trial in alone)
     for place, raster in enumerate(rasters):
         yield spikes_of(raster)._replace(digest=recorded_digest(recorded, place))
@@ -103,7 +103,7 @@ def _encode_alone(recordings: Trials, trial: int, spec: EncoderSpec) -> TrialSpi
 
 
 def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
-    """Consecutive trials that fit in memory several times over; a long one by itself."""
+    """Groups of consecutive trials that fit in memory several times; a long trial is its own group."""
     at_once = IN_MEMORY_BLOCK if isinstance(recordings, Recordings) else 1
     rate_Hz, clock_Hz = recordings.sampling_rate_Hz, spec.conditioning.resample_Hz
     finest = [max(n, conditioned_length(n, rate_Hz, clock_Hz)) for n in recordings.lengths.tolist()]
@@ -118,7 +118,7 @@ def _blocks(recordings: Trials, spec: EncoderSpec) -> Iterator[np.ndarray]:
 
 
 def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
-    """What spike trains and their file say of themselves."""
+    """The metadata of spike trains and of their file."""
     table = spec.model_dump(mode="json", exclude_none=True)
     return {
         "sampling_rate_Hz": _clock(recordings, spec),

@@ -1,4 +1,4 @@
-"""The stretches of training trials that gains are fitted on: drawn at random, conditioned as an encoder sees them."""
+"""The stretches of training trials for the fit of gains: drawn at random, conditioned as for an encoder."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from neurotact.data.spool import Spool
 
 
 @dataclass(frozen=True)
-class Felt:
-    """Conditioned excerpts of the trials that gains are fitted on.
+class Excerpts:
+    """Conditioned excerpts of the trials for the fit of gains.
 
     signals: `(time, taxel)` each, on the encoder's clock.
     labels: class index of each.
@@ -36,7 +36,7 @@ def draw(labels: np.ndarray, per_class: int, rng: np.random.Generator) -> np.nda
 
 
 def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator) -> Spool:
-    """A stretch of each trial, at a random place; conditioned before it is cut, as an encoder sees it."""
+    """A stretch of each trial, at a random time; the trial is conditioned before it is cut, as for an encoder."""
     rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.resample_Hz or recordings.sampling_rate_Hz
     how = conditioning.model_copy(update={"offset": None, "scale": None, "rectify": False})
 
@@ -61,7 +61,7 @@ def _stretch(pieces: Iterable[np.ndarray], start: int, stop: int) -> np.ndarray:
     return np.concatenate(found)
 
 
-def as_felt(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
-    """Excerpts as the populations feel them."""
+def standardise(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
+    """The excerpts after standardisation, as the populations receive them."""
     for signal in excerpts:
         yield standardised(signal, conditioning.offset, conditioning.scale, conditioning.rectify)

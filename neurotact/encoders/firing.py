@@ -1,4 +1,4 @@
-"""Whether an encoder suits what it encodes: afferents neither silent, nor saturated, nor refractory for a trial."""
+"""Checks of an encoder on its data: afferents are not silent, not saturated and not refractory for a whole trial."""
 
 import math
 from collections.abc import Iterator
@@ -11,15 +11,15 @@ from neurotact.errors import InputError
 from neurotact.spec import Spec
 
 SATURATED = 0.9
-"""Share of the highest rate that a refractory period allows, above which an afferent tells no more of its drive."""
+"""Share of the highest rate that a refractory period allows; above it, the rate no longer follows the drive."""
 
 
 class FiringWarning(UserWarning):
-    """Of an encoder that does not suit what it encoded."""
+    """Warning about an encoder that does not fit its data."""
 
 
 def check_periods(encoder: EncoderSpec, trial_s: float) -> None:
-    """InputError where a refractory period is as long as the shortest trial, which lasts `trial_s`.
+    """InputError if a refractory period is as long as the shortest trial, which lasts `trial_s`.
 
     >>> from neurotact.encoders.specs import load
     >>> check_periods(load("sa1-ra1-lif", {"sa1.t_ref_ms": 20}), trial_s=0.01)
@@ -62,7 +62,7 @@ def complaints(counts: np.ndarray, n_steps: int, clock_Hz: float, encoder: Encod
 
 
 def _remedy(verb: str, part: str, population: Spec) -> str:
-    """What to do about a population that fires too little or too much; not every model has a gain."""
+    """The remedy for a population that fires too little or too much; not every model has a gain."""
     gain = next((key for key in type(population).model_fields if key.startswith("gain")), None)
     if gain is None:
         return f"change the keys of {part}"

@@ -1,4 +1,4 @@
-"""SA-I and RA-I afferents as Izhikevich neurons: the encoding of most work before the texture paper (its Table I)."""
+"""SA-I and RA-I afferents as Izhikevich neurons: the usual encoding before the texture paper (its Table I)."""
 
 import math
 from collections.abc import Mapping
@@ -22,21 +22,21 @@ from neurotact.neurons import (
 from neurotact.spec import Spec
 
 LONGEST_STEP_ms = 1.0
-"""Of the clock: on a coarser one, two spikes would fall into one step."""
+"""Longest step of the clock: in a longer one, two spikes would fall into one step."""
 
 
 class IzhikevichType(Spec):
     """One population: an afferent of this type under each taxel."""
 
     gain_mV_per_ms: float = Field(gt=0)
-    """Current I, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
+    """Current I per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
 
     t_ref_ms: ClassVar[float] = 0.0
-    """There is none: what keeps the neuron silent after a spike is its recovery u."""
+    """There is none: the recovery u keeps the neuron silent after a spike."""
 
     @property
     def gain(self) -> float:
-        """As every population has it, in its own unit."""
+        """The gain under its common name, in its own unit."""
         return self.gain_mV_per_ms
 
 
@@ -48,17 +48,17 @@ class IzhikevichSpec(Spec):
     model: Literal["izhikevich"] = "izhikevich"
     """Izhikevich neurons."""
     unit: str = "mV"
-    """The unit of the recordings that the encoder takes."""
+    """The unit of the recordings."""
     a_per_ms: float = Field(default=0.02, gt=0)
     """Rate of the recovery u."""
     b_per_ms: float = 0.2
-    """How far u follows v."""
+    """Sensitivity of u to v."""
     c_mV: float = -65.0
-    """Where v starts again after a spike."""
+    """Reset value of v after a spike."""
     d_mV_per_ms: float = 8.0
-    """What a spike adds to u."""
+    """Increment of u at a spike."""
     v_peak_mV: float = 30.0
-    """Where a spike is cut off."""
+    """Peak of v, at which a spike is cut off."""
     euler_step_ms: float = Field(default=0.1, ge=1e-3, le=0.5)
     """The longest step of the integration; a step of the clock is divided evenly."""
     conditioning: ConditioningSpec = ConditioningSpec()
@@ -91,7 +91,7 @@ class IzhikevichSpec(Spec):
 
 
 class IzhikevichEncoderState(NamedTuple):
-    """What the encoder remembers between pieces: all neurons `(trial, 2 taxel)` and the last sample `(trial, taxel)`.
+    """The state of the encoder between pieces: all neurons `(trial, 2 taxel)` and the last sample `(trial, taxel)`.
 
     `last` is None before the first sample.
     """
@@ -105,7 +105,7 @@ def encode(
 ) -> tuple[np.ndarray, IzhikevichEncoderState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
 
-    As `afferents.encode`: the state goes in and comes out, the arithmetic is done in the signal's float type.
+    As in `afferents.encode`: the state is an argument and a result, the arithmetic is in the signal's float type.
     Raises InputError for a clock below 1 kHz, and for a current too negative for the integration step.
 
     >>> spec = IzhikevichSpec(sa1=IzhikevichType(gain_mV_per_ms=1.0), ra1=IzhikevichType(gain_mV_per_ms=5.0))

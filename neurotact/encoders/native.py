@@ -1,4 +1,4 @@
-"""The compiled encoder: from conditioned signals to spikes; what it computes is defined in `afferents.py`."""
+"""The compiled encoder: from conditioned signals to spikes; `afferents.py` is its definition."""
 
 import math
 
@@ -22,14 +22,14 @@ def encode(
 
     signal: conditioned, `(trial, time, taxel)`, float32 or float64; the arithmetic is done in its type.
     gains: SA-I drive in mV per unit; RA-I drive in mV per unit of change from one sample to the next.
-    neurons, states: of the SA-I and of the RA-I population; they differ in their refractory steps alone.
+    neurons, states: of the SA-I and of the RA-I population; they differ only in their refractory steps.
     last: the sample before the first, `(trial, taxel)`; None: the first change is 0.
-    out: an array of the result's shape to write to, so that encoding in a loop asks for no memory.
+    out: an array of the result's shape to write to, so that encoding in a loop allocates no memory.
     """
     n_trials, n_steps, n_taxels = signal.shape
     sa1, ra1 = neurons
     if (sa1.decay, *_levels(sa1)) != (ra1.decay, *_levels(ra1)):
-        raise InputError("neurons: SA-I and RA-I may differ in refractory_steps alone; encode them apart")
+        raise InputError("neurons: SA-I and RA-I may differ only in refractory_steps; encode them separately")
     if signal.strides[2] != signal.itemsize or any(s % signal.itemsize for s in signal.strides):
         signal = np.ascontiguousarray(signal)
     shape = (n_trials, n_steps, 2 * n_taxels)

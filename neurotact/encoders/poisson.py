@@ -20,13 +20,13 @@ class PoissonType(Spec):
     """One population: an afferent of this type under each taxel."""
 
     gain_Hz: float = Field(gt=0)
-    """Firing rate, for each unit of the conditioned signal (SA-I) or each unit per ms (RA-I)."""
+    """Firing rate per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
     t_ref_ms: float = Field(default=0.0, ge=0)
     """Dead time after a spike; none in a Poisson process proper."""
 
     @property
     def gain(self) -> float:
-        """As every population has it, in its own unit."""
+        """The gain under its common name, in its own unit."""
         return self.gain_Hz
 
 
@@ -38,9 +38,9 @@ class PoissonSpec(Spec):
     model: Literal["poisson"] = "poisson"
     """Poisson processes."""
     unit: str = "mV"
-    """The unit of the recordings that the encoder takes."""
+    """The unit of the recordings."""
     seed: int = Field(default=0, ge=0, lt=2**63)
-    """Of the spikes: the same spec and recordings give the same spikes."""
+    """Random seed: the same spec and recordings give the same spikes."""
     conditioning: ConditioningSpec = ConditioningSpec()
     sa1: PoissonType
     """Driven by the signal."""
@@ -49,11 +49,11 @@ class PoissonSpec(Spec):
 
 
 class PoissonState(NamedTuple):
-    """What the encoder remembers between pieces.
+    """The state of the encoder between pieces.
 
-    trials: numbers of the trials, which choose their random numbers, `(trial,)`.
-    step: steps that are done.
-    silent_steps: dead steps still to come, `(trial, 2 taxel)`.
+    trials: numbers of the trials, which seed their random numbers, `(trial,)`.
+    step: number of steps done.
+    silent_steps: remaining dead steps, `(trial, 2 taxel)`.
     last: the signal's last sample, `(trial, taxel)`; None before the first.
     """
 
@@ -74,11 +74,11 @@ def encode(
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, 2 taxel)` uint8, SA-I first.
 
     A step holds a spike with the probability `1 - exp(-rate dt)` that a Poisson process of the drive's rate has one
-    or more events in it; a negative drive is a rate of 0. Each afferent of each trial has random numbers of its own,
-    a step each, so that neither pieces nor the other trials and taxels change them.
+    or more events in it; a negative drive is a rate of 0. Each afferent of each trial has its own random numbers,
+    one per step, so that they do not depend on pieces, other trials or other taxels.
 
-    trials: numbers of the trials, `(trial,)`, which choose their random numbers; 0, 1, ... when absent. Where a state
-        is given, its own hold.
+    trials: numbers of the trials, `(trial,)`, which seed their random numbers; 0, 1, ... when absent. A given state
+        takes precedence.
 
     >>> spec = PoissonSpec(sa1=PoissonType(gain_Hz=20.0), ra1=PoissonType(gain_Hz=100.0))
     >>> spikes, _ = encode(np.full((1, 20000, 1), 5.0), 2000.0, spec)  # 10 s at 100 Hz
@@ -91,7 +91,7 @@ def encode(
         numbers = np.arange(n_trials) if trials is None else np.asarray(trials)
         state = PoissonState(numbers, 0, np.zeros((n_trials, 2 * n_taxels), np.int32), None)
     if state.trials.shape != (n_trials,):
-        raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one a trial")
+        raise InputError(f"trials: {state.trials.size} numbers for {n_trials} trials; give one per trial")
     gains = ((spec.sa1.gain_Hz,), (spec.ra1.gain_Hz * sampling_rate_Hz * 1e-3,))
     rates_Hz, last = drives(signal, gains, state.last)
     spikes = np.zeros(rates_Hz.shape, np.uint8)
@@ -117,14 +117,14 @@ def _uniforms(seed: int, state: PoissonState, n_steps: int, n_taxels: int) -> It
             population, taxel = divmod(afferent, n_taxels)
             table["state"]["key"] = np.array([seed, trial], np.uint64)
             table["state"]["counter"] = np.array([first, taxel, population, 0], np.uint64)
-            table["buffer_pos"] = PER_BLOCK  # nothing is left of an earlier block
+            table["buffer_pos"] = PER_BLOCK  # discard the rest of an earlier block
             generator.state = table
             raw = generator.random_raw(skipped + n_steps)[skipped:]
             yield i, afferent, (raw >> np.uint64(11)) * 2.0**-53
 
 
 def _silence(spikes: np.ndarray, dead_steps: np.ndarray, silent_steps: np.ndarray) -> np.ndarray:
-    """Take out the spikes in the dead time of others, in place; the dead steps still to come."""
+    """Remove the spikes in the dead time of others, in place; returns the remaining dead steps."""
     for t in range(spikes.shape[1]):
         fired = (spikes[:, t] != 0) & (silent_steps == 0)
         spikes[:, t] = fired

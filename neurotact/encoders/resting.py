@@ -1,4 +1,4 @@
-"""Which afferents fire at rest, before contact: spikes that cost operations and tell nothing."""
+"""Afferents that fire at rest, before contact: their spikes cost operations and carry no information."""
 
 from collections.abc import Iterator
 
@@ -10,20 +10,20 @@ from neurotact.data.recordings import Trials
 from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode
 
 REST_MS, SEEN_MS = 100.0, 2000.0
-"""A trial's first stretch, which counts as its rest, and how much of the trial is used."""
+"""Length of a trial's beginning that counts as rest, and of the part of the trial that is used."""
 MOST_TRIALS = 128
 RESTLESS = 0.5
-"""An afferent that fires at rest with this share of its rate afterwards, or more, is no witness of touch."""
+"""An afferent with at least this share of its later rate at rest counts as restless."""
 LEAST_Hz = 1.0
 MOST_NAMED = 4
 SMOOTH = "smooth the signal (conditioning.ema_cutoff_Hz)"
 
 
 def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_MS) -> pd.DataFrame:
-    """What each afferent sends in the first `rest_ms` of trials and after it, until `SEEN_MS`.
+    """The spikes of each afferent in the first `rest_ms` of trials and afterwards, until `SEEN_MS`.
 
     Columns: afferent, rest_Hz, later_Hz, rest_share (of its spikes, on the resting part), share (of all spikes of all
-    afferents), restless. At most `MOST_TRIALS` trials are encoded, evenly taken.
+    afferents), restless. At most `MOST_TRIALS` trials are encoded, evenly spaced.
     """
     chosen = np.unique(np.linspace(0, len(recordings) - 1, min(len(recordings), MOST_TRIALS)).round().astype(int))
     names = afferent_names(recordings.channels, spec.model_dump())
@@ -47,9 +47,9 @@ def resting_table(recordings: Trials, spec: AfferentSpec, rest_ms: float = REST_
 
 
 def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline = "none") -> str | None:
-    """What to say of afferents that fire at rest, with the remedy; None where none does.
+    """A note on afferents that fire at rest, with the remedy; None if there are none.
 
-    baseline: of their encoder; where it is taken off already, taking it off is no remedy.
+    baseline: of their encoder; if there is one already, it is not suggested.
     """
     restless = table[table["restless"]].sort_values("share", ascending=False)
     if restless.empty:
@@ -60,15 +60,15 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline 
     )
     more = f" and {len(restless) - MOST_NAMED} more" if len(restless) > MOST_NAMED else ""
     if len(restless) > 0.5 * len(table):
-        off = "take the baseline off (conditioning.baseline=start)"
+        off = "subtract a baseline (conditioning.baseline=start)"
         remedy = f"if trials begin in contact this is touch; else {off if baseline == 'none' else SMOOTH}"
     else:
         remedy = f"leave these taxels out (import --columns), {SMOOTH} or lower the gain"
-    return f"fire in the first {rest_ms:g} ms of trials nearly as afterwards: {shown}{more}; {remedy}"
+    return f"fire in the first {rest_ms:g} ms of trials nearly as much as afterwards: {shown}{more}; {remedy}"
 
 
 def _encoded(recordings: Trials, spec: AfferentSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:
-    """The raster `(time, afferent)` of the beginning of each trial, and how many of its steps are rest."""
+    """The raster `(time, afferent)` of the beginning of each trial, and the number of its steps at rest."""
     clock_Hz = spec.conditioning.resample_Hz or recordings.sampling_rate_Hz
     n_rest, n_seen = (max(1, round(ms * 1e-3 * clock_Hz)) for ms in (rest_ms, SEEN_MS))
     for trial in range(len(recordings)):

@@ -1,4 +1,4 @@
-"""How calibration scales each taxel: by its own deviation, unless it is noise beside livelier taxels."""
+"""The scaling of taxels in calibration: each by its own deviation, unless it is noise compared with others."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,21 +11,21 @@ from neurotact.data.recordings import Trials
 from neurotact.errors import InputError
 
 REST_SD = 2.0
-"""Where no baseline is taken off, a taxel's rest is so many standard deviations below its mean level."""
+"""Without a baseline, a taxel's rest is this many standard deviations below its mean level."""
 QUIET = 0.1
-"""A taxel that deviates less than this share of the liveliest one is quiet: small, or noise, or out of touch."""
+"""A taxel with less than this share of the largest deviation is quiet: small, noise, or without contact."""
 CHANCE, SHARE = 0.01, 0.1
-"""A quiet taxel tells classes apart where chance explains it with less than this probability, and classes explain at
-least this share of the spread between trials."""
+"""A quiet taxel separates classes if the p-value is below this, and classes explain at least this share of the
+variance between trials."""
 ROUNDING = 1e-5
-"""Movements below this share of a taxel's level are float32's own."""
+"""Changes below this share of a taxel's level are float32 rounding."""
 
 
 class Scaling(NamedTuple):
-    """What each taxel is shifted and divided by, and which taxels are quiet.
+    """Offset and scale of each taxel, and the quiet taxels.
 
-    offset: `(taxel,)`, None where a baseline is the zero. scale: `(taxel,)`.
-    small: names of quiet taxels that tell classes apart, and are scaled as all others. noise: those that do not.
+    offset: `(taxel,)`, None if a baseline is the zero. scale: `(taxel,)`.
+    small: names of quiet taxels that separate classes, and are scaled as all others. noise: those that do not.
     """
 
     offset: tuple[float, ...] | None
@@ -42,18 +42,18 @@ def fit(
     inverted: bool = False,
     rest_sd: float = REST_SD,
 ) -> Scaling:
-    """Scale each taxel by its standard deviation over the excerpts, `(time, taxel)`, one for each of the trials.
+    """Scale each taxel by its standard deviation over the excerpts, `(time, taxel)`, one per trial.
 
-    A quiet taxel counts as noise, and is scaled by a tenth of the liveliest one's deviation so that it stays small,
-    unless its level, its deviation or its change from sample to sample differs between the classes: a sensor may hold
-    channels of another kind, thousands of counts beside tens.
+    A quiet taxel counts as noise, and is scaled by a tenth of the largest deviation so that it stays small,
+    unless its level, its deviation or its change between samples differs between the classes: a sensor may have
+    channels of another kind, with tens of counts instead of thousands.
 
-    A baseline already says where each trial's zero is, so that nothing more is subtracted. Without one, the level
-    itself is what SA-I feels: counted from the mean, it would silence SA-I in every trial of less than mean pressure.
+    A baseline already defines each trial's zero, so nothing more is subtracted. Without one, the level itself drives
+    SA-I: measured from the mean, it would silence SA-I in every trial of less than mean pressure.
 
-    recorded: the trials as recorded. inverted: the scales are negative. rest_sd: how many deviations below its mean a
-    taxel rests where no baseline is taken off.
-    Raises InputError for signals that never move.
+    recorded: the recorded trials. inverted: the scales are negative. rest_sd: a taxel's rest without a baseline, in
+    deviations below its mean.
+    Raises InputError for constant signals.
     """
     mean, scale = (np.array(values) for values in fit_standardisation(excerpts))
     reach = np.max([np.abs(x - mean).max(axis=0) for x in excerpts], axis=0)
@@ -61,8 +61,8 @@ def fit(
     still = reach <= ROUNDING * level
     if still.all():
         raise InputError(
-            f"{recorded.source or 'recordings'}: the training trials never move once they are conditioned, so there is "
-            "nothing to calibrate on; check the sensor, the columns that were read and the encoder's baseline"
+            f"{recorded.source or 'recordings'}: the conditioned training trials are constant, so there is nothing to "
+            "calibrate on; check the sensor, the columns that were read and the encoder's baseline"
         )
     liveliest = scale[~still].max()
     quiet = still | (scale < QUIET * liveliest)
@@ -76,9 +76,9 @@ def fit(
 def tells_classes(excerpts: Sequence[np.ndarray], labels: np.ndarray) -> np.ndarray:
     """Whether a taxel differs between classes, `(taxel,)` bool.
 
-    Of each excerpt `(time, taxel)` three numbers are compared: the mean level, and the logarithms of the deviation and
-    of the mean change from sample to sample. One of them is enough: F test (p below `CHANCE`, over the three) and the
-    share of the spread between trials that classes explain (adjusted for their number, `SHARE` or more). Never where no
+    Three numbers of each excerpt `(time, taxel)` are compared: the mean level, and the logarithms of the deviation and
+    of the mean change between samples. One of them is enough: F test (p below `CHANCE`, over the three) and the
+    share of the variance between trials that classes explain (adjusted for their number, `SHARE` or more). False if no
     test is possible, as with one trial per class.
 
     >>> rng = np.random.default_rng(0)
@@ -107,5 +107,5 @@ def _features(signal: np.ndarray) -> np.ndarray:
 
 
 def _short(values: np.ndarray) -> tuple[float, ...]:
-    """The same float32 numbers, written with as few digits as they need."""
+    """The same float32 numbers with as few digits as possible."""
     return tuple(float(str(value)) for value in values.astype(np.float32))

@@ -1,4 +1,4 @@
-"""What an encoder spec may be (`encoders/*.toml`): `model` says which neurons its afferents are."""
+"""The encoder specs (`encoders/*.toml`): `model` selects the neurons of the afferents."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Discriminator, Tag
 
 from neurotact import spec as specs
-from neurotact.data.conditioning import check_heeded
+from neurotact.data.conditioning import check_used
 from neurotact.encoders import afferents, izhikevich, poisson
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, EncoderState, marks
 from neurotact.encoders.izhikevich import IzhikevichEncoderState, IzhikevichSpec
@@ -18,10 +18,10 @@ from neurotact.metrics.flops import Afferents, Layer, PoissonAfferents
 
 
 class Model(NamedTuple):
-    """What an encoder model brings: its spec, its state, and `encode(signal, sampling_rate_Hz, spec, state)`.
+    """An encoder model: its spec, its state, and `encode(signal, sampling_rate_Hz, spec, state)`.
 
     layer: its layer in the cost ledger, `layer(spec as a table, taxels, steps, step_ms)`.
-    is_random: whether its `encode` also takes `trials`, by whose numbers it draws.
+    is_random: whether its `encode` also takes `trials`, the numbers that seed it.
     """
 
     spec: Any
@@ -32,7 +32,7 @@ class Model(NamedTuple):
 
 
 def _of_size(layer: Callable[[int, int], Layer]) -> Callable[[Mapping[str, Any], int, int, float], Layer]:
-    """The layer of a model whose cost depends on the numbers of taxels and steps alone."""
+    """The layer of a model whose cost depends only on the numbers of taxels and steps."""
     return lambda _spec, taxels, steps, _step_ms: layer(taxels, steps)
 
 
@@ -50,7 +50,7 @@ MODELS = {
 
 
 def _model_of(value: Any) -> str:
-    """The model that a table or a spec names; LIF where it names none."""
+    """The model that a table or a spec names; LIF if it names none."""
     return str(value.get("model", "lif") if isinstance(value, Mapping) else getattr(value, "model", "lif"))
 
 
@@ -75,12 +75,12 @@ def load(name: str | Path, overrides: Mapping[str, Any] | None = None) -> Encode
     if model not in MODELS:
         raise InputError(f"model: '{model}' is unknown; {nearest(model, [*MODELS])} ({path})")
     built = specs.build(MODELS[model].spec, table, source=str(path))
-    check_heeded(overrides or {}, built.conditioning.baseline)
+    check_used(overrides or {}, built.conditioning.baseline)
     return built
 
 
 def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None = None) -> EncoderSpec:
-    """The encoder spec that is called `what`, lies at that path, or is `what` itself, after `overrides`.
+    """The encoder spec with the name or path `what`, or `what` itself, after `overrides`.
 
     >>> resolve(load("sa1-ra1-lif"), {"sa1.t_ref_ms": 5}).sa1.t_ref_ms
     5.0
@@ -90,7 +90,7 @@ def resolve(what: str | Path | EncoderSpec, overrides: Mapping[str, Any] | None 
     if not isinstance(what, tuple(model.spec for model in MODELS.values())):
         raise InputError(f"encoder: must be a name, a path or an encoder spec; got {type(what).__name__}")
     changed = specs.resolve(type(what), what, overrides)
-    check_heeded(overrides or {}, changed.conditioning.baseline)
+    check_used(overrides or {}, changed.conditioning.baseline)
     return changed
 
 
@@ -104,8 +104,8 @@ def encode(
 ) -> tuple[np.ndarray, AnyState]:
     """Spikes of conditioned signals, `(trial, time, taxel)` to `(trial, time, afferent)` uint8, SA-I first.
 
-    The state goes in and comes out, so that a recording encoded in pieces gives the spikes of the whole.
-    trials: numbers of the trials, `(trial,)`, by which random encoders draw; 0, 1, ... when absent.
+    The state is an argument and a result, so that a recording encoded in pieces gives the spikes of the whole.
+    trials: numbers of the trials, `(trial,)`, which seed random encoders; 0, 1, ... when absent.
 
     >>> spikes, _ = encode(np.full((1, 200, 1), 10.0), 2000.0, load("sa1-ra1-lif"))
     >>> spikes.sum(axis=1).tolist()

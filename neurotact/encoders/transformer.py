@@ -26,7 +26,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
     ----------
     encoder : name or path of an encoder spec (`encoders/*.toml`), or a spec, such as `nt.calibrate` returns.
     settings : keys of that spec, dotted: `{"sa1.t_ref_ms": 5}`.
-    sampling_rate_Hz : of the signals, samples per second; must be given, since plain arrays do not say their clock.
+    sampling_rate_Hz : of the signals, samples per second; required, since plain arrays have no clock.
     unit : of the signals; that of the encoder spec when None.
 
     Attributes
@@ -34,7 +34,7 @@ class SpikeEncoder(TransformerMixin, BaseEstimator):
     n_features_in_, the number of taxels; spec_, the encoder spec.
 
     The whole of each trial is encoded; nothing is fitted. Raises InputError for signals that are not finite
-    `(trial, time, taxel)` arrays, and for a spec that does not suit them.
+    `(trial, time, taxel)` arrays, and for a spec that does not fit them.
 
     >>> spikes = SpikeEncoder(sampling_rate_Hz=2000.0).fit_transform(np.full((2, 400, 8), 10.0))
     >>> spikes.shape, spikes.sampling_rate_Hz

@@ -1,1 +1,1 @@
-"""Drawings that any study uses, for print."""
+"""Figures for print, for any study."""

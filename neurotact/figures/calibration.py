@@ -1,4 +1,4 @@
-"""Why a calibrated encoder has its gains: limits and separation over the gain, ISI distributions beside them."""
+"""The choice of a calibrated encoder's gains: limits and separation over the gain, with ISI distributions."""
 
 from collections.abc import Sequence
 
@@ -15,18 +15,18 @@ from neurotact.tables import natural
 POPULATIONS = (("SA-I", SA, "mV per sd"), ("RA-I", RA, "mV per sd/ms"))
 CMAPS = {"SA-I": "Blues", "RA-I": "Oranges"}
 BELOW, ABOVE = 1 / 2, 8
-"""Gains drawn beside the chosen one, as multiples of it."""
+"""Gains drawn next to the chosen one, as multiples of it."""
 
 
 @printed
 def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame) -> Figure:
-    """Both populations of a calibration: a row each.
+    """Both populations of a calibration, one row each.
 
     table, isi: of a `Calibration`. Left: share of silent trials and of intervals at the refractory floor, and the
-    classes' separation; the chosen gain is marked, the gains that keep both limits have no shade. Right: the ISI
+    classes' separation; the chosen gain is marked, gains outside a limit are shaded. Right: the ISI
     distributions of the classes at half of the chosen gain, at it, and at eight times it (texture paper,
-    Sec. III-A), over the intervals alone: a line a class, the darker the more intervals; above them, how many trials
-    and afferents have none.
+    Sec. III-A), over the intervals: one row per class, darker for more intervals; above them, the share of trials
+    and afferents without an interval.
     """
     labels = sorted(set(isi["label"].astype(str)), key=natural)
     figure = new_figure(max(5.2, 3.0 + 0.28 * len(labels)))
@@ -55,7 +55,7 @@ def draw_calibration(table: pd.DataFrame, isi: pd.DataFrame) -> Figure:
 
 
 def _gains_beside(rows: pd.DataFrame) -> dict[str, float]:
-    """The gains whose distributions are drawn, by what they are called."""
+    """The gains whose distributions are drawn, by their names."""
     chosen = float(rows["gain"][rows["chosen"]].iloc[0])
     factors = {"too low": BELOW, "chosen": 1, "too high": ABOVE}
     return {title: _nearest(rows["gain"].to_numpy(), chosen * factor) for title, factor in factors.items()}
@@ -92,19 +92,19 @@ def _draw_search(shares: Axes, separation: Axes, rows: pd.DataFrame, colour: str
 
 
 def _distributions(isi: pd.DataFrame, labels: Sequence[str]) -> tuple[np.ndarray, np.ndarray, float]:
-    """The bins' middles in ms, the share of each class's intervals in them `(class, bin)`, and what has no interval."""
-    heard = isi[np.isfinite(isi["isi_ms"])]
-    shares = heard.pivot_table(index="label", columns="isi_ms", values="share", sort=True).reindex(list(labels))
+    """The bins' middles in ms, the share of each class's intervals in them `(class, bin)`, and the share without."""
+    finite = isi[np.isfinite(isi["isi_ms"])]
+    shares = finite.pivot_table(index="label", columns="isi_ms", values="share", sort=True).reindex(list(labels))
     values = shares.fillna(0.0).to_numpy(float)
     totals = values.sum(axis=1, keepdims=True)
-    none = abs(1 - heard["share"].sum() / len(labels))
+    none = abs(1 - finite["share"].sum() / len(labels))
     return shares.columns.to_numpy(float), values / np.where(totals > 0, totals, 1.0), none
 
 
 def _draw_distributions(
     axes: Axes, isi_ms: np.ndarray, shares: np.ndarray, labels: Sequence[str], darkest: float, cmap: str
 ) -> QuadMesh:
-    """A line a class, named where `labels` are given; shares from `darkest` on have one colour."""
+    """One row per class, named if `labels` are given; shares from `darkest` on have one colour."""
     steps = np.sqrt(isi_ms[1:] * isi_ms[:-1])
     outer = (steps[0], steps[-1]) if len(steps) else (1.1 * isi_ms[0], 0.9 * isi_ms[0])
     edges = np.concatenate([[isi_ms[0] ** 2 / outer[0]], steps, [isi_ms[-1] ** 2 / outer[1]]])

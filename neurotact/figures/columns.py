@@ -1,4 +1,4 @@
-"""What the name of a column says, in words: its quantity and its unit."""
+"""The name of a column in words: its quantity and its unit."""
 
 from typing import Any
 
@@ -37,11 +37,11 @@ NAMES = {
     "exit_accuracy": "accuracy with early exit",
     "exit_sops_total": "SOPs with early exit",
 }
-"""Columns of a study's tables whose names do not read by themselves."""
+"""Columns of a study's tables whose names need words."""
 
 
 def quantity(column: str) -> tuple[str, str]:
-    """The name and the unit in a column's name; no unit where it holds none.
+    """The name and the unit in a column's name; an empty unit if it has none.
 
     >>> quantity("force_N"), quantity("speed_mm_per_s"), quantity("fabric")
     (('force', 'N'), ('speed', 'mm/s'), ('fabric', ''))
@@ -53,7 +53,7 @@ def quantity(column: str) -> tuple[str, str]:
 
 
 def in_unit(column: str, value: Any) -> str:
-    """A value as it is read beside its column's unit.
+    """A value with its column's unit.
 
     >>> in_unit("force_N", 12.0), in_unit("speed_mm_per_s", 8.6), in_unit("finger", "left")
     ('12 N', '8.6 mm/s', 'left')
@@ -63,7 +63,7 @@ def in_unit(column: str, value: Any) -> str:
 
 
 def name_of(column: str) -> str:
-    """What a column of a study's tables holds, as it is read in a sentence.
+    """The quantity in a column of a study's tables, for a sentence.
 
     >>> name_of("accuracy_test"), name_of("window.start_ms")
     ('test accuracy', 'window.start in ms')

@@ -1,4 +1,4 @@
-"""Figures of conditions: what networks do under each of them, and what the signals under them are (Figs. 9 and 12)."""
+"""Figures of conditions: accuracy of networks and signals under each of them (Figs. 9 and 12)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,10 +14,9 @@ from neurotact.figures.style import INK, MUTED, new_figure, printed, sequence, s
 
 @printed
 def draw_conditions(table: pd.DataFrame) -> Figure:
-    """Accuracy of networks (a row each) under every condition (a column each); outlined where it was unknown to them.
+    """Accuracy of networks (rows) under every condition (columns); outlined if the condition was not in training.
 
-    table: dataset (what they were trained on), condition (in words), known, accuracy_test; drawn are means over the
-    rest.
+    table: dataset (of training), condition (in words), known, accuracy_test; means over the rest are drawn.
     """
     rows, columns = (list(dict.fromkeys(table[name])) for name in ("dataset", "condition"))
     groups = table.groupby(["dataset", "condition"], sort=False)
@@ -46,7 +45,7 @@ def draw_conditions(table: pd.DataFrame) -> Figure:
 def draw_signals(table: pd.DataFrame, names: Sequence[str]) -> Figure:
     """Peak of the strongest taxel over force (left) and principal frequency over gratings (right; Fig. 12, Sec. III-A).
 
-    table: of `signals.csv`; names: what the gratings are called, in the order of their numbers.
+    table: of `signals.csv`; names: of the gratings, in the order of their numbers.
     """
     figure = new_figure(2.6)
     left, right = figure.subplots(1, 2)
@@ -100,6 +99,6 @@ def draw_same_drive(table: pd.DataFrame, published: Sequence[tuple[float, float]
 
 
 def _legend(axes: Axes, **place: Any) -> None:
-    """A legend in which each label stands once."""
+    """A legend with each label once."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     axes.legend(list(handles.values()), list(handles), **place)

@@ -1,6 +1,7 @@
-"""Figures of what an encoder does to touch: rasters, spike counts, firing rates, inter-spike intervals.
+"""Figures of encoded touch: rasters, spike counts, firing rates, inter-spike intervals.
 
-They mirror the texture paper's Figs. 5, 6 and 10. Tables are those of a study's `encoding.csv` with the column `pair`.
+They correspond to the texture paper's Figs. 5, 6 and 10. Tables are those of a study's `encoding.csv` with the column
+`pair`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,10 +34,10 @@ POPULATIONS = (("sa", "SA-I", SA, "Blues"), ("ra", "RA-I", RA, "Oranges"))
 
 
 class Classes(NamedTuple):
-    """The classes in the order in which they are drawn, with what to call them.
+    """The classes in drawing order, with their names.
 
-    word: what a class is, such as "grating"; short and long: what each is called on an axis and in a title.
-    are_ordered: their order means something, so that a line may join them.
+    word: the kind of class, such as "grating"; short and long: the names on an axis and in a title.
+    are_ordered: whether their order has a meaning, so that a line may join them.
     """
 
     word: str
@@ -60,9 +61,9 @@ def draw_rasters(
     stop_s: float,
     window_s: float,
 ) -> Figure:
-    """A grid of rasters between two times; the first `window_s` of them, which a network sees, are shaded.
+    """A grid of rasters between two times; the first `window_s`, which a network receives, are shaded.
 
-    trials: the trial in each row and column; None where there is none.
+    trials: the trial in each row and column; None if there is none.
     """
     figure = new_figure(1.35 * len(rows) + 0.6)
     grid = figure.subplots(len(rows), len(columns), sharex=True, squeeze=False)
@@ -94,7 +95,7 @@ def draw_rasters(
 
 @printed
 def draw_spike_counts(table: pd.DataFrame, shown: Sequence[str], classes: Classes) -> Figure:
-    """Spikes a second of both populations and their sum over the t_ref pairs, a panel per class (Fig. 6)."""
+    """Spikes per second of both populations and their sum over the t_ref pairs, a panel per class (Fig. 6)."""
     pairs = list(dict.fromkeys(table["pair"]))
     figure = new_figure(2.4)
     panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
@@ -134,9 +135,9 @@ def draw_rates(table: pd.DataFrame, by: Sequence[str], classes: Classes) -> Figu
 
 @printed
 def draw_isis(table: pd.DataFrame, vary: str | None, classes: Classes) -> Figure:
-    """Mean inter-spike interval of each class, a colour a value of `vary` (Fig. 10b).
+    """Mean inter-spike interval of each class, one colour per value of `vary` (Fig. 10b).
 
-    A class whose population is silent has no interval: a gap.
+    If the population is silent for a class, there is a gap.
     """
     values = sorted(set(table[vary])) if vary else [None]
     shades = sequence(len(values))
@@ -162,7 +163,7 @@ def draw_isis(table: pd.DataFrame, vary: str | None, classes: Classes) -> Figure
 
 
 def condition_names(table: pd.DataFrame, by: Sequence[str]) -> list[str]:
-    """Each row's conditions on lines under each other, with their units.
+    """Each row's conditions on separate lines, with their units.
 
     >>> condition_names(pd.DataFrame({"force_N": [3.0], "speed_mm_per_s": [8.6]}), ["force_N", "speed_mm_per_s"])
     ['3 N\\n8.6 mm/s']
@@ -183,7 +184,7 @@ def _paint_matrix(axes: Axes, values: np.ndarray, colours: str) -> None:
 
 
 def _say(axes: Axes, words: str) -> None:
-    """Words where there is nothing to draw."""
+    """A text in place of an empty drawing."""
     axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="bottom", color=MUTED)
 
 

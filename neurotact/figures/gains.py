@@ -1,6 +1,6 @@
-"""Figures of what the gains of afferents do: distributions of inter-spike intervals, rates over gain and t_ref.
+"""Figures of the effect of afferent gains: distributions of inter-spike intervals, rates over gain and t_ref.
 
-They mirror what the texture paper's Sec. III-A and IV-A tell of its scaling coefficients. Tables are those of a study
+They correspond to the texture paper's Sec. III-A and IV-A on its scaling coefficients. Tables are those of a study
 without a network: `isi.csv`, and `results.csv` with the columns `gain_sa` and `gain_ra`.
 """
 
@@ -21,7 +21,7 @@ COMPROMISE = (
     ("silent_share_{}", "silent trials (%)", 100.0),
     ("latency_{}_ms", "first spike after (ms)", 1.0),
 )
-"""What the paper weighs against each other: column, words, scale."""
+"""The trade-off in the paper: column, words, scale."""
 GAIN_UNITS = {"SA-I": "mV per unit of the signal", "RA-I": "mV per unit and ms"}
 
 
@@ -65,7 +65,7 @@ def draw_gain_and_t_ref(rows: pd.DataFrame) -> Figure:
 
 @printed
 def draw_compromise(rows: pd.DataFrame) -> Figure:
-    """What speaks against high gains (classes whose intervals overlap) and against low ones (silence, lateness)."""
+    """The drawbacks of high gains (overlapping intervals of classes) and of low ones (silence, late spikes)."""
     figure = new_figure(4.2)
     grid = figure.subplots(len(POPULATIONS), len(COMPROMISE), squeeze=False, sharey="col")
     for panels, (kind, name, _, _) in zip(grid, POPULATIONS, strict=True):
@@ -84,7 +84,7 @@ def draw_compromise(rows: pd.DataFrame) -> Figure:
 
 
 def over_gain_and_t_ref(rows: pd.DataFrame, kind: str, column: str) -> pd.DataFrame:
-    """A measure of one population, a row per gain and a column per t_ref, means over whatever else was swept.
+    """A measure of one population, a row per gain and a column per t_ref, means over all other swept keys.
 
     >>> rows = pd.DataFrame({"gain_sa": [1.8, 3.2], "t_ref_sa_ms": [1.0, 1.0], "spikes_sa_per_s": [25.0, 78.0]})
     >>> over_gain_and_t_ref(rows, "sa", "spikes_sa_per_s")[1.0].tolist()
@@ -107,10 +107,10 @@ def _paint_distributions(axes: Axes, rows: pd.DataFrame, classes: Classes) -> No
 
 
 def _paint_matrix(axes: Axes, cells: pd.DataFrame, colours: str) -> None:
-    """Colours by the logarithm, the values written into the cells; the highest gain stands on top."""
+    """Colours by the logarithm, the values written into the cells; the highest gain on top."""
     values = cells.to_numpy(float)
-    heard = values[np.isfinite(values) & (values > 0)]
-    low, high = (heard.min(), heard.max()) if len(heard) else (1.0, 1.0)
+    positive = values[np.isfinite(values) & (values > 0)]
+    low, high = (positive.min(), positive.max()) if len(positive) else (1.0, 1.0)
     scale = LogNorm(0.8 * low, 1.05 * high)
     axes.pcolormesh(np.where(values > 0, values, np.nan), cmap=colours, norm=scale, edgecolors="white", lw=0.8)
     for (row, column), value in np.ndenumerate(values):
@@ -125,7 +125,7 @@ def _paint_matrix(axes: Axes, cells: pd.DataFrame, colours: str) -> None:
 
 
 def _begin_at_zero(panels: Sequence[Axes]) -> None:
-    """One scale for panels that share it, from zero to just above the largest value of any."""
+    """A common scale of panels, from zero to slightly above the largest value."""
     values = [np.asarray(line.get_ydata(), float) for axes in panels for line in axes.lines]
     largest = max((float(np.nanmax(y)) for y in values if np.isfinite(y).any()), default=0.0)
     panels[0].set_ylim(0, 1.08 * largest if largest > 0 else 1.0)

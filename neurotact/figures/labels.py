@@ -1,4 +1,4 @@
-"""Words beside the points of a figure, placed where they touch no mark, no other word and no edge."""
+"""Labels of the points of a figure, placed so that they touch no mark, no other label and no edge."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -10,25 +10,25 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
 DIRECTIONS = ((1, 0), (1, -1), (1, 1), (-1, 0), (-1, 1), (-1, -1), (0, 1), (0, -1))
-"""Where a word may stand beside its point, the preferred side first."""
+"""Sides of a point for its label, the preferred one first."""
 DISTANCES_pt = (5.0, 9.0)
-"""From the point to the nearest edge of the word."""
+"""Distances from the point to the nearest edge of the label."""
 CLEAR_pt = 1.0
-"""Between a word and whatever it must not touch."""
+"""Distance between a label and anything that it must not touch."""
 HALO = [withStroke(linewidth=3.5, foreground="white")]
-"""Round a word, so that it can be read where it crosses a line."""
+"""Halo around a label, so that it is readable where it crosses a line."""
 
 Box = np.ndarray
 """Left, bottom, right and top in pixels; several boxes are `(box, 4)`."""
 
 
 def label_points(axes: Axes, x: Sequence[float], y: Sequence[float], words: Sequence[str], **style: Any) -> int:
-    """Write a word beside each point and return how many were written.
+    """Label each point and return the number of labels.
 
-    A word touches no mark, no other text of the panel and no edge of it; among the places that are left it takes the
-    one that crosses the fewest lines, with a white halo where it crosses one. A word that stands apart is joined to its
-    point by a thin line. Where no place is left, the point has no word. Call it when all else is drawn, legend
-    included: places are those of the figure's present size.
+    A label touches no mark, no other text and no edge of the panel; of the remaining places, the one that crosses the
+    fewest lines is used, with a white halo at a crossing. A distant label is joined to its point by a thin line. If no
+    place is left, the point has no label. Call it after everything else is drawn, including the legend: places depend
+    on the figure's current size.
 
     x, y: of the points, in data. style: of the text, as `Axes.annotate` takes it.
 
@@ -77,7 +77,7 @@ def _gap(place: np.ndarray, box: Box) -> float:
 
 
 def _candidates(place: np.ndarray, width: float, height: float, pixels_per_pt: float) -> list[Box]:
-    """Boxes of that size around a point, in the order in which they are preferred."""
+    """Boxes of that size around a point, in order of preference."""
     half = np.array([width, height]) / 2
     middles = [
         place + np.array(direction) * (half + pixels_per_pt * distance / np.hypot(*direction))
@@ -100,7 +100,7 @@ def _marks(axes: Axes, pixels_per_pt: float) -> list[Box]:
 
 
 def _strokes(axes: Axes) -> np.ndarray:
-    """The drawn lines in pixels, sampled at every few pixels, `(sample, 2)`."""
+    """The drawn lines in pixels, sampled every few pixels, `(sample, 2)`."""
     paths = [_path(line) for line in axes.lines if line.get_linestyle() not in ("None", "none", " ", "")]
     samples = [np.empty((0, 2))]
     for path in paths:
@@ -112,7 +112,7 @@ def _strokes(axes: Axes) -> np.ndarray:
 
 
 def _path(line: Line2D) -> np.ndarray:
-    """The corners of a line in pixels, those of its steps included."""
+    """The corners of a line in pixels, including those of its steps."""
     path = line.get_path()
     corners = np.asarray(path.vertices, float)
     if line.get_drawstyle() == "steps-post" and len(corners):

@@ -1,7 +1,7 @@
-"""Figures of what networks make of spikes: accuracy, synaptic operations, the trade-off of both, confusions, training.
+"""Figures of networks: accuracy, synaptic operations, their trade-off, confusions, training.
 
-They mirror the texture paper's Fig. 11. Tables are those of a study's `results.csv` with the columns `pair` and
-`setting` (the data set, and whatever else was swept, in words).
+They correspond to the texture paper's Fig. 11. Tables are those of a study's `results.csv` with the columns `pair` and
+`setting` (the data set and all other swept keys, in words).
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ TITLE_WIDTH = 44
 
 
 class Published(NamedTuple):
-    """A published figure; `hidden` is None where it is the best over sizes or their mean."""
+    """A published value; `hidden` is None if it is the best over sizes or their mean."""
 
     setting: str
     pair: str
@@ -52,7 +52,7 @@ def draw_accuracy_and_sops(
 ) -> Figure:
     """Test accuracy (left) and synaptic operations (right) by t_ref pair and size, a row per data set (Fig. 11).
 
-    Means over seeds with their standard deviation, each seed as a dot; diamonds are published.
+    Means over seeds with their standard deviation, each seed as a dot; diamonds are published values.
     """
     settings, pairs, sizes = (list(dict.fromkeys(results[column])) for column in NETWORK)
     sizes = sorted(sizes)
@@ -85,10 +85,10 @@ def draw_trade_off(
     """Test accuracy against synaptic operations, a panel per data set, with the Pareto fronts.
 
     A point is a t_ref pair and a size, its mean over seeds; filled for the full window, open with early exit, a thin
-    line between the two. Bars are drawn where they decide, on the front of the full window, whose sizes N are named.
+    line between the two. Bars are drawn only on the front of the full window, whose sizes N are labelled.
 
-    levels: of each data set, accuracies that hold at any cost, by name: the best baseline, guessing.
-    trials: of each data set, its test trials; networks of a single seed get the 95 % interval of so many as their bar.
+    levels: for each data set, accuracies at any cost, by name: the best baseline, guessing.
+    trials: for each data set, its test trials; networks of a single seed get the 95 % interval for that number as bar.
     """
     networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
     settings = list(dict.fromkeys(networks["setting"]))
@@ -134,7 +134,7 @@ def draw_confusion(matrix: np.ndarray, names: Sequence[str], title: str) -> Figu
     at = np.arange(len(names)) + 0.5
     name_ticks(axes, names, at)
     axes.set_yticks(at, names)
-    axes.set(title=title, xlabel="class that the network chose", ylabel="true class", aspect="equal")
+    axes.set(title=title, xlabel="predicted class", ylabel="true class", aspect="equal")
     axes.set_ylim(len(names), 0)
     axes.tick_params(length=0)
     figure.colorbar(mesh, ax=axes, label="share of the true class", shrink=0.8)
@@ -143,7 +143,7 @@ def draw_confusion(matrix: np.ndarray, names: Sequence[str], title: str) -> Figu
 
 @printed
 def draw_training(log: pd.DataFrame, kept: int) -> Figure:
-    """Loss and accuracy over epochs on training and validation windows; a line marks the epoch that was kept."""
+    """Loss and accuracy over epochs on training and validation windows; a line marks the kept epoch."""
     figure = new_figure(2.2)
     panels = figure.subplots(1, 2)
     measures = (("loss", "loss", 1.0), ("accuracy", "accuracy (%)", 100.0))
@@ -162,14 +162,14 @@ def draw_training(log: pd.DataFrame, kept: int) -> Figure:
 
 
 def _title(setting: str, settings: Sequence[str]) -> str:
-    """A panel's title; none where there is one data set alone, which needs no name."""
+    """A panel's title; empty for a single data set."""
     return fill(setting, TITLE_WIDTH) if len(settings) > 1 else ""
 
 
 def _paint_networks(
     axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], sizes: Sequence[int], measure: str, scale: float
 ) -> None:
-    """Every size's mean and deviation beside each other at each pair, the single seeds as faint dots."""
+    """Mean and deviation of all sizes side by side at each pair, the single seeds as faint dots."""
     means = over_seeds(rows, [measure])
     shades = sequence(len(sizes))
     for place, (size, shade) in enumerate(zip(sizes, shades, strict=True)):
@@ -188,7 +188,7 @@ def _paint_networks(
 def _paint_published(
     axes: Axes, marks: Sequence[Published], pairs: Sequence[str], sizes: Sequence[int], scale: float
 ) -> None:
-    """Published points at their pair and size; in the middle of the pair where no size is given."""
+    """Published points at their pair and size; in the middle of the pair if no size is given."""
     for mark in marks:
         shift = _shift(sizes.index(mark.hidden), len(sizes)) if mark.hidden in sizes else 0.0
         axes.plot(
@@ -207,12 +207,12 @@ def _paint_published(
 
 
 def _shift(place: int, n: int) -> float:
-    """Where the series at `place` of `n` stands beside its tick."""
+    """The offset of the series at `place` of `n` from its tick."""
     return 0.0 if n == 1 else -0.3 + 0.6 * place / (n - 1)
 
 
 def _mark_chance(panels: Sequence[Axes], chance: float) -> None:
-    """A line at chance, where the panel reaches down to it."""
+    """A line at chance, if the panel's range includes it."""
     for axes in panels:
         low, high = axes.get_ylim()
         if low <= 100 * chance:
@@ -221,7 +221,7 @@ def _mark_chance(panels: Sequence[Axes], chance: float) -> None:
 
 
 def _mark_levels(axes: Axes, levels: Mapping[str, float]) -> None:
-    """A line at each level; one that lies further below the points than they spread stands in the legend alone."""
+    """A line at each level; a level far below the points, by more than their range, is only in the legend."""
     low, high = axes.get_ylim()
     for dash, (name, level) in zip(("-.", ":"), levels.items(), strict=False):
         style = {"color": MUTED, "lw": 0.9, "ls": dash}
@@ -245,7 +245,7 @@ def _join_exits(axes: Axes, rows: pd.DataFrame, pairs: Sequence[str]) -> None:
 def _paint_points(
     axes: Axes, rows: pd.DataFrame, pairs: Sequence[str], cost: str, gain: str, n_test: int | None, *, filled: bool
 ) -> pd.DataFrame:
-    """Networks and their Pareto front with its bars, as of `draw_trade_off`; the front, a row each, as `x`, `y`."""
+    """Networks and their Pareto front with its bars, as in `draw_trade_off`; the front, a row each, as `x`, `y`."""
     x, y = 1e-3 * rows[cost].to_numpy(float), 100.0 * rows[gain].to_numpy(float)
     x_sd, y_sd = (scale * rows[f"{m}_sd"].fillna(0.0).to_numpy(float) for scale, m in ((1e-3, cost), (100.0, gain)))
     front = pareto_front(x, y)

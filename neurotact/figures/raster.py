@@ -17,7 +17,7 @@ from neurotact.figures.style import INK, RA, SA, TOTAL, new_figure, printed, sav
 from neurotact.tables import write_table
 
 PALETTE = (SA, RA, TOTAL, "#CC79A7", "#56B4E9", INK)
-"""Of populations, in their order."""
+"""Colours of populations, in their order."""
 ROW_in = 0.15
 MOST_NAMED = 64
 
@@ -33,8 +33,8 @@ def draw_raster(
     """The spikes of one trial, each population in its colour, under the signal that drove it (texture, Fig. 12).
 
     signal: `(time, taxel)`, its sampling rate in Hz and its unit.
-    start_s, stop_s: what is shown; to the trial's end when `stop_s` is None.
-    Raises InputError for a trial that does not exist and for a stretch that holds no time.
+    start_s, stop_s: the part to draw; to the trial's end when `stop_s` is None.
+    Raises InputError for a trial that does not exist and for an empty part.
 
     >>> from neurotact.data.spikes import from_rasters
     >>> raster = np.eye(4, 2, dtype=np.uint8)[None]
@@ -76,9 +76,9 @@ def write_raster(
 
 
 def write_events(trains: SpikeTrains, path: str | Path, trials: Iterable[int] | None = None) -> None:
-    """Write spikes as a .csv of events: trial, afferent, type and time_s, a line each; InputError for another suffix.
+    """Write spikes as a .csv of events: trial, afferent, type and time_s, one line each; InputError for another suffix.
 
-    trials: all of them when not given; their numbers in `trains` stand in the table.
+    trials: all of them when absent; the table has their numbers in `trains`.
     """
     _check_suffix(path, (".csv",))
     chosen = range(len(trains)) if trials is None else [existing_trial(trains, trial) for trial in trials]
@@ -123,7 +123,7 @@ def paint_events(axes: Axes, trains: SpikeTrains, trial: int, start_s: float, st
 
 
 def name_afferents(axes: Axes, trains: SpikeTrains) -> None:
-    """Taxels' names as ticks in their population's colour; the populations alone where there are too many."""
+    """Taxels' names as ticks in their population's colour; only the populations if there are too many."""
     if len(trains.afferents) > MOST_NAMED:
         name_populations(axes, trains)
         return
@@ -136,7 +136,7 @@ def name_afferents(axes: Axes, trains: SpikeTrains) -> None:
 
 
 def name_populations(axes: Axes, trains: SpikeTrains) -> None:
-    """One tick a population, in its colour, amid its rows."""
+    """One tick per population, in its colour, in the middle of its rows."""
     kinds = painted_populations(trains)
     axes.set_yticks([rows.mean() for _, _, rows in kinds], [kind for kind, _, _ in kinds])
     for label, (_, colour, _) in zip(axes.get_yticklabels(), kinds, strict=True):
@@ -152,7 +152,7 @@ def paint_signal(axes: Axes, signal: np.ndarray, rate_Hz: float, unit: str, star
     first, last = round(start_s * rate_Hz), round(stop_s * rate_Hz)
     shown = signal[first:last]
     times = (first + np.arange(len(shown))) / rate_Hz
-    # Even shades, dealt out by the golden section, so that neighbours differ.
+    # Even shades, assigned by the golden ratio, so that neighbours differ.
     n_taxels = signal.shape[1]
     dealt = np.argsort(np.argsort(np.arange(n_taxels) * 0.618 % 1.0))
     shades = colormaps["viridis"](0.92 * dealt / max(n_taxels - 1, 1))
@@ -180,7 +180,7 @@ def _stretch(trains: SpikeTrains, trial: int, start_s: float, stop_s: float | No
 
 
 def existing_trial(trains: SpikeTrains, trial: int) -> int:
-    """The number of a trial; InputError where there is none of this number."""
+    """The number of a trial; InputError if it does not exist."""
     if not (isinstance(trial, Integral) and 0 <= trial < len(trains)):
         raise InputError(f"trial {trial}: there is no such trial; trials count from 0 to {len(trains) - 1}")
     return trial

@@ -1,4 +1,4 @@
-"""The figure of a hyperparameter search: its values over trials, what decides them, and the front of two objectives."""
+"""The figure of a hyperparameter search: values over trials, importance of keys, and the front of two objectives."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
 
 def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
-    """Write what a search found: `search.write_tables`, and the figure `search.png`."""
+    """Write the results of a search: `search.write_tables`, and the figure `search.png`."""
     search_tables.write_tables(problem, folder, trials)
     table = search_tables.trials_table(trials)
     front = search_tables.front_table(table) if problem.search.weighs_sops else None
@@ -34,8 +34,8 @@ def draw_search(
     """Value of each trial and the best so far; the importance of each key; with two objectives, the Pareto front.
 
     trials: id, outcome (finished, stopped, failed), value, accuracy_validation, sops_total and one column per key.
-    front: the rows of `trials` that no other beats, by SOPs.
-    unit: what the value is, in words.
+    front: the rows of `trials` that no other dominates, by SOPs.
+    unit: the meaning of the value, in words.
     """
     beside = (importance is not None) + (front is not None)
     figure = new_figure(5.2 if beside == 2 else 2.7)
@@ -69,7 +69,7 @@ def _best_row(trials: pd.DataFrame) -> pd.Series:
 
 
 def _paint_values(axes: Axes, trials: pd.DataFrame, unit: str) -> None:
-    """Dots for trials, hollow where they were stopped, crosses on the axis where they failed; a line for the best."""
+    """Dots for trials, hollow if stopped, crosses on the axis if failed; a line for the best."""
     small = 3.5 if len(trials) < 200 else 2.2
     for outcome, face, edge in (("finished", FINISHED, FINISHED), ("stopped", "white", STOPPED)):
         these = trials[trials["outcome"] == outcome]
@@ -91,14 +91,14 @@ def _paint_values(axes: Axes, trials: pd.DataFrame, unit: str) -> None:
 
 
 def _paint_importance(axes: Axes, importance: Importance, best: pd.Series) -> None:
-    """A bar a key, the most decisive on top, with the best trial's value beside its name."""
+    """One bar per key, the most important on top, with the best trial's value next to its name."""
     keys = sorted(importance.drop, key=lambda key: importance.drop[key])
     drops = [max(importance.drop[key], 0.0) for key in keys]
     axes.barh(range(len(keys)), drops, height=0.62, color="#56B4E9", gid="importance")
     names = [f"{key} ({best[key]:g})" if isinstance(best[key], (int, float, np.number)) else key for key in keys]
     axes.set_yticks(range(len(keys)), names)
     axes.tick_params(axis="y", length=0)
-    axes.set(title=f"What decides it (R² {max(importance.r2, 0.0):.2f})", xlabel="loss of R² when shuffled")
+    axes.set(title=f"Importance (R² {max(importance.r2, 0.0):.2f})", xlabel="loss of R² when shuffled")
     axes.grid(axis="x")
 
 

@@ -1,4 +1,4 @@
-"""Figures of many hyperparameter searches at once, a search a cell: what they gain over trials, and what wins.
+"""Figures of many hyperparameter searches, one per cell: the gain over trials, and the best values.
 
 Tables hold one row per trial: cell, setting, pair, trial, outcome, value, and a column per hyperparameter.
 """
@@ -15,7 +15,7 @@ from neurotact.figures.search import best_so_far
 from neurotact.figures.style import INK, PALE, add_legend, name_ticks, new_figure, printed, series_style
 
 MOST_BARS = 12
-"""A hyperparameter with more values than this is drawn in so many bins."""
+"""Number of bins for a hyperparameter with more values."""
 
 
 @printed
@@ -51,7 +51,7 @@ def draw_best_so_far(trials: pd.DataFrame) -> Figure:
 
 @printed
 def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """A panel per hyperparameter: how often each value stands in a cell's best trial, and in all trials (line).
+    """A panel per hyperparameter: the share of each value in the cells' best trials, and in all trials (line).
 
     winners: of `winners`. space: the dimension of each column, in NNI's terms.
     """
@@ -76,7 +76,7 @@ def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str
 
 
 def winners(trials: pd.DataFrame) -> pd.DataFrame:
-    """The best finished trial of each cell, the first of equal ones, one row per cell.
+    """The best finished trial of each cell (ties: the first), one row per cell.
 
     >>> rows = {"cell": [0, 0, 1], "trial": [0, 1, 0], "outcome": ["finished"] * 3, "value": [0.5, 0.7, 0.6]}
     >>> winners(pd.DataFrame(rows))["trial"].tolist()
@@ -87,7 +87,7 @@ def winners(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def gains(trials: pd.DataFrame) -> pd.Series:
-    """How far each cell's best value lies above that of its first finished trial."""
+    """The gain of each cell's best value over its first finished trial."""
     finished = trials[trials["outcome"] == "finished"].groupby("cell", sort=False)["value"]
     return finished.max() - finished.first()
 
@@ -95,7 +95,7 @@ def gains(trials: pd.DataFrame) -> pd.Series:
 def _shares(
     won: pd.Series, tried: pd.Series, dimension: Mapping[str, Any]
 ) -> tuple[list[str], list[float], list[float]]:
-    """Names of the values or bins of a hyperparameter, and the share of either series in each."""
+    """Names of the values or bins of a hyperparameter, and the share of both series in each."""
     if dimension["_type"] == "choice" or tried.nunique() <= MOST_BARS:
         values = dimension["_value"] if dimension["_type"] == "choice" else sorted(set(tried))
         names = [f"{value:g}" if isinstance(value, (int, float)) else str(value) for value in values]

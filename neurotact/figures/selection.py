@@ -1,6 +1,6 @@
-"""Figures of how a network is selected: over window lengths, over networks, and over window lengths again.
+"""Figures of the selection of a network: over window lengths, over networks, and over window lengths again.
 
-They mirror the texture paper's Figs. 7, 8 and 13. Tables are the parts of a study's `selection.csv`.
+They correspond to the texture paper's Figs. 7, 8 and 13. Tables are the parts of a study's `selection.csv`.
 """
 
 from collections.abc import Sequence
@@ -35,9 +35,9 @@ MEASURES = (
 
 @printed
 def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) -> Figure:
-    """Accuracy and SOPs of each size over window lengths, their mean, and the least length within the tolerance.
+    """Accuracy and SOPs of each size over window lengths, their mean, and the shortest length within the tolerance.
 
-    networks: a row per size and window length (means over seeds). means: one row per window length, over sizes too.
+    networks: a row per size and window length (means over seeds). means: a row per window length (also over sizes).
     """
     figure = new_figure(2.7)
     panels = figure.subplots(1, 2)
@@ -63,7 +63,7 @@ def draw_lengths(networks: pd.DataFrame, means: pd.DataFrame, tolerance: float) 
 def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
     """Accuracy against SOPs of every network on validation trials; the chosen ones are ringed and numbered.
 
-    The hidden size stands beside each network that leaves room for it.
+    Networks are labelled with their hidden size if there is space.
 
     networks: a row per pair and size (means over seeds), of the step that was kept.
     """
@@ -96,8 +96,8 @@ def draw_choice(networks: pd.DataFrame, tolerance: float) -> Figure:
 def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float, pairs: Sequence[str]) -> Figure:
     """Accuracy and SOPs of the selected networks and of the most accurate one over window lengths.
 
-    table: one row per network and window length, with the columns `name` and `pair`; names: in the order in which they
-    are drawn. pairs: of `draw_choice`, whose colours a pair keeps; a second network of a pair is dashed.
+    table: one row per network and window length, with the columns `name` and `pair`; names: in drawing order. pairs: of
+    `draw_choice`, for the same colours; a second network of a pair is dashed.
     """
     pair_of = table.groupby("name")["pair"].first()
     looks = {
@@ -121,7 +121,7 @@ def draw_persistence(table: pd.DataFrame, names: Sequence[str], least_ms: float,
 
 
 def _name_lengths(axes: Axes, lengths_ms: Sequence[float]) -> None:
-    """A logarithmic axis with a tick at each length; where two would touch, the second has no name."""
+    """A logarithmic axis with a tick at each length; if two labels would touch, the second is omitted."""
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(FixedLocator(list(lengths_ms)))
     axes.xaxis.set_minor_locator(NullLocator())

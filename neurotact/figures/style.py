@@ -1,4 +1,4 @@
-"""How everything looks that is drawn: colours, sizes, the words on an axis, and how a figure is saved."""
+"""The style of figures: colours, sizes, words on an axis, and saving."""
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
@@ -31,14 +31,14 @@ WIDTH_in = 7.2
 """Two columns of a journal page."""
 SUFFIXES = (".png", ".svg", ".pdf")
 SHOWN_dpi = 110
-"""Of a figure in a notebook, whose column is some 800 pixels wide."""
+"""Resolution of a figure in a notebook, whose column is about 800 pixels wide."""
 
-# The texture paper's Figs. 5 and 6: SA-I blue, RA-I orange, their sum green; tones that a colour-blind reader and a
-# grey print tell apart (after Okabe and Ito).
+# The texture paper's Figs. 5 and 6: SA-I blue, RA-I orange, their sum green; tones that are distinct for colour-blind
+# readers and in grey print (after Okabe and Ito).
 SA, RA, TOTAL = "#0072B2", "#E06C00", "#009E73"
 INK, MUTED, PALE = "#1f1f1f", "#666666", "#d9d9d9"
 SYMBOLS = (r"$t_\mathrm{ref}$", r"$N_\mathrm{max}$")
-"""What alone is set as a formula; any other dollar sign is one in somebody's name of a class."""
+"""The only formula; any other dollar sign belongs to the name of a class."""
 LONGEST_WORDS, LONGEST_TICK = 200, 40
 PAIR_TITLE = r"$t_\mathrm{ref}$ of RA-I & SA-I"
 PAIR_AXIS = f"{PAIR_TITLE} (ms)"
@@ -50,7 +50,7 @@ SERIES = (
     ("#D55E00", "v"),
     ("#1f1f1f", "P"),
 )
-"""Colour and marker of each series, for those that differ in both."""
+"""Colour and marker of each series."""
 
 RC: Any = {
     "font.family": "DejaVu Sans",
@@ -88,7 +88,7 @@ RC: Any = {
 
 
 class Drawn(NamedTuple):
-    """A figure of the report: its file's name, its title, what is seen, and its text for those who do not see it."""
+    """A figure of the report: file name, title, figure, caption, and text alternative."""
 
     name: str
     title: str
@@ -98,7 +98,7 @@ class Drawn(NamedTuple):
 
 
 def printed(draw: Callable[P, Figure]) -> Callable[P, Figure]:
-    """A drawing function whose figure has the house style, whatever matplotlib is set to."""
+    """A drawing function whose figure has neurotact's style, for any settings of matplotlib."""
 
     @wraps(draw)
     def styled(*args: P.args, **kwargs: P.kwargs) -> Figure:
@@ -109,10 +109,10 @@ def printed(draw: Callable[P, Figure]) -> Callable[P, Figure]:
 
 
 class NotebookFigure(Figure):
-    """A figure that a notebook shows as the last value of a cell, pyplot imported or not.
+    """A figure that a notebook shows as the last value of a cell, with or without pyplot.
 
-    Figures made by pyplot are shown by its inline backend, which knows no others; this one brings its picture along, as
-    IPython asks any object for it (`_repr_png_`). It is never registered with pyplot, so that nothing has to close it.
+    The inline backend shows only figures made by pyplot; this one provides its picture through IPython's `_repr_png_`.
+    It is never registered with pyplot, so it need not be closed.
 
     >>> new_figure(1.0)._repr_png_()[1:4]
     b'PNG'
@@ -127,12 +127,12 @@ class NotebookFigure(Figure):
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_in) -> Figure:
-    """An empty figure that lays itself out."""
+    """An empty figure with automatic layout."""
     return NotebookFigure(figsize=(width_in, height_in), layout="constrained")
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure as its suffix says, whole or not at all; the same figure gives the same bytes.
+    """Write a figure in the format of its suffix, whole or not at all; the same figure gives the same bytes.
 
     Raises InputError for a suffix that is not .png, .svg or .pdf.
     """
@@ -146,9 +146,9 @@ def save(figure: Figure, path: str | Path) -> None:
 
 
 def _show_names_as_they_are(figure: Figure) -> None:
-    """No name is read as a formula, and none holds what no font has or takes the figure's room.
+    """Make names safe: no formulas, no characters without a glyph, no excessive length.
 
-    Ticks of numbers keep their powers of ten.
+    Numeric ticks keep their powers of ten.
     """
     for text in figure.findobj(Text):
         words = text.get_text()
@@ -166,7 +166,7 @@ def _show_names_as_they_are(figure: Figure) -> None:
 
 
 def as_shown(words: str, longest: int) -> str:
-    """Words as a figure shows them: control characters replaced, what is too long cut.
+    """A text for a figure: control characters replaced, cut if too long.
 
     >>> as_shown("felt", 4), as_shown("polyester", 5)
     ('felt', 'poly…')
@@ -176,17 +176,17 @@ def as_shown(words: str, longest: int) -> str:
 
 
 def add_legend(figure: Figure, panels: Iterable[Axes], ncols: int, **kwargs: Any) -> None:
-    """One legend above all panels, each of their labels once."""
+    """One legend above all panels, with each label once."""
     found = [axes.get_legend_handles_labels() for axes in panels]
     handles = {label: handle for both in found for handle, label in zip(*both, strict=True)}
     figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=ncols, **kwargs)
 
 
 def bars(mean: Any, deviation: Any, whole: float | None = 100.0) -> np.ndarray:
-    """Lengths below and above a mean of a bar that ends within 0 and `whole`, `(2, point)`: an accuracy knows no more.
+    """Lengths of an error bar below and above a mean, within 0 and `whole`, `(2, point)`, the range of an accuracy.
 
-    mean, deviation: a number or `(point,)`; where either is absent (NaN) there is no bar.
-    whole: 100 for percent, 1 for shares; None for what has no ends, whose bars are as long as the deviation both ways.
+    mean, deviation: a number or `(point,)`; if one is absent (NaN) there is no bar.
+    whole: 100 for percent, 1 for shares; None for an unbounded quantity, whose bars are the deviation on both sides.
 
     >>> bars([98.0, 50.0, 1.0], [5.0, 5.0, 5.0]).tolist()
     [[5.0, 5.0, 1.0], [2.0, 5.0, 5.0]]
@@ -199,9 +199,9 @@ def bars(mean: Any, deviation: Any, whole: float | None = 100.0) -> np.ndarray:
 
 
 def keep_within(panels: Iterable[Axes], whole: float = 100.0, axis: Literal["x", "y"] = "y") -> None:
-    """End the axis of drawn accuracies at 0 and `whole`; marks that stand on an end are still drawn whole.
+    """Limit the axis of drawn accuracies to 0 and `whole`; marks at an end are still drawn whole.
 
-    Call it when everything is drawn: limits no longer follow what is drawn afterwards.
+    Call it when everything is drawn: later drawing no longer changes the limits.
     """
     for panel in panels:
         low, high = panel.get_ylim() if axis == "y" else panel.get_xlim()
@@ -212,7 +212,7 @@ def keep_within(panels: Iterable[Axes], whole: float = 100.0, axis: Literal["x",
 
 
 def name_ticks(axes: Axes, names: Sequence[str], at: Sequence[float] | np.ndarray | None = None) -> None:
-    """Name ticks of the x axis, at 0, 1, ... when not told where; aslant where the names are long."""
+    """Name ticks of the x axis, at 0, 1, ... by default; rotated if the names are long."""
     aslant: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 4 else {}
     axes.set_xticks(np.arange(len(names)) if at is None else at, names, **aslant)
 
@@ -229,22 +229,22 @@ def series_style(index: int) -> dict[str, Any]:
 
 
 def class_colours(n: int) -> list[str]:
-    """Colours of classes without an order: the house's while they last, then up to twenty distinct ones, then a scale.
+    """Colours of unordered classes: those of the style if enough, then up to twenty distinct ones, then a scale.
 
     >>> len(set(class_colours(20)))
     20
     """
     if n <= len(SERIES):
         return [colour for colour, _ in SERIES[:n]]
-    if n <= 20:  # the ten strong ones before the ten pale ones
+    if n <= 20:  # the ten strong colours before the ten pale ones
         return [to_hex(colormaps["tab20"](2 * (i % 10) + i // 10)) for i in range(n)]
     return [to_hex(colour) for colour in colormaps["viridis"](np.linspace(0, 0.95, n))]
 
 
 def write_out_log_ticks(axis: Axis) -> None:
-    """Few ticks, written out, on a logarithmic axis whose data are drawn.
+    """Few ticks, written out, on a logarithmic axis after its data are drawn.
 
-    Decades where it spans more than two; within, 1, 2 and 5 of each; round steps below a factor of four.
+    Decades if it spans more than two; else 1, 2 and 5 of each; round steps below a factor of four.
     """
     low, high = sorted(axis.get_view_interval())
     subs = (1.0,) if high > 100 * low else (1.0, 2.0, 5.0)

@@ -1,4 +1,4 @@
-"""Figures of networks that hear less than their whole window: cut short (texture paper, Figs. 8 and 13), early exit."""
+"""Figures of networks on part of their window: cut short (texture paper, Figs. 8 and 13), early exit."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -23,20 +23,20 @@ from neurotact.figures.style import (
     series_style,
 )
 
-MODES = {"validated": "counted from the first readout spike", "oracle": "Algorithm 1, which knows the true label"}
+MODES = {"validated": "counted from the first readout spike", "oracle": "Algorithm 1, which uses the true label"}
 PANELS = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
 COSTS = (
     ("spikes", "afferent spikes per decision"),
     ("kSOPs", "SOPs per decision (thousands)"),
-    ("window.length_ms", "signal heard (ms)"),
+    ("window.length_ms", "window length (ms)"),
 )
-"""What a decision costs: a panel each of `draw_costs`."""
+"""The costs of a decision: one panel each of `draw_costs`."""
 EXIT_MEASURES = (
     ("accuracy_lost", "accuracy lost (points)", 100.0),
     ("exit_ms", "decides after (ms)", 1.0),
     ("sops_saved", "SOPs saved (%)", 100.0),
 )
-"""What early exit loses and saves: column, words and scale of a panel each of `draw_exit_curves`."""
+"""Losses and savings of early exit: column, words and scale of one panel each of `draw_exit_curves`."""
 
 
 def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> pd.DataFrame:
@@ -55,10 +55,10 @@ def mean_and_deviation(table: pd.DataFrame, by: Sequence[str], measure: str) -> 
 
 @printed
 def draw_cut_short(table: pd.DataFrame) -> Figure:
-    """Accuracy (left) and SOPs (right) against the length that is heard, a row per t_ref pair.
+    """Accuracy (left) and SOPs (right) against the length of the input, a row per t_ref pair.
 
     table: of `cut_short.csv`, with the columns `pair`, `panel` (its row's title) and `trained_ms`.
-    The thick line joins networks at the whole window that they were trained on; a thin one is one of them, cut short.
+    The thick line joins networks on the whole window of their training; a thin line is one of them, cut short.
     """
     titles = list(dict.fromkeys(table["panel"]))
     lengths = sorted(set(table["trained_ms"]))
@@ -85,7 +85,7 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
         cuts = sorted(set(table["cut_ms"]))
         axes.set_xticks(cuts, [f"{cut:g}" for cut in cuts])
         axes.minorticks_off()
-        axes.set_xlabel("length that is heard (ms)")
+        axes.set_xlabel("length of the input (ms)")
     grid[0, 1].set_ylim(bottom=0)
     keep_within(grid[:, 0])
     add_legend(figure, [grid[0, 0]], ncols=3)
@@ -94,10 +94,10 @@ def draw_cut_short(table: pd.DataFrame) -> Figure:
 
 @printed
 def draw_costs(results: pd.DataFrame) -> Figure:
-    """Test accuracy against what a decision costs: spikes, SOPs and milliseconds; a line per t_ref pair.
+    """Test accuracy against the cost of a decision: spikes, SOPs and milliseconds; a line per t_ref pair.
 
     results: of `results.csv`, with the columns `pair` and `window.length_ms`, a point per length; means over sizes and
-    seeds, with the deviation over seeds of the accuracy. The length in ms stands beside points of the first pair.
+    seeds, with the deviation over seeds of the accuracy. Points of the first pair are labelled with the length in ms.
     """
     spikes = results["spikes_sa"] + results["spikes_ra"]
     results = results.assign(spikes=spikes, kSOPs=1e-3 * results["sops_total"])
@@ -138,7 +138,7 @@ def draw_costs(results: pd.DataFrame) -> Figure:
 def draw_exit_curves(table: pd.DataFrame, chosen: pd.DataFrame, published: pd.DataFrame, step_ms: float) -> Figure:
     """Accuracy lost, time to the decision and SOPs saved over patience, a row per t_ref pair, both modes of early exit.
 
-    table: of `exit_curve.csv` with `panel`. chosen: panel and exit_patience of each network, which validation chose.
+    table: of `exit_curve.csv` with `panel`. chosen: panel and exit_patience of each network, chosen on validation.
     published: panel, patience and steps of the texture paper's Table V. step_ms: of the clock; patience is drawn in
     milliseconds, with its steps above the first row.
     """
@@ -176,7 +176,7 @@ def _paint_curve(axes: Axes, rows: pd.DataFrame, measure: str, scale: float, nam
     wide = scale * rows.pivot_table(index="patience_ms", columns=["hidden", "seed"], values=measure)
     colour = series_style(series)["color"]
     mean = wide.mean(axis=1)
-    # What is saved is a share; accuracy may be gained too, but neither more than all of it.
+    # SOPs saved are a share; accuracy may also rise; neither exceeds 100 %.
     below, above = bars(mean, wide.std(axis=1), 100.0 if measure == "sops_saved" else None)
     ends = np.array([mean - below, mean + above])
     if measure == "accuracy_lost":

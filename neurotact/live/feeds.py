@@ -1,7 +1,7 @@
-"""Where a live session takes its samples from: recordings, a finger that is moved by hand, or a device.
+"""The sources of samples of a live session: recordings, a simulated finger, or a device.
 
-A feed gives pieces at their own rate, and an empty piece whenever it has waited for `TICK_S`, so that the session can
-obey its page meanwhile. What is touched stands in `label` while a piece is taken; None where nobody knows.
+A feed yields pieces at their own rate, and an empty piece after each wait of `TICK_S`, so that the session can handle
+requests. `label` is the touched class while a piece is read; None if unknown.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -17,16 +17,16 @@ from neurotact.errors import InputError
 
 TICK_S = 0.02
 BLOCK_S = 0.008
-"""Of samples that are taken at once: half of what is drawn sixty times a second."""
+"""Length of a piece: half of the interval between two frames at 60 per second."""
 LIFTED_S = 0.25
-"""The finger is lifted for so long between two touches."""
+"""Time without contact between two touches."""
 
 
 class Feed(Protocol):
     """A source of samples.
 
     kind: recordings, finger or device. name: as the user gave it. taxels: their names.
-    label, note: what is touched, and where in the source the piece stands, in words.
+    label, note: the touched class, and the position of the piece in the source, in words.
     """
 
     kind: str
@@ -41,7 +41,7 @@ class Feed(Protocol):
 
 
 class Paced:
-    """What a feed at a rate of its own shares: how fast it goes, in times its own rate."""
+    """The common part of feeds with their own rate: the speed, as a multiple of that rate."""
 
     speed: float = 1.0
     sampling_rate_Hz: float
@@ -52,7 +52,7 @@ class Paced:
 
 
 class Replay(Paced):
-    """The trials of a file of recordings, one after the other; where it loops, over and over."""
+    """The trials of a file of recordings, one after the other; repeated with `loop`."""
 
     kind = "recordings"
 
@@ -77,13 +77,13 @@ class Replay(Paced):
 
 
 class ByHand(Paced):
-    """A simulated finger: one touch after the other, as its controls stand; a change lifts it and begins a new one."""
+    """A simulated finger: one touch after the other with the current controls; a change starts a new touch."""
 
     kind = "finger"
 
     def __init__(self, name: str, simulator: Simulator, changes: Mapping[str, Any], speed: float) -> None:
         if simulator.by_hand is None:
-            raise InputError(f"--from {name}: this simulator has no finger that is moved by hand; choose gratings")
+            raise InputError(f"--from {name}: this simulator has no finger to control; choose gratings")
         self.name, self.speed = name, speed
         self._finger, self._spec = simulator.by_hand, simulator.build(changes, f"live --from {name}")
         self.values = self._finger.checked(self._spec, {})
@@ -97,7 +97,7 @@ class ByHand(Paced):
         return self._finger.controls(self._spec)
 
     def move(self, values: Mapping[str, Any]) -> None:
-        """Set controls; InputError for one that there is not, or a value that it cannot have."""
+        """Set controls; InputError for an unknown control or an invalid value."""
         self.values = self._finger.checked(self._spec, {**self.values, **values})
 
     def _touch(self, number: int) -> Any:
@@ -118,7 +118,7 @@ class ByHand(Paced):
 
 
 class Device:
-    """A pipe, a device file, a file of rows or a serial port, as it is filled; the page may say what is touched."""
+    """A pipe, a device file, a file of rows or a serial port, read as data arrives; the page may set the label."""
 
     kind = "device"
 

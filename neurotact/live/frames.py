@@ -1,4 +1,4 @@
-"""What a page draws: frames of signals and spikes, and a mailbox for each page.
+"""The data that a page draws: frames of signals and spikes, and a mailbox for each page.
 
 A frame is `length of the header (uint32) | header (JSON) | zeros to a multiple of 4 | arrays`, little-endian. Its
 arrays, in order: least and greatest value of each taxel in each bucket, `(bucket, taxel, 2)` float32; spikes of
@@ -16,17 +16,17 @@ import numpy as np
 from neurotact.deploy.stream_state import Trace
 
 BUCKETS_PER_S = 250.0
-"""Columns of a signal that are drawn for each second; of a faster recording a column holds many samples."""
+"""Columns of a signal per second of drawing; with a faster recording, a column holds many samples."""
 MOST_BUCKETS = 2_000
 MOST_EVENTS = 20_000
-"""Of one frame. What is more is not drawn, and is counted."""
+"""Maximum number of events in a frame. Further ones are not drawn, but counted."""
 MOST_FRAMES, MOST_DECISIONS = 12, 2_000
-"""That wait for a page; a newer one then takes the place of the oldest."""
+"""Maximum number of frames that wait for a page; a newer one then replaces the oldest."""
 EVENT = np.dtype([("after_s", "<f4"), ("neuron", "<u4")])
 
 
 class FrameBuilder:
-    """Gathers what happened since the last frame.
+    """Collects signals and spikes since the last frame.
 
     sampling_rate_Hz, n_taxels: of the samples.
     """
@@ -41,7 +41,7 @@ class FrameBuilder:
         self.clear()
 
     def clear(self) -> None:
-        """Forget what was gathered."""
+        """Delete the collected data."""
         self._columns: list[np.ndarray] = []
         self._begins: list[int] = []
         self._traces: list[Trace] = []
@@ -49,7 +49,7 @@ class FrameBuilder:
         self.marks: list[tuple[float, str]] = []
 
     def samples(self, block: np.ndarray, first: int) -> None:
-        """Samples `(sample, taxel)` as they came, `first` being the number of the first in the stream."""
+        """Samples `(sample, taxel)` as received, `first` being the number of the first in the stream."""
         if first != self._next_sample:  # samples are missing in between
             self._rest = self._rest[:0]
         self._next_sample = first + len(block)
@@ -68,7 +68,7 @@ class FrameBuilder:
         self._n_columns += whole
 
     def trace(self, trace: Trace) -> None:
-        """What spiked."""
+        """Add the spikes."""
         n = int(trace.afferents.sum()) + int(trace.hidden.sum())
         if self._n_events + n > MOST_EVENTS:
             self.thinned += n
@@ -77,7 +77,7 @@ class FrameBuilder:
         self._traces.append(trace)
 
     def frame(self, about: dict[str, Any]) -> bytes:
-        """A frame of what was gathered, which is then forgotten; `about` goes into its header."""
+        """A frame of the collected data, which is then deleted; `about` goes into its header."""
         begins = [first / self._rate_Hz for first in self._begins]
         t0_s = min([*begins[:1], *(trace.begin_s for trace in self._traces[:1])], default=0.0)
         afferents, hidden = (self._events(t0_s, name) for name in ("afferents", "hidden"))
@@ -104,7 +104,7 @@ class FrameBuilder:
 
 
 def _runs(begins_s: list[float], bucket_s: float) -> list[tuple[float, int]]:
-    """Where columns follow one another without a gap: when each such run begins, and how many there are.
+    """Runs of columns without a gap: the start time and the number of columns of each.
 
     >>> _runs([0.0, 0.5, 1.0, 3.0], 0.5)
     [(0.0, 3), (3.0, 1)]
@@ -119,11 +119,11 @@ def _runs(begins_s: list[float], bucket_s: float) -> list[tuple[float, int]]:
 
 
 class Mailbox:
-    """What waits for one page. Nobody who puts something in ever waits: where too much waits, the newest wins.
+    """The queue for one page. Writers never wait: if the queue is full, the newest frames are kept.
 
-    ring: called, in any thread, when there is something and there was nothing before.
-    is_greeted: whether the page was told what it shows; nothing else is put in before.
-    dropped: frames that gave way to newer ones before they were taken.
+    ring: called, in any thread, when the queue is no longer empty.
+    is_greeted: whether the page has its first message; nothing else is queued before.
+    dropped: frames replaced by newer ones before they were sent.
     """
 
     def __init__(self, ring: Callable[[], None]) -> None:
@@ -148,7 +148,7 @@ class Mailbox:
         self._arrived()
 
     def note(self, note: str) -> None:
-        """A message for this page alone, as JSON."""
+        """A message for this page only, as JSON."""
         with self._lock:
             self._notes.append(note)
         self._arrived()
@@ -159,7 +159,7 @@ class Mailbox:
         self._arrived()
 
     def take(self) -> list[str | bytes]:
-        """All that waits, in the order in which it is to be sent."""
+        """The content of the queue, in the order of sending."""
         with self._lock:
             mail: list[str | bytes] = [*self._notes]
             if self._decisions:
@@ -181,7 +181,7 @@ class Mailbox:
 
 
 class Audience:
-    """The mailboxes of all pages that look."""
+    """The mailboxes of all connected pages."""
 
     def __init__(self) -> None:
         self._lock = Lock()

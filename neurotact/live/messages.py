@@ -1,13 +1,13 @@
-"""What a page may ask for: small, typed, and nothing else. What does not fit is dropped and counted."""
+"""The requests that a page may send: small and typed. All others are dropped and counted."""
 
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 LONGEST = 2_048
-"""Bytes of a message."""
+"""Maximum number of bytes of a message."""
 SLOWEST, FASTEST = 0.05, 20.0
-"""Of a replay, in times its own rate."""
+"""Speed of a replay, as a multiple of its own rate."""
 
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e9, le=1e9)]
@@ -18,42 +18,42 @@ class _Message(BaseModel):
 
 
 class Change(_Message):
-    """Other values of the chain: `sa1.t_ref_ms`, `sa1.gain`, ..., and `patience` in steps, null for the full window."""
+    """New values of the chain: `sa1.t_ref_ms`, `sa1.gain`, ..., and `patience` in steps, null for the full window."""
 
     kind: Literal["change"]
     values: dict[Name, Number | None] = Field(min_length=1, max_length=16)
 
 
 class Move(_Message):
-    """Other values of the simulated finger."""
+    """New values of the simulated finger."""
 
     kind: Literal["move"]
     values: dict[Name, Number | Name] = Field(min_length=1, max_length=16)
 
 
 class Speed(_Message):
-    """How fast recordings are replayed, or the finger moves, in times its own rate."""
+    """Speed of the replay or of the finger, as a multiple of its own rate."""
 
     kind: Literal["speed"]
     speed: float = Field(ge=SLOWEST, le=FASTEST)
 
 
 class Label(_Message):
-    """What is touched, where the source does not know it; null: unknown."""
+    """The touched class, if the source does not know it; null: unknown."""
 
     kind: Literal["label"]
     label: Annotated[str, Field(max_length=200)] | None
 
 
 class Compare(_Message):
-    """How many windows are compared before and after a change."""
+    """Number of windows to compare before and after a change."""
 
     kind: Literal["compare"]
     windows: int = Field(ge=1, le=1_000)
 
 
 class Save(_Message):
-    """Save the encoder under a name, in the folder that the command line chose."""
+    """Save the encoder under a name, in the folder of --save-to."""
 
     kind: Literal["save"]
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")
@@ -70,7 +70,7 @@ _MESSAGE: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discrimina
 
 
 def read(text: str) -> Message | None:
-    """The message in a text; None where there is none.
+    """The message in a text; None if it is not valid.
 
     >>> read('{"kind": "speed", "speed": 2}')
     Speed(kind='speed', speed=2.0)

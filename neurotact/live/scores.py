@@ -1,4 +1,4 @@
-"""What the decided windows cost and how often they were right: in all, and before and after a change."""
+"""Cost and accuracy of the decided windows: in all, and before and after a change."""
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
@@ -12,18 +12,18 @@ from neurotact.metrics import synops
 from neurotact.networks.ledger import SOPS, encoding_cost, network_cost
 
 MOST_WINDOWS = 1_000
-"""That are compared before and after a change."""
+"""Default number of windows to compare before and after a change."""
 RECENT = 200
-"""Decisions that a page which opens later is shown."""
+"""Number of past decisions shown to a page that opens later."""
 ONE_CHANGE_S = 2.0
-"""Changes that follow each other as fast are one, as while a slider is drawn."""
+"""Changes within this time are one, as while a slider is moved."""
 
 
 class Scored(NamedTuple):
-    """A decision and what is known of its window.
+    """A decision and the facts about its window.
 
-    number: of the decision. truth: index of the true class; None where it is unknown, or changed within the window.
-    version: of the settings that the whole window was decided with; None where they changed within it.
+    number: of the decision. truth: index of the true class; None if it is unknown, or changed within the window.
+    version: of the settings for the whole window; None if they changed within it.
     nJ: an estimate of the arithmetic, encoding and network together (`networks.ledger`).
     """
 
@@ -34,7 +34,7 @@ class Scored(NamedTuple):
     nJ: float
 
     def row(self) -> list[Any]:
-        """As the page has it."""
+        """The decision in the page's format."""
         d = self.decision
         return [
             self.number, d.window, d.time_s, d.index, d.ms, d.steps, d.input_spikes, d.hidden_spikes, d.sops,
@@ -55,7 +55,7 @@ def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
 
 
 def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
-    """Means over windows, and the accuracy over those whose class is known; None of no windows."""
+    """Means over windows, and the accuracy over those of known class; None without windows."""
     if not rows:
         return None
     known = [row for row in rows if row.truth is not None]
@@ -72,10 +72,10 @@ def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
 
 
 class Scores:
-    """All that was decided so far.
+    """All decisions so far.
 
-    classes: of the network. A window counts for its class where that was the same all through it, and for settings
-    likewise; so whoever changes one of them says from which window on the new value holds.
+    classes: of the network. A window counts for a class only if that was the same throughout it; the same holds for
+    settings. So a change of either names the first window with the new value.
     """
 
     def __init__(self, classes: Sequence[str]) -> None:
@@ -92,19 +92,19 @@ class Scores:
         self.clear()
 
     def clear(self) -> None:
-        """Count anew; what is compared before and after a change stays."""
+        """Reset the counts, except those before and after a change."""
         self.confusion = np.zeros((len(self.classes), len(self.classes)), np.int64)
         self.recent: deque[Scored] = deque(maxlen=RECENT)
         self.sums: defaultdict[str, float] = defaultdict(float)
 
     def label(self, label: str | None, from_window: int) -> None:
-        """What is touched from now on; windows from that number on are wholly of it."""
+        """Set the touched class; windows from that number on belong to it entirely."""
         self._label, self._label_from = label, from_window
 
     def change(self, changes: dict[str, tuple[Any, Any]], from_window: int, now_s: float) -> None:
-        """Settings changed, each from one value to another; windows from that number on are decided with the new ones.
+        """Record changed settings, old and new value of each; windows from that number on use the new ones.
 
-        now_s: by some clock that only advances.
+        now_s: of a monotonic clock.
         """
         if self._changed_at_s is not None and now_s - self._changed_at_s < ONE_CHANGE_S:
             firsts = {key: old for key, (old, _) in self.changes.items()}

@@ -1,8 +1,8 @@
-"""The page's server: loopback alone, a token in the address, no origin but its own.
+"""The page's server: only loopback, a token in the address, only its own origin.
 
-Three addresses answer, `/TOKEN/`, `/TOKEN/stream` (a websocket) and no other. A request that names another host is
-refused (it would be a name that someone else pointed at this machine), and so is one from another origin. What a page
-sends is bounded in size and rate; what is no message is dropped and counted, and who goes on like that is cut off.
+Only two addresses answer, `/TOKEN/` and `/TOKEN/stream` (a websocket). A request that names another host is refused
+(against DNS rebinding), and so is one from another origin. Messages are bounded in size and rate; invalid ones are
+dropped and counted, and a page that sends too many is disconnected.
 """
 
 import asyncio
@@ -33,13 +33,13 @@ from neurotact.live.session import Session
 HOST = "127.0.0.1"
 MOST_PAGES = 8
 MESSAGES_PER_S, BURST = 60.0, 120.0
-"""That a page may send, and how many at once; more are dropped."""
+"""Messages per second that a page may send, and the burst; further ones are dropped."""
 MOST_DROPPED = 200
-"""Messages of one page: who sends more that cannot be used is cut off."""
+"""Invalid messages of one page; with more, it is disconnected."""
 PING_S = 20.0
-"""A page that does not answer for so long has gone."""
+"""A page without an answer for this long is closed."""
 POLICY, TRY_LATER = 1008, 1013
-"""Codes with which a websocket is closed."""
+"""Close codes of a websocket."""
 
 
 def page() -> bytes:
@@ -48,7 +48,7 @@ def page() -> bytes:
 
 
 def content_policy(html: bytes, authority: str) -> str:
-    """A policy that runs the page's own script and style, known by their hashes, and lets it talk to its server alone.
+    """A policy that allows the page's own script and style, by their hashes, and connections only to its server.
 
     >>> content_policy(b"<style>a</style><script>b</script>", "127.0.0.1:1").partition(";")[0]
     "default-src 'none'"
@@ -66,14 +66,14 @@ def content_policy(html: bytes, authority: str) -> str:
 
 
 class Gate:
-    """Who may come in: requests with the token, to this host's own names, from no other origin."""
+    """Access control: requests with the token, to this host's own names, from its own origin."""
 
     def __init__(self, token: str, port: int) -> None:
         self.token = token
         self.authorities = (f"{HOST}:{port}", f"localhost:{port}")
 
     def opens(self, connection: HTTPConnection, *, needs_origin: bool) -> bool:
-        """Whether a request is one of the page's own."""
+        """Whether a request comes from the page itself."""
         headers = connection.headers
         if len(headers.getlist("host")) != 1 or headers["host"] not in self.authorities:
             return False
@@ -84,14 +84,14 @@ class Gate:
 
 
 class Allowance:
-    """So many messages a second, and a burst of them."""
+    """A limit of messages per second, with a burst."""
 
     def __init__(self, per_s: float = MESSAGES_PER_S, burst: float = BURST) -> None:
         self._per_s, self._burst = per_s, burst
         self._left, self._at_s = burst, time.monotonic()
 
     def spend(self) -> bool:
-        """Whether one more is allowed."""
+        """Whether one more message is allowed."""
         now_s = time.monotonic()
         self._left = min(self._burst, self._left + self._per_s * (now_s - self._at_s))
         self._at_s = now_s
@@ -120,7 +120,7 @@ def application(session: Session, gate: Gate) -> Starlette:
             await websocket.send_denial_response(PlainTextResponse("not found", 404))
         elif len(session.audience) >= MOST_PAGES:
             await websocket.accept()
-            await websocket.close(TRY_LATER, f"{MOST_PAGES} pages look already")
+            await websocket.close(TRY_LATER, f"{MOST_PAGES} pages are connected already")
         else:
             await websocket.accept()
             await _attend(session, websocket)
@@ -131,7 +131,7 @@ def application(session: Session, gate: Gate) -> Starlette:
 
 
 async def _attend(session: Session, websocket: WebSocket) -> None:
-    """Bring a page its mail and hear what it asks for, until one of both ends."""
+    """Send a page its messages and receive its requests, until either ends."""
     loop, bell = asyncio.get_running_loop(), asyncio.Event()
 
     def ring() -> None:
@@ -146,7 +146,7 @@ async def _attend(session: Session, websocket: WebSocket) -> None:
         for task in done:
             task.result()
     except (WebSocketDisconnect, RuntimeError, OSError):
-        pass  # it has gone
+        pass  # it has closed
     finally:
         session.audience.leave(box)
         for task in tasks:
@@ -155,7 +155,7 @@ async def _attend(session: Session, websocket: WebSocket) -> None:
 
 
 async def _bring(box: Mailbox, bell: asyncio.Event, websocket: WebSocket) -> None:
-    """Sending waits for a slow page; what comes meanwhile replaces what waits in its mailbox."""
+    """Sending waits for a slow page; meanwhile new frames replace old ones in its mailbox."""
     while True:
         await bell.wait()
         bell.clear()
@@ -177,13 +177,13 @@ async def _hear(session: Session, box: Mailbox, websocket: WebSocket) -> None:
         if message is None or not session.ask(box, message):
             dropped += 1
             session.refuse()
-    await websocket.close(POLICY, "too many messages that cannot be used")
+    await websocket.close(POLICY, "too many invalid messages")
 
 
 class Server:
-    """A session's server on loopback; `address` is what a browser opens.
+    """A session's server on loopback; a browser opens `address`.
 
-    port: 0 for any that is free.
+    port: 0 for any free port.
     """
 
     def __init__(self, session: Session, port: int = 0) -> None:
@@ -201,7 +201,7 @@ class Server:
         ))  # fmt: skip
 
     def run(self) -> None:
-        """Serve, and run the session, until Ctrl-C or `stop`; a fault of the session's thread is raised here."""
+        """Serve, and run the session, until Ctrl-C or `stop`; an error of the session's thread is raised here."""
         thread = Thread(target=self.session.run, name="neurotact live", daemon=True)
         thread.start()
         try:
@@ -214,12 +214,12 @@ class Server:
             raise self.session.fault
 
     def stop(self) -> None:
-        """End `run` soon; from any thread."""
+        """End `run` soon; callable from any thread."""
         self._uvicorn.should_exit = True
 
     @property
     def is_up(self) -> bool:
-        """Whether pages are answered."""
+        """Whether the server answers."""
         return self._uvicorn.started
 
 
@@ -228,10 +228,10 @@ def _bound(port: int) -> socket.socket:
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((HOST, port))
-        listening.listen()  # who opens the address at once waits until it is answered
+        listening.listen()  # an early request waits until it is answered
     except OSError as error:
         listening.close()
         raise InputError(
-            f"--port {port}: cannot be used ({error.strerror}); choose another, or none for any"
+            f"--port {port}: cannot be used ({error.strerror}); choose another, or leave --port out for any"
         ) from error
     return listening

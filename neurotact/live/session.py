@@ -1,7 +1,7 @@
-"""A live session: a thread that feeds one stream, obeys its pages between two pieces, and tells them what it sees.
+"""A live session: a thread that feeds one stream, handles requests of pages between two pieces, and reports to them.
 
-No page is ever waited for. Everything that a page asks for waits in a short queue and is done by this thread, so that a
-change holds from one sample to the next.
+It never waits for a page. Requests wait in a short queue and are done by this thread, so that a change takes effect
+between two samples.
 """
 
 import json
@@ -34,9 +34,9 @@ from neurotact.spec import build, override, to_toml
 
 FRAME_S = 1 / 60
 STATE_S = 0.2
-"""Between two messages about counts and settings, unless something was asked for."""
+"""Interval between two messages about counts and settings, unless there was a request."""
 MOST_WAITING = 64
-"""Requests that wait to be done; what comes while so many wait is dropped."""
+"""Maximum number of waiting requests; further ones are dropped."""
 PATIENCE = "patience"
 LONGEST_t_ref_ms = 1_000.0
 
@@ -44,10 +44,10 @@ LONGEST_t_ref_ms = 1_000.0
 class Session:
     """One chain, one feed and any number of pages.
 
-    run: the name that the page shows. afferents: their names, the populations of which stand in their first words.
-    save_to: the folder in which encoders are saved; None: saving is off.
-    waits: for the first page, before anything is fed; a device does not wait.
-    on_end: called by the thread when the feed has ended or failed; `failure` and `fault` say how.
+    run: the name that the page shows. afferents: their names; the first word of each is its population.
+    save_to: the folder for saved encoders; None: saving is off.
+    waits: whether the feed starts with the first page; a device does not wait.
+    on_end: called by the thread when the feed has ended or failed; `failure` and `fault` hold the reason.
     refused: messages of pages that were dropped.
     """
 
@@ -64,7 +64,7 @@ class Session:
     ) -> None:
         if len(feed.taxels) != chain.n_taxels:
             raise InputError(
-                f"--from {feed.name}: has {len(feed.taxels)} taxels but the chain feels {chain.n_taxels}; give the "
+                f"--from {feed.name}: has {len(feed.taxels)} taxels but the chain has {chain.n_taxels}; give the "
                 "taxels that the network was trained on"
             )
         self.feed, self.run_name, self.afferents, self.save_to = feed, run, afferents, save_to
@@ -85,10 +85,10 @@ class Session:
         self.on_end: Callable[[], None] | None = None
         self._stopped = Event()
 
-    # --- what a server asks for, in any thread ----------------------------------------------------
+    # --- called by the server, in any thread ------------------------------------------------------
 
     def ask(self, box: Mailbox, message: messages.Message) -> bool:
-        """Whether a request could be taken; its answer, if there is one, goes to the page's mailbox."""
+        """Whether a request was accepted; its answer, if any, goes to the page's mailbox."""
         try:
             self._asked.put_nowait((box, message))
         except Full:
@@ -96,7 +96,7 @@ class Session:
         return True
 
     def refuse(self) -> None:
-        """Count a message of a page that was dropped."""
+        """Count a dropped message of a page."""
         self.refused += 1
         self._is_news = True
 
@@ -105,7 +105,7 @@ class Session:
         self._stopped.set()
 
     def hello(self) -> dict[str, Any]:
-        """What does not change."""
+        """The facts that do not change."""
         chain, feed = self.stream.chain, self.feed
         populations = populations_of(self.afferents)
         return {
@@ -134,7 +134,7 @@ class Session:
     # --- the thread -------------------------------------------------------------------------------
 
     def run(self) -> None:
-        """Feed the stream, and when the feed has ended or failed go on answering pages, until `stop` is called."""
+        """Feed the stream; after the feed has ended or failed, answer pages until `stop` is called."""
         if self.waits:
             self._attend(lambda: len(self.audience) > 0)
         while not self._stopped.is_set():
@@ -143,7 +143,7 @@ class Session:
                 self._feed_on()
             except InputError as error:
                 self.failure = error
-            except Exception as error:  # whoever started the thread raises it
+            except Exception as error:  # raised by the thread that started this one
                 self.fault = error
             self.ended = self._is_news = True
             if self.on_end is not None:
@@ -159,13 +159,13 @@ class Session:
             self._tell()
 
     def _attend(self, is_over: Callable[[], bool]) -> None:
-        """Answer pages while nothing is fed."""
+        """Answer pages while there is no input."""
         while not (is_over() or self._stopped.wait(TICK_S)):
             self._obey()
             self._tell()
 
     def take(self, arrived: Arrived) -> list[Scored]:
-        """Push a piece into the stream, and count what it decided."""
+        """Push a piece into the stream, and count its decisions."""
         if self.feed.label != self._label:
             self._label = self.feed.label
             self.scores.label(self._label, self._n_windows())
@@ -187,7 +187,7 @@ class Session:
         self._frames.trace(trace)
 
     def _n_windows(self) -> int:
-        """Windows that were opened so far: all later ones are wholly under what holds now."""
+        """Number of windows opened so far: all later ones use only the current settings."""
         return self.stream.state().n_windows
 
     def _now_s(self) -> float:
@@ -198,7 +198,7 @@ class Session:
         self._frames.marks.append((self._now_s(), what))
         del self._frames.marks[:-8]
 
-    # --- what pages ask for -----------------------------------------------------------------------
+    # --- requests of pages ------------------------------------------------------------------------
 
     def _obey(self) -> None:
         while True:
@@ -215,7 +215,7 @@ class Session:
             self._is_news = True
 
     def do(self, message: messages.Message) -> dict[str, Any] | None:
-        """Do what a page asks for, between two samples. Raises InputError, whose text the page shows, if it cannot."""
+        """Handle a request between two samples. Raises InputError, whose text the page shows, if that is impossible."""
         done: dict[type, Callable[[Any], dict[str, Any] | None]] = {
             messages.Change: self._change, messages.Move: self._move, messages.Speed: self._speed,
             messages.Label: self._touch, messages.Compare: self._compare, messages.Save: self._save,
@@ -257,19 +257,19 @@ class Session:
 
     def _move(self, message: messages.Move) -> None:
         if not isinstance(self.feed, ByHand):
-            raise InputError(f"{self.feed.name}: is not moved by hand; start with --from gratings")
+            raise InputError(f"{self.feed.name}: has no finger to control; start with --from gratings")
         self.feed.move(message.values)
 
     def _speed(self, message: messages.Speed) -> None:
         if not isinstance(self.feed, (ByHand, Replay)):
-            raise InputError(f"{self.feed.name}: has a rate of its own")
+            raise InputError(f"{self.feed.name}: sets its own rate")
         self.feed.speed = message.speed
 
     def _touch(self, message: messages.Label) -> None:
         if self.feed.kind != "device":
-            raise InputError(f"{self.feed.name}: knows itself what is touched")
+            raise InputError(f"{self.feed.name}: sets the touched class itself")
         if message.label is not None and message.label not in self.scores.classes:
-            raise InputError(f"label: '{message.label[:40]}' is no class of the network")
+            raise InputError(f"label: '{message.label[:40]}' is not a class of the network")
         self.feed.label = message.label
 
     def _compare(self, message: messages.Compare) -> None:
@@ -300,7 +300,7 @@ class Session:
         write_text(path, comment + to_toml(chain.encoder.model_dump(mode="json", exclude_none=True)))
         return {"kind": "saved", "path": str(path)}
 
-    # --- what goes to the pages -------------------------------------------------------------------
+    # --- messages to the pages --------------------------------------------------------------------
 
     def _tell(self) -> None:
         now_s = time.monotonic()
@@ -330,7 +330,7 @@ class Session:
         return {"totals": {**totals, "decisions": sums["decisions"]}}
 
     def _race(self) -> dict[str, Any] | None:
-        """The classes' race in the oldest window under way."""
+        """The outputs of the classes in the oldest open window."""
         state, clock_Hz = self.stream.state(), self.stream.chain.clock_Hz
         if not state.windows:
             return None

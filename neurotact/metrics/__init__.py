@@ -1,1 +1,1 @@
-"""What a spike train and a network cost and tell: rates, intervals, synaptic operations."""
+"""Measures of spike trains and networks: rates, intervals, synaptic operations, costs."""

@@ -4,7 +4,7 @@ import numpy as np
 
 
 def pareto_front(cost: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Which points no other point beats: none costs at most as much and gains at least as much, one of both strictly.
+    """The points that no other dominates, by a cost at most as high and a gain at least as high, one of them strictly.
 
     cost, gain: `(point,)`; a point with NaN is never on the front. Equal points are on it together.
 

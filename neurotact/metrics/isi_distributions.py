@@ -1,7 +1,7 @@
-"""Distributions of inter-spike intervals (ISIs) over bins that grow with the interval, and how alike two of them are.
+"""Distributions of inter-spike intervals (ISIs) over bins that grow with the interval, and their overlap.
 
-The texture paper (Sec. III-A) chooses the gains of its afferents by them: where the distributions of two gratings
-overlap, their spikes say little of which is which.
+The texture paper (Sec. III-A) uses them to choose the gains of its afferents: if the distributions of two gratings
+overlap, their spikes hardly distinguish them.
 """
 
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import Intervals
 
 BIN_RATIO = 1.3
-"""From one bin of ISIs to the next."""
+"""Ratio between successive bins of ISIs."""
 
 
 def bin_edges(shortest: int, longest: int, ratio: float = BIN_RATIO) -> np.ndarray:
     """Edges between whole steps, spaced evenly in log(ISI) but never closer than a step.
 
-    shortest, longest: the intervals, in steps, between which the bins lie.
+    shortest, longest: the range of the bins, as intervals in steps.
 
     >>> bin_edges(2, 20, ratio=2.0).tolist()
     [1.5, 3.5, 8.5, 19.5]
@@ -39,28 +39,26 @@ def histograms(isi: np.ndarray, group: np.ndarray, n_groups: int, edges: np.ndar
     [[2, 0], [0, 1]]
     """
     if len(isi) and isi.min() < edges[0]:
-        raise InputError(
-            f"intervals: one of {isi.min():g} lies below the first edge, {edges[0]:g}; begin the bins lower"
-        )
+        raise InputError(f"intervals: one of {isi.min():g} is below the first edge, {edges[0]:g}; begin the bins lower")
     n_bins = len(edges) - 1
     bins = np.clip(np.searchsorted(edges, isi, side="right") - 1, 0, n_bins - 1)
     return np.bincount(group * n_bins + bins, minlength=n_groups * n_bins).reshape(n_groups, n_bins)
 
 
 def overlap(counts: np.ndarray) -> float:
-    """The share that two groups' distributions have in common, averaged over all pairs of groups.
+    """The overlap of two groups' distributions, averaged over all pairs of groups.
 
-    1 where all are the same, 0 where no two share a bin. Groups without an interval have no distribution and are left
-    out; NaN where fewer than two are left.
+    1 if all are the same, 0 if no two share a bin. Groups without an interval have no distribution and are skipped;
+    NaN if fewer than two remain.
 
     >>> overlap(np.array([[2, 2, 0], [0, 1, 1]]))
     0.5
     """
     counts = np.asarray(counts, float)
-    heard = counts[counts.sum(axis=1) > 0]
-    if len(heard) < 2:
+    with_intervals = counts[counts.sum(axis=1) > 0]
+    if len(with_intervals) < 2:
         return float("nan")
-    shares = heard / heard.sum(axis=1, keepdims=True)
+    shares = with_intervals / with_intervals.sum(axis=1, keepdims=True)
     one, other = np.triu_indices(len(shares), k=1)
     return float(np.minimum(shares[one], shares[other]).sum(axis=1).mean())
 
@@ -68,7 +66,7 @@ def overlap(counts: np.ndarray) -> float:
 def shares_of(isi_steps: Intervals, shape: tuple[int, ...], edges: np.ndarray) -> np.ndarray:
     """ISI distribution of each trial and afferent, `(trial, afferent, bin)`, each summing to 1.
 
-    Every trial counts the same, however many spikes it has; the last bin holds those without any interval.
+    Every trial has the same weight, for any number of spikes; the last bin holds those without any interval.
     """
     n_trials, _, n_afferents = shape
     n_bins = len(edges)
@@ -80,10 +78,10 @@ def shares_of(isi_steps: Intervals, shape: tuple[int, ...], edges: np.ndarray) -
 
 
 def separation(shares: np.ndarray, labellings: Sequence[np.ndarray]) -> float:
-    """How far the classes' ISI distributions lie apart, in bit: 0 for equal ones, at most 1.
+    """The separation of the classes' ISI distributions, in bit: 0 for equal ones, at most 1.
 
     The Jensen-Shannon divergence of two classes' mean distributions, averaged over pairs and afferents; less the
-    average of the same over shuffled labels, because few trials never agree exactly.
+    average over shuffled labels, because distributions of few trials always differ.
     """
     true, *shuffled = (_divergence(shares, labels) for labels in labellings)
     return float(true - np.mean(shuffled))

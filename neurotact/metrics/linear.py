@@ -1,4 +1,4 @@
-"""The linear classifier that accuracies are set beside."""
+"""The linear classifier that accuracies are compared with."""
 
 import warnings
 
@@ -20,14 +20,14 @@ def fit_linear(features: np.ndarray, labels: np.ndarray) -> Pipeline:
     """
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # of features that tell nothing apart
+        warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
         return model.fit(features, labels)
 
 
 def cross_validated_accuracy(features: np.ndarray, labels: np.ndarray) -> float:
-    """The share of trials that logistic regression on the others names right.
+    """The cross-validated accuracy of logistic regression.
 
-    features: `(trial, feature)`. Stratified folds, five or as many as the smallest class has trials; NaN where it has
+    features: `(trial, feature)`. Stratified folds: five, or as many as the smallest class has trials; NaN if it has
     one.
 
     >>> rates = np.array([[1.0], [2.0], [1.5], [8.0], [9.0], [7.0]])

@@ -1,4 +1,4 @@
-"""Whether one classifier is right more often than another on the same trials."""
+"""Paired test of two classifiers on the same trials."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from scipy.stats import permutation_test
 from neurotact.errors import InputError
 
 RESAMPLES = 9999
-"""Random signs that are drawn where there are too many trials to try all."""
+"""Number of random sign vectors if there are too many trials to try all."""
 AT_ONCE = 2_000_000
-"""Signs in memory at a time."""
+"""Signs in memory at once."""
 
 
 class Paired(NamedTuple):
-    """A paired comparison: the mean difference of two accuracies, and how often chance alone makes it as large.
+    """A paired comparison: the mean difference of two accuracies, and the probability of one as large by chance.
 
-    n: trials that were compared. p: two-sided.
+    n: number of trials. p: two-sided.
     """
 
     difference: float
@@ -27,26 +27,26 @@ class Paired(NamedTuple):
 
     @property
     def is_clear(self) -> bool:
-        """Whether chance alone would make such a difference in less than one of twenty cases."""
+        """Whether p is below 0.05."""
         return self.p < 0.05
 
 
 def compare(right: np.ndarray, other: np.ndarray) -> Paired:
-    """Compare two classifiers on the same trials, by flipping the signs of their differences.
+    """Compare two classifiers on the same trials with a sign-flip permutation test.
 
-    right, other: for each trial the share of right decisions, `(trial,)`, over its windows and over trainings. Where
-    each is 0 or 1, p is that of McNemar's exact test (1947, Psychometrika 12:153). Where up to 13 trials differ, all
+    right, other: the share of correct decisions of each trial, `(trial,)`, over its windows and over trainings. If
+    each is 0 or 1, p is that of McNemar's exact test (1947, Psychometrika 12:153). If up to 13 trials differ, all
     signs are tried, else 9,999 random ones. Raises InputError for other shapes, and for no trial.
 
     >>> compare(np.array([1, 1, 1, 1, 1, 1, 0.0]), np.array([0, 0, 0, 0, 0, 0, 0.0]))
     Paired(difference=0.8571428571428571, p=0.03125, n=7)
     """
     if right.shape != other.shape or right.ndim != 1 or not len(right):
-        raise InputError(f"right, other: give as many trials each, (trial,); got {right.shape} and {other.shape}")
+        raise InputError(f"right, other: give the same trials, (trial,); got {right.shape} and {other.shape}")
     differences = np.asarray(right, float) - other
     apart = differences[differences != 0]  # others have no sign to flip
     difference = float(differences.mean())
-    if len(apart) < 2:  # either sign of one difference is as large
+    if len(apart) < 2:  # with one difference, both signs give the same magnitude
         return Paired(difference, 1.0, len(right))
     tried = permutation_test(
         (apart,), _sums, permutation_type="samples", n_resamples=RESAMPLES, batch=max(1, AT_ONCE // len(apart)), rng=0
@@ -55,7 +55,7 @@ def compare(right: np.ndarray, other: np.ndarray) -> Paired:
 
 
 def by_trial(trial: np.ndarray, right: Sequence[bool] | np.ndarray) -> dict[int, float]:
-    """The share of each trial's windows that are right; `trial`, `right`: of each window, `(window,)`.
+    """The share of correct windows of each trial; `trial`, `right`: of each window, `(window,)`.
 
     >>> by_trial(np.array([3, 3, 7]), [True, False, True])
     {3: 0.5, 7: 1.0}

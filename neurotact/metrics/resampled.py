@@ -1,4 +1,4 @@
-"""How sure a mean over random splits is: the splits share their examples, so their accuracies are not independent."""
+"""Confidence of a mean over random splits, which share examples, so that their accuracies are not independent."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -22,8 +22,8 @@ def resampled_interval(
 ) -> Interval:
     """Confidence interval of a mean over random splits, by the corrected resampled t test.
 
-    values: one a split, `(split,)`; n_train, n_test: examples on both sides of each.
-    The variance of the mean is `s² (1/J + n_test/n_train)`, where independent tests would have `s²/J` (Nadeau and
+    values: one per split, `(split,)`; n_train, n_test: examples on both sides of each.
+    The variance of the mean is `s² (1/J + n_test/n_train)`; independent tests would have `s²/J` (Nadeau and
     Bengio 2003, Machine Learning 52:239). Raises InputError for fewer than two splits.
 
     >>> found = resampled_interval([0.8, 0.9, 0.7, 0.8], n_train=70, n_test=15)

@@ -1,4 +1,4 @@
-"""How far a share of independent trials can be trusted: its interval and its standard error."""
+"""The confidence interval and the standard error of a share of independent trials."""
 
 import math
 
@@ -18,9 +18,9 @@ def wilson_interval(share: float, n: int) -> tuple[float, float]:
 
 
 def standard_error(share: float, n: int) -> float:
-    """Of a share of `n` independent trials, with two right and two wrong ones added (Agresti and Coull 1998).
+    """Standard error of a share of `n` independent trials, with two correct and two wrong ones added.
 
-    It does not vanish where all trials are right.
+    It is not zero if all trials are correct (Agresti and Coull 1998).
 
     >>> round(standard_error(1.0, 16), 4), round(standard_error(0.5, 96), 4)
     (0.0671, 0.05)

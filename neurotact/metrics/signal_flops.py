@@ -1,4 +1,4 @@
-"""What it costs to condition or to reduce a signal, for the ledger of `neurotact.metrics.flops`."""
+"""The cost of conditioning and reduction of a signal, for the ledger of `neurotact.metrics.flops`."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from neurotact.metrics.flops import BYTES, SQUARE_ROOT, Cost, Layer
 class Averaging(Layer):
     """Means over pieces of a signal: `samples` of every channel become `steps`.
 
-    An addition a sample and a product a step.
+    An addition per sample and a product per step.
 
     >>> Averaging(samples=500, steps=50, channels=2).cost().acs
     1000
@@ -56,11 +56,11 @@ class ScaledSteps(Layer):
 
 @dataclass(frozen=True)
 class Interpolation(Layer):
-    """Linear interpolation onto another clock: `steps` steps of every channel between the two samples beside each.
+    """Linear interpolation onto another clock: `steps` steps of every channel, each between two samples.
 
-    A step of a channel takes a difference and a MAC, `left + weight (right - left)`. What a step needs once for all
-    channels is an addition, the position's increment, and a comparison, whether the next sample begins. Kept are two
-    samples a channel and the position.
+    A step of a channel takes a difference and a MAC, `left + weight (right - left)`. Once per step for all channels, an
+    addition increments the position and a comparison checks for the next sample. The state is two samples per channel
+    and the position.
 
     >>> spent = Interpolation(steps=300, channels=16).cost()
     >>> spent.macs, spent.acs, spent.other_flops
@@ -77,12 +77,12 @@ class Interpolation(Layer):
 
 @dataclass(frozen=True)
 class BaselineRemoval(Layer):
-    """Each sample of each channel minus the channel's level, which is kept.
+    """Each sample of each channel minus the channel's level, which is stored.
 
-    The level is that of the first sample (`first`, for nothing), the mean (an addition a sample and a product) or the
-    median (a sort: a comparison a sample and a doubling; it alone keeps the samples). It is found over as many samples
-    as it is taken off. The mean so far (`running`, and `start` until it is kept) costs an addition and a product a
-    sample, what an EMA follows (`high-pass`) a MAC and a product.
+    The level is the first sample (`first`, free), the mean (an addition per sample and a product) or the
+    median (a sort: a comparison per sample and doubling; only it stores the samples). It is computed over the same
+    samples that it is subtracted from. The mean so far (`running`, and `start` until it is constant) costs an addition
+    and a product per sample, an EMA (`high-pass`) a MAC and a product.
 
     >>> BaselineRemoval(samples=300, channels=8, level="mean").cost().flops
     4808
@@ -122,8 +122,8 @@ class Rectification(Layer):
 class LevelSpreadRate(Layer):
     """Mean, deviation and mean absolute change of every channel, in one pass over the signal.
 
-    A sample adds to the sum, its square to the sum of squares, and the size of its difference from the sample before to
-    a third sum; at the end three products, the variance's MAC and a root.
+    A sample adds to the sum, its square to the sum of squares, and the magnitude of its difference from the previous
+    sample to a third sum; at the end three products, the variance's MAC and a root.
 
     >>> LevelSpreadRate(samples=500, channels=8).cost().macs
     4008
@@ -135,5 +135,5 @@ class LevelSpreadRate(Layer):
     def cost(self) -> Cost:
         n = self.samples * self.channels
         ends = self.channels * (3 + SQUARE_ROOT)
-        sums = 4 * self.channels  # three, and the sample before
+        sums = 4 * self.channels  # three, and the previous sample
         return Cost(macs=n + self.channels, acs=3 * n, other_flops=n + ends, bytes=BYTES * sums)

@@ -1,8 +1,8 @@
 """Distances between spike trains: van Rossum and Victor-Purpura (texture paper, Table I, its reference 17).
 
-Both are between trials of several afferents, each train compared with that of the same afferent (labelled lines):
-squared van Rossum distances add up over afferents, Victor-Purpura distances themselves do. Spikes count alone: the
-length of a trial does not matter.
+Both compare trials of several afferents, each train with that of the same afferent (labelled lines):
+squared van Rossum distances add up over afferents, Victor-Purpura distances directly. Only spikes count: the
+length of a trial has no effect.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import Events, Spikes, check_rate, events_of_raster
 
 ROWS, COLUMNS = 64, 512
-"""Trials of a block, in which all pairs go through the recursion together: small enough for the cache."""
+"""Trials of a block, whose pairs go through the recursion together: small enough for the cache."""
 
 
 def van_rossum(spikes: Spikes, sampling_rate_Hz: float, *, tau_ms: float, others: Spikes | None = None) -> np.ndarray:
@@ -45,7 +45,7 @@ def van_rossum(spikes: Spikes, sampling_rate_Hz: float, *, tau_ms: float, others
         overlap += ours @ blurred
         their_own += other.multiply(blurred.T).sum(axis=1)
         own += ours.multiply((blurred if mine is theirs else _blurred(ours, decay)).T).sum(axis=1)
-    # A sum of products may round to a little more than its squares.
+    # A sum of products may round to slightly more than its squares.
     squared = np.maximum(own[:, None] + their_own[None, :] - 2 * overlap, 0.0)
     if mine is theirs:
         np.fill_diagonal(squared, 0.0)
@@ -80,7 +80,7 @@ def victor_purpura(
 
 
 class _Padded(NamedTuple):
-    """The trains of one afferent: `times` `(spike, trial)`, of which the first `counts` `(trial,)` are meant."""
+    """The trains of one afferent: `times` `(spike, trial)`, of which the first `counts` `(trial,)` are valid."""
 
     times: np.ndarray
     counts: np.ndarray
@@ -114,7 +114,7 @@ def _least_costs(a: _Padded, rows: np.ndarray, b: _Padded, columns: np.ndarray) 
 
 
 def _blocks(trains: _Padded, size: int) -> list[np.ndarray]:
-    """Trials of like counts together, so that little is computed past the end of a train; the silent ones apart."""
+    """Groups of trials with similar counts, to compute little past the end of a train; silent ones separately."""
     order = np.argsort(trains.counts, kind="stable")
     silent = int(np.searchsorted(trains.counts[order], 1))
     starts = [order[:silent], *(order[i : i + size] for i in range(silent, len(order), size))]
@@ -151,6 +151,6 @@ def _pair(spikes: Spikes, others: Spikes | None) -> tuple[Events, Events]:
     theirs = mine if others is None else others if isinstance(others, Events) else events_of_raster(others)
     if mine.n_afferents != theirs.n_afferents:
         raise InputError(
-            f"others: have {theirs.n_afferents} afferents beside {mine.n_afferents}; compare like with like"
+            f"others: have {theirs.n_afferents} afferents, the trials {mine.n_afferents}; give the same afferents"
         )
     return mine, theirs

@@ -1,7 +1,7 @@
-"""What the features of `spike_features` and the distances of `spike_distances` cost, as layers of the ledger.
+"""The costs of the features of `spike_features` and the distances of `spike_distances`, as layers of the ledger.
 
-Each counts what it does as spikes arrive and once at the window's end, from spikes that were measured (means need not
-be whole). References to distances are kept as spike times, and filtered or compared when a trial comes.
+Each counts the operations per spike and those at the window's end, from measured spikes (means need not be
+whole). References of distances are stored as spike times, and filtered or compared when a trial arrives.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from neurotact.metrics.flops import BYTES, DIVISION, SQUARE_ROOT, Cost, Layer
 
 @dataclass(frozen=True)
 class _OfSpikes(Layer):
-    """What these layers share: how many afferents there are and how many spikes they send in a window."""
+    """The common part of these layers: the number of afferents and of their spikes in a window."""
 
     afferents: int
     spikes: float
@@ -25,7 +25,7 @@ class _OfSpikes(Layer):
 
 @dataclass(frozen=True)
 class Rates(_OfSpikes):
-    """Average rates: a count a spike; a product an afferent."""
+    """Average rates: a count per spike; a product per afferent."""
 
     def cost(self) -> Cost:
         return Cost(acs=self.spikes, other_flops=self.afferents, bytes=BYTES * self.afferents)
@@ -33,10 +33,10 @@ class Rates(_OfSpikes):
 
 @dataclass(frozen=True)
 class Intervals(_OfSpikes):
-    """Mean of the intervals, and their coefficient of variation if asked for.
+    """Mean of the intervals and, with `variation`, their coefficient of variation.
 
-    A spike takes a difference and an addition, and a MAC for the square. An afferent takes a division, and a MAC, a
-    root and a division more for the variation.
+    A spike takes a difference and an addition, and a MAC for the square. An afferent takes a division, and another MAC,
+    root and division for the variation.
     """
 
     variation: bool = True
@@ -51,7 +51,7 @@ class Intervals(_OfSpikes):
 
 @dataclass(frozen=True)
 class BinFanoFactors(_OfSpikes):
-    """Fano factors over `bins` bins: a count a spike; a MAC a bin; a product, a MAC and a division an afferent."""
+    """Fano factors over `bins` bins: a count per spike; a MAC per bin; a product, a MAC and a division per afferent."""
 
     bins: int = 1
 
@@ -73,7 +73,7 @@ class CoOccurrences(_OfSpikes):
 
 @dataclass(frozen=True)
 class DelayedTraces(_OfSpikes):
-    """Traces that decay at each of `steps` steps, a product an afferent, and rise by one a spike; reading is free."""
+    """Traces that decay at each of `steps` steps (a product per afferent) and rise by one per spike; reads are free."""
 
     steps: int = 1
     delays: int = 1
@@ -85,7 +85,7 @@ class DelayedTraces(_OfSpikes):
 
 @dataclass(frozen=True)
 class GreyImages(_OfSpikes):
-    """A count a spike; a comparison and a product a pixel."""
+    """A count per spike; a comparison and a product per pixel."""
 
     columns: int = 1
 
@@ -98,8 +98,8 @@ class GreyImages(_OfSpikes):
 class VanRossum(_OfSpikes):
     """Distances to `references` trials with `reference_spikes` spikes in all.
 
-    The trial is filtered both ways (a MAC a step, an afferent and a way). Each spike of a reference reads the filtered
-    trace and adds it; a reference takes two additions, a product and a root. Its own norm is kept.
+    The trial is filtered in both directions (a MAC per step, afferent and direction). Each spike of a reference reads
+    the filtered trace and adds it; a reference takes two additions, a product and a root. Its own norm is stored.
     """
 
     steps: int = 1
@@ -121,8 +121,8 @@ class VanRossum(_OfSpikes):
 class VictorPurpura(_OfSpikes):
     """Distances to `references` trials by the recursion over `pairs` pairs of spikes, measured over all afferents.
 
-    A pair takes a difference, its absolute value, two additions and two minima; times are kept in units of cost, and
-    deletions added on either side share one addition.
+    A pair takes a difference, its absolute value, two additions and two minima; times are stored in units of cost, and
+    the deletions on both sides share one addition.
     """
 
     references: int = 1
@@ -140,7 +140,7 @@ class VictorPurpura(_OfSpikes):
 
 @dataclass(frozen=True)
 class NearestOf(Layer):
-    """The `neighbours` nearest of `references` distances that are known: a comparison each for every neighbour."""
+    """The `neighbours` nearest of `references` known distances: a comparison per distance and neighbour."""
 
     references: int
     neighbours: int = 1

@@ -1,7 +1,7 @@
-"""Features of spike trains that a plain classifier can take: one row per trial, never NaN.
+"""Features of spike trains for plain classifiers: one row per trial, never NaN.
 
-They are what the work before the texture paper fed to its classifiers (texture paper, Table I, its references 13 to
-16 and 18). Each looks at the whole window. Distances between trains are in `neurotact.metrics.spike_distances`.
+Classifiers before the texture paper used them (texture paper, Table I, its references 13 to 16 and 18). Each uses the
+whole window. Distances between trains are in `neurotact.metrics.spike_distances`.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ def mean_rates(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
 def mean_isis(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
     """Mean inter-spike interval of each afferent in ms, `(trial, afferent)` (Table I, reference 15).
 
-    The window's length where there is no interval, since none shorter was seen.
+    The window's length if there is no interval, as a lower bound.
 
     >>> mean_isis(np.array([[[1, 0], [0, 0], [1, 0]]]), sampling_rate_Hz=1000.0).tolist()
     [[2.0, 3.0]]
@@ -40,7 +40,7 @@ def mean_isis(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
 def isi_variations(spikes: Spikes) -> np.ndarray:
     """Coefficient of variation of each afferent's intervals, `(trial, afferent)` (Table I, references 13 and 14).
 
-    0 with fewer than two intervals: nothing varies there.
+    0 with fewer than two intervals.
 
     >>> isi_variations(np.array([[[1, 1], [0, 0], [1, 1], [1, 0]]])).round(3).tolist()
     [[0.333, 0.0]]
@@ -51,15 +51,17 @@ def isi_variations(spikes: Spikes) -> np.ndarray:
 def bin_fano_factors(spikes: Spikes, bin_steps: int) -> np.ndarray:
     """Variance over mean of each afferent's counts in the bins of its window, `(trial, afferent)` (Table I, [14]).
 
-    A Fano factor of one trial, over consecutive bins of `bin_steps` steps, a shorter last one left out; the variance
-    is that of the population. 0 for a silent afferent. Raises InputError where a window holds fewer than two bins.
+    The Fano factor of one trial, over consecutive bins of `bin_steps` steps, without a shorter last one; the variance
+    is that of the population. 0 for a silent afferent. Raises InputError if a window holds fewer than two bins.
 
     >>> bin_fano_factors(np.array([[[1], [1], [0], [0]]]), bin_steps=2).tolist()
     [[1.0]]
     """
     n_bins = _n_steps(spikes) // _at_least_one("bin_steps", bin_steps)
     if n_bins < 2:
-        raise InputError(f"bin_steps: {bin_steps} steps leave {n_bins} bins in the window; shorten them to have two")
+        raise InputError(
+            f"bin_steps: {bin_steps} steps leave {n_bins} bins in the window; shorten them to have at least two"
+        )
     counts = _binned(spikes, bin_steps, n_bins)
     mean = counts.mean(axis=2)
     return counts.var(axis=2) / np.where(mean == 0, 1.0, mean)
@@ -78,7 +80,7 @@ def co_occurrence(spikes: Spikes, lag_steps: int) -> np.ndarray:
         raise InputError(f"lag_steps: must be >= 0; got {lag_steps}")
     found = _events(spikes)
     n_trials, n = len(found.trial_steps), found.n_afferents
-    room = int(found.trial_steps.max(initial=0)) + 2 * lag_steps + 2  # so that no lag reaches into another group
+    room = int(found.trial_steps.max(initial=0)) + 2 * lag_steps + 2  # so that no lag reaches another group
     group = found.trial * n + found.afferent
     key = group * room + found.step + lag_steps  # ascending, since events are in this order
     pairs = np.zeros((n_trials * n, n), np.int64)
@@ -103,8 +105,8 @@ def delayed_traces(
 ) -> np.ndarray:
     """Time-delayed inputs, `(trial, delay * afferent)` (Table I, reference 16).
 
-    Each train leaves a trace, which a spike raises by 1 and which decays with `tau_ms`. It is read at the window's
-    end and `delay_ms`, 2 `delay_ms`, ... before; 0 before the window begins. The end comes first, afferents within.
+    Each train has a trace, which rises by 1 at a spike and decays with `tau_ms`. It is read at the window's end and
+    `delay_ms`, 2 `delay_ms`, ... before; 0 before the window begins. The end comes first, then by afferent.
 
     >>> read = delayed_traces(np.array([[[1], [0], [1]]]), 1000.0, tau_ms=1.0, delay_ms=1.0, n_delays=3)
     >>> read.round(3).tolist()
@@ -128,8 +130,8 @@ def delayed_traces(
 def grey_images(spikes: Spikes, columns: int, white: int) -> np.ndarray:
     """A raster as an image, `(trial, afferent, column)` uint8: the more spikes, the brighter (Table I, reference 18).
 
-    The window is cut into `columns` bins of equal length, but for steps left over, which the last one takes; a pixel
-    is 255 where its bin holds `white` spikes or more, 0 where it holds none, in proportion between.
+    The window is cut into `columns` bins of equal length; the last one also gets the remaining steps. A pixel is 255 if
+    its bin holds `white` spikes or more, 0 if it holds none, and proportional in between.
 
     >>> grey_images(np.array([[[1, 0], [1, 0], [0, 0], [0, 1]]]), columns=2, white=2).tolist()
     [[[255, 0], [0, 127]]]
@@ -137,7 +139,7 @@ def grey_images(spikes: Spikes, columns: int, white: int) -> np.ndarray:
     _at_least_one("columns", columns)
     bin_steps = _n_steps(spikes) // columns
     if bin_steps < 1:
-        raise InputError(f"columns: a window of {_n_steps(spikes)} steps has no {columns} columns; ask for fewer")
+        raise InputError(f"columns: a window of {_n_steps(spikes)} steps has no {columns} columns; choose fewer")
     counts = _binned(spikes, bin_steps, columns, keep_rest=True)
     return (np.minimum(counts, white) * 255 // _at_least_one("white", white)).astype(np.uint8)
 
@@ -158,7 +160,7 @@ def _events(spikes: Spikes) -> Events:
 
 
 def _n_steps(spikes: Spikes) -> int:
-    """The windows' length; InputError where they differ, since their features could not be compared."""
+    """The windows' length; InputError if they differ, since their features could not be compared."""
     if not isinstance(spikes, Events):
         return np.shape(spikes)[1]
     lengths = np.unique(spikes.trial_steps)

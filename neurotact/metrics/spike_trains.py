@@ -1,7 +1,7 @@
 """Statistics of spike trains: counts, rates, inter-spike intervals, Fano factor.
 
 Rates and intervals as in the texture paper, Sec. VI-B and Fig. 10. Every function takes either a raster
-`(trial, time, afferent)` of zeros and ones or `Events`, which hold the spikes alone and trials of any length.
+`(trial, time, afferent)` of zeros and ones or `Events`, which hold only the spikes, for trials of any length.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from neurotact.errors import InputError
 class Events(NamedTuple):
     """The spikes of all trials end to end, in order of trial, then afferent, then step.
 
-    trial, afferent, step: one entry a spike, `(spike,)` int64.
+    trial, afferent, step: one entry per spike, `(spike,)` int64.
     trial_steps: length of each trial in steps, `(trial,)` int64.
     n_afferents: the afferents of every trial, silent ones included.
     """
@@ -28,7 +28,7 @@ class Events(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Inter-spike intervals of all trials and afferents: which trial, which afferent, how long; `(interval,)` each."""
+    """Inter-spike intervals of all trials and afferents: trial, afferent and length, `(interval,)` each."""
 
     trial: np.ndarray
     afferent: np.ndarray
@@ -41,11 +41,11 @@ Spikes = np.ndarray | Events
 def events(
     steps: Sequence[np.ndarray], units: Sequence[np.ndarray], trial_steps: np.ndarray, n_afferents: int
 ) -> Events:
-    """Events from one array of steps and one of afferent indices a trial, in any order.
+    """Events from one array of steps and one of afferent indices per trial, in any order.
 
     trial_steps: length of each trial in steps, `(trial,)`.
-    Raises InputError where they do not belong together, a spike lies outside its trial or afferents, or one
-    afferent spikes twice in one step.
+    Raises InputError if their lengths differ, a spike is outside its trial or afferents, or one afferent
+    spikes twice in one step.
 
     >>> felt = events([np.array([1, 3])], [np.array([0, 0])], np.array([10]), n_afferents=2)
     >>> spike_counts(felt).tolist()
@@ -56,7 +56,7 @@ def events(
     if len(units) != len(steps) or trial_steps.shape != (len(steps),):
         raise InputError(f"spikes: {len(steps)} trials of steps, {len(units)} of units, {trial_steps.size} lengths")
     if not np.array_equal(lengths, [len(u) for u in units]):
-        raise InputError("spikes: a trial has more steps than units or fewer; give one unit a step")
+        raise InputError("spikes: a trial has more steps than units or fewer; give one unit per step")
     step, unit = (np.concatenate([np.empty(0, np.int64), *parts]).astype(np.int64) for parts in (steps, units))
     trial = np.repeat(np.arange(len(lengths)), lengths)
     outside = (step < 0) | (step >= trial_steps[trial]) | (unit < 0) | (unit >= n_afferents)
@@ -104,7 +104,7 @@ def rates_Hz(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:  # noqa: N8
     counts = spike_counts(spikes)
     steps = spikes.trial_steps[:, None] if isinstance(spikes, Events) else np.array(np.shape(spikes)[1])
     if (steps < 1).any():
-        raise InputError("spikes: a trial of no steps has no rate; leave it out")
+        raise InputError("spikes: a trial without steps has no rate; drop it")
     return counts / (steps / sampling_rate_Hz)
 
 
@@ -125,7 +125,7 @@ def isis_ms(spikes: Spikes, sampling_rate_Hz: float) -> Intervals:
 
 
 def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
-    """Time of the first spike from the trial's beginning, `(trial, afferent)`; NaN where an afferent is silent.
+    """Time of the first spike from the trial's beginning, `(trial, afferent)`; NaN for a silent afferent.
 
     >>> latencies_ms(np.array([[[0, 0], [1, 0], [1, 0]]]), sampling_rate_Hz=2000.0).tolist()
     [[0.5, nan]]
@@ -140,7 +140,7 @@ def latencies_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
 
 
 def isi_mean_ms(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
-    """Mean inter-spike interval, `(trial, afferent)`; NaN where there is none.
+    """Mean inter-spike interval, `(trial, afferent)`; NaN if there is none.
 
     >>> isi_mean_ms(np.array([[[1], [0], [1], [1]]]), sampling_rate_Hz=2000.0).tolist()
     [[0.75]]
@@ -152,7 +152,7 @@ def isi_cv(spikes: Spikes) -> np.ndarray:
     """Coefficient of variation of the inter-spike intervals, `(trial, afferent)`.
 
     Standard deviation (of the population, ddof 0) over mean; 0 for a regular train, about 1 for a Poisson one.
-    NaN with fewer than two intervals. A feature of the works in the texture paper's Table I.
+    NaN with fewer than two intervals. A feature in the texture paper's Table I.
 
     >>> isi_cv(np.array([[[1], [0], [1], [1]]])).round(3).tolist()
     [[0.333]]
@@ -164,8 +164,8 @@ def isi_cv(spikes: Spikes) -> np.ndarray:
 def fano_factor(spikes: Spikes) -> np.ndarray:
     """Variance over mean of the spike counts across trials, `(afferent,)`.
 
-    The variance is that of the population (ddof 0); 1 for a Poisson process, 0 for equal counts. NaN where an
-    afferent never spikes. Trials must be of one length. A feature of the works in the texture paper's Table I.
+    The variance is that of the population (ddof 0); 1 for a Poisson process, 0 for equal counts. NaN for an
+    afferent without spikes. Trials must have one length. A feature in the texture paper's Table I.
 
     >>> fano_factor(np.array([[[1], [1]], [[0], [0]]])).tolist()
     [1.0]
@@ -217,6 +217,6 @@ def _checked(raster: np.ndarray) -> np.ndarray:
 
 
 def check_rate(sampling_rate_Hz: float) -> None:
-    """Refuse a sampling rate that is no positive number."""
+    """Refuse a sampling rate that is not a positive number."""
     if not (np.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")

@@ -1,1 +1,1 @@
-"""One folder a paper: simulator, features, protocol, published numbers, figures; found by name, never imported."""
+"""One folder per paper: simulator, features, protocol, published numbers, figures; found by name, never imported."""

@@ -1,6 +1,6 @@
-"""FLOPs as the papers count them, so that their tables can stand beside the ledger of `neurotact.metrics.flops`.
+"""FLOPs as the papers count them, for comparison with the ledger of `neurotact.metrics.flops`.
 
-Stiffness paper, Tables I and II: n samples a peak and channel, N hidden neurons, nf features, nc classes. The touch
+Stiffness paper, Tables I and II: n samples per peak and channel, N hidden neurons, nf features, nc classes. The touch
 modality paper prints three numbers and no formula (its Table I); `touch_modality_flops` is a formula that yields them.
 """
 
@@ -30,22 +30,22 @@ def mean_flops(n: int) -> int:
 
 
 def std_flops(n: int) -> int:
-    """Standard deviation where the mean is known: 3n + 5 (stiffness paper, Table I)."""
+    """Standard deviation for a known mean: 3n + 5 (stiffness paper, Table I)."""
     return 3 * n + 5
 
 
 def skewness_flops(n: int) -> int:
-    """Skewness where mean and STD are known: 2n + 7 (stiffness paper, Table I)."""
+    """Skewness for known mean and STD: 2n + 7 (stiffness paper, Table I)."""
     return 2 * n + 7
 
 
 def kurtosis_flops(n: int) -> int:
-    """Kurtosis where mean and STD are known: 2n + 5 (stiffness paper, Table I)."""
+    """Kurtosis for known mean and STD: 2n + 5 (stiffness paper, Table I)."""
     return 2 * n + 5
 
 
 def preprocessing_flops(features: FeatureSet, n: int = 150, channels: int = CHANNELS) -> int:
-    """The moving average and the moments of one grasp peak: what Table III counts before the classifier.
+    """The moving average and the moments of one grasp peak: the part of Table III before the classifier.
 
     >>> [preprocessing_flops(features) for features in ("4F", "8F", "16F")]
     [2404, 4224, 6672]
@@ -59,7 +59,7 @@ def preprocessing_flops(features: FeatureSet, n: int = 150, channels: int = CHAN
 def slfn_flops(classifier: SLFN, N: float, nf: int, nc: int) -> float:
     """One decision of a single-layer network (stiffness paper, Table II).
 
-    N: hidden neurons, a mean where several networks are meant; nf: features; nc: classes, 1 for regression.
+    N: hidden neurons (a mean for several networks); nf: features; nc: classes, 1 for regression.
 
     >>> slfn_flops("R-FC", N=51, nf=8, nc=3), slfn_flops("H-ELM", N=100, nf=16, nc=3)
     (1224, 3600)
@@ -69,7 +69,7 @@ def slfn_flops(classifier: SLFN, N: float, nf: int, nc: int) -> float:
     activation = {"S-ELM": 14, "S-FC": 14, "R-ELM": 2, "R-FC": 2}.get(classifier)
     if activation is None:
         known = ["S-ELM", "R-ELM", "H-ELM", "S-FC", "R-FC"]
-        raise InputError(f"classifier: '{classifier}' is none of Table II's; {nearest(str(classifier), known)}")
+        raise InputError(f"classifier: '{classifier}' is not in Table II; {nearest(str(classifier), known)}")
     return N * (2 * nf + activation) + 2 * nc * N
 
 
@@ -90,9 +90,9 @@ def touch_modality_flops(cell: Literal["LSTM", "GRU"], units: int, inputs: int =
     """A formula that yields the three published FLOPs per block exactly; inferred, the paper states none.
 
     `g (4 units² + 2 inputs units + 2) + 2 classes units + 2` with g = 4 gates (LSTM) or 3 (GRU). Four operations for a
-    recurrent weight and none for the cell's own products and activations are no count of an inference; they agree
-    with a count of how Keras *draws* the weights (orthogonal 4, uniform 2 a weight), though the paper does not say
-    so. Use it to set a figure beside a published one; `flops.LSTM` and `flops.GRU` say what a step costs.
+    recurrent weight and none for the cell's own products and activations are not a count of an inference; they agree
+    with a count of how Keras *draws* the weights (orthogonal 4, uniform 2 per weight), which the paper does not
+    mention. Use it only for comparison with published values; `flops.LSTM` and `flops.GRU` give the cost of a step.
 
     >>> [touch_modality_flops(cell, units) for cell, units in TOUCH_MODALITY_FLOPS]
     [2950, 2228, 2960]

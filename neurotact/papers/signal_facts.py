@@ -1,4 +1,4 @@
-"""What a paper says of its signals beside what a simulation does: facts that hold or fail, printed and kept."""
+"""Facts about a paper's signals, checked on a simulation: each holds or fails, is printed and saved."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +10,7 @@ from neurotact.tables import write_table
 
 
 class Fact(NamedTuple):
-    """One thing the paper says, and what the simulation does."""
+    """One statement of the paper, and the value in the simulation."""
 
     fact: str
     source: str
@@ -19,10 +19,10 @@ class Fact(NamedTuple):
     holds: bool
 
 
-def tell(facts: Sequence[Fact]) -> None:
-    """Print every fact with its target, and how many hold.
+def print_facts(facts: Sequence[Fact]) -> None:
+    """Print every fact with its target, and the number that hold.
 
-    >>> tell([Fact("pulses are as long as published", "Fig. 2", "0.8 s", "0.81 s", True)])
+    >>> print_facts([Fact("pulses are as long as published", "Fig. 2", "0.8 s", "0.81 s", True)])
     holds  pulses are as long as published [Fig. 2]
            0.8 s: 0.81 s
     1 of 1 facts hold

@@ -1,1 +1,1 @@
-"""The page that a run folder becomes: it reads tables and computes nothing."""
+"""The report page of a run folder: it reads tables and computes nothing."""

@@ -1,4 +1,4 @@
-"""The report of a study without a network: what its afferents send, over their gains and refractory periods."""
+"""The report of a study without a network: the spikes of its afferents, over gains and refractory periods."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,13 +22,13 @@ from neurotact.studies.study import StudySpec, cells
 from neurotact.tables import read_table, write_table
 
 DOWNLOADS = {
-    "results.csv": "one row an encoding, both populations",
+    "results.csv": "one row per encoding, both populations",
     "results.json": "the same",
     "isi.csv": "distributions of inter-spike intervals: one row per population, gain, t_ref, class and bin",
     "encoding.csv": "firing of both populations for each class and condition, from window.start_ms to the trial's end",
     "timings.csv": "time that each cell took",
-    "study.toml": "the study as it was run, every part whole",
-    "versions.json": "versions of what computed it",
+    "study.toml": "the study as run, with all its specs",
+    "versions.json": "versions of the software",
     "data.json": "the recordings' hash",
 }
 VIEW = View(
@@ -44,14 +44,14 @@ VIEW = View(
     },
     cost="spikes_per_s",
     score="isi_overlap",
-    note="Populations are measured each by itself: whole, with all its afferents.",
+    note="Each population is measured separately, with all its afferents.",
 )
 
 
 def write(study: StudySpec, folder: Path) -> Path:
-    """Write `report.html`, its figures and `results.json` from what a run left; the page's path.
+    """Write `report.html`, its figures and `results.json` from the files of a run; returns the page's path.
 
-    Raises InputError when a table is not there or a claim names a column that is not there.
+    Raises InputError when a table is missing or a claim names a missing column.
     """
     every = list(cells(study))
     done = [cell for cell in every if is_done(folder, cell)]
@@ -97,7 +97,7 @@ def by_population(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def drawings(results: pd.DataFrame, isi: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
-    """For each data set the ISI distributions over gains, rates and intervals over gain and t_ref, the compromise."""
+    """For each data set: ISI distributions over gains, rates and intervals over gain and t_ref, the trade-off."""
     for number, (dataset, rows) in enumerate(results.groupby("dataset", sort=False)):
         suffix = f"-{number + 1}" if number else ""
         yield _distributions(str(dataset), isi[isi["dataset"] == dataset], classes, suffix)
@@ -108,12 +108,12 @@ def drawings(results: pd.DataFrame, isi: pd.DataFrame, classes: Classes) -> Iter
         )
         yield Drawn(f"gain-and-t-ref{suffix}", f"Gain and refractory period: {dataset}", figure, caption, caption)
         caption = (
-            f"What the gain trades ({dataset}). A higher one makes the intervals of different classes alike (overlap "
-            "of their distributions, mean over pairs of classes); a lower one leaves trials without a spike and lets "
-            "the first one wait. As the texture paper's Sec. III-A puts it in words."
+            f"Trade-off of the gain ({dataset}). A higher gain makes the intervals of different classes similar "
+            "(overlap of their distributions, mean over pairs of classes); a lower gain leaves trials without a spike "
+            "and delays the first spike. The texture paper's Sec. III-A describes it in words."
         )
         figure = gain_figures.draw_compromise(rows)
-        yield Drawn(f"compromise{suffix}", f"What a gain trades: {dataset}", figure, caption, _ends(rows))
+        yield Drawn(f"compromise{suffix}", f"Trade-off of the gain: {dataset}", figure, caption, _ends(rows))
 
 
 def _distributions(dataset: str, isi: pd.DataFrame, classes: Classes, suffix: str) -> Drawn:
@@ -121,7 +121,7 @@ def _distributions(dataset: str, isi: pd.DataFrame, classes: Classes, suffix: st
     figure = gain_figures.draw_isi_distributions(isi, t_ref_ms, classes)
     caption = (
         f"Inter-spike intervals of each {classes.word} at each gain, t_ref {t_ref_ms:g} ms ({dataset}): shares of all "
-        "intervals of the class, in bins each 1.3 times as wide as the one before."
+        "intervals of the class, in bins each 1.3 times as wide as the previous one."
     )
     return Drawn(f"isi-distributions{suffix}", f"Intervals over the gains: {dataset}", figure, caption, caption)
 

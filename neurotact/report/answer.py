@@ -1,6 +1,6 @@
-"""What a run answers: the best network, the cheapest one within its error, and whether spiking beats the baseline.
+"""The answer of a run: the best network, the cheapest one within its error, and the comparison with the baseline.
 
-Validation trials choose, test trials tell: what a network is chosen by would flatter it.
+Networks are chosen on validation trials and judged on test trials: the accuracy used for the choice is optimistic.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,10 +14,10 @@ Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "bet
 
 
 class Decision(NamedTuple):
-    """How a decision is taken: its accuracy on test windows, and what it costs on average.
+    """One way to decide: its accuracy on test windows, and its mean cost.
 
-    sops: synaptic operations. ms: signal that it waits for. spikes: of the afferents. nJ: an estimate for encoding and
-    network; None where it cannot be told.
+    sops: synaptic operations. ms: length of the signal it needs. spikes: of the afferents. nJ: an estimate for encoding
+    and network; None if unknown.
     """
 
     accuracy: float
@@ -31,7 +31,7 @@ class Network(NamedTuple):
     """One pair of refractory periods and one size; all numbers are means over seeds and splits.
 
     pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation: accuracy on validation windows.
-    whole, early: decisions on the whole window and with early exit; early is None where there is none.
+    whole, early: decisions on the whole window and with early exit; early is None if there is none.
     """
 
     pair: str
@@ -47,9 +47,9 @@ class Network(NamedTuple):
 
 
 class Baseline(NamedTuple):
-    """A classifier without spikes in its decision; nJ is None where it cannot be told.
+    """A classifier without spikes in its decision; nJ is None if unknown.
 
-    rows: those of `baselines.csv` that it averages, one of each split.
+    rows: the rows of `baselines.csv` that it averages, one per split.
     """
 
     name: str
@@ -60,12 +60,12 @@ class Baseline(NamedTuple):
 
     @property
     def is_of_spikes(self) -> bool:
-        """Whether it reads the afferents' spikes, and not the signals."""
+        """Whether its input is the afferents' spikes, and not the signals."""
         return " spikes (" in self.name
 
 
 class Trials(NamedTuple):
-    """Independent trials on two sides of the split: windows of one trial are not independent."""
+    """Numbers of independent trials on two sides of the split: windows of one trial are not independent."""
 
     validation: int
     test: int
@@ -74,12 +74,12 @@ class Trials(NamedTuple):
 class Answer(NamedTuple):
     """The answer for one data set.
 
-    best: the network of the highest validation accuracy, of equal ones the cheapest.
+    best: the network with the highest validation accuracy (ties: the cheapest).
     interval: 95 % interval of its test accuracy. error: one standard error of its validation accuracy.
-    cheapest: of the networks within that error on validation trials, the one of the fewest SOPs.
-    baseline: that of the highest validation accuracy; None where there is none.
-    paired: the best network less the baseline, on the same test trials; None where it is not known which were right.
-    guess: the accuracy of guessing, or of always answering the commonest class.
+    cheapest: of the networks within that error on validation trials, the one with the fewest SOPs.
+    baseline: the one with the highest validation accuracy; None if there is none.
+    paired: the best network minus the baseline, on the same test trials; None if the correct trials are unknown.
+    guess: the accuracy of guessing, or of always predicting the most frequent class.
     """
 
     best: Network
@@ -93,7 +93,7 @@ class Answer(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """How much more accurate the best network is than the baseline; 0 where there is no clear difference."""
+        """The gain in accuracy of the best network over the baseline; 0 if there is no clear difference."""
         if self.baseline is None:
             return 0.0
         if self.paired is not None:
@@ -108,7 +108,7 @@ class Answer(NamedTuple):
 
     @property
     def kind(self) -> Kind:
-        """How the best network compares."""
+        """The result of the comparison."""
         if not self.is_above_chance:
             return "nothing learned" if self.best.whole.accuracy <= self.guess else "unclear"
         if self.baseline is None:
@@ -117,7 +117,7 @@ class Answer(NamedTuple):
 
 
 Compare = Callable[[Network, Baseline], Paired | None]
-"""A network less a baseline on the same test trials; None where that is not known."""
+"""A network minus a baseline on the same test trials; None if unknown."""
 
 
 def answer(
@@ -129,8 +129,8 @@ def answer(
 ) -> Answer:
     """Choose on validation trials, judge on test trials.
 
-    networks: at least one. compare: how the two that are chosen are compared; without it a baseline differs clearly
-    where its accuracy lies outside the network's interval.
+    networks: at least one. compare: compares the two that are chosen; without it a baseline differs clearly
+    if its accuracy is outside the network's interval.
 
     >>> whole = Decision(0.9, 1000.0, 500.0, 80.0, None)
     >>> networks = [Network("1&1", 50, 3, 0.95, whole, None),
@@ -144,7 +144,7 @@ def answer(
     near = [network for network in networks if network.validation >= best.validation - error - 1e-12]
     cheapest = min(near, key=lambda network: (network.whole.sops, -network.validation))
     interval = wilson_interval(best.whole.accuracy, trials.test)
-    # Of equal ones the cheapest; a cost that cannot be told counts as none.
+    # Ties: the cheapest; an unknown cost counts as zero.
     baseline = max(baselines, key=lambda one: (one.validation, -(one.nJ or 0.0)), default=None)
     paired = None if baseline is None else compare(best, baseline)
     return Answer(best, interval, error, cheapest, baseline, paired, guess, trials)
@@ -172,12 +172,12 @@ def headline(found: Answer) -> str:
 
 
 def _at_energy(found: Answer) -> str:
-    """Of two that are as accurate, what energy decides; nothing where it is about equal or cannot be told."""
+    """For two of equal accuracy, the comparison of energy; empty if it is about equal or unknown."""
     rival = None if found.baseline is None else found.baseline.nJ
     spent = found.best.whole.nJ
-    if rival is None or spent is None or not (told := _times(spent, rival)):
+    if rival is None or spent is None or not (ratio := _times(spent, rival)):
         return ""
-    return f", and spiking takes{told.removeprefix(',')} energy (estimate)"
+    return f", and spiking takes{ratio.removeprefix(',')} energy (estimate)"
 
 
 def _learned_without(found: Answer) -> str:
@@ -190,7 +190,7 @@ def _learned_without(found: Answer) -> str:
 
 
 def details(found: Answer) -> Iterator[str]:
-    """What the cheapest network within the error saves and costs, in sentences; none where guessing may do as well."""
+    """What the cheapest network within the error saves and costs, in sentences; none if guessing may do as well."""
     best, cheapest = found.best, found.cheapest
     if not found.is_above_chance:
         return
@@ -218,10 +218,10 @@ def details(found: Answer) -> Iterator[str]:
 
 
 def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
-    """Where spiking costs accuracy: what the encoding loses, what the network loses, and what to try against it.
+    """If spiking costs accuracy: the loss of the encoding, the loss of the network, and remedies.
 
-    The same windows are told apart from the signals and from the afferents' spikes, by the classifiers that validation
-    trials choose, and by the network. A loss of one test trial or less is not named.
+    The same windows are classified from the signals and from the afferents' spikes, by the classifiers chosen on
+    validation trials, and by the network. A loss of one test trial or less is not reported.
 
     >>> network = Network("1&1", 20, 1, 0.6, Decision(0.5, 1000.0, 500.0, 80.0, None), None)
     >>> baselines = [Baseline("SVM on signals", 0.9, 0.9, 1.0), Baseline("SVM on spikes (counts)", 0.7, 0.51, 1.0)]
@@ -252,13 +252,13 @@ def _saved(before: Decision, after: Decision) -> str:
     said = f"{how} ({count(after.sops)} against {count(before.sops)})"
     if before.nJ is None or after.nJ is None or before.nJ <= 0:
         return said
-    # Conditioning and encoding cost the same, however few spikes they send: fewer SOPs are not as much less energy.
+    # Conditioning and encoding cost the same for any number of spikes: energy falls by less than SOPs.
     less = 1 - after.nJ / before.nJ
     return f"{said} and {100 * abs(less):.2g} % {'less' if less >= 0 else 'more'} energy"
 
 
 def _times(spent: float, rival: float) -> str:
-    """How many times as much a network takes as its rival, or the other way round; nothing where they are about equal.
+    """The ratio of the energy of a network to its rival's, in words; empty if they are about equal.
 
     >>> _times(366.0, 23.5), _times(2910.0, 10.0), _times(10.0, 25.0), _times(11.0, 10.0)
     (', 16 times as much', ', 290 times as much', ', 2.5 times less', '')
@@ -270,7 +270,7 @@ def _times(spent: float, rival: float) -> str:
 
 
 def _lost(before: Decision, after: Decision, n_test: int) -> str:
-    """What changes of the accuracy, in points and in test trials: of few trials, one is many points."""
+    """The change of the accuracy, in points and in test trials: with few trials, one trial is many points."""
     points = 100 * (before.accuracy - after.accuracy)
     if abs(points) < 0.05:
         return f"at the same test accuracy, {percent(after.accuracy)}"
@@ -281,7 +281,7 @@ def _lost(before: Decision, after: Decision, n_test: int) -> str:
 
 
 def chance_of(paired: Paired) -> str:
-    """How likely chance alone makes the difference, in words.
+    """The p-value of the difference, in words.
 
     >>> chance_of(Paired(0.1, 0.0002, 45)), chance_of(Paired(0.1, 0.0312, 45))
     ('paired over 45 test trials, p < 0.001', 'paired over 45 test trials, p = 0.03')

@@ -1,6 +1,6 @@
-"""What a report tells of each cell: how it trained, what it mistakes, one test window, and what its decisions cost.
+"""The details of each cell in a report: training, confusions, one test window, and the cost of decisions.
 
-All of it is numbers, which the page draws when a cell is chosen: a picture of each would be a hundred times the size.
+All are numbers, which the page draws when a cell is selected: pictures would be a hundred times as large.
 """
 
 from pathlib import Path
@@ -24,15 +24,15 @@ from neurotact.studies.study import SPLIT, Cell
 from neurotact.tables import records, write_table
 
 MOST_EVENTS = 1_000_000
-"""Spikes drawn in one page, shared out evenly over its cells: about four bytes each."""
+"""Spikes drawn in one page, distributed evenly over its cells: about four bytes each."""
 SOPS_ABOUT = """# Synaptic operations (SOPs) of {title}
 
-A row a trained network; means over its test windows. Each spike is one operation at every neuron that receives it
+One row per trained network; means over its test windows. Each spike is one operation at every neuron that receives it
 (texture paper, Eqs. 8 and 9): from afferents to hidden neurons (`sops_input`), among hidden neurons
 (`sops_recurrent`), from hidden neurons to the readout (`sops_readout`); `sops_total` is all three,
-`sops_total_feedforward` leaves the recurrent ones out. `spikes_sa` and `spikes_ra` are the input spikes of a window,
-`window_steps` its steps. Columns that begin with `exit_` are with early exit, at the patience that validation trials
-chose: only steps that were simulated count.
+`sops_total_feedforward` excludes the recurrent ones. `spikes_sa` and `spikes_ra` are the input spikes of a window,
+`window_steps` its steps. Columns that begin with `exit_` are with early exit, at the patience chosen on validation
+trials: only simulated steps count.
 """
 SOPS_COLUMNS = (
     "accuracy_test", "window_steps", "spikes_sa", "spikes_ra",
@@ -43,14 +43,14 @@ SOPS_COLUMNS = (
 
 
 class _Test(NamedTuple):
-    """The test windows that some cells share."""
+    """The common test windows of some cells."""
 
     examples: Examples
     windows: Windows
 
 
 def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[str, Any]]:
-    """For each done cell, as JSON holds it: `confusion`, `training`, and where its network is kept `raster`.
+    """For each done cell, as JSON: `confusion`, `training` and, if its network is saved, `raster`.
 
     raster: the spikes of one test window, the same one for all cells that are tested on the same windows.
     """
@@ -59,7 +59,7 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
     by_spikes: dict[Path, list[int]] = {}
     for index, cell in enumerate(done):
         by_spikes.setdefault((folder / cell.given), []).append(index)
-    for path, indices in by_spikes.items():  # each file is read once, and one is held at a time
+    for path, indices in by_spikes.items():  # each file is read once, one at a time
         trains = load_spikes(path) if path.is_file() else None
         tests: dict[str, _Test] = {}
         for index in indices:
@@ -83,7 +83,7 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
 
 
 def cell_name(row: pd.Series) -> str:
-    """What a cell is called.
+    """The name of a cell.
 
     >>> cell_name(pd.Series({"setting": "mixed", "pair": "1&10", "hidden": 30, "seed": 2, "split.fold": 1}))
     'mixed, t_ref 1&10 ms, N = 30, seed 2, split fold 1'
@@ -95,10 +95,10 @@ def cell_name(row: pd.Series) -> str:
 def page_data(
     results: pd.DataFrame, costs: pd.DataFrame, details: list[dict[str, Any]], classes: Classes
 ) -> dict[str, Any]:
-    """All that the page's script draws from.
+    """The data of the page's script.
 
     results: a run's `results.csv` with the columns `pair` and `setting`, a row for each of `details`.
-    costs: what each row's decisions cost (`front.costs_of`).
+    costs: of each row's decisions (`front.costs_of`).
     """
     rows = records(results.drop(columns=["pair", "setting"]))
     named = zip(results.iterrows(), rows, records(costs), details, strict=True)
@@ -118,7 +118,7 @@ def page_data(
 
 
 def sops_table(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
-    """The SOP report of a study: one row per cell, what it is, then the columns of `SOPS_COLUMNS`."""
+    """The SOP report of a study: one row per cell, its keys, then the columns of `SOPS_COLUMNS`."""
     return results[["dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", *swept, *SOPS_COLUMNS]]
 
 
@@ -133,7 +133,7 @@ def _test_windows(restored: Restored, trains: SpikeTrains) -> tuple[Examples, Wi
 
 
 def _middle(test: _Test) -> tuple[int, int]:
-    """The trial and the first step of the window whose input spikes are in the middle of all."""
+    """The trial and the first step of the window with the median number of input spikes."""
     counts = test.examples.spikes.sum(dim=(1, 2)).numpy()
     middle = np.argsort(counts, kind="stable")[len(counts) // 2]
     return int(test.windows.trial[middle]), int(test.windows.start[middle])
@@ -143,7 +143,7 @@ def _middle(test: _Test) -> tuple[int, int]:
 def _raster(
     restored: Restored, trains: SpikeTrains, at: tuple[int, int], classes: Classes, most_events: int
 ) -> dict[str, Any]:
-    """Spikes of one window as steps for each neuron, cut short where they are more than `most_events`."""
+    """Spikes of one window as steps for each neuron, cut short if there are more than `most_events`."""
     trial, start = at
     n_steps = round(restored.task.window.length_ms * 1e-3 * trains.sampling_rate_Hz)
     window = trains.raster(Windows(np.array([trial]), np.array([start]), n_steps))
@@ -178,7 +178,7 @@ def _events(raster: np.ndarray) -> list[list[int]]:
 
 
 def _training(folder: Path, cell: Cell) -> dict[str, Any] | None:
-    """The training log by column, to four digits, and under `kept` the epoch whose weights the network has."""
+    """The training log by column, to four digits, and under `kept` the epoch of the network's weights."""
     path = cell_folder(folder, cell) / LOG
     if not path.is_file():
         return None

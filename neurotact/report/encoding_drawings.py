@@ -1,4 +1,4 @@
-"""What a report says of the encoder: its figures after the texture paper's Figs. 5, 6 and 10, and their captions."""
+"""The encoder in a report: figures after the texture paper's Figs. 5, 6 and 10, and their captions."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ SHOWN_s = 1.0
 
 
 class View(NamedTuple):
-    """How the conditions of trials are laid out: one of them varies, the others are held at their first value."""
+    """The layout of the conditions of trials: one of them varies, the others have their first value."""
 
     by: tuple[str, ...]
     vary: str | None
@@ -32,14 +32,14 @@ class View(NamedTuple):
 
     @property
     def at(self) -> dict[str, Any]:
-        """The one condition shown where only one can be: the highest value of what varies."""
+        """The condition to show if there can be only one: the highest value of the varying one."""
         return {**self.fixed, **({self.vary: self.values[-1]} if self.vary else {})}
 
 
 def encoding_drawings(
     study: StudySpec, trains: SpikeTrains | None, encoding: pd.DataFrame, classes: Classes
 ) -> Iterator[Drawn]:
-    """Rasters (where there are spike trains), spike counts, firing rates and inter-spike intervals.
+    """Rasters (if there are spike trains), spike counts, firing rates and inter-spike intervals.
 
     encoding: a run's `encoding.csv` with the column `pair`.
     """
@@ -52,7 +52,7 @@ def encoding_drawings(
 
 
 def view_of(encoding: pd.DataFrame, stratify: Sequence[str]) -> View:
-    """Force varies where there is one, else the first condition that the study balances.
+    """Force varies if there is one, else the first condition that the study balances.
 
     >>> table = pd.DataFrame({"label": ["a", "a"], "speed_mm_per_s": [8.6, 13.7], "force_N": [12.0, 3.0]})
     >>> view_of(table, ["speed_mm_per_s", "force_N"]).at
@@ -91,14 +91,14 @@ def few(items: Sequence[Any], most: int = MOST_ROWS) -> list[Any]:
 
 
 def _of_all(shown: Sequence[str], classes: Classes) -> str:
-    """Which of the classes a figure shows, where it does not show all."""
+    """The classes in a figure, if it does not show all."""
     if len(shown) == len(classes.order):
         return ""
     return f" Shown are {len(shown)} of the {len(classes.order)} classes: the first, the middle and the last."
 
 
 def in_words(where: dict[str, Any]) -> str:
-    """Conditions as they are read in a sentence.
+    """Conditions in words.
 
     >>> in_words({"force_N": 12.0, "speed_mm_per_s": 8.6})
     '12 N, 8.6 mm/s'
@@ -124,12 +124,12 @@ def _rasters(study: StudySpec, trains: SpikeTrains, view: View, classes: Classes
     down = f"; from top to bottom {', '.join(rows)}" if len(rows) > 1 else ""
     caption = (
         f"Spikes of the SA-I (blue) and RA-I (orange) afferents in one trial each{at}{down}. t_ref {pair} ms "
-        f"(RA-I & SA-I). Grey: a trial's first window of {study.window.length_ms:g} ms, which the networks see."
+        f"(RA-I & SA-I). Grey: a trial's first window of {study.window.length_ms:g} ms, the input of the networks."
         f"{_of_all(shown, classes)}{in_the_paper(study, 'Fig. 5')}"
     )
     counts = ", ".join(f"{len(trains.steps[trial])}" for trial in found)
     alt = f"Raster plots of {len(shown)} classes in {len(rows)} rows; spikes in each whole trial, row by row: {counts}."
-    return Drawn("rasters", "What the afferents fire", figure, caption, alt)
+    return Drawn("rasters", "Spikes of the afferents", figure, caption, alt)
 
 
 def _first_trial(trains: SpikeTrains, label: str, where: dict[str, Any]) -> int | None:
@@ -151,7 +151,7 @@ def _spike_counts(study: StudySpec, encoding: pd.DataFrame, view: View, classes:
     caption = (
         f"Spikes per second of all SA-I and all RA-I afferents, and of both, over the pairs of refractory periods{at}"
         f"{_stretch(rows)}. "
-        f"Both together, mean of these classes, from most to least: {order}.{_of_all(shown, classes)}"
+        f"Sum of both, mean over these classes, from most to least: {order}.{_of_all(shown, classes)}"
         f"{in_the_paper(study, 'Fig. 6')}"
     )
     alt = f"Bars of spikes per second for {len(shown)} classes over the pairs; from most to least: {order}."
@@ -180,7 +180,7 @@ def _isis(study: StudySpec, encoding: pd.DataFrame, view: View, classes: Classes
     figure = encoding_figures.draw_isis(rows, view.vary, classes)
     at = f" at {in_words(view.fixed)}" if view.fixed else ""
     caption = (
-        f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap where the population is "
+        f"Mean inter-spike interval of each {classes.word}{at}, t_ref {pair} ms{within}; a gap if the population is "
         f"silent.{in_the_paper(study, 'Fig. 10(b)')}"
     )
     alt = f"Points over the classes, {_trends(rows, view, 'isi', '_ms')}"
@@ -199,7 +199,7 @@ def _trends(rows: pd.DataFrame, view: View, stem: str, unit: str) -> str:
 
 
 def _stretch(rows: pd.DataFrame) -> str:
-    """What the rates are of, in words that end a phrase; nothing where the table does not say."""
+    """The stretch of the rates, as the end of a phrase; empty if the table has none."""
     return f"; {rows['stretch'].iloc[0]}" if "stretch" in rows else ""
 
 

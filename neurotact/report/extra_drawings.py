@@ -1,4 +1,4 @@
-"""What a report says of the tables that only some studies leave: their figures and captions."""
+"""Figures and captions of the tables that only some studies have."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,7 +15,7 @@ from neurotact.studies.study import LENGTH, StudySpec
 def extra_drawings(
     study: StudySpec, results: pd.DataFrame, extra: Mapping[str, pd.DataFrame], classes: Classes
 ) -> Iterator[Drawn]:
-    """A figure for each of these tables that is there.
+    """A figure for each of these tables that exists.
 
     results: a run's `results.csv` with the columns `pair` and `setting`. extra: the tables by name, with `pair`.
     """
@@ -34,7 +34,7 @@ def extra_drawings(
 
 
 def panel_of(table: pd.DataFrame) -> pd.Series:
-    """What each row's panel is called: its data set and pair; sizes are drawn together.
+    """The name of each row's panel: data set and pair; sizes share a panel.
 
     >>> panel_of(pd.DataFrame({"dataset": ["mixed"], "pair": ["5&5"]})).tolist()
     ['mixed, 5&5 ms']
@@ -55,9 +55,9 @@ def _cut_short(study: StudySpec, table: pd.DataFrame) -> Drawn:
         if (whole["cut_ms"] == cut_ms).any() and cut_ms < longest["cut_ms"].max()
     ]
     caption = (
-        "Accuracy and SOPs against the length that is heard: means over sizes and seeds. Black: networks trained on "
+        "Accuracy and SOPs against the length of the input: means over sizes and seeds. Black: networks trained on "
         "that length, with the deviation over seeds. Dashed: the same networks on the first part of their windows, "
-        "where the spikes counted so far decide. As the texture paper's Figs. 8 and 13, which re-train."
+        "decided by the spikes so far. As the texture paper's Figs. 8 and 13, which re-train."
     )
     longest_ms = longest["trained_ms"].max()
     alt = (
@@ -69,17 +69,17 @@ def _cut_short(study: StudySpec, table: pd.DataFrame) -> Drawn:
 
 
 def _costs(results: pd.DataFrame) -> Drawn:
-    """Networks of the sizes that every pair has, so that lines differ in their pair alone."""
+    """Networks of the sizes that every pair has, so that lines differ only in their pair."""
     sizes = set.intersection(*(set(rows["hidden"]) for _, rows in results.groupby("pair")))
     results = results[results["hidden"].isin(sizes)] if sizes else results
     means = results.groupby(["pair", LENGTH], sort=False)["accuracy_test"].mean()
-    words = [f"{pair} ms, {length_ms:g} ms heard: {100 * mean:.1f} %" for (pair, length_ms), mean in means.items()]
+    words = [f"{pair} ms, {length_ms:g} ms of input: {100 * mean:.1f} %" for (pair, length_ms), mean in means.items()]
     of = f"{' and '.join(f'{size:g}' for size in sorted(sizes))} hidden neurons" if sizes else "all sizes"
     caption = (
-        "Test accuracy against what a decision costs: afferent spikes, SOPs and the signal that is heard. A point is "
-        f"a window length, trained on that length: means over seeds with their deviation, {of}."
+        "Test accuracy against the cost of a decision: afferent spikes, SOPs and window length. A point is "
+        f"a window length, with networks trained on it: means over seeds with their deviation, {of}."
     )
-    return Drawn("costs", "What each saving costs", shortened_figures.draw_costs(results), caption, "; ".join(words))
+    return Drawn("costs", "The cost of each saving", shortened_figures.draw_costs(results), caption, "; ".join(words))
 
 
 def _exit_curves(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame) -> Drawn:
@@ -97,10 +97,10 @@ def _exit_curves(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame) -
         for (panel, mode), rows in table[table["patience"] == PUBLISHED_PATIENCE].groupby(["panel", "mode"], sort=False)
     ]
     caption = (
-        "What early exit loses and saves on test windows beside the whole window, and when it decides, over patience "
-        f"(a step is {step_ms:g} ms): means over networks, the band is their deviation. The oracle is the texture "
-        "paper's Algorithm 1, which knows the true label and so never loses accuracy. Dotted: the patience that "
-        "validation trials chose for each network. Diamonds: Table V."
+        "Losses and savings of early exit on test windows compared with the whole window, and the time of the "
+        f"decision, over patience (a step is {step_ms:g} ms): means over networks, the band is their deviation. The "
+        "oracle is the texture paper's Algorithm 1, which uses the true label and so never loses accuracy. Dotted: "
+        "the patience chosen for each network on validation trials. Diamonds: Table V."
     )
     patience = f"{PUBLISHED_PATIENCE} steps ({step_ms * PUBLISHED_PATIENCE:g} ms)"
     alt = f"Saved at a patience of {patience}: {'; '.join(words)}." if words else caption
@@ -108,7 +108,7 @@ def _exit_curves(study: StudySpec, results: pd.DataFrame, table: pd.DataFrame) -
 
 
 PUBLISHED_PATIENCE = 120
-"""Of the texture paper's Table V, in steps."""
+"""The patience of the texture paper's Table V, in steps."""
 
 
 def _published_exits(study: StudySpec, table: pd.DataFrame) -> pd.DataFrame:
@@ -129,19 +129,19 @@ def _published_exits(study: StudySpec, table: pd.DataFrame) -> pd.DataFrame:
 
 def _conditions(study: StudySpec, table: pd.DataFrame) -> Drawn:
     by = [name for name in study.dataset.stratify if name in table]
-    words = [", ".join(in_unit(name, row[name]) for name in by) for _, row in table.iterrows()]
-    table = table.assign(condition=words)
+    conditions = [", ".join(in_unit(name, row[name]) for name in by) for _, row in table.iterrows()]
+    table = table.assign(condition=conditions)
     figure = condition_figures.draw_conditions(table)
     means = table.groupby(["dataset", "known"], sort=False)["accuracy_test"].mean()
-    told = [
+    words = [
         f"{dataset}: {100 * mean:.1f} % on {'known' if known else 'unknown'} conditions"
         for (dataset, known), mean in means.items()
     ]
     caption = (
-        "Accuracy on the test trials of each condition, by what the networks were trained on: means over pairs, sizes "
-        "and seeds. Outlined and bold: conditions of which no trial was in training or validation."
+        "Accuracy on the test trials of each condition, by the training set of the networks: means over pairs, sizes "
+        "and seeds. Outlined and bold: conditions without a trial in training or validation."
     )
-    return Drawn("conditions", "Known and unknown conditions", figure, caption, f"Mean accuracy: {'; '.join(told)}.")
+    return Drawn("conditions", "Known and unknown conditions", figure, caption, f"Mean accuracy: {'; '.join(words)}.")
 
 
 def _signals(table: pd.DataFrame, classes: Classes) -> Drawn:
@@ -153,8 +153,8 @@ def _signals(table: pd.DataFrame, classes: Classes) -> Drawn:
     off_Hz = (table["principal_Hz"] - table["expected_Hz"]).abs().max()
     caption = (
         "Left: highest magnitude on the strongest taxel, mean over trials and speeds, as the texture paper's Fig. 12. "
-        "Right: the highest line of its spectrum, beside speed / (pitch + 1 mm), the pace of the ridges: at most "
-        f"{off_Hz:.2f} Hz apart. Signals as the afferents feel them."
+        "Right: the highest line of its spectrum, and speed / (pitch + 1 mm), the frequency of the ridges: at most "
+        f"{off_Hz:.2f} Hz apart. Signals are conditioned as for the afferents."
     )
     low, high = table["principal_Hz"].min(), table["principal_Hz"].max()
     alt = f"Mean peak {peaks}; principal frequencies from {low:.1f} to {high:.1f} Hz."
@@ -177,8 +177,8 @@ def _same_drive(study: StudySpec, table: pd.DataFrame) -> Drawn:
         "as often as published at the first period; the paper shows neither the drive nor its duration. Recorded: the "
         "strongest taxel in the strongest trials of each class. As the texture paper's Fig. 4."
     )
-    told = [
+    words = [
         f"{' '.join(filter(None, (str(drive), str(label))))}: " + ", ".join(f"{value:.1f}" for value in rows["spikes"])
         for (drive, label), rows in table.fillna("").groupby(["drive", "label"], sort=False)
     ]
-    return Drawn("same-drive", "The same drive at other refractory periods", figure, caption, "; ".join(told) + ".")
+    return Drawn("same-drive", "The same drive at other refractory periods", figure, caption, "; ".join(words) + ".")

@@ -1,4 +1,4 @@
-"""The first screen of a report: the answer, its table and what to beware of, from what a run left."""
+"""The first screen of a report: the answer, its table and warnings, from the files of a run."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ from neurotact.tables import NETWORK, means_over
 
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
-"""Both ways to decide, and what the columns of `results.csv` begin with."""
+"""Both ways to decide, and their prefixes of columns in `results.csv`."""
 HEADS = [
     "t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision",
     "energy estimate",
@@ -34,16 +34,16 @@ HEADS = [
 
 
 class Sides(NamedTuple):
-    """Trials of one data set by what is done with them: how many, and of each class how many are tested."""
+    """Numbers of trials of one data set: on each side of the split, and test trials of each class."""
 
     trials: Trials
     tested: dict[str, int]
 
 
 class Front(NamedTuple):
-    """What the first screen shows of one data set.
+    """The first screen for one data set.
 
-    headline, details: the answer in words. table: two rows per pair, then the baselines. lost: where accuracy is lost.
+    headline, details: the answer in words. table: two rows per pair, then the baselines. lost: the losses of accuracy.
     """
 
     setting: str
@@ -57,9 +57,9 @@ class Front(NamedTuple):
 
 
 def costs_of(study: StudySpec, results: pd.DataFrame, trains: SpikeTrains | None) -> pd.DataFrame:
-    """The costs of each decision of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`, a row each.
+    """The costs of each row of `results.csv`: columns `whole_sops`, `whole_ms` ... `early_nJ`.
 
-    Without spike trains the clock is not known, so that ms and nJ are missing.
+    Without spike trains the clock is unknown, so ms and nJ are missing.
     """
     return pd.DataFrame(
         [{f"{kind}_{key}": value for kind in KINDS for key, value in _costs(study, row, trains, kind).items()}
@@ -102,7 +102,7 @@ def networks_of(results: pd.DataFrame) -> list[Network]:
 
 
 def _decision(row: Mapping[str, Any], kind: str, accuracy: str) -> Any:
-    """A decision of `networks_of`; None with early exit where that was not measured."""
+    """A decision of `networks_of`; None for early exit if it was not measured."""
     if kind == "early" and pd.isna(row[accuracy]):
         return None
     sops, ms, spikes, energy_nJ = (row[f"{kind}_{cost}"] for cost in COSTS)
@@ -110,9 +110,9 @@ def _decision(row: Mapping[str, Any], kind: str, accuracy: str) -> Any:
 
 
 def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) -> dict[str, Any]:
-    """Both ways to decide of one trained network, as the page draws them: `whole` and `early`, None where not measured.
+    """Both ways to decide of one trained network, for the page: `whole` and `early`, None if not measured.
 
-    row: of `results.csv`. costs: of `costs_of`, None where missing.
+    row: of `results.csv`. costs: of `costs_of`, None if missing.
     """
     accuracies = {"whole": row["accuracy_test"], "early": row["exit_accuracy"]}
     return {
@@ -122,7 +122,7 @@ def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) 
 
 
 def as_json(found: Front, networks: Sequence[Network]) -> dict[str, Any]:
-    """What the page draws of one data set: its networks with their intervals, its baselines, and guessing."""
+    """The drawing of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
     for network in networks:
         low, high = wilson_interval(network.whole.accuracy, found.answer.trials.test)
@@ -150,9 +150,9 @@ def _as_json(decision: Decision | None) -> dict[str, Any] | None:
 
 
 def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: Mapping[str, Any]) -> list[Baseline]:
-    """The baselines on the windows of one data set; none where a study sweeps its windows, which they do not.
+    """The baselines on the windows of one data set; none if a study sweeps its windows, since baselines do not.
 
-    result: a row of `results.csv`, of the data set and of the encoder whose spikes they see.
+    result: a row of `results.csv` with the data set and the encoder of their spikes.
     """
     if LENGTH in study.sweep:
         return []
@@ -181,9 +181,9 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
 
 
 def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int]) -> Sides:
-    """Of the spike trains that the networks were trained on; where they are gone, test windows stand for trials.
+    """The numbers of trials of the spike trains; if those are missing, of test windows instead.
 
-    cells: one of each split; a trial that several of them test counts once. counts: their test windows of each class.
+    cells: one per split; a trial that several of them test counts once. counts: their test windows of each class.
     """
     without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)})
     if trains is None:
@@ -208,8 +208,8 @@ def fronts(
 ) -> Iterator[Front]:
     """The answer of each data set, in the order of the table.
 
-    results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row a done cell.
-    tables: `baselines` and `baseline`, as far as they are there.
+    results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row per done cell.
+    tables: `baselines` and `baseline`, if they exist.
     """
     for setting, rows in results.groupby("setting", sort=False):
         first_of_splits = [group[0] for group in by_split(c for c in done if c.dataset == rows["dataset"].iloc[0])]
@@ -230,7 +230,7 @@ def fronts(
 
 
 def _of_encoding(found: Answer, trains: SpikeTrains | None) -> Iterator[str]:
-    """What conditioning and encoding take of the energy of the cheapest decision: fewer spikes do not lower it."""
+    """The energy of conditioning and encoding in the cheapest decision, which fewer spikes do not lower."""
     decision = found.cheapest.early or found.cheapest.whole
     if trains is None or decision.nJ is None or not found.is_above_chance:
         return
@@ -238,16 +238,16 @@ def _of_encoding(found: Answer, trains: SpikeTrains | None) -> Iterator[str]:
     spent = ledger.encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
     yield (
         f"Conditioning and encoding take {answers.energy(spent.energy_estimate_nJ)} of "
-        f"{answers.energy(decision.nJ)}, at {rate_Hz:g} steps per second and however few spikes are sent."
+        f"{answers.energy(decision.nJ)}, at {rate_Hz:g} steps per second, for any number of spikes."
     )
 
 
 def _comparing(
     study: StudySpec, folder: Path, done: Sequence[Cell], rows: pd.DataFrame, tables: Mapping[str, pd.DataFrame]
 ) -> answers.Compare:
-    """How a network and a baseline of one data set compare on the trials that both were tested on.
+    """The comparison of a network with a baseline of one data set on their common test trials.
 
-    rows: those of `results.csv`, whose index counts `done`. A trial that several splits test counts once.
+    rows: of `results.csv`, whose index counts `done`. A trial that several splits test counts once.
     """
     splits = split_columns(study)
 
@@ -272,7 +272,7 @@ def _comparing(
 
 
 def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
-    """Of each data set the accuracies that hold at any cost: the best baseline and guessing."""
+    """For each data set the accuracies at any cost: the best baseline and guessing."""
     known = {}
     for front in found:
         best = front.answer.baseline
@@ -283,7 +283,7 @@ def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
 
 
 def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> Table:
-    """Two rows per pair, of the size that is best or cheapest or that validation trials choose; baselines; guessing."""
+    """Two rows per pair, of the best or cheapest size or the one chosen on validation trials; baselines; guessing."""
     rows = []
     for pair in dict.fromkeys(network.pair for network in networks):
         own = [network for network in networks if network.pair == pair]
@@ -302,8 +302,8 @@ def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[
     trainings = max(network.seeds for network in networks)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
-        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Each pair stands "
-        "with one number of hidden neurons: that of the network named above, else the best on validation trials."
+        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Each pair has "
+        "one number of hidden neurons: that of the network named above, else the best on validation trials."
     )
     return Table(caption, HEADS, rows, n_heads=1)
 
@@ -320,7 +320,7 @@ def _with_interval(share: float, n_test: int) -> str:
 
 
 def leading(baselines: Sequence[Baseline]) -> list[Baseline]:
-    """Of logistic regression and of the others, on signals and on spikes: the best on validation trials."""
+    """The best on validation trials of logistic regression and of the others, on signals and on spikes."""
     groups: dict[tuple[bool, bool], list[Baseline]] = {}
     for one in baselines:
         key = one.is_of_spikes, not one.name.startswith("logistic")
@@ -335,7 +335,7 @@ def _ms(decision: Decision) -> str:
 def beware(
     study: StudySpec, folder: Path, done: Sequence[Cell], found: Sequence[Front], trains: SpikeTrains | None
 ) -> list[str]:
-    """What may be wrong with this run, one line each with the fix."""
+    """Warnings about this run, one line each with the fix."""
     lines = []
     for front in found:
         before = f"{front.setting}: " if len(found) > 1 else ""
@@ -360,7 +360,7 @@ def _of_training(folder: Path, cell: Cell) -> Iterator[str]:
 
 
 def chosen(trains: SpikeTrains | None, done: Sequence[Cell]) -> list[str]:
-    """What the recipe of the first network chose for its training windows; nothing without a recipe."""
+    """The choices of the recipe for the first network on its training windows; empty without a recipe."""
     if trains is None or not done or done[0].network is None or done[0].network.recipe is None:
         return []
     return list(recipe.described(done[0].network, tasks.seen(trains, task_of(done[0]))))

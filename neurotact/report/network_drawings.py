@@ -1,4 +1,4 @@
-"""What a report says of the networks: accuracy, its cost, the trade-off and the best one, and their captions."""
+"""The networks in a report: accuracy, its cost, the trade-off and the best one, and their captions."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -29,7 +29,7 @@ def network_drawings(
     levels: Mapping[str, Mapping[str, float]] = {},
     trials: Mapping[str, int] = {},
 ) -> Iterator[Drawn]:
-    """Accuracy and SOPs (the texture paper's Fig. 11), the trade-off of both, and a look at the best of the done cells.
+    """Accuracy and SOPs (the texture paper's Fig. 11), their trade-off, and the best of the done cells.
 
     results: a run's `results.csv` with the columns `pair` and `setting`. levels, trials: as for `draw_trade_off`.
     """
@@ -40,7 +40,7 @@ def network_drawings(
 
 
 def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
-    """Where a measure rises from one pair to the next, in words, and how many such steps there are in all.
+    """The steps between successive pairs at which a measure rises, in words, and the number of all steps.
 
     >>> rows = {"setting": ["all"] * 3, "pair": ["1&1", "1&5", "5&5"], "hidden": [20] * 3, "sops": [3.0, 2.0, 2.2]}
     >>> rises(pd.DataFrame(rows), "sops")
@@ -58,7 +58,7 @@ def rises(networks: pd.DataFrame, measure: str) -> tuple[list[str], int]:
 
 
 def published_points(study: StudySpec, results: pd.DataFrame) -> list[Published]:
-    """The published accuracies and SOPs that the study's claims give for one pair of one data set."""
+    """The published accuracies and SOPs in the study's claims for one pair of one data set."""
     points = []
     for claim in study.claims:
         where = claim.where
@@ -117,8 +117,8 @@ def _trade_off(results: pd.DataFrame, levels: Mapping[str, Mapping[str, float]],
     ends = [f"{name}: {_first_to_last(front)}" for name, front in fronts.items() if front]
     caption = (
         f"Each point is a pair and a hidden size{means}: filled for the full window, open for early exit as chosen on "
-        f"validation trials. Bars: {spread}, of those on the front, which no network beats "
-        f"in both accuracy and SOPs; numbers beside it are hidden sizes. Networks on the front of {'; of '.join(ends)}."
+        f"validation trials. Bars: {spread}, for those on the front, which no network beats "
+        f"in both accuracy and SOPs; numbers on it are hidden sizes. Networks on the front of {'; of '.join(ends)}."
     )
     alt = " ".join(f"Front of {name}, full window: {', '.join(front)}." for name, front in fronts.items())
     return Drawn("trade-off", "Accuracy against synaptic operations", figure, caption, alt)
@@ -139,9 +139,9 @@ def _front(results: pd.DataFrame) -> list[str]:
 
 
 def best_of(results: pd.DataFrame) -> int:
-    """The row of the network that the answer calls best, and of its seeds the best, both on validation trials.
+    """The row of the answer's best network, and its best seed, both on validation trials.
 
-    Networks count by their means over seeds; of equal ones the one with fewer SOPs is taken.
+    Networks are compared by their means over seeds (ties: fewer SOPs).
 
     >>> rows = {"setting": ["all"] * 3, "pair": ["1&1", "5&5", "5&5"], "hidden": [20] * 3, "seed": [0, 0, 1],
     ...         "accuracy_validation": [0.9, 0.85, 0.95], "sops_total": [300.0, 200.0, 220.0]}
@@ -157,7 +157,7 @@ def best_of(results: pd.DataFrame) -> int:
 
 
 def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes: Classes) -> Iterator[Drawn]:
-    """The confusions and the training of the network that is most accurate on validation trials.
+    """The confusions and the training of the most accurate network on validation trials.
 
     results: a row for each of `done`.
     """
@@ -169,8 +169,8 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
     if matrix is not None:
         right = 100 * np.trace(matrix) / max(matrix.sum(), 1)
         caption = (
-            f"Test windows of the network with the highest validation accuracy, of equal ones the one with the fewest "
-            f"SOPs ({what}): {right:.1f} % lie on the diagonal. {_worst_confusion(matrix, classes)}"
+            f"Test windows of the network with the highest validation accuracy (ties: the fewest "
+            f"SOPs; {what}): {right:.1f} % are on the diagonal. {_worst_confusion(matrix, classes)}"
         )
         figure = network_figures.draw_confusion(matrix, classes.ticks, what)
         yield Drawn("confusion", "Confusion matrix", figure, caption, caption)
@@ -185,7 +185,7 @@ def _best_network(folder: Path, done: list[Cell], results: pd.DataFrame, classes
 def _worst_confusion(matrix: np.ndarray, classes: Classes) -> str:
     wrong = matrix - np.diag(np.diag(matrix))
     if not wrong.sum():
-        return "Nothing is mistaken."
+        return "There are no errors."
     true, taken = np.unravel_index(np.argmax(wrong), wrong.shape)
     names = [classes.short[classes.order[i]] for i in (true, taken)]
-    return f"Most often mistaken: {classes.word} {names[0]} for {names[1]} ({wrong[true, taken]} windows)."
+    return f"Most frequent error: {classes.word} {names[0]} for {names[1]} ({wrong[true, taken]} windows)."

@@ -1,4 +1,4 @@
-"""The report of trained networks: what each recognises, its spikes and synaptic operations, and the trade-off."""
+"""The report of trained networks: accuracy, spikes, synaptic operations, and the trade-off."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
@@ -31,33 +31,33 @@ from neurotact.tables import over_seeds, read_table, write_table
 
 ANSWER = "answer.json"
 DOWNLOADS = {
-    "results.csv": "one row a trained network",
+    "results.csv": "one row per trained network",
     "results.json": "the same",
-    "sops.csv": "the SOP report: what each network's decisions cost, and with early exit",
+    "sops.csv": "the SOP report: the cost of each network's decisions, also with early exit",
     "sops.json": "the same",
     "sops.md": "the same as a Markdown table",
     "encoding.csv": "firing of both populations for each class and condition, in the classified windows and over the "
     "whole touch",
     "searches.csv": "every trial of every cell's search",
-    "selection.csv": "what each step of the selection saw and chose",
+    "selection.csv": "input and choice of each step of the selection",
     "answer.json": "the first screen of this report for programs",
     "baseline.csv": "the linear classifier",
     "baselines.csv": "classical classifiers on the same windows",
-    "baselines_trials.csv": "which test trials each of them has right",
-    "ledger.csv": "what a decision costs: operations, memory, SOPs, an estimate of energy",
-    "cut_short.csv": "each network on the first so many ms of its windows",
+    "baselines_trials.csv": "the test trials that each of them classifies correctly",
+    "ledger.csv": "the cost of a decision: operations, memory, SOPs, an estimate of energy",
+    "cut_short.csv": "each network on the first part of its windows",
     "exit_curve.csv": "each network with early exit, over patience",
     "conditions.csv": "each network under each condition",
     "signals.csv": "amplitude and principal frequency of the signals",
     "same_drive.csv": "spikes of an afferent under the same drive, over refractory periods",
     "timings.csv": "time that each cell took",
-    "study.toml": "the study as it was run, every part whole",
-    "versions.json": "versions of what computed it",
+    "study.toml": "the study as run, with all its specs",
+    "versions.json": "versions of the software",
     "data.json": "the recordings' hash",
 }
 MEASURES = ["accuracy_validation", "accuracy_test", "sops_total", "exit_accuracy", "early_ms", "exit_sops_total"]
 NAMES = ["pair", "setting"]
-"""Columns that name a network in words; they are read, and not written."""
+"""Columns that name a network in words; they are shown, and not written to files."""
 CALIBRATED = "Encoder, calibrated on the training trials of the first network"
 NETWORK_COLUMNS = {
     "setting": "data set",
@@ -74,9 +74,9 @@ NETWORK_COLUMNS = {
 
 
 def write(study: StudySpec, folder: Path) -> Path:
-    """Write `report.html`, its figures, `results.json` and the SOP report from what a run left; the page's path.
+    """Write `report.html`, its figures, `results.json` and the SOP report from the files of a run; the page's path.
 
-    Raises InputError when `results.csv` or `encoding.csv` is not there or a claim names a column that is not there.
+    Raises InputError when `results.csv` or `encoding.csv` is missing or a claim names a missing column.
     """
     swept = swept_columns(study)
     results = with_setting(with_pair(read_table(folder / "results.csv")), swept)
@@ -140,7 +140,7 @@ def _write_tables(
     costs: pd.DataFrame | None,
     left: Mapping[str, pd.DataFrame],
 ) -> None:
-    """What the page hands on beside the tables of the run."""
+    """The page's downloads besides the tables of the run."""
     write_table(results.drop(columns=NAMES), folder / "results.json")
     details.write_sops(details.sops_table(results, swept), folder, title)
     if len(trials):
@@ -161,17 +161,17 @@ def _page_data(
     fronts: Sequence[Front],
     trains: SpikeTrains | None,
 ) -> dict[str, Any]:
-    """What the page's script draws from."""
+    """The data of the page's script."""
     found = details.cell_details(folder, done, classes)
-    told = found if len(found) == len(results) else [{} for _ in range(len(results))]
-    told = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(told)]
+    all_details = found if len(found) == len(results) else [{} for _ in range(len(results))]
+    all_details = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(all_details)]
     drawn = {one.setting: front.as_json(one, one.networks) for one in fronts}
     step_ms = None if trains is None else 1e3 / trains.sampling_rate_Hz
-    return {**details.page_data(results, spent, told, classes), "fronts": drawn, "stepMs": step_ms}
+    return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 
 
 def answers_as_json(found: Sequence[Front], cautions: Sequence[str]) -> dict[str, Any]:
-    """The first screen for programs: of each data set the answer in words and numbers, and what to beware of."""
+    """The first screen for programs: for each data set the answer in words and numbers, and the warnings."""
     return {
         "answers": [
             {
@@ -204,7 +204,7 @@ def drawings(
     """The figures that these tables and this run folder allow, in the order of the report.
 
     levels, trials: as for `figures.networks.draw_trade_off`.
-    found: what was selected; the figures of networks then show those at the window length of the selection.
+    found: the selection; figures of networks then show those at its window length.
     """
     if found is not None and study.selection is not None:
         yield from selection_steps.drawings(found, results, study.selection)
@@ -237,7 +237,7 @@ def means_table(results: pd.DataFrame) -> Table:
 
 
 def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
-    """A row a trained network, of the columns of `NETWORK_COLUMNS`."""
+    """One row per trained network, with the columns of `NETWORK_COLUMNS`."""
     order = results[["t_ref_ra_ms", "t_ref_sa_ms"]].apply(tuple, axis=1).rank(method="dense")
     return [
         [
@@ -249,7 +249,7 @@ def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
 
 
 def _baseline_table(found: pd.DataFrame | None) -> Table | None:
-    """The linear baseline as text; None where the study has none."""
+    """The linear baseline as text; None if the study has none."""
     if found is None:
         return None
     shares = {"accuracy_validation", "accuracy_test", "chance", "majority_class"}
@@ -263,7 +263,7 @@ def _baseline_table(found: pd.DataFrame | None) -> Table | None:
 
 
 def _baselines_table(found: pd.DataFrame | None) -> Table | None:
-    """The classical baselines as text; None where the study has none."""
+    """The classical baselines as text; None if the study has none."""
     if found is None:
         return None
     rows = [
@@ -289,7 +289,7 @@ def _baselines_table(found: pd.DataFrame | None) -> Table | None:
 def _ledger(
     study: StudySpec, results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None
 ) -> pd.DataFrame | None:
-    """What a decision costs; None where no spikes say how many afferents there are."""
+    """The cost of a decision; None without spikes, since the number of afferents is then unknown."""
     if trains is None or study.network is None:
         return None
     sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
@@ -311,7 +311,7 @@ def _ledger_table(costs: pd.DataFrame | None) -> Table | None:
 
 
 def _specs(study: StudySpec, trains: SpikeTrains | None) -> dict[str, str]:
-    """The study's parts as TOML; of an encoder that was calibrated, what the calibration of the first cell found."""
+    """The study's parts as TOML; a calibrated encoder as found for the first cell."""
     parts = {name: getattr(study, name).model_dump(mode="json", exclude_none=True) for name in studies.PARTS}
     shown = {name.capitalize(): part for name, part in parts.items()}
     if study.calibrate and trains is not None:
@@ -321,7 +321,7 @@ def _specs(study: StudySpec, trains: SpikeTrains | None) -> dict[str, str]:
 
 
 def _given(part: Mapping[str, Any]) -> dict[str, Any]:
-    """A table without what is absent, which TOML cannot say."""
+    """A table without absent values, which TOML cannot express."""
     return {
         key: _given(value) if isinstance(value, Mapping) else value for key, value in part.items() if value is not None
     }

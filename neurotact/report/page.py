@@ -1,4 +1,4 @@
-"""The page of a report: what every one shows, its style and scripts, and the files it hands on."""
+"""The page of a report: the common parts, its style and scripts, and its downloads."""
 
 import json
 from base64 import b64encode
@@ -27,7 +27,7 @@ PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 
 
 class Table(NamedTuple):
-    """A table as text: what it shows, the heads of its columns, its rows, each headed by its first `n_heads` cells."""
+    """A table as text: caption, column heads, and rows, whose first `n_heads` cells are row heads."""
 
     caption: str
     columns: list[str]
@@ -36,17 +36,17 @@ class Table(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A cell of a table that can be sorted: what is read, and what it is sorted by."""
+    """A cell of a sortable table: its text, and its sort key."""
 
     text: str
     value: str | float
 
 
 class Parts(NamedTuple):
-    """What the template puts into the page as it is.
+    """The parts that the template inserts unchanged.
 
     plotly: the library, gzipped and in base64: 2 MB in place of 4.8, unpacked by the browser.
-    policy: a content security policy under which these two scripts run and nothing is fetched.
+    policy: a content security policy that allows these two scripts and no network access.
     """
 
     style: Markup
@@ -71,14 +71,14 @@ def write(
 ) -> Path:
     """Write `report.html` and its figures into a run folder; the page's path.
 
-    template: in `assets`; `shown` is what it reads beside the rest, which every page shows.
-    tables: those by which the study's claims are judged. downloads: files that may be in the folder, and what they are.
-    specs: parts of the study as TOML, beside the whole of it.
-    Raises InputError when a claim names a column that is not there.
+    template: in `assets`; `shown` holds its own variables, besides those of every page.
+    tables: for the verdicts on the study's claims. downloads: files that may be in the folder, and their descriptions.
+    specs: parts of the study as TOML, in addition to the whole study.
+    Raises InputError when a claim names a missing column.
     """
     judged = [judge(claim, tables) for claim in study.claims]
     verdicts = [verdict for verdict in judged if verdict.reproduced is not None]
-    explained = study.as_shipped and n_done == n_cells  # the reasons are those of the study as it ships
+    explained = study.as_shipped and n_done == n_cells  # the reasons hold for the study as shipped
     page = _template(template).render(
         study=study,
         n_done=n_done,
@@ -121,7 +121,7 @@ def script_json(value: Any) -> str:
 
 
 def tally(verdicts: list[Verdict]) -> str:
-    """How many claims hold, in words.
+    """The number of reproduced claims, in words.
 
     >>> tally([])
     ''
@@ -130,23 +130,23 @@ def tally(verdicts: list[Verdict]) -> str:
         return ""
     judged = [verdict.reproduced for verdict in verdicts if verdict.reproduced is not None]
     missing = len(verdicts) - len(judged)
-    left = f"; {missing} concern cells that this run does not hold" if missing else ""
+    left = f"; {missing} need cells that this run does not hold" if missing else ""
     return f"{sum(judged)} of {len(judged)} claims reproduced{left}"
 
 
 def shared_reasons(verdicts: Iterable[Verdict]) -> dict[str, int]:
-    """The reasons that more than one claim is not reproduced for, numbered in the order of the claims."""
+    """The reasons shared by several claims that are not reproduced, numbered in the order of the claims."""
     given = Counter(verdict.why for verdict in verdicts if verdict.why)
     shared = (why for why, times in given.items() if times > 1)
     return {why: number for number, why in enumerate(shared, start=1)}
 
 
 def timing_sentence(folder: Path) -> str:
-    """What the cells took, in words; nothing where timings.csv is not there."""
+    """The run time of the cells, in words; empty without timings.csv."""
     path = folder / "timings.csv"
     if not path.is_file():
         return ""
-    timings = pd.read_csv(path).dropna(subset="seconds")  # of cells whose timing was damaged
+    timings = pd.read_csv(path).dropna(subset="seconds")  # drops cells with a damaged timing
     if timings.empty:
         return ""
     seconds = timings["seconds"]
@@ -161,12 +161,12 @@ def timing_sentence(folder: Path) -> str:
 
 
 def if_there(path: Path) -> dict[str, Any]:
-    """What a JSON file holds; nothing where there is none."""
+    """The content of a JSON file; empty if there is none."""
     return read_json(path) if path.is_file() else {}
 
 
 def plain(value: Any) -> str | float:
-    """What a table is sorted by; nothing where a number is missing."""
+    """The sort key of a table cell; empty for a missing number."""
     if isinstance(value, str):
         return value
     return "" if pd.isna(value) else float(value)
@@ -174,7 +174,7 @@ def plain(value: Any) -> str | float:
 
 @lru_cache(maxsize=1)
 def _plotly() -> tuple[str, str]:
-    """plotly.js packed, and its hash as a policy names it."""
+    """plotly.js packed, and its hash in the form of a policy."""
     library = get_plotlyjs()
     return b64encode(compress(library.encode(), 9, mtime=0)).decode(), f"sha256-{_hash(library)}"
 
@@ -184,10 +184,10 @@ def _read(name: str) -> str:
 
 
 def _keep(drawn: Drawn, folder: Path) -> dict[str, Any]:
-    """Write a figure into a run folder; what the page needs of it, the picture itself among it."""
+    """Write a figure into a run folder; returns the page's data of it, including the picture."""
     for suffix in (".svg", ".png"):
         save(drawn.figure, folder / "figures" / f"{drawn.name}{suffix}")
-        drawn.figure.set_layout_engine("none")  # Laid out once: quicker, and both files look the same.
+        drawn.figure.set_layout_engine("none")  # Laid out once: faster, and both files look the same.
     svg = (folder / "figures" / f"{drawn.name}.svg").read_bytes()
     width = round(96 * drawn.figure.get_figwidth())
     source = f"data:image/svg+xml;base64,{b64encode(svg).decode()}"
@@ -195,18 +195,18 @@ def _keep(drawn: Drawn, folder: Path) -> dict[str, Any]:
 
 
 def _listed(folder: Path, downloads: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    """The files of a run folder that its page hands on: name, what it is, and a link that holds it."""
+    """The downloads of the page: file name, description, and a link that contains the file."""
     return [(name, what, _inline(folder / name)) for name, what in downloads.items() if (folder / name).is_file()]
 
 
 def _inline(path: Path) -> str:
-    """A file as a link that works wherever the page goes."""
+    """A file as a link that works wherever the page is moved."""
     kinds = {".csv": "text/csv", ".json": "application/json", ".md": "text/markdown", ".toml": "application/toml"}
     return f"data:{kinds[path.suffix]};base64,{b64encode(path.read_bytes()).decode()}"
 
 
 def _template(name: str):
-    """A page's template; what it is not given is an error."""
+    """A page's template; a missing variable is an error."""
     environment = Environment(
         loader=PackageLoader("neurotact.report", "assets"),
         autoescape=True,

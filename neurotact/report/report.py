@@ -1,4 +1,4 @@
-"""The report of a run folder: one page of what any study left there."""
+"""The report of a run folder: one page for any study."""
 
 from pathlib import Path
 

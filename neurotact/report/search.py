@@ -1,4 +1,4 @@
-"""What a report says of the searches of a study's cells: their trials, what they won by them, and what wins."""
+"""The searches of a study's cells in a report: their trials, their gain, and the best hyperparameters."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,18 +18,18 @@ from neurotact.tables import read_table
 
 TRIALS = "searches.csv"
 NAMED = ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")
-"""How a cell is named beside each of its trials."""
+"""Columns that name a cell in each row of its trials."""
 
 
 def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.DataFrame:
-    """Every trial of every done cell, as `neurotact tune` tabulates them, after the columns that name its cell.
+    """Every trial of every done cell, in the format of `neurotact tune`, after the columns that name its cell.
 
-    Columns: cell (its row in results.csv), those of NAMED and what else was swept (`setting`, `pair` besides), then
+    Columns: cell (its row in results.csv), those of NAMED and all other swept keys (also `setting`, `pair`), then
     trial, outcome, epochs, value, accuracy_validation, sops_total, the hyperparameters, error.
     """
     parts = []
     if len(done) != len(results):
-        return pd.DataFrame()  # the rows are of other cells
+        return pd.DataFrame()  # the rows belong to other cells
     for index, (cell, (_, row)) in enumerate(zip(done, results.iterrows(), strict=True)):
         path = cell_folder(folder, cell) / SEARCH / "trials.csv"
         if cell.search is None or not path.is_file():
@@ -42,7 +42,7 @@ def trials_table(folder: Path, done: list[Cell], results: pd.DataFrame) -> pd.Da
 
 
 def of_cell(trials: pd.DataFrame, index: int) -> dict[str, Any] | None:
-    """A cell's search as the page draws it: value and outcome of each trial, the best one, and what it chose."""
+    """A cell's search for the page: value and outcome of each trial, the best one, and its choice."""
     own = trials[trials["cell"] == index] if len(trials) else trials
     if own.empty:
         return None
@@ -57,13 +57,13 @@ def of_cell(trials: pd.DataFrame, index: int) -> dict[str, Any] | None:
 
 
 def hyperparameters(trials: pd.DataFrame) -> list[str]:
-    """The columns of a table of trials that hold what was searched."""
+    """The columns of hyperparameters in a table of trials."""
     after = list(trials.columns).index("sops_total") + 1
     return [column for column in trials.columns[after:] if column != "error"]
 
 
 def table(trials: pd.DataFrame, results: pd.DataFrame) -> Table | None:
-    """What each search chose, one row per cell; nothing where there was none."""
+    """The choice of each search, one row per cell; empty if there was none."""
     if trials.empty:
         return None
     keys = hyperparameters(trials)
@@ -78,11 +78,11 @@ def table(trials: pd.DataFrame, results: pd.DataFrame) -> Table | None:
         value = f"{own['value'][own['outcome'] == FINISHED].max():.4f}"
         rows.append([*name, str(found["best"]), value, kinds, *found["chosen"].values()])
     heads = ["data set", "t_ref RA-I & SA-I (ms)", "N", "seed", "best trial", "its value", "finished/stopped", *keys]
-    return Table("What each cell's search chose", heads, rows, n_heads=4)
+    return Table("Choice of each cell's search", heads, rows, n_heads=4)
 
 
 def drawings(trials: pd.DataFrame, search: SearchSpec) -> Iterator[Drawn]:
-    """The best so far over trials, and which hyperparameters win; nothing where no cell has searched."""
+    """The best so far over trials, and the best hyperparameters; empty if no cell has searched."""
     if trials.empty:
         return
     figure = searches_figures.draw_best_so_far(trials)
@@ -94,18 +94,18 @@ def drawings(trials: pd.DataFrame, search: SearchSpec) -> Iterator[Drawn]:
         f"The best value of each cell's search so far (grey) and the median of the cells of a pair, over trials. "
         f"{settings}. From the first finished trial to the last the best gains {100 * gained.median():.1f} points in "
         f"the median cell ({100 * gained.min():.1f} to {100 * gained.max():.1f}); {100 * stopped:.0f} % of all trials "
-        "were stopped early. The best of many trials flatters: judge by the test accuracy."
+        "were stopped early. The best of many trials is optimistic: judge by the test accuracy."
     )
-    yield Drawn("searches", "What the searches gained", figure, caption, caption)
+    yield Drawn("searches", "Gain of the searches", figure, caption, caption)
     keys = hyperparameters(trials)
     winners = searches_figures.winners(trials)
     figure = searches_figures.draw_winners(trials, winners, {key: search.space[_of_space(key)] for key in keys})
     words = [f"{key} {_text(winners[key].mode().iloc[0])}" for key in keys]
     caption = (
-        f"How often each value stands in the best trial of a cell ({len(winners)} cells), beside its share of all "
-        f"trials (line). Most often: {', '.join(words)}."
+        f"Share of each value in the best trials of the cells ({len(winners)} cells), and its share of all "
+        f"trials (line). Most frequent: {', '.join(words)}."
     )
-    yield Drawn("search-winners", "Which hyperparameters win", figure, caption, caption)
+    yield Drawn("search-winners", "Best hyperparameters", figure, caption, caption)
 
 
 def _of_space(column: str) -> str:

@@ -1,4 +1,4 @@
-"""What a report says of a selection: each step's rule, table and outcome, and its figures."""
+"""A selection in a report: each step's rule, table and outcome, and its figures."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from neurotact.tables import over_seeds
 
 
 class Shown(NamedTuple):
-    """A step as it is read: its title, its rule, what came out, and its table; no table where it is still to be run."""
+    """A step: its title, its rule, its outcome, and its table; no table if it has not run yet."""
 
     title: str
     rule: str
@@ -45,9 +45,9 @@ JUDGED = ("accuracy_validation", "sops_validation", "verdict", "accuracy_test", 
 
 
 def shown(course: Course, rule: SelectionSpec) -> list[Shown]:
-    """The steps of a selection; of one that is not complete, what it waits for."""
+    """The steps of a selection; for an incomplete one, also the cells that it waits for."""
     if course.found is None:
-        waiting = f"{len(course.due)} cells of this step are asked for, and not all are done."
+        waiting = f"This step needs {len(course.due)} cells; not all are done."
         return [Shown(course.steps[-1].name, "", waiting, None)]
     found = course.found
     steps = [_lengths(found, rule)]
@@ -59,13 +59,13 @@ def shown(course: Course, rule: SelectionSpec) -> list[Shown]:
 
 
 def at_choice(found: Selection, results: pd.DataFrame, done: list[Cell]) -> tuple[pd.DataFrame, list[Cell]]:
-    """The rows and the done cells at T_min, which the figures of networks show."""
+    """The rows and the done cells at T_min, for the figures of networks."""
     rows = results[results[LENGTH] == found.last.length_ms]
     return rows, [cell for cell in done if cell.window.length_ms == found.last.length_ms]
 
 
 def best_row(found: Selection, results: pd.DataFrame) -> int:
-    """Which row the page shows first: of the network with the fewest SOPs, its most accurate seed."""
+    """The row that the page shows first: the most accurate seed of the network with the fewest SOPs."""
     pair, hidden = found.last.chosen[0]
     own = (results["pair"] == pair) & (results["hidden"] == hidden) & (results[LENGTH] == found.last.length_ms)
     return int(results["accuracy_validation"].where(own, -1.0).to_numpy().argmax())
@@ -86,7 +86,7 @@ def drawings(found: Selection, results: pd.DataFrame, rule: SelectionSpec) -> It
         f"Validation accuracy and SOPs of each size (means over seeds) over window lengths, t_ref {found.first_pair} "
         f"ms, and the mean over sizes. {outcome} As the texture paper's Fig. 8, but on validation trials."
     )
-    yield Drawn("selection-lengths", "The least window that serves", figure, caption, outcome)
+    yield Drawn("selection-lengths", "The shortest accurate window", figure, caption, outcome)
     attempt = found.last
     figure = selection_figures.draw_choice(attempt.networks, rule.accuracy_tolerance)
     caption = (
@@ -111,7 +111,7 @@ def drawings(found: Selection, results: pd.DataFrame, rule: SelectionSpec) -> It
 def _lengths(found: Selection, rule: SelectionSpec) -> Shown:
     says = (
         f"T_min is the shortest window whose validation accuracy, the mean over sizes and seeds at t_ref "
-        f"{found.first_pair} ms, lies within {100 * rule.length_tolerance:g} points of the best length's."
+        f"{found.first_pair} ms, is within {100 * rule.length_tolerance:g} points of the best length's."
     )
     table = _table(found.lengths, "Window lengths", (LENGTH, "networks", *JUDGED), 1)
     return Shown("Window length", says, _least_words(found), table)
@@ -120,7 +120,7 @@ def _lengths(found: Selection, rule: SelectionSpec) -> Shown:
 def _networks(attempt: Attempt, rule: SelectionSpec) -> Shown:
     each = f"; {rule.networks} in all, each with another t_ref pair" if rule.networks > 1 else ""
     says = (
-        f"Among the networks whose mean validation accuracy over seeds lies within {100 * rule.accuracy_tolerance:g} "
+        f"Among the networks whose mean validation accuracy over seeds is within {100 * rule.accuracy_tolerance:g} "
         f"points of the best, the one with the fewest SOPs on validation windows{each}."
     )
     table = _table(attempt.networks, f"Networks at {attempt.length_ms:g} ms", ("pair", "hidden", *JUDGED), 2)
@@ -129,7 +129,7 @@ def _networks(attempt: Attempt, rule: SelectionSpec) -> Shown:
 
 def _persistence(attempt: Attempt) -> Shown:
     says = (
-        f"A trade-off persists where the rule of the window length, put to each selected network alone, gives it "
+        f"A trade-off persists if the rule of the window length, applied to each selected network alone, gives "
         f"{attempt.length_ms:g} ms or less; else the next longer window is tried."
     )
     table = _table(attempt.persistence, "Window lengths of each network", ("pair", "hidden", LENGTH, *JUDGED), 3)
@@ -143,8 +143,8 @@ def _exits(found: Selection) -> Shown:
         oracle_saved=1 - rows["oracle_sops_total"] / rows["sops_total"],
     )
     says = (
-        "The patience of early exit is the least that keeps the validation accuracy within the study's tolerance; the "
-        "paper's own exit (its Algorithm 1) knows the true label and stands beside it."
+        "The patience of early exit is the smallest that keeps the validation accuracy within the study's tolerance; "
+        "the paper's own exit (its Algorithm 1), which uses the true label, is shown for comparison."
     )
     words = [
         f"{row['pair']}, N = {row['hidden']} stops after "
@@ -166,7 +166,7 @@ def _least_words(found: Selection) -> str:
     chosen = lengths[lengths["chosen"]].iloc[0]
     best = lengths.loc[lengths["accuracy_validation"].idxmax()]
     return (
-        f"T_min is {chosen[LENGTH]:g} ms: {100 * chosen['accuracy_validation']:.1f} %, where the best length, "
+        f"T_min is {chosen[LENGTH]:g} ms: {100 * chosen['accuracy_validation']:.1f}; the best length, "
         f"{best[LENGTH]:g} ms, has {100 * best['accuracy_validation']:.1f} %."
     )
 
@@ -181,8 +181,8 @@ def _chosen_words(attempt: Attempt) -> str:
         for _, row in chosen.iterrows()
     ]
     return (
-        f"Selected: {'; '.join(words)}, beside the most accurate, {best['pair']}, N = {best['hidden']} "
-        f"({100 * best['accuracy_validation']:.1f} %). {int(networks['within'].sum())} of {len(networks)} networks lie "
+        f"Selected: {'; '.join(words)}, compared with the most accurate, {best['pair']}, N = {best['hidden']} "
+        f"({100 * best['accuracy_validation']:.1f} %). {int(networks['within'].sum())} of {len(networks)} networks are "
         "within the tolerance."
     )
 

@@ -1,4 +1,4 @@
-"""The tables of a run of afferents or networks, as its report reads them."""
+"""The tables of a run of afferents or networks, for its report."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +25,7 @@ EXTRA_TABLES = {
     "signals": "signals",
     "same_drive": "same_drive",
 }
-"""Tables that only some studies leave, and the key of a study that asks for each."""
+"""Tables that only some studies have, and the key of a study that requests each."""
 
 
 def with_pair(table: pd.DataFrame) -> pd.DataFrame:
@@ -39,7 +39,7 @@ def with_pair(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
-    """The table with, in the column `setting`, the data set and what else was swept, in words.
+    """The table with the column `setting`: the data set and all other swept keys, in words.
 
     >>> rows = pd.DataFrame({"dataset": ["mixed"], "window.length_ms": [50.0], "network.training.patience": [7]})
     >>> with_setting(rows, ["window.length_ms", "network.training.patience"])["setting"].tolist()
@@ -54,35 +54,35 @@ def with_setting(results: pd.DataFrame, swept: list[str]) -> pd.DataFrame:
 
 
 def in_words(key: str) -> str:
-    """A swept key as it is read, without the tables that every such key has."""
+    """A swept key in words, without the tables that all such keys share."""
     for table in ("network.training.", "network.", "encoder.", "dataset.parameters."):
         key = key.removeprefix(table)
     return quantity(key)[0].replace(".", " ")
 
 
 def in_the_paper(study: StudySpec, figure: str) -> str:
-    """Which figure of the texture paper a figure follows; nothing in a study without claims, which is no paper's."""
+    """The corresponding figure of the texture paper; empty in a study without claims, which follows no paper."""
     return f" As the texture paper's {figure}." if study.claims else ""
 
 
 def kept_epoch(folder: Path, cell: Cell) -> int:
-    """The epoch whose weights the network of a done cell has, by its training log."""
+    """The epoch of the weights of a done cell's network, from its training log."""
     log = [Epoch(*row) for row in pd.read_csv(cell_folder(folder, cell) / LOG)[list(Epoch._fields)].to_numpy()]
     keep = "loss" if cell.network is None else recipe.training_of(cell.network).keep
     return int(best_of(log, keep).epoch)
 
 
 def extra_tables(study: StudySpec, folder: Path) -> dict[str, pd.DataFrame]:
-    """The tables of `EXTRA_TABLES` that the study asks for, by name."""
+    """The tables of `EXTRA_TABLES` that the study requests, by name."""
     paths = {name: folder / f"{name}.csv" for name, key in EXTRA_TABLES.items() if getattr(study, key)}
     found = {name: read_table(path) for name, path in paths.items() if path.is_file()}
     return {name: with_pair(table) if "t_ref_ra_ms" in table else table for name, table in found.items()}
 
 
 def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
-    """A cell's test windows by true and chosen class, in the order in which classes are drawn.
+    """A cell's test windows by true and predicted class, in drawing order.
 
-    None where its classes are others than those drawn.
+    None if its classes differ from those drawn.
     """
     matrix = np.array(result["confusion"])
     alphabetical = sorted(classes.order)
@@ -91,6 +91,6 @@ def confusion(result: Mapping[str, Any], classes: Classes) -> np.ndarray | None:
 
 
 def first_spikes(folder: Path, done: list[Cell]) -> SpikeTrains | None:
-    """The spike trains of the first done cell that are there."""
+    """The first available spike trains of a done cell."""
     held = next(((folder / cell.given) for cell in done if (folder / cell.given).is_file()), None)
     return load_spikes(held) if held else None

@@ -1,4 +1,4 @@
-"""Which keys of its encoder a calibrated study heeds: a key that calibration would ignore is refused, and why.
+"""Which keys of its encoder a calibrated study uses: a key that calibration would ignore is refused, with the reason.
 
 Calibration begins at the encoder of each cell and finds gains, standardisation and the baseline. Refractory periods
 alone vary around one fit, so that all pairs share their gains.
@@ -7,7 +7,7 @@ alone vary around one fit, so that all pairs share their gains.
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from neurotact.data.conditioning import ACAUSAL, check_heeded
+from neurotact.data.conditioning import ACAUSAL, check_used
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, PAST
 from neurotact.errors import InputError
@@ -17,13 +17,13 @@ from neurotact.studies import sweeps
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
 PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms")
-"""Swept around gains that are fitted once."""
+"""Keys swept with gains that are fitted once."""
 DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
 
 
 def start(point: Mapping[str, Any]) -> dict[str, Any]:
-    """What a point of the sweep changes of the encoder at which its cell's calibration begins, as keys of the cell.
+    """The changes that a point of the sweep makes to the encoder where calibration starts, as keys of the cell.
 
     >>> start({"encoder.tau_mem_ms": 5.0, "encoder.sa1.t_ref_ms": 5, "seed": 0})
     {'calibrate.tau_mem_ms': 5.0}
@@ -48,19 +48,19 @@ def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequ
         lengths = [len(grades) for grades in swept.get(key, []) if isinstance(grades, list)]
         if len(set(lengths)) < len(lengths):
             raise InputError(
-                f"{key}: calibration sets as many grades as are given anew, so that lists of the same length are the "
+                f"{key}: calibration replaces the grades and keeps their number, so lists of the same length give the "
                 "same encoder; sweep lists of different lengths"
             )
     keys = {*leaves(given), *swept}
     for first in starts:
         baseline = first.conditioning.baseline
         gives_way = {f"{CONDITIONING}.start_ms"} if baseline in ACAUSAL else set()  # to `start`, perhaps
-        check_heeded(keys - gives_way, baseline, CONDITIONING)
+        check_used(keys - gives_way, baseline, CONDITIONING)
 
 
 def _check_baseline(baseline: Any) -> None:
     if baseline in ACAUSAL:
         raise InputError(
-            f"encoder.conditioning.baseline: '{baseline}' knows the whole trial, and gives way to one of "
-            f"{', '.join(PAST)} in a study that calibrates; name a baseline that knows the past alone, or leave it out"
+            f"encoder.conditioning.baseline: '{baseline}' uses the whole trial, and a study that calibrates "
+            f"replaces it by one of {', '.join(PAST)}; name a causal baseline, or leave it out"
         )

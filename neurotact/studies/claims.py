@@ -1,4 +1,4 @@
-"""Published claims beside our results: each is a rule written in the study file, and its verdict.
+"""Published claims compared with our results: each is a rule in the study file, and a verdict.
 
 A rule reads one column (`measure`) of one table of a run (`results.csv`, `encoding.csv` ...), averaged over the rows
 that `where` selects.
@@ -20,23 +20,23 @@ from neurotact.spec import Spec
 class Claim(Spec):
     """One published statement.
 
-    kind `value`: the measure lies within `tolerance` of `value`; the best over the columns `best_over`, if given.
+    kind `value`: the measure is within `tolerance` of `value`; the best over the columns `best_over`, if given.
     kind `at_least`, `at_most`: the measure does not fall below (rise above) `value`; in no selected row, if `each`.
     kind `change`: the measure changes from `against` to `where` by `value` within `tolerance`, as a share of
-        `against` when `relative`; formed for each combination of the other swept columns, then averaged.
+        `against` when `relative`; computed for each combination of the other swept columns, then averaged.
     kind `order`: the measure falls (ties allowed) along `order`; each place holds one or more selections.
     """
 
     name: str
-    """What it is called in the report."""
+    """Its name in the report."""
     source: str
     """Table or figure of the paper."""
     published: str
-    """What the paper says, as it is shown."""
+    """The paper's statement, as displayed."""
     kind: Literal["value", "at_least", "at_most", "change", "order"]
     """The rule, as above."""
     measure: str
-    """The column of the table that is judged."""
+    """The column of the table that the rule reads."""
     table: Literal[
         "results", "encoding", "selection", "cut_short", "exit_curve", "conditions", "signals", "same_drive"
     ] = "results"
@@ -44,17 +44,17 @@ class Claim(Spec):
     where: dict[str, Any] = {}
     """Columns and values that select rows."""
     against: dict[str, Any] = {}
-    """With `change`: what the rows of `where` are compared with."""
+    """With `change`: selects the rows that those of `where` are compared with."""
     best_over: tuple[str, ...] = ()
     """Columns over which the best value is taken, such as the hidden size."""
     each: bool = False
-    """With `at_least` and `at_most`: every selected row must hold, not their mean."""
+    """With `at_least` and `at_most`: every selected row must satisfy the bound, not their mean."""
     relative: bool = False
     """With `change`: as a share of `against`."""
     value: float | None = None
     """The published value, or bound."""
     tolerance: float | None = None
-    """How far the measure may lie from `value`."""
+    """Maximum distance of the measure from `value`."""
     order: tuple[tuple[dict[str, Any], ...], ...] = ()
     """With `order`: the selections, from the largest value to the smallest."""
     why: str = ""
@@ -72,7 +72,7 @@ class Claim(Spec):
 
     @property
     def rule(self) -> str:
-        """The rule as a sentence; the column that it reads stands in parentheses.
+        """The rule as a sentence, with the column that it reads in parentheses.
 
         >>> Claim(name="n", source="s", published="p", kind="at_least", measure="accuracy_test", value=0.9,
         ...       where={"pair": "1&1"}, best_over=("hidden",)).rule
@@ -96,7 +96,7 @@ class Claim(Spec):
 
 
 class Verdict(NamedTuple):
-    """A claim, our figure as text, and whether it is reproduced; None when this run cannot tell."""
+    """A claim, our figure as text, and whether it is reproduced; None when this run cannot decide."""
 
     claim: Claim
     ours: str
@@ -104,12 +104,12 @@ class Verdict(NamedTuple):
 
     @property
     def why(self) -> str:
-        """Why it is not reproduced; nothing where it is, where this run cannot tell and where nobody found out."""
+        """Why it is not reproduced; empty if it is, if this run cannot decide, or if the reason is unknown."""
         return self.claim.why if self.reproduced is False else ""
 
 
 def judge(claim: Claim, tables: Mapping[str, pd.DataFrame]) -> Verdict:
-    """Hold a claim against the tables of a run, by their names; a selection that is not complete has none.
+    """The verdict on a claim from the tables of a run, by their names; an incomplete selection has no verdict.
 
     >>> results = pd.DataFrame({"pair": ["1&1", "5&5"], "accuracy_test": [0.9, 0.8], "seed": [0, 0]})
     >>> claim = Claim(name="1&1 is accurate", source="Fig. 11", published="90.2 %", kind="value",
@@ -142,7 +142,7 @@ class _NotInThisRunError(Exception):
 
 
 def _rows(table: pd.DataFrame, claim: Claim, where: dict[str, Any]) -> pd.DataFrame:
-    """The rows that `where` selects and that hold a value: a silent population has no interval."""
+    """The rows that `where` selects and that have a value: a silent population has no interval."""
     unknown = [column for column in where if column not in table]
     if unknown:
         raise InputError(f"claim: there is no column '{unknown[0]}'; {nearest(unknown[0], list(table))}")
@@ -208,7 +208,7 @@ def _judge_order(claim: Claim, table: pd.DataFrame) -> Verdict:
 
 
 def _figure(measure: str, value: float, digits: int) -> str:
-    """A number as papers print it: shares in percent; whole from a thousand on, where an exponent would stand."""
+    """A number as papers print it: shares in percent; whole numbers from 1000 on, in place of an exponent."""
     if _is_share(measure):
         return f"{100 * value:.{digits}g} %"
     return f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.{digits}g}"
@@ -224,7 +224,7 @@ def _for(where: dict[str, Any]) -> str:
 
 
 def _chain(order: tuple[tuple[dict[str, Any], ...], ...]) -> str:
-    """The places of an order; the words that all of them share stand once."""
+    """The places of an order; the words that all of them share are written once."""
     pairs_alone = all(set(where) == {"pair"} for place in order for where in place)
     places = [" and ".join(str(where["pair"]) if pairs_alone else _words(where) for where in place) for place in order]
     return f"t_ref {' > '.join(places)} ms" if pairs_alone else " > ".join(places)
@@ -235,7 +235,7 @@ def _words(where: dict[str, Any]) -> str:
 
 
 def _word(column: str, value: Any) -> str:
-    """A condition as it is read in a rule; several values of one condition are alternatives."""
+    """A condition as a rule shows it; several values of one condition are alternatives."""
     if isinstance(value, (list, tuple)):
         value = " or ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in value)
     if column == "pair":

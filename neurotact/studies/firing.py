@@ -1,4 +1,4 @@
-"""How much the populations fire in windows and over a whole touch, for each class and condition: encoding.csv."""
+"""The firing of the populations in windows and over a whole touch, for each class and condition: encoding.csv."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from neurotact.studies.study import Cell
 from neurotact.tables import read_table
 
 TOUCH = "touch_"
-"""Before the columns of `encoding.csv` that are of the whole touch where the others are of windows."""
+"""Prefix of the columns of `encoding.csv` that describe the whole touch; the others describe windows."""
 
 
 def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:
@@ -25,10 +25,10 @@ def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.Dat
     Columns: the t_ref pair, label, the conditions in `by`, stretch (what was counted, in words), spikes_sa_per_s and
     spikes_ra_per_s (the whole population), spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means
     of the intervals within a window); and the same with `touch_` before their names, from the window's start to the
-    trial's end: what the texture paper counts in its Figs. 6 and 10, where intervals may be longer than a window.
+    trial's end: the counts of the texture paper's Figs. 6 and 10, where intervals may be longer than a window.
 
-    A cell without a network classifies no windows: there the plain columns are of the touch, and no others follow. Of
-    a study that sweeps its windows the table is of the cell's own, as `stretch` says.
+    A cell without a network classifies no windows: there the plain columns describe the touch, and there are no others.
+    In a study that sweeps its windows, the table describes the cell's own windows, as `stretch` says.
     """
     columns = [LABEL, *by]
     touch = touch_spikes(trains, cell.window.start_ms)
@@ -55,14 +55,14 @@ def read_encoding(path: Path) -> pd.DataFrame:
 
 
 def firing_of(
-    trains: SpikeTrains, felt: spike_trains.Events, trial_of: np.ndarray, columns: Sequence[str]
+    trains: SpikeTrains, events: spike_trains.Events, trial_of: np.ndarray, columns: Sequence[str]
 ) -> pd.DataFrame:
     """Rates and mean intervals of both populations, a row per combination of `columns` in the order of the trials.
 
-    felt: spikes of stretches of trials; trial_of: the trial of each stretch, `(stretch,)`.
+    spikes: spikes of stretches of trials; trial_of: the trial of each stretch, `(stretch,)`.
     """
-    rates = spike_trains.rates_Hz(felt, trains.sampling_rate_Hz)
-    isis = spike_trains.isis_ms(felt, trains.sampling_rate_Hz)
+    rates = spike_trains.rates_Hz(events, trains.sampling_rate_Hz)
+    isis = spike_trains.isis_ms(events, trains.sampling_rate_Hz)
     rows = []
     for _, group in trains.conditions.groupby(list(columns), sort=False):
         chosen = np.isin(trial_of, group.index.to_numpy())
@@ -88,7 +88,7 @@ def windowed_spikes(trains: SpikeTrains, windows: Windows) -> spike_trains.Event
 
 
 def touch_spikes(trains: SpikeTrains, start_ms: float) -> spike_trains.Events:
-    """The spikes from so long after each trial's beginning to its end; InputError where a trial is over by then."""
+    """The spikes from `start_ms` to the end of each trial; InputError for a trial that is shorter."""
     rate_Hz = trains.sampling_rate_Hz
     start = round(start_ms * 1e-3 * rate_Hz)
     if start >= trains.trial_steps.min():

@@ -1,7 +1,7 @@
 """The same drive to one afferent at several refractory periods (texture paper, Fig. 4).
 
-The paper prints the spike counts and shows neither the drive nor its duration. So each candidate is scaled until it
-fires as often as published at the first refractory period; what it fires at the others is then a prediction.
+The paper prints the spike counts and shows neither the drive nor its duration. So each candidate drive is scaled until
+the afferent fires as often as published at the first refractory period; the counts at the others are then a prediction.
 """
 
 from collections.abc import Iterator
@@ -18,11 +18,11 @@ from neurotact.neurons import lif_start, lif_step
 from neurotact.spec import Spec
 
 SCALES = np.geomspace(1.0, 100.0, 400)
-"""Peaks of a drive that are tried, from the threshold gap on: steps of about one percent."""
+"""Peaks of a drive to try, from the threshold gap on: steps of about one percent."""
 
 
 class SameDriveSpec(Spec):
-    """What is held against Fig. 4."""
+    """The parameters of the comparison with Fig. 4."""
 
     spikes: int = Field(default=38, ge=1)
     """At the first of the refractory periods; decides the strength of each drive."""
@@ -37,20 +37,22 @@ class SameDriveSpec(Spec):
 def same_drive_table(
     recordings: Recordings, encoder: AfferentSpec, spec: SameDriveSpec, start_ms: float
 ) -> pd.DataFrame:
-    """Spikes of an SA-I afferent, a row per drive and a refractory period.
+    """Spikes of an SA-I afferent, one row per drive and refractory period.
 
     Drives: `constant`; and for each class `recorded`, the signal of its strongest taxel in its strongest trials.
     Columns: drive, label (empty for `constant`), t_ref_ms, peak_mV (of the scaled drive) and spikes, the last two means
-    over trials. A drive that never fires so often is left out.
+    over trials. A drive that never reaches the published count is left out.
     """
-    felt = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
-    n_steps = round(spec.duration_s * felt.sampling_rate_Hz)
+    signals = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
+    n_steps = round(spec.duration_s * signals.sampling_rate_Hz)
     rows = []
-    for drive, label, shapes in _drives(felt, spec.trials, round(start_ms * 1e-3 * felt.sampling_rate_Hz), n_steps):
-        counts = [_counts(shapes, felt.sampling_rate_Hz, encoder, t_ref_ms) for t_ref_ms in spec.t_ref_ms]
+    for drive, label, shapes in _drives(
+        signals, spec.trials, round(start_ms * 1e-3 * signals.sampling_rate_Hz), n_steps
+    ):
+        counts = [_counts(shapes, signals.sampling_rate_Hz, encoder, t_ref_ms) for t_ref_ms in spec.t_ref_ms]
         reached = counts[0] >= spec.spikes
         fits = np.flatnonzero(reached.any(axis=0))
-        at = reached.argmax(axis=0)[fits]  # the least scale that fires so often
+        at = reached.argmax(axis=0)[fits]  # the least scale that reaches the count
         for t_ref_ms, spikes in zip(spec.t_ref_ms, counts, strict=True):
             if len(fits):
                 means = {"peak_mV": threshold_gap(encoder) * SCALES[at].mean(), "spikes": spikes[at, fits].mean()}
@@ -59,16 +61,16 @@ def same_drive_table(
 
 
 def threshold_gap(encoder: AfferentSpec) -> float:
-    """The constant drive at which an afferent is about to fire."""
+    """The constant drive at which an afferent just fires."""
     return encoder.v_threshold_mV - encoder.v_rest_mV
 
 
-def _drives(felt: Recordings, n_trials: int, start: int, n_steps: int) -> Iterator[tuple[str, str, np.ndarray]]:
-    """What a drive is called, its class, and its shapes `(time, trial)`, each with a peak of 1."""
+def _drives(signals: Recordings, n_trials: int, start: int, n_steps: int) -> Iterator[tuple[str, str, np.ndarray]]:
+    """The name of a drive, its class, and its shapes `(time, trial)`, each with a peak of 1."""
     yield "constant", "", np.ones((n_steps, 1))
-    pieces = [np.asarray(signal[start : start + n_steps], np.float64) for signal in felt.signals]
+    pieces = [np.asarray(signal[start : start + n_steps], np.float64) for signal in signals.signals]
     long = np.array([len(piece) == n_steps for piece in pieces])
-    for label, group in felt.conditions[long].groupby(LABEL, sort=False):
+    for label, group in signals.conditions[long].groupby(LABEL, sort=False):
         highest = {trial: pieces[trial].max(axis=0) for trial in group.index}
         strongest = sorted(highest, key=lambda trial: -highest[trial].max())[:n_trials]
         shapes = [pieces[trial][:, highest[trial].argmax()] / highest[trial].max() for trial in strongest]

@@ -6,8 +6,8 @@
 3. These networks over all window lengths show whether the trade-off persists: by the rule of step 1, they too are
    accurate enough at T_min. Where one is not, the next longer window is tried from step 2 on.
 
-Each step is a part of the study's sweep, and what the steps before have found says which. Nothing but the results of
-validation trials decides (`SelectionSpec`). Early exit, the loop's last step, is measured in every cell.
+Each step is a part of the study's sweep, which the results of the steps before determine. Only results on validation
+trials decide (`SelectionSpec`). Early exit, the loop's last step, is measured in every cell.
 """
 
 from collections.abc import Callable, Generator, Iterator
@@ -20,12 +20,12 @@ from neurotact.studies.store import is_done, result_of
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec, StudySpec, cells
 
 JUDGED = ("accuracy_validation", "sops_validation")
-"""What decides."""
-TOLD = (
+"""The columns that decide."""
+SHOWN = (
     "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total",
     "oracle_accuracy", "oracle_steps", "oracle_sops_total", "window_steps",
 )  # fmt: skip
-"""What is shown of each network and decides nothing."""
+"""Columns that are shown for each network and decide nothing."""
 Row = dict[str, Any]
 
 
@@ -37,7 +37,7 @@ class Network(NamedTuple):
 
 
 class Step(NamedTuple):
-    """A part of the sweep: what it is for, and its cells."""
+    """A part of the sweep: its purpose, and its cells."""
 
     name: str
     cells: list[Cell]
@@ -61,7 +61,7 @@ class Attempt(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """What the loop found: step 1 (of `by_length`, at the first pair), and every attempt, of which the last stands."""
+    """The loop's result: step 1 (of `by_length`, at the first pair), and every attempt, of which the last is kept."""
 
     first_pair: str
     lengths: pd.DataFrame
@@ -73,7 +73,7 @@ class Selection(NamedTuple):
 
 
 class Course(NamedTuple):
-    """How far the loop has come: its steps, the cells that it waits for, and what it found at its end."""
+    """The state of the loop: its steps, the cells that it waits for, and its result at the end."""
 
     steps: list[Step]
     due: list[Cell]
@@ -81,7 +81,7 @@ class Course(NamedTuple):
 
     @property
     def digests(self) -> set[str]:
-        """Of the cells of all steps so far, which may ask for one cell more than once."""
+        """The digests of the cells of all steps so far; a cell may occur more than once."""
         return {cell.digest() for step in self.steps for cell in step.cells}
 
 
@@ -113,7 +113,7 @@ def in_folder(folder: Path) -> Callable[[Cell], Row | None]:
 
 
 def steps(study: StudySpec, folder: Path) -> Iterator[Step]:
-    """Each step in turn; its cells must be done in `folder` before the next one is asked for."""
+    """Each step in turn; its cells must be done in `folder` before the next step is requested."""
     while (course := follow(study, in_folder(folder))).due:
         yield course.steps[-1]
 
@@ -127,7 +127,7 @@ def asked_for(study: StudySpec, folder: Path) -> list[Cell]:
 def by_length(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
     """Step 1: means for each window length over sizes and seeds, from the shortest.
 
-    Columns: window.length_ms, networks, those of JUDGED and TOLD, within (the tolerance of the best), chosen.
+    Columns: window.length_ms, networks, those of JUDGED and SHOWN, within (the tolerance of the best), chosen.
 
     >>> rows = pd.DataFrame({LENGTH: [100.0, 150.0, 200.0], "accuracy_validation": [0.7, 0.9, 0.95]})
     >>> by_length(rows, SelectionSpec(length_tolerance=0.06))["chosen"].tolist()
@@ -141,8 +141,8 @@ def by_length(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
 def by_network(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
     """Step 2: means for each pair and size over seeds, in the order of the sweep.
 
-    Columns: pair, hidden, networks, those of JUDGED and TOLD, within (the tolerance of the best), best, chosen, and
-    rank (of the chosen ones by SOPs, from 1; 0 for others). Ties go to the one that the sweep names first.
+    Columns: pair, hidden, networks, those of JUDGED and SHOWN, within (the tolerance of the best), best, chosen, and
+    rank (of the chosen ones by SOPs, from 1; 0 for others). Ties: the first one in the sweep.
 
     >>> rows = pd.DataFrame({"pair": ["1&1", "5&5", "5&5"], "hidden": [30, 30, 40], "sops_validation": [9e3, 6e3, 7e3],
     ...                      "accuracy_validation": [0.9, 0.85, 0.84]})
@@ -173,12 +173,12 @@ def over_lengths(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
 
 
 def as_table(found: Selection) -> pd.DataFrame:
-    """All that the steps saw, as `selection.csv`: one row per window length, network, or network and window length.
+    """All steps as `selection.csv`: one row per window length, network, or network and window length.
 
-    Columns: step (`window length`, `trade-off`, `persistence`, of attempts that did not stand with `, not kept`; and
+    Columns: step (`window length`, `trade-off`, `persistence`, with `, not kept` for attempts that were rejected; and
     `choice`, the selected networks), window.length_ms, pair, hidden (empty where all sizes are averaged), networks
-    (trained, that the means are taken over), those of JUDGED and TOLD, within, best, chosen, rank, persists, and what
-    early exit keeps of the steps: exit_share, oracle_share (by the paper's own rule, which knows the true label).
+    (trained networks in the means), those of JUDGED and SHOWN, within, best, chosen, rank, persists, and the share of
+    steps that early exit runs: exit_share, oracle_share (by the paper's own rule, which knows the true label).
     """
     start = found.lengths.assign(step="window length", pair=found.first_pair)
     parts = [start]
@@ -198,7 +198,7 @@ def as_table(found: Selection) -> pd.DataFrame:
 
 
 def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
-    """Yield a step, be sent the rows of its cells, and so on; return what was found."""
+    """Yield a step, receive the rows of its cells, and so on; return the result."""
     rule, every = study.selection, list(cells(study))
     assert rule is not None
     start = _network(every[0]).pair
@@ -222,17 +222,17 @@ def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
 
 
 def _within(accuracy: pd.Series, tolerance: float) -> pd.Series:
-    return accuracy >= accuracy.max() - tolerance - 1e-12  # a difference that is the tolerance is within it
+    return accuracy >= accuracy.max() - tolerance - 1e-12  # a difference equal to the tolerance is within it
 
 
 def _means(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     groups = rows.groupby(by, sort=False)
-    measures = [measure for measure in (*JUDGED, *TOLD) if measure in rows]
+    measures = [measure for measure in (*JUDGED, *SHOWN) if measure in rows]
     return groups[measures].mean().assign(networks=groups.size()).reset_index()
 
 
 def _least_ms(table: pd.DataFrame, network: Network) -> float:
-    """The window length that the rule of step 1 gives a network."""
+    """The window length that the rule of step 1 selects for a network."""
     own = table[(table["pair"] == network.pair) & (table["hidden"] == network.hidden)]
     return float(own[LENGTH][own["chosen"]].iloc[0])
 

@@ -51,7 +51,7 @@ def test_another_file_than_the_published_one_is_refused(served, tmp_path):
     pytest.importorskip("pooch")
     url, place = served
     (place / "b.csv").write_bytes(b"5,6\n")
-    with pytest.raises(InputError, match=r"b\.csv is not the file that was published .*copy the CSV files"):
+    with pytest.raises(InputError, match=r"b\.csv is not the published file .*copy the CSV files"):
         fetch.fetch("fabricslide", tmp_path / "into", base_url=url)
     assert not (tmp_path / "into/fabric/b.csv").exists()
 

@@ -240,7 +240,7 @@ def events(name, *trials, kind=np.float64):
         (lambda f: f.attrs.update(sampling_rate_Hz=np.nan), "sampling_rate_Hz must be a positive number"),
         (lambda f: f.pop("labels") and f.pop("trial_steps"), "cannot be read as spikes"),
         (lambda f: f["conditions"].move("label", "lable"), "cannot be read as spikes"),
-        (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes (holds [] where a table is due)"),
+        (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes (holds [] where a table is expected)"),
         (lambda f: f.create_dataset("trial_digests", data=[b"0" * 16]), "trial_digests differ in number of trials"),
         (lambda f: f.create_dataset("trial_digests", data=np.ones((2, 2))), "cannot be read as spikes"),
         (lambda f: f.create_dataset("trial_digests", data=b"0" * 16), "cannot be read as spikes"),
@@ -375,7 +375,7 @@ BOMBS = {
         declared("signals/values", (7, 2), external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)]),
         "signals/values lies in another file",
     ),
-    "a column twice": (columns("label", "label"), "a condition stands in its table twice"),
+    "a column twice": (columns("label", "label"), "a condition occurs twice in its table"),
     "a column of another length": (
         declared("conditions/label", (10**9,), np.int64),
         "2 trials but 1000000000 rows of conditions in conditions/label",
@@ -388,7 +388,7 @@ BOMBS = {
         lambda f: f.attrs.update(unit=np.bytes_(b"caf\xe9")),
         r"unit holds b'caf\xe9', which is not UTF-8; rename it",
     ),
-    "channels that are no names": (lambda f: f.attrs.update(channels="[1, 2]"), "holds 1 where a name is due"),
+    "channels that are no names": (lambda f: f.attrs.update(channels="[1, 2]"), "holds 1 where a name is expected"),
     "channels of one name": (lambda f: f.attrs.update(channels='["a", "a"]'), "two channels are called 'a'"),
     "deep nesting": (lambda f: f.attrs.update(channels="[" * 30_000), "cannot be read as recordings"),
     "an attribute of many values": (
@@ -415,7 +415,7 @@ SPIKE_BOMBS = {
     "long trials": (replaced("trial_steps", [2**62, 2**62]), "trial_steps: must lie between 0 and 2^40 steps"),
     "trials below 0": (replaced("trial_steps", [-1, 4]), "trial_steps: must lie between 0 and 2^40 steps; got -1"),
     "a table of lengths": (replaced("trial_steps", [[4, 4], [4, 4]]), "trial_steps has the shape (2, 2)"),
-    "lengths that are no integers": (replaced("trial_steps", [4.0, 4.0]), "trial_steps: must be one whole number"),
+    "lengths that are no integers": (replaced("trial_steps", [4.0, 4.0]), "trial_steps: must be a whole number"),
     "one row many times": (one_row_many_times, "MB, more than the limit of 512 MB"),
     "times that are no times": (events("spikes/times", [np.nan] * 4, [np.inf] * 4), "trial 0 has spikes"),
     "rows of texts": (
@@ -424,9 +424,9 @@ SPIKE_BOMBS = {
     ),
     "an encoder that is no table": (
         lambda f: f.attrs.update(encoder="[]"),
-        "cannot be read as spikes (holds [] where a table is due)",
+        "cannot be read as spikes (holds [] where a table is expected)",
     ),
-    "afferents that are no names": (lambda f: f.attrs.update(afferents="[1, 2]"), "holds 1 where a name is due"),
+    "afferents that are no names": (lambda f: f.attrs.update(afferents="[1, 2]"), "holds 1 where a name is expected"),
     "afferents that no file can hold": (
         lambda f: f.attrs.update(afferents=json.dumps(["SA-I \udce9", "b", "c", "d"])),
         "cannot be read as spikes",

@@ -119,7 +119,7 @@ for save, what in ((save_recordings, touch), (save_spikes, trains)):
         try:
             save(what, folder / "full.h5")
         except InputError as error:
-            assert "full.h5: cannot be written (File too large); make room there" in str(error), error
+            assert "full.h5: cannot be written (File too large); free space there" in str(error), error
         else:
             raise AssertionError(f"{limit} bytes of {size} were enough")
         assert [path.name for path in folder.iterdir()] == ["whole.h5"], list(folder.iterdir())

@@ -86,7 +86,7 @@ def test_three_trials_a_class_are_enough():
 
 
 def test_more_shares_than_trials_are_refused():
-    with pytest.raises(InputError, match="too few for the asked shares"):
+    with pytest.raises(InputError, match="too few for these shares"):
         split_trials(np.repeat([0, 1], 3), SplitSpec(validation=0.49, test=0.49))
 
 
@@ -230,10 +230,10 @@ def test_what_cannot_be_split_is_named(way, complaint):
 @pytest.mark.parametrize(
     ("way", "complaint"),
     [
-        ({"folds": 3, "test_where": {"speed": 1}}, "test_where and folds each say which trials are tested"),
-        ({"order": "trial", "group": ["subject"]}, "may part a group"),
+        ({"folds": 3, "test_where": {"speed": 1}}, "test_where and folds both select the test trials"),
+        ({"order": "trial", "group": ["subject"]}, "may split a group"),
         ({"folds": 3, "fold": 3}, "fold must be 0 to 2; got 3"),
-        ({"fold": 1}, "fold must have folds beside it"),
+        ({"fold": 1}, "fold must be given together with folds"),
     ],
 )
 def test_contradictory_ways_are_no_spec(way, complaint):

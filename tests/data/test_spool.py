@@ -29,6 +29,6 @@ def test_a_full_disk_is_named(monkeypatch):
     monkeypatch.setattr(spool, "IN_MEMORY_BYTES", 1)
     monkeypatch.setattr(spool.tempfile, "SpooledTemporaryFile", lambda _: FileIO("/dev/full", "wb"))
     with pytest.raises(
-        InputError, match=r"cannot hold the signals .*No space left on device.*; make room there or name"
+        InputError, match=r"cannot hold the signals .*No space left on device.*; free space there or name"
     ):
         Spool([np.ones((3, 2), np.float32)])

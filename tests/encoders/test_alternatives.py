@@ -82,7 +82,7 @@ def test_a_baseline_is_a_remedy_only_where_none_is_taken_off(baseline, remedy):
     noisy = presses(1.0, noisy=True)
     spec = build(AfferentSpec, {"unit": "count", "sa1": {"gain": 30}, "ra1": {"gain": 30}}, "an example")
     said = complaint(resting_table(noisy, spec).assign(restless=True), baseline=baseline)
-    assert said.endswith(f"else {'take the baseline off' if baseline == 'none' else 'smooth the signal'} ({remedy})")
+    assert said.endswith(f"else {'subtract a baseline' if baseline == 'none' else 'smooth the signal'} ({remedy})")
 
 
 def test_resting_shares_are_counted_by_hand():
@@ -97,7 +97,7 @@ def test_resting_shares_are_counted_by_hand():
 
 def test_where_nothing_can_be_calibrated_the_reason_is_given():
     still = Recordings(np.ones((8, 300, 2)), 1000.0, "count", pd.DataFrame({"label": ["a", "b"] * 4}))
-    with pytest.raises(InputError, match="never move"):
+    with pytest.raises(InputError, match="are constant"):
         compare(still, START, rule=RULE)
 
 

@@ -23,7 +23,7 @@ from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.excerpts import Felt
+from neurotact.encoders.excerpts import Excerpts
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
@@ -199,7 +199,7 @@ def test_a_dead_taxel_stays_silent_and_is_named():
 @pytest.mark.parametrize("value", [0.0, 1.82, 812.3])
 def test_constant_signals_are_refused(value):
     still = Recordings([np.full((1000, 2), value)] * 4, 2000.0, "V", pd.DataFrame({"label": [*"aabb"]}))
-    with pytest.raises(InputError, match="never move"):
+    with pytest.raises(InputError, match="are constant"):
         calibrate(still, SPEC, rule=RULE)
 
 
@@ -243,7 +243,7 @@ def test_the_note_names_the_class_that_rests():
 
 def test_spikes_that_always_crowd_at_the_refractory_floor_are_refused():
     table = pd.DataFrame({"silent_share": [1.0, 0.5, 0.0], "floor_share": [0.0, 0.3, 0.4], "admissible": False})
-    with pytest.raises(InputError, match=r"here: every gain that sends spikes puts 30.0% .* max_floor_share = 10.0%"):
+    with pytest.raises(InputError, match=r"here: every gain that gives spikes puts 30.0% .* max_floor_share = 10.0%"):
         gain_search.choose(table, RULE, "here")
 
 
@@ -287,7 +287,7 @@ def test_a_short_trial_ends_where_it_ends():
     """Its last sample is not followed by a fall to zero, however long the trials beside it are."""
     pressed = [np.full((n_steps, 2), 5.0) for n_steps in (60, 200, 60, 200)]
     pressed[1][100:] += 1.0  # one step up, so that RA-I is driven at all
-    felt = Felt(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
+    felt = Excerpts(spool.Spool(pressed), np.array([0, 0, 1, 1]), ("a", "b"), 1000.0, "here")
     table = gain_search.search(felt, SPEC, RULE, np.random.default_rng(0), None).table
     rates = table[table.afferent == "RA-I"].spikes_per_s
     # 2 taxels of one trial spike once in 520 ms of all trials, from the gain on at which the step reaches threshold.
@@ -394,11 +394,11 @@ def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
 
 def test_where_no_baseline_can_be_calibrated_the_reason_is_said():
     still = replace(slides(), signals=[np.ones_like(signal) for signal in slides().signals])
-    with pytest.raises(InputError, match="never move"):
+    with pytest.raises(InputError, match="are constant"):
         calibrate_causally(still, SPEC, rule=RULE)
 
 
 def test_a_membrane_that_never_charges_is_refused():
     spec = specs.load(AfferentSpec, "sa1-ra1-lif", {"tau_mem_ms": 2.0**62})
-    with pytest.raises(InputError, match="no gain tried sends a spike"):
+    with pytest.raises(InputError, match="no gain tried gives a spike"):
         calibrate(slides(), spec, rule=RULE)

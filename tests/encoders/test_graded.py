@@ -121,7 +121,7 @@ def test_names_stand_in_the_order_of_the_columns():
         ({"sa1.grades": []}, "at least 1 item"),
         ({"sa1.grades": [0.1 * k for k in range(1, 18)]}, "at most 16 items"),
         ({"sa1.grades": [2.0]}, "change the gain"),
-        ({"ra1.opposite": True}, "RA-I feels rise and fall alike"),
+        ({"ra1.opposite": True}, "rise and fall drive RA-I equally"),
         ({"sa1.opposite": True, "conditioning.rectify": True}, "no signal is below zero"),
     ],
 )

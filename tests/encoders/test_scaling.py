@@ -120,5 +120,5 @@ def test_without_a_baseline_rest_lies_below_the_level_of_every_taxel_but_noise()
 
 
 def test_trials_that_never_move_are_refused():
-    with pytest.raises(InputError, match="made: the training trials never move"):
+    with pytest.raises(InputError, match="made: the conditioned training trials are constant"):
         fitted(touches(still, still))

@@ -40,7 +40,7 @@ def refused(monkeypatch, capsys):
     ("words", "message"),
     [
         (["--from", "{made}/skin.h5", "--set", "seed=1"], "--set: changes a simulated finger"),
-        (["--from", "stiffness"], "has no finger that is moved by hand"),
+        (["--from", "stiffness"], "has no finger to control"),
         (["--from", "gratings"], "samples come at 2000 Hz but the chain was trained at 1000 Hz"),
         (["--from", "gratings", "--set", "sed=1"], "sed: unknown key; did you mean 'seed'"),
         (["--from", "-", "--format", "wav"], "--format wav: is unknown"),

@@ -101,7 +101,7 @@ def test_slides_by_hand_are_like_those_of_the_study_and_none_of_them():
         ({"force_N": "hard"}, "force_N: must be from 1 to 24"),
         ({"force_N": float("nan")}, "force_N: must be from 1 to 24"),
         ({"force_N": True}, "force_N: must be from 1 to 24"),
-        ({"forc_N": 3.0}, "forc_N: is no control of this finger; did you mean 'force_N'"),
+        ({"forc_N": 3.0}, "forc_N: is not a control of this finger; did you mean 'force_N'"),
     ],
 )
 def test_a_control_that_cannot_be_set_is_refused_and_nothing_moves(values, message):
@@ -113,7 +113,7 @@ def test_a_control_that_cannot_be_set_is_refused_and_nothing_moves(values, messa
 
 
 def test_a_simulator_without_a_finger_is_refused():
-    with pytest.raises(InputError, match="has no finger that is moved by hand"):
+    with pytest.raises(InputError, match="has no finger to control"):
         ByHand("stiffness", simulator("stiffness"), {}, 1.0)
 
 
@@ -156,9 +156,9 @@ def test_a_device_is_read_and_the_page_says_what_it_touches(tmp_path):
         found += session.take(next(pieces))
     os.close(descriptor)
     assert [scored.truth for scored in found] == [2, 2, 2]
-    with pytest.raises(InputError, match="is no class of the network"):
+    with pytest.raises(InputError, match="is not a class of the network"):
         session.do(messages.Label(kind="label", label="silk"))
-    with pytest.raises(InputError, match="has a rate of its own"):
+    with pytest.raises(InputError, match="sets its own rate"):
         session.do(messages.Speed(kind="speed", speed=2.0))
 
 

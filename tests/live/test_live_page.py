@@ -24,7 +24,7 @@ INKED = """(id, colour) => {
     return n; }"""
 """How many dots of a canvas have a colour."""
 DRAWN = (("signals", "--ink"), ("raster", "--sa"), ("raster", "--ra"), ("activity", "--hidden"))
-AT_ITS_END = "document.getElementById('status').textContent === 'at its end'"
+AT_ITS_END = "document.getElementById('status').textContent === 'source ended'"
 
 
 @pytest.fixture(scope="module")

@@ -168,8 +168,8 @@ def test_what_is_no_message_is_dropped_and_counted(up):
         ({"kind": "change", "values": {"patience": 1.5}}, "patience: must be a whole number"),
         ({"kind": "change", "values": {"patience": 0}}, "patience: must be a whole number"),
         ({"kind": "change", "values": {"conditioning.baseline": 1.0}}, "cannot be changed"),
-        ({"kind": "move", "values": {"force_N": 3.0}}, "is not moved by hand"),
-        ({"kind": "label", "label": "felt"}, "knows itself"),
+        ({"kind": "move", "values": {"force_N": 3.0}}, "has no finger to control"),
+        ({"kind": "label", "label": "felt"}, "sets the touched class itself"),
         ({"kind": "save", "name": "mine"}, "saving is off"),
     ],
 )

@@ -183,7 +183,7 @@ def test_a_refractory_period_is_taken_in_whole_steps():
 
 
 def test_other_taxels_than_those_of_the_chain_are_refused():
-    with pytest.raises(InputError, match="has 3 taxels but the chain feels 2"):
+    with pytest.raises(InputError, match="has 3 taxels but the chain has 2"):
         session_of(make_chain({}), Given([make_signal(10, 3)]))
 
 

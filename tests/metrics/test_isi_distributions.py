@@ -32,7 +32,7 @@ def test_every_interval_is_counted_once_in_its_bin(found):
 
 
 def test_an_interval_below_the_bins_is_refused():
-    with pytest.raises(InputError, match="2 lies below the first edge"):
+    with pytest.raises(InputError, match="2 is below the first edge"):
         histograms(np.array([2, 9]), np.array([0, 0]), 1, bin_edges(5, 20))
 
 

@@ -46,5 +46,5 @@ def test_with_many_trials_random_signs_come_near_the_exact_test_and_repeat():
 
 @pytest.mark.parametrize(("n", "m"), [(3, 4), (0, 0)])
 def test_other_trials_are_refused(n, m):
-    with pytest.raises(InputError, match="give as many trials each"):
+    with pytest.raises(InputError, match="give the same trials"):
         paired.compare(np.zeros(n), np.zeros(m))

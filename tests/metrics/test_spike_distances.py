@@ -165,7 +165,7 @@ def test_trials_without_spikes_or_of_other_lengths(distance):
 
 
 def test_what_cannot_be_compared_is_refused():
-    with pytest.raises(InputError, match="3 afferents beside 2"):
+    with pytest.raises(InputError, match="3 afferents, the trials 2"):
         BOTH["van Rossum"](np.zeros((1, 5, 2), np.uint8), others=np.zeros((1, 5, 3), np.uint8))
     with pytest.raises(InputError, match="tau_ms: must be > 0"):
         van_rossum(np.zeros((1, 5, 2), np.uint8), RATE_HZ, tau_ms=0.0)

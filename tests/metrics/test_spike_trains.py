@@ -136,5 +136,5 @@ def test_rasters_and_rates_that_make_no_sense_are_refused():
         spike_counts(np.zeros((2, 2), np.uint8))
     with pytest.raises(InputError, match="sampling_rate_Hz"):
         rates_Hz(RASTER, 0.0)
-    with pytest.raises(InputError, match="no steps"):
+    with pytest.raises(InputError, match="without steps"):
         rates_Hz(np.zeros((1, 0, 2), np.uint8), 1000.0)

@@ -341,7 +341,7 @@ def test_a_full_disk_is_one_sentence_and_the_training_goes_on_later(monkeypatch,
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", full)
         patch.setattr(train_run, "SECONDS_BETWEEN", 0.0)
-        with pytest.raises(InputError, match=r"cannot be written .*make room"):
+        with pytest.raises(InputError, match=r"cannot be written .*free space"):
             run(spikes, folder, NETWORK, TASK, resume=True)
     assert set(contents(folder)) == {ASKED, CHECKPOINT}
     assert run(spikes, folder, NETWORK, TASK, resume=True) is not None

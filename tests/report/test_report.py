@@ -132,7 +132,7 @@ def test_each_figure_is_in_the_page_with_its_text_and_beside_it_twice(written):
 
 def test_each_claim_is_told_with_its_verdict(written):
     text = Page(written).text
-    assert "1 of 2 claims reproduced; 1 concern cells that this run does not hold" in text
+    assert "1 of 2 claims reproduced; 1 need cells that this run does not hold" in text
     for claim in CLAIMS[:2]:
         assert claim.name in text
         assert claim.rule in text
@@ -149,7 +149,7 @@ def test_reasons_are_those_of_the_study_as_it_ships_alone(tmp_path):
     assert "✗ no" in text
     assert (
         "Chance & noise."
-        not in text.partition("Downloads")[0].partition("Published beside ours")[2].partition("Whole study")[0]
+        not in text.partition("Downloads")[0].partition("Published and our results")[2].partition("Whole study")[0]
     )
 
 
@@ -238,7 +238,7 @@ def test_a_reason_that_claims_share_stands_once(tmp_path):
     claims = tuple(CLAIMS[1].model_copy(update={"name": name, "why": "Shared & told once."}) for name in ("a", "b"))
     what = make_study(claims=(*claims, CLAIMS[1]), as_shipped=True)
     page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions())))
-    claims_told = page.text.partition("Published beside ours")[2].partition("Figures")[0]
+    claims_told = page.text.partition("Published and our results")[2].partition("Figures")[0]
     assert claims_told.count("Shared & told once.") == 1
     assert claims_told.count("reason 1") == 2
     assert "reason-1" in page.ids

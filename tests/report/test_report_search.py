@@ -76,7 +76,7 @@ def test_the_page_knows_each_cells_search(searched):
 def test_the_page_shows_figures_and_what_was_chosen(searched):
     page = Page(searched[1])
     assert {"figure-searches", "figure-search-winners", "searches", "cell-search"} <= set(page.ids)
-    assert "What each cell's search chose" in page.text
+    assert "Choice of each cell's search" in page.text
     assert "TPE, 6 trials per cell in batches of 2, median-stop" in page.text
     assert "4/1" in page.text  # finished and stopped
 

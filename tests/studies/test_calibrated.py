@@ -24,7 +24,7 @@ SMALL = {
     "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
 }
 PERIODS = {**SMALL, "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]]}
-FOUND = "calibration finds it on the training trials"
+FOUND = "calibration sets it from the training trials"
 
 
 @pytest.fixture
@@ -99,14 +99,14 @@ def test_baselines_stand_beside_the_networks_of_their_encoder(touches, monkeypat
         ({"encoder.unit": "N"}, f"encoder.unit: {FOUND}"),
         ({"encoder.conditioning": {"offset": [1.0, 2.0]}}, f"encoder.conditioning.offset: {FOUND}"),
         ({"sweep.encoder.conditioning.scale": [[1.0, 2.0]]}, f"encoder.conditioning.scale: {FOUND}"),
-        ({"encoder.conditioning.baseline": "mean"}, "'mean' knows the whole trial"),
-        ({"sweep.encoder.conditioning.baseline": ["none", "median"]}, "'median' knows the whole trial"),
+        ({"encoder.conditioning.baseline": "mean"}, "'mean' uses the whole trial"),
+        ({"sweep.encoder.conditioning.baseline": ["none", "median"]}, "'median' uses the whole trial"),
         ({"encoder.conditioning.high_pass_Hz": 1.0}, "the baseline 'mean' ignores it"),
         (
             {"sweep.encoder.conditioning.start_ms": [50.0], "encoder.conditioning.baseline": "first"},
             "the baseline 'first' ignores it",
         ),
-        ({"sweep.encoder.sa1.grades": [[0.5, 1.0], [0.2, 1.0]]}, "lists of the same length are the same encoder"),
+        ({"sweep.encoder.sa1.grades": [[0.5, 1.0], [0.2, 1.0]]}, "lists of the same length give the same encoder"),
         ({"encoder": "izhikevich"}, "calibrate needs LIF afferents; the model is 'izhikevich'; set calibrate=false"),
     ],
 )

@@ -215,5 +215,5 @@ def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys
 
 
 def test_a_job_that_kills_every_process_ends_the_run():
-    with pytest.raises(InputError, match=r"3 worker processes died at the same work .*too little memory"):
+    with pytest.raises(InputError, match=r"3 worker processes died at the same job .*too little memory"):
         workers.in_a_process(os.system, "kill -9 $PPID")

@@ -216,7 +216,7 @@ def test_a_selection_that_is_not_complete_says_what_it_waits_for(ran, tmp_path):
             shutil.rmtree(cell_folder(tmp_path / "part", cell))
     err = typed("study", "report", tmp_path / "part")
     assert "8 of 12 cells are done" in err
-    assert "12 cells of this step are asked for" in (tmp_path / "part" / "report.html").read_text()
+    assert "This step needs 12 cells" in (tmp_path / "part" / "report.html").read_text()
     typed("study", "resume", tmp_path / "part")
     assert (tmp_path / "part" / "selection.csv").read_bytes() == (ran / "selection.csv").read_bytes()
 

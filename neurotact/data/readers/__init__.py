@@ -1,1 +1,1 @@
-"""One file for each published data set, and one for plain folders."""
+"""Readers of published data sets and of common formats."""

@@ -1,4 +1,4 @@
-"""Arrays out of NumPy .npz archives: never unpickled, and a damaged archive is named."""
+"""Arrays from NumPy .npz archives: pickles are never loaded, and errors name the archive."""
 
 import math
 import zipfile
@@ -27,7 +27,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     check_size(path, existing(path).stat().st_size)
     if not zipfile.is_zipfile(path):
         raise InputError(
-            f"{path}: is no .npz archive, or was cut off; save it with numpy.savez (pickles are never loaded)"
+            f"{path}: is not an .npz archive, or was cut off; save it with numpy.savez (pickles are never loaded)"
         )
     try:
         # opened here, because np.load leaves a damaged file open
@@ -46,14 +46,14 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: is a damaged .npz archive ({why}); save or copy it again") from error
     foreign = [key for key, array in arrays.items() if not isinstance(array, np.ndarray)]
     if foreign:
-        raise InputError(f"{path}: member {foreign[0]!r} is no NumPy array; save arrays only, with numpy.savez")
+        raise InputError(f"{path}: member {foreign[0]!r} is not a NumPy array; save arrays only, with numpy.savez")
     if not arrays:
         raise InputError(f"{path}: holds no array; save at least one with numpy.savez")
     return arrays
 
 
 def _declared_bytes(stream: IO[bytes]) -> int:
-    """What the members take in memory, by the archive's directory or by their own headers, whichever says more."""
+    """The memory of the members, by the archive's directory or by their own headers, whichever is larger."""
     with zipfile.ZipFile(stream) as archive:
         members = archive.infolist()
         declared = sum(max(member.file_size, _array_bytes(archive, member)) for member in members)
@@ -62,7 +62,7 @@ def _declared_bytes(stream: IO[bytes]) -> int:
 
 
 def _array_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """The size of the array that a member's header declares; 0 where it is no array."""
+    """The size of the array that a member's header declares; 0 if it is not an array."""
     with archive.open(member) as stream:
         if stream.read(len(npy.MAGIC_PREFIX)) != npy.MAGIC_PREFIX:
             return 0
@@ -74,7 +74,7 @@ def _array_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
 
 
 def as_signal(array: np.ndarray, where: str) -> np.ndarray:
-    """`array` as a `(time, channel)` float32 signal; InputError, beginning with `where`, when it is none.
+    """`array` as a `(time, channel)` float32 signal; InputError, beginning with `where`, if it cannot be one.
 
     >>> as_signal(np.array([[1, 2]]), "touch.npz, key 'press'")
     array([[1., 2.]], dtype=float32)

@@ -22,10 +22,10 @@ ALIASES = {
     LABEL: (LABEL, "labels", "class", "classes", "y", "target", "targets"),
     CHANNELS: (CHANNELS, "channel_names", "taxels", "electrodes"),
 }
-"""What the arrays are called; the signals are the only array with three axes."""
+"""Names of the arrays; the signals are the only array with three axes."""
 HDF5 = (".h5", ".hdf5")
 DEEPEST = 4
-"""Groups within groups of an HDF5 file that are searched."""
+"""Depth of nested groups of an HDF5 file to search."""
 
 log = logging.getLogger("neurotact")
 
@@ -48,11 +48,11 @@ def read(
 ) -> Recordings:
     """The recordings in one .npz, .h5 or .hdf5 file.
 
-    names: what the file calls signals, label and channels, such as `{"signals": "data", "label": "gesture"}`; the
-    signals are the only array with three axes, and the label is one of `ALIASES`, unless named here.
-    axes: of the signals, in their order.
+    names: the names of signals, label and channels in the file, such as `{"signals": "data", "label": "gesture"}`; by
+    default the signals are the only array with three axes, and the label is one of `ALIASES`.
+    axes: the axes of the signals, in order.
 
-    Every other array of one value a trial is a condition. All trials are equally long. Nothing is unpickled. Raises
+    Every other array of one value per trial is a condition. All trials are equally long. Pickles are not loaded. Raises
     InputError, which names the file, the array and the fix.
 
     >>> import tempfile
@@ -68,7 +68,7 @@ def read(
         raise InputError(f"{path}: the unit of the signals is empty; give one, such as mV")
     unknown = [name for name in names or {} if name not in (SIGNALS, *ALIASES)]
     if unknown:
-        raise InputError(f"{path}: '{unknown[0]}' is no name to give; {nearest(unknown[0], (SIGNALS, *ALIASES))}")
+        raise InputError(f"{path}: '{unknown[0]}' is not a known name; {nearest(unknown[0], (SIGNALS, *ALIASES))}")
     if path.suffix.lower() in HDF5:
         with reading(path, "arrays", "the program that made it") as file:
             declared = Declared(file, path)
@@ -76,14 +76,14 @@ def read(
                 _Arrays(path, dict(_datasets(file, "")), declared.value), sampling_rate_Hz, unit, names, axes
             )
     if path.suffix.lower() != ".npz":
-        raise InputError(f"{path}: is no file of arrays by its name; give one that ends with .npz, .h5 or .hdf5")
+        raise InputError(f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .h5 or .hdf5")
     arrays = read_arrays(path)
     shapes = {name: array.shape for name, array in arrays.items()}
     return _recordings(_Arrays(path, shapes, arrays.__getitem__), sampling_rate_Hz, unit, names, axes)
 
 
 def _datasets(group: h5py.Group, place: str, depth: int = 0) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """The shapes of the datasets of an HDF5 file by their places; links to other places are not followed."""
+    """The shapes of the datasets of an HDF5 file by their paths; links are not followed."""
     for name in group:
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
@@ -101,7 +101,7 @@ def _recordings(arrays: _Arrays, rate_Hz: float, unit: str, names: Mapping[str, 
     n_trials, n_samples, n_taxels = signals.shape
     if n_taxels > n_samples:
         log.warning(
-            "%s: '%s' has %d taxels of %d samples each; if it is the other way round, say so with --axes",
+            "%s: '%s' has %d taxels of %d samples each; if it is the other way round, use --axes",
             arrays.path, signals_at, n_taxels, n_samples,
         )  # fmt: skip
     label_at = _at(arrays, LABEL, names, (n_trials,))
@@ -151,7 +151,7 @@ def _signals(arrays: _Arrays, name: str, axes: str) -> np.ndarray:
 
 
 def _at(arrays: _Arrays, what: str, names: Mapping[str, str], shape: tuple[int, ...]) -> str | None:
-    """The name of the array of a label or of channels; None where there is none."""
+    """The name of the array of a label or of channels; None if there is none."""
     named = names.get(what)
     if named is None:
         fitting = {name.rpartition("/")[2].lower(): name for name, each in arrays.shapes.items() if each == shape}
@@ -166,14 +166,14 @@ def _at(arrays: _Arrays, what: str, names: Mapping[str, str], shape: tuple[int, 
 
 
 def _existing(arrays: _Arrays, named: str) -> str:
-    """The name as it is; InputError where the file has no such array."""
+    """The name unchanged; InputError if the file has no such array."""
     if named not in arrays.shapes:
         raise InputError(f"{arrays.path}: holds no array '{named}'; {nearest(named, list(arrays.shapes))}")
     return named
 
 
 def _values(arrays: _Arrays, name: str) -> np.ndarray:
-    """An array of one value a trial: numbers, or texts."""
+    """An array of one value per trial: numbers, or texts."""
     found = np.asarray(arrays.read(name))
     if found.dtype.kind == "S":
         try:
@@ -186,6 +186,6 @@ def _values(arrays: _Arrays, name: str) -> np.ndarray:
 
 
 def _labels(values: np.ndarray) -> list[str]:
-    """Names of classes; whole numbers are written without a point."""
+    """Names of classes; whole numbers are written without a decimal point."""
     is_whole = values.dtype.kind == "f" and bool(np.isfinite(values).all() and (values == np.floor(values)).all())
     return [str(value) for value in (values.astype(np.int64) if is_whole else values).tolist()]

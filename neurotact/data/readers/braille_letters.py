@@ -1,8 +1,8 @@
 """Braille letters under an event-based fingertip: 27 classes, 12 taxels, ON and OFF events (Müller-Cleve et al. 2022).
 
-Published on Zenodo (record 6556273) and at github.com/miskarous/tactile_braille_reading: a file of a list of
-`{"letter", "events": [12 taxels][ON, OFF] lists of times in s}`. The sensor sends an event where a signal has moved by
-a threshold, so that recordings are spikes already: they are only put on a clock.
+Published on Zenodo (record 6556273) and at github.com/miskarous/tactile_braille_reading: a file with a list of
+`{"letter", "events": [12 taxels][ON, OFF] lists of times in s}`. The sensor sends an event when a signal has changed by
+a threshold, so the recordings are spikes already: they are only binned to a clock.
 """
 
 import math
@@ -32,7 +32,7 @@ Binning = Literal["floor", "nearest"]
 
 
 class Letter(NamedTuple):
-    """A recording: its letter, and time in s and afferent of each event, in no order."""
+    """A recording: its letter, and time in s and afferent of each event, unordered."""
 
     letter: str
     times_s: np.ndarray
@@ -46,9 +46,9 @@ def read(
 
     path: the published file, or its repack as .npz (arrays `letter`, `event_recording`, `event_taxel`,
         `event_polarity`, 0 being ON, and `event_time_s`).
-    binning: an event belongs to the step in which it comes (`floor`) or to the nearest beginning of a step (`nearest`,
+    binning: an event belongs to the step in which it occurs (`floor`) or to the nearest beginning of a step (`nearest`,
         ties to the even step), as in the published study.
-    length_ms: of every trial, later events left out; up to the longest recording when absent.
+    length_ms: of every trial, later events are dropped; that of the longest recording when absent.
 
     Afferents are the ON events of each taxel, then the OFF events. Events of an afferent within one step are one spike.
     Raises InputError, which names the file and the place.
@@ -83,7 +83,7 @@ def read(
 
 
 def _binned(times_s: np.ndarray, step_ms: float, binning: Binning) -> np.ndarray:
-    """Times whose step, rounded down, is the one that `binning` says."""
+    """Times shifted so that rounding down gives the step by `binning`."""
     return times_s if binning == "floor" else np.rint(times_s * 1e3 / step_ms) * step_ms * 1e-3
 
 
@@ -91,7 +91,7 @@ def _from_archive(path: Path) -> Iterator[Letter]:
     arrays = read_arrays(path)
     for name in ARRAYS:
         if name not in arrays:
-            raise InputError(f"{path}: the array '{name}' is missing; it holds no Braille letters as they are repacked")
+            raise InputError(f"{path}: the array '{name}' is missing; this is not a repacked file of Braille letters")
     letter, recording, taxel, polarity, time_s = (arrays[name] for name in ARRAYS)
     shapes = {array.shape for array in (recording, taxel, polarity, time_s)}
     if len(shapes) != 1 or letter.ndim != 1 or recording.ndim != 1:
@@ -115,7 +115,7 @@ def _from_published(path: Path) -> Iterator[Letter]:
     for number, entry in enumerate(table):
         where = f"{path}: recording {number}"
         if not isinstance(entry, dict) or not isinstance(entry.get("letter"), str) or "events" not in entry:
-            raise InputError(f"{where} is no table of 'letter' and 'events'; copy the published file again")
+            raise InputError(f"{where} is not a table of 'letter' and 'events'; copy the published file again")
         yield Letter(entry["letter"], *_events(entry["events"], where))
 
 
@@ -128,7 +128,7 @@ def _events(events: Any, where: str) -> tuple[np.ndarray, np.ndarray]:
     for taxel, pair in enumerate(events):
         for polarity, values in enumerate(pair):
             if not isinstance(values, (list, tuple)) or any(type(value) not in (int, float) for value in values):
-                raise InputError(f"{where}, taxel {taxel + 1}: its times are no list of numbers; copy the file again")
+                raise InputError(f"{where}, taxel {taxel + 1}: its times are not numbers; copy the file again")
             times += values
             units += [polarity * N_TAXELS + taxel] * len(values)
     times_s = np.array(times, float)

@@ -1,4 +1,4 @@
-"""Time stamps of samples: the sampling rate that they show, and the samples on a regular clock."""
+"""Time stamps of samples: their sampling rate, and resampling to a regular clock."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,17 +9,17 @@ from neurotact.errors import InputError
 
 UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 GAP = 5.0
-"""An interval of so many usual ones is a gap, unless the user says how long one is."""
+"""An interval longer than this many median ones is a gap, unless the user gives a length."""
 REGULAR = 0.01
-"""Intervals that deviate by less than this share of the usual one are regular."""
+"""Intervals that deviate by less than this share of the median one are regular."""
 MOST_DECIMALS = 9
 
 
 class Stamps(NamedTuple):
-    """When the samples of one file were taken.
+    """The sampling times of one file.
 
-    time_s: from the first sample on, `(time,)`, ascending, each once. keep: the rows of the file that it is of.
-    interval_s: the mean interval, gaps left out. jitter_s: standard deviation of the intervals, and the largest one.
+    time_s: from the first sample on, `(time,)`, ascending, without repeats. keep: their rows in the file.
+    interval_s: the mean interval without gaps. jitter_s: standard deviation of the intervals, and the largest one.
     resolution_s: of the clock that wrote the stamps; deviations up to it are rounding.
     """
 
@@ -31,24 +31,24 @@ class Stamps(NamedTuple):
 
     @property
     def is_regular(self) -> bool:
-        """Whether intervals differ by no more than rounding, or than nothing to speak of."""
+        """Whether intervals differ by no more than rounding or a negligible share."""
         intervals = np.diff(self.time_s)
         allowed = max(1.001 * self.resolution_s, REGULAR * self.interval_s)
         return bool(np.abs(intervals - self.interval_s).max() <= allowed)
 
 
 def stamps_of(time: np.ndarray, unit: str, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:
-    """The stamps of a file; rows that repeat the stamp before them are left out.
+    """The stamps of a file; rows that repeat the previous stamp are dropped.
 
-    first_line: the line of the first sample. max_gap_ms: the longest interval; five usual ones when None.
-    Raises InputError, which begins with `where`, for stamps that go back, for a gap and for less than two moments.
+    first_line: the line of the first sample. max_gap_ms: the longest interval; five median ones when None.
+    Raises InputError, which begins with `where`, for stamps that go back, for a gap and for less than two times.
     """
     time_s = (time - time[0]) * UNIT_S[unit]
     keep = np.concatenate([[True], np.diff(time_s) != 0])
     lines = np.flatnonzero(keep) + first_line
     time_s = time_s[keep]
     if len(time_s) < 2:
-        raise InputError(f"{where}: holds one moment only, and a sampling rate needs two; drop the file")
+        raise InputError(f"{where}: holds a single time, and a sampling rate needs two; drop the file")
     intervals = np.diff(time_s)
     if (intervals < 0).any():
         line = lines[int(np.argmax(intervals < 0)) + 1]
@@ -66,7 +66,7 @@ def stamps_of(time: np.ndarray, unit: str, where: str, first_line: int, max_gap_
 
 
 def rate_of(stamps: Sequence[Stamps]) -> float:
-    """Samples per second of all files: of their median interval, rounded to four digits or to 0.01 Hz.
+    """Samples per second of all files, from their median interval, rounded to four digits or to 0.01 Hz.
 
     >>> rate_of([Stamps(np.arange(3) * 0.01075, np.ones(3, bool), 0.01075, 0.0, 0.0)])
     93.02
@@ -78,7 +78,7 @@ def rate_of(stamps: Sequence[Stamps]) -> float:
 def on_clock(signal: np.ndarray, stamps: Stamps, sampling_rate_Hz: float) -> np.ndarray:
     """The samples at the ticks of a regular clock that starts with the first one, by linear interpolation.
 
-    signal: `(time, channel)`, one row per stamp. Samples that are regular already, and on this clock, stay as they are.
+    signal: `(time, channel)`, one row per stamp. Samples that are already on this clock are unchanged.
 
     >>> jittered = Stamps(np.array([0.0, 0.9, 2.1, 3.0]), np.ones(4, bool), 1.0, 0.1, 0.01)
     >>> on_clock(np.array([[0.0], [9.0], [21.0], [30.0]]), jittered, 1.0)[:, 0].round(6).tolist()

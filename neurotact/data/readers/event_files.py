@@ -30,12 +30,12 @@ ALIASES = {
     "trial": ("trial", "trials", "recording", "recordings", "sample", "samples", "touch"),
     LABEL: (LABEL, "labels", "class", "classes"),
 }
-"""What columns and arrays of events are called; `event_` before a name and a unit of time behind it are left out."""
+"""Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POLARITY = "polarity"
-"""Another word for population, of which a sensor with polarities has two."""
+"""Another name for the population, of which a sensor with polarities has two."""
 UNIT = re.compile(r"_(s|ms|us|ns)$")
 BYTES_PER_CELL = 120
-"""Of a table of texts in memory."""
+"""Bytes per cell of a table of texts in memory."""
 ARCHIVES, TABLES, HDF5 = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
 
 log = logging.getLogger("neurotact")
@@ -50,13 +50,13 @@ def read(
 ) -> SpikeTrains:
     """Events as spike trains, from one file, or from a folder of one file per trial.
 
-    spec: keys of `events.EventSpec`. names: what the file calls time, channel, population (or polarity), trial and
-    label, where it is none of `ALIASES`. naming: keys of `naming.NamingSpec`, of the files of a folder.
+    spec: keys of `events.EventSpec`. names: the names of time, channel, population (or polarity), trial and label in
+    the file, if not among `ALIASES`. naming: keys of `naming.NamingSpec`, for the files of a folder.
 
     CSV: a row per event, with a header; columns that are constant within each trial are its conditions. NPZ: an array
     per column (`time_s`, `channel`, `polarity`, `trial`), and per trial (`label`, conditions); or one structured array
     (x, y, t, p) per trial. HDF5: `spikes/times`, `spikes/units` and `labels`, as the Heidelberg Digits have them.
-    Nothing is unpickled. Raises InputError, which names the file and the place.
+    Pickles are not loaded. Raises InputError, which names the file and the place.
     """
     asked = build(EventSpec, spec or {}, "import events")
     names = {"population" if what == POLARITY else what: name for what, name in (names or {}).items()}
@@ -94,11 +94,11 @@ def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
             return _structured(arrays, spec, path)
         return _of_columns(arrays, spec, names, path)
     known = ", ".join((*TABLES, *ARCHIVES, *HDF5))
-    raise InputError(f"{path}: is no file of events by its name; give one that ends with {known}")
+    raise InputError(f"{path}: is not a file of events by its suffix; give one that ends with {known}")
 
 
 def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: NamingSpec) -> Events:
-    """One trial per file, whose class and conditions stand in places and names, as for a folder of recordings."""
+    """One trial per file; class and conditions come from paths and names, as for a folder of recordings."""
     suffixes = (*TABLES, *ARCHIVES)
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [
@@ -153,7 +153,7 @@ def _of_columns(columns: Mapping[str, np.ndarray], spec: EventSpec, names: Mappi
 
 
 def _place(what: str, columns: Mapping[str, np.ndarray], names: Mapping[str, str], path: Path) -> str | None:
-    """The column that holds something; None where there is none."""
+    """The column of a quantity; None if there is none."""
     if what in names:
         if names[what] and names[what] not in columns:
             raise InputError(
@@ -174,7 +174,7 @@ def _trials(
     number = np.zeros(n_events, np.int64) if found["trial"] is None else columns[str(found["trial"])]
     lengths = {len(values) for values in rest.values()} - {n_events}
     if number.dtype.kind in "iu" and len(lengths) == 1 and found["trial"] is not None:
-        (n_trials,) = lengths  # arrays of one value per trial, which events name by their places
+        (n_trials,) = lengths  # arrays of one value per trial; events refer to trials by index
         if n_events and not (number.min() >= 0 and number.max() < n_trials):
             raise InputError(
                 f"{path}: '{found['trial']}' must hold 0 to {n_trials - 1}, as there are {n_trials} trials"
@@ -182,7 +182,7 @@ def _trials(
         per_trial = {name: values for name, values in rest.items() if len(values) == n_trials}
         return number.astype(np.int64), _conditions(per_trial, found[LABEL], path)
     values, first, index = np.unique(number, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # trials in the order in which they come
+    order = np.argsort(first)  # trials in order of first appearance
     rank = np.empty(len(values), np.int64)
     rank[order] = np.arange(len(values))
     trial = rank[index]
@@ -218,13 +218,13 @@ def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
         return found
     if not (np.isfinite(found) & (found == np.floor(found)) & (np.abs(found) < 2**31)).all():
         raise InputError(
-            f"{path}: '{name}' holds {found[found != np.floor(found)][:1]}, no whole number; number channels"
+            f"{path}: '{name}' holds {found[found != np.floor(found)][:1]}, not a whole number; number channels"
         )
     return found.astype(np.int64)
 
 
 def _values(values: np.ndarray) -> np.ndarray:
-    """Texts as numbers where all of them are; anything else as it is."""
+    """Texts as numbers if all of them are numbers; anything else unchanged."""
     if values.dtype.kind in "OSU":
         texts = values.astype(str)
         numbers = pd.to_numeric(pd.Series(texts), errors="coerce").to_numpy()
@@ -290,7 +290,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, path: Path) -> Events:
-    """Structured arrays with the fields t, p, x and y (or one address), one per trial; the key is the file's."""
+    """Structured arrays with the fields t, p, x and y (or one address), one per trial, by the key in the file."""
     parts = []
     for key, array in arrays.items():
         fields = {name: array[name] for name in array.dtype.names or ()}
@@ -307,7 +307,7 @@ def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, path: Path) -
 
 
 def _places_of(x: np.ndarray, y: np.ndarray, where: Path) -> np.ndarray:
-    """Places of a grid whose width is not known yet."""
+    """Positions on a grid whose width is not known yet."""
     for name, values in (("x", x), ("y", y)):
         if len(values) and not (values.min() >= 0 and values.max() < ROW and (values == np.floor(values)).all()):
             raise InputError(f"{where}: '{name}' must hold whole numbers from 0 on; number columns and rows")
@@ -315,5 +315,5 @@ def _places_of(x: np.ndarray, y: np.ndarray, where: Path) -> np.ndarray:
 
 
 def _label_of(key: str) -> str:
-    """The class in an array's key: what stands before a last underscore and a number, as in felt_3."""
+    """The class in an array's key: the part before a last underscore and a number, as in felt_3."""
     return re.sub(r"_\d+$", "", key)

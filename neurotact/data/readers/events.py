@@ -1,4 +1,4 @@
-"""Events of any sensor onto a clock: which trial, channel and population (such as ON and OFF) each has, and when."""
+"""Events of any sensor to spikes on a clock: trial, channel, population (such as ON and OFF) and time of each."""
 
 import math
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from neurotact.spec import Spec
 UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 MOST_AFFERENTS = 65_536
 ROW = 2**31
-"""From one row of a grid to the next, before its width is known."""
+"""Offset between rows of a grid, before its width is known."""
 SLACK = 1e-6
-"""Of a step, for times that count from long before the trial and have lost so much to rounding."""
+"""Tolerance as a share of a step, for times that count from long before the trial and are rounded."""
 BYTES_PER_EVENT = 64
-"""What an event takes in memory while it is put on the clock."""
+"""Memory per event during binning."""
 ON_OFF = ("OFF", "ON")
 """The lower and the higher value of a polarity."""
 
@@ -32,22 +32,22 @@ class EventSpec(Spec):
     step_ms: float = Field(default=1.0, gt=0)
     """The clock; events of an afferent within one step are one spike."""
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
-    """Of the times; when absent as the file says (`time_us`), microseconds for x, y, t, p arrays, else seconds."""
+    """Unit of the times; when absent, from the file (`time_us`), microseconds for x, y, t, p arrays, else seconds."""
     origin: Literal["zero", "first"] = "zero"
-    """When a trial begins: at time zero, or with its first event."""
+    """The start of a trial: time zero, or its first event."""
     duration_ms: float | None = Field(default=None, gt=0)
-    """Length of every trial, later events left out; up to the last event of all when absent."""
+    """Length of every trial, later events are dropped; up to the last event of all when absent."""
     polarity: Literal["separate", "merge", "on", "off"] = "separate"
-    """Each polarity a population of its own; both one; or the events of one alone."""
+    """One population per polarity; one for both; or only the events of one polarity."""
     polarities: tuple[str, ...] = ON_OFF
     """Names of the polarities, from the lowest value."""
     channels: tuple[str, ...] = ()
     """Names of the channels, from channel 0."""
     n_channels: int | None = Field(default=None, ge=1, le=MOST_AFFERENTS)
-    """Numbered channels, those without events too; up to the highest one that sends when absent."""
+    """Number of channels, including those without events; up to the highest with an event when absent."""
 
     sensor: str | None = Field(default=None, pattern=r"^[1-9]\d{0,4}x[1-9]\d{0,4}$")
-    """Columns and rows of the grid of x, y, t, p events (`34x34`); up to the last that sends when absent."""
+    """Columns and rows of the grid of x, y, t, p events (`34x34`); up to the last with an event when absent."""
 
     @field_validator("polarities", "channels", mode="before")
     @classmethod
@@ -56,10 +56,10 @@ class EventSpec(Spec):
 
 
 class Events(NamedTuple):
-    """Events, in no order: the time in s, the channel (a number or a name), the polarity or the name of a population
-    (None where there is none) and the trial of each, `(event,)`; and one row of conditions per trial, with `label`.
+    """Events, unordered: the time in s, the channel (a number or a name), the polarity or the name of a population
+    (None if there is none) and the trial of each, `(event,)`; and one row of conditions per trial, with `label`.
 
-    is_grid: channels are places of a sensor's grid, `ROW * y + x`. ignored: columns that are not used.
+    is_grid: channels are positions on a sensor's grid, `ROW * y + x`. ignored: columns that are not used.
     """
 
     time_s: np.ndarray
@@ -72,7 +72,7 @@ class Events(NamedTuple):
 
 
 class _Named(NamedTuple):
-    """What each event has of something, as an index into names: `(event,)` int64."""
+    """A name for each event, as an index into names: `(event,)` int64."""
 
     index: np.ndarray
     names: tuple[str, ...]
@@ -81,8 +81,8 @@ class _Named(NamedTuple):
 def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     """The spikes of every trial on a clock of `spec.step_ms`; all trials are of one length.
 
-    Afferents are named `POPULATION CHANNEL`, or by the channel alone where there are no populations, and stand
-    population by population. `source` begins messages. Raises InputError, which names what cannot be.
+    Afferents are named `POPULATION CHANNEL`, or by the channel alone if there are no populations, ordered by
+    population. `source` begins messages. Raises InputError, which names the fault.
 
     >>> events = Events(np.array([0.001, 0.0012, 0.007]), np.array([0, 0, 2]), np.array([1, 1, 0]), np.zeros(3, int),
     ...                 pd.DataFrame({"label": ["felt"]}))
@@ -127,19 +127,17 @@ def _check(events: Events, source: str) -> None:
 
 
 def _populations(events: Events, spec: EventSpec, source: str) -> _Named | None:
-    """The population of each event; of polarities in numbers, with the names that are asked for."""
+    """The population of each event; numeric polarities get the names of the spec."""
     if events.population is None:
         if spec.polarity in ("on", "off"):
-            raise InputError(
-                f"{source}: holds no polarity, so that --polarity {spec.polarity} chooses nothing; drop it"
-            )
+            raise InputError(f"{source}: holds no polarity, so --polarity {spec.polarity} selects nothing; drop it")
         return None
     values, index = np.unique(events.population, return_inverse=True)
     if values.dtype.kind not in "iufb":
         names = tuple(str(value) for value in values)
         wrong = [name for name in names if not name.strip() or " " in name]
         if wrong:
-            raise InputError(f"{source}: the population {wrong[0]!r} is no single word; rename it")
+            raise InputError(f"{source}: the population {wrong[0]!r} is not a single word; rename it")
         if spec.polarity in ("on", "off") and len(names) != 2:
             raise InputError(f"{source}: has {len(names)} populations, not two polarities; drop --polarity")
         return _Named(index, names)
@@ -159,7 +157,7 @@ def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
         names = tuple(str(value) for value in values)
         if spec.channels and set(names) - set(spec.channels):
             raise InputError(
-                f"{source}: the channel '{sorted(set(names) - set(spec.channels))[0]}' is none of --channels"
+                f"{source}: the channel '{sorted(set(names) - set(spec.channels))[0]}' is not in --channels"
             )
         wanted = spec.channels or names
         place = np.array([wanted.index(name) for name in names], np.int64)
@@ -170,12 +168,12 @@ def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
 
 
 def channel_names(n_found: int, spec: EventSpec, source: str) -> tuple[str, ...]:
-    """Names of numbered channels, of which the highest that sends is `n_found - 1`."""
+    """Names of numbered channels; the highest with an event is `n_found - 1`."""
     n_channels = spec.n_channels or len(spec.channels) or n_found
     if n_found > n_channels or (spec.channels and len(spec.channels) != n_channels):
         raise InputError(
-            f"{source}: channel {n_found - 1} sends events where {n_channels} channels, 0 to {n_channels - 1}, are "
-            "asked for; give as many names in --channels, or another --n-channels"
+            f"{source}: channel {n_found - 1} has events, but there are {n_channels} channels, 0 to {n_channels - 1}; "
+            "give as many names in --channels, or another --n-channels"
         )
     if n_channels > MOST_AFFERENTS:
         raise InputError(f"{source}: has {n_channels} channels, more than {MOST_AFFERENTS}; use fewer")
@@ -188,8 +186,8 @@ def _grid(places: np.ndarray, spec: EventSpec, source: str) -> _Named:
     width, height = map(int, spec.sensor.split("x")) if spec.sensor else (int(x.max()) + 1, int(y.max()) + 1)
     if x.max() >= width or y.max() >= height or width * height > MOST_AFFERENTS:
         raise InputError(
-            f"{source}: events come from a grid of {x.max() + 1}x{y.max() + 1} where {width}x{height} is asked for and "
-            f"{MOST_AFFERENTS} channels are the most; give another --sensor"
+            f"{source}: events come from a grid of {x.max() + 1}x{y.max() + 1}, but --sensor is {width}x{height} and "
+            f"the limit is {MOST_AFFERENTS} channels; give another --sensor"
         )
     return _Named(y * width + x, tuple(f"x{column}y{row}" for row in range(height) for column in range(width)))
 
@@ -205,14 +203,14 @@ def _afferents(populations: _Named | None, channels: _Named, source: str) -> tup
 
 
 def clock_of(first_s: float, last_s: float, spec: EventSpec, source: str) -> int:
-    """The length of trials in steps, where events stand between two times; InputError where no clock holds them."""
+    """The length of trials in steps, for events between two times; InputError if no clock holds them."""
     if first_s < 0:
-        raise InputError(f"{source}: an event stands at {first_s:g} s, before zero; pass --origin first")
+        raise InputError(f"{source}: an event is at {first_s:g} s, before zero; pass --origin first")
     end_s = last_s if spec.duration_ms is None else 1e-3 * spec.duration_ms
     if max(last_s, end_s) * 1e3 / spec.step_ms >= LONGEST_STEPS:
         raise InputError(
             f"{source}: an event at {last_s:g} s is beyond any clock of {spec.step_ms:g} ms; give --time-unit, or "
-            "--origin first where times count from long before"
+            "--origin first if times count from long before"
         )
     if spec.duration_ms is not None:
         return max(1, round(spec.duration_ms / spec.step_ms))
@@ -222,9 +220,9 @@ def clock_of(first_s: float, last_s: float, spec: EventSpec, source: str) -> int
 def one_trial(
     time_s: np.ndarray, units: np.ndarray, step_ms: float, n_steps: int, n_afferents: int, slack: float = 1e-9
 ) -> TrialSpikes:
-    """The events of one trial on the clock: those of an afferent within one step are one spike, later ones left out.
+    """The events of one trial on the clock: those of an afferent within one step are one spike; later ones are dropped.
 
-    slack: share of a step by which an event may stand before it, as binary fractions put it there.
+    slack: share of a step by which an event may lie before it because of rounding.
 
     >>> one_trial(np.array([0.004, 0.001, 0.0012, 0.02]), np.array([0, 1, 1, 0]), 1.0, 10, 2).steps.tolist()
     [1, 4]
@@ -236,7 +234,7 @@ def one_trial(
 
 
 def joined(parts: Sequence[Events]) -> Events:
-    """Events of several files, one after another, as those of one."""
+    """Events of several files, concatenated."""
     starts = np.cumsum([0, *(len(part.conditions) for part in parts)])
     populations = [part.population for part in parts]
     return Events(

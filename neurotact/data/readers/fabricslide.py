@@ -32,12 +32,12 @@ def read(folder: str | Path) -> Recordings:
 
     The signals are channel1..16 in counts (the proximity columns are left out). Conditions: label (the fabric),
     pressure_setpoint, speed_mm_per_s (the sign is the direction), repetition, file. Files other than .csv are
-    ignored; a .csv whose name or header is not the published one is refused.
+    ignored; a .csv with another name or header than the published one is refused.
 
     Time. The timestamps are whole milliseconds about 28.08 ms apart. A row that repeats the timestamp of the
-    row before it is dropped, with a logged warning (two published files end on one). After that, any interval
+    row before it is dropped, with a logged warning (two published files end with one). After that, any interval
     outside 0.5 to 1.5 times the file's median interval is refused: a row is missing, or time runs back. A
-    file's mean interval is (last - first) / (rows - 1), which outdoes the rounding of single stamps; the
+    file's mean interval is (last - first) / (rows - 1), which is finer than the rounding of single stamps; the
     sampling rate is 1000 / (median of the files' mean intervals), rounded to the 0.01 Hz that the stamps
     resolve (35.61 Hz), and a file more than 1 % and one stamp away from it is refused.
 
@@ -114,7 +114,7 @@ def _first_difference(names: tuple[str, ...]) -> str:
 
 def _check_regular(time_ms: np.ndarray, lines: np.ndarray, path: Path) -> None:
     if len(time_ms) < 2:
-        raise InputError(f"{path}: holds one moment only, and a sampling rate needs two; drop the file")
+        raise InputError(f"{path}: holds a single time, and a sampling rate needs two; drop the file")
     steps = np.diff(time_ms)
     usual = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
     irregular = np.flatnonzero((steps <= 0.5 * usual) | (steps >= 1.5 * usual))
@@ -133,7 +133,7 @@ def _sampling_rate(times_ms: list[np.ndarray], paths: list[Path]) -> float:
     odd = np.flatnonzero(np.abs(intervals_ms - interval_ms) > RATE_TOLERANCE * interval_ms + stamps_ms)
     if odd.size:
         raise InputError(
-            f"{paths[odd[0]]}: has a row each {intervals_ms[odd[0]]:.2f} ms where the other files have one each "
+            f"{paths[odd[0]]}: has a row every {intervals_ms[odd[0]]:.2f} ms, the other files one every "
             f"{interval_ms:.2f} ms; import files of one sampling rate together"
         )
     return round(1000 / interval_ms, 2)

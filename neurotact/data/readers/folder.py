@@ -1,4 +1,4 @@
-"""A plain folder of recordings: text or NPZ files, their conditions in sub-folders, in their names or in a table."""
+"""A plain folder of recordings: text or NPZ files, with conditions in sub-folders, file names or a table."""
 
 import logging
 import os
@@ -18,23 +18,23 @@ from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
 USUAL = (".csv", ".npz")
-"""What is read; other texts are notes, unless a folder holds none of these."""
+"""Files that are read; other text files are notes, unless a folder holds none of these."""
 MOST_NAMED = 5
-"""Ignored files that a warning names; the others are counted."""
+"""Ignored files named in a warning; the others are counted."""
 KINDS = ".csv, .tsv, .txt or .npz"
 RATES_DIFFER = 0.1
-"""Share by which a file's sampling rate may differ from that of all before a warning names it."""
+"""Share by which a file's sampling rate may differ from the common one without a warning."""
 
 OTHER_UNIT = 100.0
-"""A rate that is given and one that the time stamps show differ by so much only where their unit is another one."""
+"""If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
 SLOWEST_HZ = 1.0
-"""A slower sampling rate is named in a warning."""
+"""A slower sampling rate causes a warning."""
 
 log = logging.getLogger("neurotact")
 
 
 class _Trial(NamedTuple):
-    """What one trial holds: its file, its channels' names (none without a header), samples and their stamps."""
+    """One trial: its file, its channels' names (none without a header), samples and their stamps."""
 
     file: str
     names: tuple[str, ...]
@@ -52,19 +52,19 @@ def read(
 ) -> Recordings:
     """The recordings in a folder of CSV and NPZ files, at any depth, in the order of their paths.
 
-    naming: keys of `naming.NamingSpec`: where the class and the conditions of each file are written; the first
+    naming: keys of `naming.NamingSpec`: the source of the class and the conditions of each file; the first
     sub-folder is the label when absent.
-    layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, how numbers are written; all
+    layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, the number format; all
     columns are taxels when absent.
 
     CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
-    names the columns. With a time column the sampling rate is that of the stamps, unless it is given, and samples that
-    are not regular are interpolated onto a regular clock, which a warning tells of. NPZ: each array is one trial,
+    names the columns. With a time column the sampling rate is that of the stamps, unless it is given, and irregular
+    samples are interpolated onto a regular clock, with a warning. NPZ: each array is one trial,
     (time, channel). All trials have the same taxels. Conditions: label, those of `naming`, file (its path in the
     folder; of an array `file.npz:key`).
 
-    Where there is neither CSV nor NPZ, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
-    ignored, and named in a warning.
+    If there is neither CSV nor NPZ, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
+    ignored, with a warning that names them.
 
     Raises InputError, which names the file, the line and column, and the fix.
 
@@ -121,12 +121,12 @@ def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
     stamps = clock.stamps_of(table.time, layout.time_unit, str(path), table.first_line, layout.max_gap_ms)
     dropped = len(table.time) - len(stamps.time_s)
     if dropped:
-        log.warning("%s: %d rows repeat the time stamp of the row before them and are left out", path, dropped)
+        log.warning("%s: %d rows repeat the time stamp of the row before them and are dropped", path, dropped)
     return _Trial(file, table.names, table.signal[stamps.keep], stamps)
 
 
 def _warn_of_constant_channels(trials: Sequence[_Trial], channels: Sequence[str], folder: Path) -> None:
-    """A column that never changes is rarely a taxel: a temperature of the board, a counter of the device."""
+    """Warn of a constant column, which is rarely a taxel: a temperature of the board, a counter of the device."""
     first = trials[0].signal[0]
     constant = np.logical_and.reduce([(trial.signal == first).all(axis=0) for trial in trials])
     if constant.any() and not constant.all():
@@ -135,13 +135,13 @@ def _warn_of_constant_channels(trials: Sequence[_Trial], channels: Sequence[str]
         ]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         log.warning(
-            "%s: every sample has the same value in %s%s; leave out what is no taxel with --columns",
+            "%s: every sample has the same value in %s%s; select the taxels with --columns",
             folder, ", ".join(names[:MOST_NAMED]), more,
         )  # fmt: skip
 
 
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path) -> tuple[float, list[np.ndarray]]:
-    """The sampling rate of all trials, given or that of their stamps, and the samples on it."""
+    """The sampling rate of all trials, given or from their stamps, and the samples at that rate."""
     stamps = [trial.stamps for trial in trials if trial.stamps is not None]
     if not stamps:
         assert given_Hz is not None
@@ -169,16 +169,16 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
 
 
 def _check_unit(found_Hz: float, given_Hz: float | None, folder: Path) -> None:
-    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is another one."""
+    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong."""
     if given_Hz is None:
         if found_Hz < SLOWEST_HZ:
             log.warning(
-                "%s: the time stamps give %.3g Hz, which is slow for touch; say their unit with --time-unit",
+                "%s: the time stamps give %.3g Hz, which is slow for touch; give their unit with --time-unit",
                 folder, found_Hz,
             )  # fmt: skip
     elif not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
         raise InputError(
-            f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; say the "
+            f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give the "
             "unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
         )
 
@@ -188,13 +188,13 @@ def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, folder: Path)
     odd = [file for file, each_Hz in rates_Hz.items() if abs(each_Hz / rate_Hz - 1) > RATES_DIFFER]
     if odd:
         log.warning(
-            "%s: %d files are sampled at another rate than %g Hz, to which all are brought; the first is %s at %.4g Hz",
+            "%s: %d files have another sampling rate than %g Hz and are resampled to it; the first is %s at %.4g Hz",
             folder, len(odd), rate_Hz, odd[0], rates_Hz[odd[0]],
         )  # fmt: skip
 
 
 def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
-    """The files to read; those that are ignored are said, and a folder or file that would be lost is refused."""
+    """The files to read; a warning names ignored files, and a folder or file that would be lost is refused."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
     found = _with_suffix(paths, USUAL) or _with_suffix(paths, SUFFIXES)
@@ -203,13 +203,15 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     if naming.is_label_by_folder:
         _check_label_folders(folder, found, naming.pattern)
     elif not found:
-        raise InputError(f"{folder}: holds no {KINDS} file; save the recordings in one of these forms")
+        raise InputError(f"{folder}: holds no {KINDS} file; save the recordings in one of these formats")
     for inside in found:
         if not is_text(str(inside)):
-            raise InputError(f"{folder}: the name {str(inside)!a} is no text; rename that file or folder")
+            raise InputError(
+                f"{folder}: the name {str(inside)!a} is not printable UTF-8 text; rename that file or folder"
+            )
     if ignored:
         names = ", ".join(map(str, ignored[:MOST_NAMED])) + (", ..." if len(ignored) > MOST_NAMED else "")
-        log.warning("%s: %d ignored, being hidden or no file of recordings: %s", folder, len(ignored), names)
+        log.warning("%s: %d files are ignored (hidden, or not recordings): %s", folder, len(ignored), names)
     return [folder / inside for inside in found]
 
 
@@ -223,12 +225,12 @@ def _check_label_folders(folder: Path, found: Sequence[Path], pattern: str | Non
         lacks = "" if pattern is None else f", and --pattern {pattern} no {{label}}"
         raise InputError(
             f"{folder}: holds no sub-folder{lacks}; put the files of each class in a sub-folder named by its label, or "
-            "say where the label is with --pattern, as in '{label}_{number}.csv', or --conditions"
+            "give the label with --pattern, as in '{label}_{number}.csv', or --conditions"
         )
     for inside in found:
         if len(inside.parts) == 1:
             raise InputError(
-                f"{folder / inside}: lies beside the sub-folders and has no label; put it in the sub-folder of its "
+                f"{folder / inside}: is beside the sub-folders and has no label; put it in the sub-folder of its "
                 "class or move it away"
             )
     empty = sorted(labels - {inside.parts[0] for inside in found})

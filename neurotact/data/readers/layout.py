@@ -1,4 +1,4 @@
-"""How the columns of a text file are laid out, and one file read by it: taxels, and time stamps where it has them."""
+"""The layout of the columns of a text file, and the reader of one file: taxels and, if any, time stamps."""
 
 import re
 import shlex
@@ -20,7 +20,7 @@ RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
 class LayoutSpec(Spec):
-    """The columns of each file; columns are counted from 1, the time column too."""
+    """The columns of each file; columns are counted from 1, including the time column."""
 
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
@@ -28,11 +28,11 @@ class LayoutSpec(Spec):
     """The name or the number of the column of time stamps."""
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
     max_gap_ms: float | None = Field(default=None, gt=0)
-    """The longest interval between stamps; five usual ones when absent."""
+    """The longest interval between stamps; five median ones when absent."""
     decimal: Literal[".", ","] = "."
     header_lines: int | None = Field(default=None, ge=0, le=10_000)
-    """Lines before the first sample; the last of them names the columns where it has as many cells. Found out when
-    absent: lines that begin with `#`, and a first line without a single number."""
+    """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
+    that begin with `#`, and a first line without a single number."""
 
     @field_validator("columns", mode="before")
     @classmethod
@@ -50,7 +50,7 @@ class Table(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """The columns of a file: all their names (none without a header), the taxels' places, and that of the time."""
+    """The columns of a file: all names (none without a header), the indices of the taxels, and that of the time."""
 
     names: tuple[str, ...]
     taxels: list[int]
@@ -58,10 +58,10 @@ class _Columns(NamedTuple):
 
 
 def read_table(path: Path, layout: LayoutSpec) -> Table:
-    """The samples of a CSV file and, where the layout names a time column, their stamps.
+    """The samples of a CSV file and, if the layout names a time column, their stamps.
 
-    Columns are parted by `;`, by tabs or by commas, whichever the first line has; a separator at the end of each line
-    is left out. Raises InputError, which names the file, the line and column, and the fix.
+    Columns are separated by `;`, by tabs or by commas, whichever the first line has; a separator at the end of each
+    line is ignored. Raises InputError, which names the file, the line and column, and the fix.
     """
     text = read_text(path)
     head, body, first_line = _parted(text, path, layout)
@@ -70,7 +70,7 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
     first_row = body.partition("\n")[0]
     separator = next((each for each in SEPARATORS if each in first_row), ",")
     if layout.decimal == "," and separator == ",":
-        raise InputError(f"{path}: has commas between its columns, so that none can be a decimal comma; drop --decimal")
+        raise InputError(f"{path}: has commas between its columns, so there are no decimal commas; drop --decimal")
     first = cells(first_row, separator)
     names, n_columns = _names_of(head, first, separator, layout)
     check_width(path, n_columns)
@@ -93,7 +93,7 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
 
 
 def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -> tuple[tuple[str, ...], int]:
-    """The names of the columns, none where one has no name, and how many columns there are.
+    """The names of the columns (none if one has no name), and the number of columns.
 
     first: the cells of the first row of numbers.
     """
@@ -105,12 +105,12 @@ def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -
 
 
 def is_text(name: str) -> bool:
-    """Whether a name is UTF-8 and holds no control character, which no table or figure can show."""
+    """Whether a name is UTF-8 without control characters, which tables and figures cannot show."""
     return not any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in name)
 
 
 def _parted(text: str, path: Path, layout: LayoutSpec) -> tuple[str, str, int]:
-    """The line that names the columns (empty where none does), the lines of samples, and the number of their first."""
+    """The line that names the columns (empty if none does), the lines of samples, and the number of the first one."""
     if layout.header_lines is not None:
         before, body = _skip(text, layout.header_lines)
         head = before.rstrip("\n").rpartition("\n")[2]
@@ -141,7 +141,7 @@ def _skip(text: str, n_lines: int) -> tuple[str, str]:
 
 
 def _named(row: list[str]) -> list[str]:
-    """The cells of a row; a separator at its end makes no cell."""
+    """The cells of a row; a separator at its end adds no cell."""
     return row[:-1] if len(row) > 1 and not row[-1] else row
 
 
@@ -191,7 +191,7 @@ def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, pat
     if not 1 <= first <= last <= n_columns or (option == "--time-column" and last > first):
         raise InputError(
             f"{path}: {option} {asked}: this file has {n_columns} columns, numbered from 1; name columns that it has, "
-            "or move it away if it is of another sensor"
+            "or move it away if it is from another sensor"
         )
     return list(range(first - 1, last))
 
@@ -200,7 +200,7 @@ def _check_points(body: str, path: Path) -> None:
     at = body.find(".")
     if at >= 0:
         line = body.count("\n", 0, at) + 1
-        raise InputError(f"{path}: sample {line} holds a point where commas are decimal; write numbers one way")
+        raise InputError(f"{path}: sample {line} holds a point, but commas are decimal; write all numbers one way")
 
 
 def _check_not_numbered(first: list[str], path: Path) -> None:

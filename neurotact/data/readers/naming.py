@@ -19,17 +19,17 @@ SUFFIXES = (*TEXTS, ".npz")
 
 
 class NamingSpec(Spec):
-    """Where the class and the conditions of a file are written.
+    """The source of the class and the conditions of a file.
 
     A pattern holds names in braces, `{label}_F{force}_{repetition}.csv`; each stands for one character or more, as few
     as fit. Values that are numbers in every file become numbers; `label` stays text.
     """
 
     levels: tuple[str, ...] = ()
-    """Of the sub-folders, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
-    read too. `label` alone where neither pattern nor table gives the label."""
+    """For each sub-folder, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
+    read too. `label` alone if neither pattern nor table gives the label."""
     pattern: str | None = None
-    """Of the file's name; of the end of its path where it holds a `/`."""
+    """Pattern of the file's name; of the end of its path if the pattern holds a `/`."""
     table: str | None = Field(default=None)
     """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
 
@@ -49,19 +49,19 @@ class NamingSpec(Spec):
         if wrong:
             raise ValueError(f"a condition is a word of letters, digits and _; got {wrong[0]!r}")
         if twice or FILE in names:
-            raise ValueError(f"{(twice or [FILE])[0]!r} is named twice; give each condition one place")
+            raise ValueError(f"{(twice or [FILE])[0]!r} is named twice; give each condition once")
         return self
 
     @property
     def is_label_by_folder(self) -> bool:
-        """Whether the label is that of the first sub-folder because nothing else is said of it."""
+        """Whether the label is the first sub-folder because nothing else is given."""
         return not self.levels and self.table is None and LABEL not in _fields(self.pattern or "")
 
 
 def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.DataFrame:
     """One row per file (paths within `folder`): label, the other conditions, file.
 
-    Raises InputError for a file that a level, the pattern or the table does not fit, and where no label is given.
+    Raises InputError for a file that does not fit a level, the pattern or the table, and if no label is given.
 
     >>> naming = NamingSpec(levels="label", pattern="F{force}_{repetition}.csv")
     >>> conditions_of(["felt/F3_0.csv", "felt/F6_0.csv"], naming, Path("my-data")).values.tolist()
@@ -75,13 +75,13 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
         names = [name for part in parts for name in part]
         twice = [name for name in names if names.count(name) > 1]
         if twice:
-            raise InputError(f"{naming.table}: the condition '{twice[0]}' is given by the file's place or name too")
+            raise InputError(f"{naming.table}: the condition '{twice[0]}' is also given by the file's path or name")
         rows.append({name: value for part in parts for name, value in part.items()})
     found = pd.DataFrame(rows)
     if LABEL not in found:
         known = ", ".join(map(str, found.columns))
         raise InputError(
-            f"{folder}: no condition is called label, the class; name one so in --levels, --pattern or --conditions "
+            f"{folder}: no condition is called label (the class); add it with --levels, --pattern or --conditions "
             f"(found: {known})"
         )
     for name in found.columns.drop(LABEL):
@@ -106,7 +106,7 @@ def _of_levels(file: str, levels: Sequence[str], folder: Path) -> dict[str, str]
     above = PurePosixPath(file).parts[:-1]
     if len(above) < len(levels):
         raise InputError(
-            f"{folder / file}: lies {len(above)} sub-folders deep where --levels names {len(levels)} "
+            f"{folder / file}: is {len(above)} sub-folders deep, but --levels names {len(levels)} "
             f"({', '.join(levels)}); move it, or name fewer levels"
         )
     found = {}
@@ -160,10 +160,10 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
         name = given.pop(FILE)
         fitting = [name] if name in files else by_name.get(name, [])
         if len(fitting) != 1:
-            why = "is no file of recordings in the folder" if not fitting else f"is the name of {len(fitting)} files"
+            why = "is not a file of recordings in the folder" if not fitting else f"is the name of {len(fitting)} files"
             raise InputError(f"{path}: line {number}: '{name[:80]}' {why}; give its path within the folder")
         if fitting[0] in found:
-            raise InputError(f"{path}: line {number}: '{name[:80]}' has a line above already; drop one of them")
+            raise InputError(f"{path}: line {number}: '{name[:80]}' already has a line above; drop one of them")
         found[fitting[0]] = given
     absent = [file for file in files if file not in found]
     if absent:
@@ -172,7 +172,7 @@ def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def _as_numbers(values: pd.Series) -> pd.Series:
-    """Texts as numbers where all of them are; a leading zero, as in 007, makes a name."""
+    """Texts as numbers if all of them are; a leading zero, as in 007, makes a name."""
     texts = values.astype(str)
     if not all(NUMBER.fullmatch(text) and not re.match(r"[+-]?0\d", text) for text in texts):
         return values

@@ -1,7 +1,7 @@
 """Neurodata Without Borders (NWB 2, HDF5): spike times of units, or a time series, cut into the trials of the file.
 
 The layout is that of the NWB schema (doi 10.7554/eLife.78362): `units`, tables of `intervals`, `TimeSeries`. It is read
-as HDF5, dataset by dataset, so that what a file declares is bounded before it is read. Its schema is ignored.
+as HDF5, dataset by dataset, so that declared sizes are checked before reading. Its schema is ignored.
 """
 
 import json
@@ -28,19 +28,19 @@ from neurotact.files import check_size
 from neurotact.spec import Spec, build
 
 NOTES, OURS = "general/notes", "neurotact"
-"""Where neurotact writes what NWB has no place for (JSON), and the key that says so."""
+"""The field for data without a place in NWB (JSON), and the key that marks it."""
 AFFERENT = "afferent"
 """The column of units with the names of afferents."""
 STEP_MS = 1.0
 KEPT = ("id", "start_time", "stop_time", "timeseries", "tags", DIGEST)
-"""Columns of trials that are no conditions."""
+"""Columns of trials that are not conditions."""
 SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
-"""Of units that NWB spells out."""
+"""Short names of units that NWB spells out."""
 MOST_NAMED = 8
 
 
 class NWBSpec(Spec):
-    """Which parts of a file are read, and how."""
+    """The parts of a file to read, and the clock."""
 
     step_ms: float | None = Field(default=None, gt=0)
     """The clock of spikes; the file's resolution of spike times when absent, else 1 ms."""
@@ -49,15 +49,15 @@ class NWBSpec(Spec):
     label: str = LABEL
     """Its column with the class of each trial."""
     name: str = AFFERENT
-    """The column of units with their names; `unit` and the id where there is none."""
+    """The column of units with their names; `unit` and the id if there is none."""
     series: str | None = None
-    """A time series, which is read in place of the units; its columns are taxels."""
+    """A time series that is read instead of the units; its columns are taxels."""
     unit: str | None = None
-    """Of the series; what the file says when absent."""
+    """Unit of the series; that of the file when absent."""
 
 
 class _Trials(NamedTuple):
-    """When each trial starts and stops in s, `(trial,)`, its conditions, and digests where the file has them."""
+    """Start and stop of each trial in s, `(trial,)`, its conditions, and digests if the file has them."""
 
     start_s: np.ndarray
     stop_s: np.ndarray
@@ -68,8 +68,8 @@ class _Trials(NamedTuple):
 def read(path: str | Path, spec: Mapping[str, Any] | None = None) -> SpikeTrains | Recordings:
     """The spike trains of the units of an NWB file, or with `series` the recordings of a time series.
 
-    spec: keys of `NWBSpec`. A spike at t belongs to each trial with start <= t < stop, and stands in the step
-    floor((t - start) / step); those of a unit within one step are one. What neurotact wrote comes back to the step.
+    spec: keys of `NWBSpec`. A spike at t belongs to each trial with start <= t < stop, and falls in step
+    floor((t - start) / step); those of a unit within one step are one. Files from neurotact are restored step by step.
     Raises InputError for a file that is damaged, too large, or without trials, classes or spikes.
     """
     asked = build(NWBSpec, spec or {}, "import nwb")
@@ -92,7 +92,7 @@ def _trials(declared: Declared, spec: NWBSpec) -> _Trials:
         raise InputError(f"{path}: holds no {place} ({there}); name the table of trials with --trials")
     start_s, stop_s = (declared.numbers(f"{place}/{name}").astype(float) for name in ("start_time", "stop_time"))
     if len(start_s) != len(stop_s) or not len(start_s):
-        raise InputError(f"{path}: {place} has {len(start_s)} starts and {len(stop_s)} stops; give one of each a trial")
+        raise InputError(f"{path}: {place} has {len(start_s)} starts and {len(stop_s)} stops; give one each per trial")
     wrong = np.flatnonzero(~(np.isfinite(start_s) & np.isfinite(stop_s) & (start_s < stop_s)))
     if len(wrong):
         at = wrong[0]
@@ -100,7 +100,7 @@ def _trials(declared: Declared, spec: NWBSpec) -> _Trials:
     columns = dict(_columns(declared, place, len(start_s)))
     if spec.label not in columns:
         raise InputError(
-            f"{path}: no column of {place} is called {spec.label} ({', '.join(columns) or 'it has none of its own'}); "
+            f"{path}: no column of {place} is called {spec.label} ({', '.join(columns) or 'it has no other columns'}); "
             "name the class with --label"
         )
     labels = columns.pop(spec.label)
@@ -111,7 +111,7 @@ def _trials(declared: Declared, spec: NWBSpec) -> _Trials:
 
 
 def _columns(declared: Declared, place: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
-    """The columns of a table with one value a trial, in its own order."""
+    """The columns of a table with one value per trial, in its own order."""
     group = declared.group(place)
     for name in _order(group, declared.path):
         if name in KEPT or f"{name}_index" in group or not declared.holds(f"{place}/{name}"):
@@ -184,7 +184,7 @@ def _on_clock(
     n_afferents: int,
     path: str | Path,
 ) -> Iterator[TrialSpikes]:
-    """The spikes of each trial; trials may overlap, and each has them then."""
+    """The spikes of each trial; overlapping trials share spikes."""
     slack_s = SLACK / rate_Hz
     first, last = (np.searchsorted(time_s, at - slack_s) for at in (trials.start_s, trials.stop_s))
     check_size(f"{path}: the spikes of its trials", BYTES_PER_EVENT * int((last - first).sum()))
@@ -194,7 +194,7 @@ def _on_clock(
 
 
 def _afferents(declared: Declared, spec: NWBSpec) -> tuple[str, ...]:
-    """The names of the units: of the column that is asked for, else `unit` and the id."""
+    """The names of the units: from the requested column, else `unit` and the id."""
     path, ids = declared.path, declared.numbers("units/id", "iu").tolist()
     if not 0 < len(ids) <= MOST_AFFERENTS:
         raise InputError(f"{path}: has {len(ids)} units where 1 to {MOST_AFFERENTS} can be read; keep as many")
@@ -211,7 +211,7 @@ def _afferents(declared: Declared, spec: NWBSpec) -> tuple[str, ...]:
 
 
 def _unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray:
-    """The unit of each spike: `spike_times_index` holds where the spikes of each end."""
+    """The unit of each spike: `spike_times_index` holds the end of the spikes of each unit."""
     ends = declared.numbers("units/spike_times_index", "iu").astype(np.int64)
     counts = np.diff(ends, prepend=0)
     if len(ends) != n_units or (counts < 0).any() or (len(ends) and ends[-1] != n_spikes):
@@ -220,14 +220,14 @@ def _unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray
 
 
 def _resolution_s(declared: Declared) -> float:
-    """The smallest difference of spike times, by the file; 1 ms where it does not say a usable one."""
+    """The smallest difference of spike times, from the file; 1 ms if it gives no usable one."""
     dataset = declared.file["units/spike_times"]
     found = float(attribute(dataset, "resolution", declared.path)) if "resolution" in dataset.attrs else math.nan
     return found if 1e-9 < found < 1e3 else STEP_MS * 1e-3
 
 
 def _notes(declared: Declared) -> dict[str, Any]:
-    """What neurotact noted in the file; empty in another program's."""
+    """The notes of neurotact in the file; empty in files of other programs."""
     if not declared.holds(NOTES):
         return {}
     try:
@@ -262,7 +262,7 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
 
 
 def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.ndarray, float]:
-    """What stored numbers are multiplied by, a channel each, and what is added then (NWB: conversion, offset)."""
+    """The factor of stored numbers, per channel, and the offset added afterwards (NWB: conversion, offset)."""
     attributes = declared.file[f"{place}/data"].attrs
     factor, offset = (
         float(attribute(declared.file[f"{place}/data"], name, declared.path)) if name in attributes else default
@@ -279,7 +279,7 @@ def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.nda
 def _cuts(
     declared: Declared, place: str, n_samples: int, trials: _Trials
 ) -> tuple[list[tuple[int, int]], float, list[clock.Stamps] | None]:
-    """From which sample to before which each trial lasts, samples per second, and stamps where there is no rate."""
+    """First sample and end (exclusive) of each trial, samples per second, and stamps if there is no rate."""
     path, stamps = declared.path, None
     if declared.holds(f"{place}/starting_time"):
         begin = declared.file[f"{place}/starting_time"]
@@ -291,7 +291,7 @@ def _cuts(
     else:
         rate_Hz, time_s = 0.0, declared.numbers(f"{place}/timestamps").astype(float)
         if len(time_s) != n_samples or (np.diff(time_s) < 0).any() or not np.isfinite(time_s).all():
-            raise InputError(f"{path}: {place}/timestamps must rise and be one a sample; correct them")
+            raise InputError(f"{path}: {place}/timestamps must rise, one per sample; correct them")
         bounds = [np.searchsorted(time_s, at) for at in (trials.start_s, trials.stop_s)]
         outside = bounds[1] - bounds[0] < 2
     wrong = np.flatnonzero(outside)
@@ -312,11 +312,11 @@ def _cuts(
 
 
 def _place_of(declared: Declared, name: str) -> str:
-    """Where a time series of that name, or at that place, lies."""
+    """The path of a time series, given its name or path."""
     found = [place for place in _places(declared) if name in (place, place.rpartition("/")[2])]
     if len(found) != 1:
         what = "no time series is" if not found else f"{len(found)} time series are"
-        raise InputError(f"{declared.path}: {what} called '{name}' ({_of_series(declared)}); give its whole place")
+        raise InputError(f"{declared.path}: {what} called '{name}' ({_of_series(declared)}); give its full path")
     return found[0]
 
 

@@ -1,7 +1,7 @@
-"""Lists, tables, text and numbers out of a file in Python's serialisation format, without ever executing it.
+"""Lists, tables, text and numbers from a file in Python's serialisation format, without executing it.
 
-Such a file is a program. Here its opcodes are only inspected: those that build built-in values are followed, and any
-other, such as one that would import or call something, is refused.
+Such a file is a program. Here its opcodes are only inspected: those that build built-in values are interpreted; all
+others, such as imports and calls, are refused.
 """
 
 import pickletools
@@ -25,7 +25,7 @@ IGNORED = {"PROTO", "FRAME", "STOP"}
 
 
 def read_plain(path: str | Path) -> Any:
-    """What the file holds, where it holds built-in values alone; InputError otherwise, and nothing is executed."""
+    """The content of a file of built-in values; InputError for any other; nothing is executed."""
     content = read_bytes(path)
     machine = _Machine()
     try:
@@ -67,7 +67,7 @@ class _Machine:
         }
 
     def known(self, name: str) -> Callable[[Any], None] | None:
-        """What an opcode does with its argument; None for one that is not followed."""
+        """The action of an opcode on its argument; None for an opcode that is refused."""
         if name in VALUES:
             return self.stack.append
         if name in CONSTANTS:

@@ -39,7 +39,7 @@ log = logging.getLogger("neurotact")
 
 
 class Press(NamedTuple):
-    """What tells one trial from another; trials are ordered by these fields."""
+    """The fields that identify a trial; trials are ordered by them."""
 
     cube: int
     sequence: int
@@ -48,7 +48,7 @@ class Press(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """The taxels in V `(time, 8)`, the highest force (NaN where none was recorded), and where it stands."""
+    """The taxels in V `(time, 8)`, the highest force (NaN if none was recorded), and the file."""
 
     signal: np.ndarray
     force_max_N: float
@@ -58,11 +58,11 @@ class Trial(NamedTuple):
 def read(folder: str | Path) -> Recordings:
     """Every press in `folder`, ordered by cube, sequence, speed and trial; signals in V at 2000 Hz.
 
-    A folder that holds `cube<N>.npz` is read as the repack (keys `c03_s1_v300_t01_adc`, uint16, and `..._force`);
+    A folder with `cube<N>.npz` is read as the repack (keys `c03_s1_v300_t01_adc`, uint16, and `..._force`);
     any other as the published layout, `Hardness_{Voltage,Force}_..._t<trial>.lvm` at any depth. Conditions:
     label ("cube3"), cube, sequence (of robot heights), speed, trial, force_max_N, file. force_max_N is the highest
-    reading of the load cell, its offset (some 0.2 to 0.6 N) left in, and NaN where no force was recorded; the
-    load cell's own samples, 4 % more than the taxels', are left out.
+    reading of the load cell, including its offset (some 0.2 to 0.6 N), and NaN if no force was recorded; the
+    load cell's own samples, 4 % more than the taxels', are not returned.
 
     Raises InputError, which names the file, the place and the fix.
 
@@ -106,7 +106,7 @@ def _read_texts(paths: list[Path], folder: Path) -> dict[Press, Trial]:
 def _read_lvm(path: Path, names: tuple[str, ...]) -> np.ndarray:
     head, body = split_header(read_text(path), path)
     if any(character.isdigit() for character in head):
-        raise InputError(f"{path}: line 1 holds numbers where the header should be; restore the published file")
+        raise InputError(f"{path}: line 1 holds numbers instead of the header; restore the published file")
     return numbers(body, path, separator="\t", first_line=2, names=names)
 
 
@@ -141,19 +141,19 @@ def _force(force_N: np.ndarray, where: str) -> np.ndarray:
 def _pair(
     names: list[str], pattern: re.Pattern[str], layout: str, where: Path, voltage: str
 ) -> dict[Press, dict[str, str]]:
-    """The names by press and kind of measurement; a force without its voltage is left out, with a warning."""
+    """The names by press and kind of measurement; a force without its voltage is dropped, with a warning."""
     presses: dict[Press, dict[str, str]] = {}
     for name in names:
         match = pattern.fullmatch(PurePosixPath(name).name)
         if not match:
-            raise InputError(f"{where}: {name[:200]!r} is not named {layout}; rename it or take it away")
+            raise InputError(f"{where}: {name[:200]!r} is not named {layout}; rename it or move it away")
         kinds = presses.setdefault(Press(*(int(match[field]) for field in Press._fields)), {})
         if match["kind"] in kinds:
             raise InputError(f"{where}: '{name}' and '{kinds[match['kind']]}' are the same trial; keep one of them")
         kinds[match["kind"]] = name
     for kinds in presses.values():
         if voltage not in kinds:
-            log.warning("%s: '%s' has no voltages of its trial beside it; it is left out", where, *kinds.values())
+            log.warning("%s: '%s' is dropped: the voltages of its trial are missing", where, *kinds.values())
     return {press: kinds for press, kinds in presses.items() if voltage in kinds}
 
 

@@ -1,4 +1,4 @@
-"""Numbers out of delimited text: every cell a finite number, or the file, line and column that is not."""
+"""Numbers from delimited text: every cell is a finite number, else the error names file, line and column."""
 
 import csv
 import io
@@ -14,7 +14,7 @@ from neurotact import files
 from neurotact.errors import InputError
 
 MAX_CHANNELS = 10_000
-"""Columns that a table may have; more are a table on its side, or no table."""
+"""Maximum number of columns; a table with more is transposed, or is not a table."""
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
@@ -26,7 +26,7 @@ def read_text(path: str | Path) -> str:
 
 
 def split_header(text: str, path: str | Path) -> tuple[str, str]:
-    """The first line and the rest, for a published file, whose every line ends in a line break.
+    """The first line and the rest of a published file, in which every line ends with a line break.
 
     InputError when the last line does not end: the file was cut off, and its last number may be too.
     """
@@ -37,7 +37,7 @@ def split_header(text: str, path: str | Path) -> tuple[str, str]:
 
 
 def cells(line: str, separator: str = ",") -> list[str]:
-    """The cells of one line, without quotes and surrounding spaces; what follows MAX_CHANNELS cells is left together.
+    """The cells of one line, without quotes and surrounding spaces; after MAX_CHANNELS cells the rest is one cell.
 
     >>> cells('time, "felt, left",3')
     ['time', 'felt, left', '3']
@@ -52,7 +52,7 @@ def cells(line: str, separator: str = ",") -> list[str]:
 
 
 def is_value(cell: str) -> bool:
-    """Whether a cell holds a number, NaN and infinity counted, and so is no column name."""
+    """Whether a cell holds a number (NaN and infinity included) and so is not a column name."""
     return bool(NUMBER.fullmatch(cell) or NOT_FINITE.fullmatch(cell))
 
 
@@ -68,9 +68,9 @@ def numbers(
 ) -> np.ndarray:
     """The `(row, column)` float64 table in `text`, each value finite and within the range of float32.
 
-    first_line: the file's line on which `text` begins. names: of the columns. width: how many there are; as many as
-    names when 0, and as in the first row where there are none. columns: those that are read, by their places; what
-    the others hold is no matter, and they are 0. Empty lines are allowed at the end only. InputError names `path`,
+    first_line: the file's line on which `text` begins. names: of the columns. width: number of columns; that of
+    the names when 0, and that of the first row if there are none. columns: indices of the columns to read; the content
+    of the others is ignored, and they are 0. Empty lines are allowed only at the end. InputError names `path`,
     line and column, and refuses a table that is too wide or takes too much memory.
 
     >>> numbers("1,2\\n3,4\\n", "a.csv")
@@ -95,7 +95,7 @@ def numbers(
 
 
 def check_width(where: str | Path, n_channels: int) -> None:
-    """Refuse a table with more columns than a skin has taxels; `where` begins the message."""
+    """Refuse a table with more than `MAX_CHANNELS` columns; `where` begins the message."""
     if n_channels > MAX_CHANNELS:
         raise InputError(
             f"{where}: has {n_channels} columns, more than {MAX_CHANNELS} taxels; "
@@ -104,7 +104,7 @@ def check_width(where: str | Path, n_channels: int) -> None:
 
 
 def _parse_at_once(body: str, separator: str) -> np.ndarray | None:
-    """The table by pandas' C parser; None where `_parse_by_cell` has to look closer."""
+    """The table by pandas' C parser; None if `_parse_by_cell` must check it."""
     encoded = body.encode()
     if encoded.translate(None, b"0123456789+-.eE \n" + separator.encode()):
         return None  # other characters: the C parser would take 'true' for 1 and end a cell at a NUL
@@ -132,7 +132,7 @@ def _parse_by_cell(
     width: int = 0,
     columns: Sequence[int] | None = None,
 ) -> np.ndarray:
-    """What a valid table is; `_parse_at_once` is the same, faster, for tables without a fault."""
+    """The definition of a valid table; `_parse_at_once` is the same, faster, for tables without a fault."""
     values = array("d")
     width = width or len(names)
     is_read = None if columns is None else set(columns)
@@ -157,7 +157,7 @@ def _parse_by_cell(
 
 
 def _lines(text: str) -> Iterator[str]:
-    """Each line, without holding them all."""
+    """Each line, without a list of all of them."""
     start = 0
     while (end := text.find("\n", start)) >= 0:
         yield text[start:end]

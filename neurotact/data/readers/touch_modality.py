@@ -19,17 +19,17 @@ SOURCE = "touch modality (Mendeley Data dmcdp33ctt)"
 SAMPLING_RATE_HZ = 3000.0
 CLASSES = ("brushing", "rolling", "sliding")
 N_SAMPLES = 30000
-"""10 s; what a file holds beyond them is left out, as in the authors' public code."""
+"""10 s; later samples are dropped, as in the authors' public code."""
 COLUMNS = ("index", *(f"taxel{i + 1}" for i in range(16)))
 
 
 def read(folder: str | Path) -> Recordings:
     """Every recording in `folder/{brushing,rolling,sliding}/*.lvm`, in V at 3 kHz, `(trial, 30000, 16)`.
 
-    Files are tab-separated without a header: at least 30,000 rows of 17 columns, of which the first is no taxel and
-    dropped. Classes come in the order above, files in the order of their names. Conditions: label, file.
-    The published layout does not say who touched, so there is no condition `person`. The 840 published files take
-    1.6 GB in memory, for which NEUROTACT_MAX_MB must be raised.
+    Files are tab-separated without a header: at least 30,000 rows of 17 columns, of which the first is not a taxel and
+    is dropped. Classes come in the order above, files in the order of their names. Conditions: label, file.
+    The published layout does not name the person, so there is no condition `person`. The 840 published files take
+    1.6 GB in memory: raise NEUROTACT_MAX_MB for them.
 
     Raises InputError, which names the file, the place and the fix.
 
@@ -60,7 +60,7 @@ def _class_folders(folder: Path) -> dict[str, Path]:
     missing = [label for label in CLASSES if label not in found]
     if missing:
         raise InputError(
-            f"{folder}: holds no folder '{missing[0]}'; give the folder in which brushing, rolling and sliding lie"
+            f"{folder}: holds no folder '{missing[0]}'; give the folder that holds brushing, rolling and sliding"
         )
     return {label: found[label] for label in CLASSES}
 
@@ -76,14 +76,14 @@ def _read_lvm(path: Path) -> np.ndarray:
     text = read_text(path)
     foreign = [cell for cell in cells(text.partition("\n")[0], "\t") if cell and not is_value(cell)]
     if foreign:
-        raise InputError(f"{path}: line 1 holds {foreign[0][:40]!r} where numbers stand; restore the published file")
+        raise InputError(f"{path}: line 1 holds {foreign[0][:40]!r} instead of a number; restore the published file")
     if text and not text.endswith("\n"):
         raise InputError(f"{path}: the last line does not end, so the file was cut off; download it again")
     table = numbers(text, path, separator="\t", names=COLUMNS)
     if len(table) < N_SAMPLES:
         raise InputError(
             f"{path}: holds {len(table)} rows where 10 s at 3 kHz have {N_SAMPLES}; "
-            "download the file again or take it away"
+            "download the file again or move it away"
         )
     return table[:N_SAMPLES, 1:].astype(np.float32)
 

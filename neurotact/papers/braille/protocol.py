@@ -1,8 +1,8 @@
-"""The recurrent and the feed-forward network of the Braille-reading study, trained as its public notebooks train them.
+"""The recurrent and the feed-forward network of the Braille-reading study, trained as in its public notebooks.
 
 Müller-Cleve et al. 2022, Frontiers in Neuroscience 16:951164; github.com/event-driven-robotics/tactile_braille_reading,
-`braille_reading_rsnn.ipynb` and `parameters_th10.txt`. The notebooks report the test accuracy of the epoch that is best
-on test letters; `honest` takes the epoch that is best on validation letters and tests once.
+`braille_reading_rsnn.ipynb` and `parameters_th10.txt`. The notebooks report the test accuracy of the best epoch on
+test letters; `honest` uses the best epoch on validation letters and tests once.
 """
 
 from collections.abc import Iterator
@@ -29,14 +29,14 @@ from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, View, heads
 
 PUBLISHED = {"rsnn": 0.637, "snn": 0.449}
-"""Test accuracy of both networks at an event threshold of 10, of the epoch that is best on test letters."""
+"""Test accuracy of both networks at an event threshold of 10, for the best epoch on test letters."""
 TEST, SPLIT_SEED = 0.2, 42
 VALIDATION = 0.1
-"""Of all letters, taken from the training letters under `honest`."""
+"""Share of all letters, taken from the training letters under `honest`."""
 
 
 class BrailleData(Spec):
-    """The events, and the clock on which they become spikes."""
+    """The events, and the clock of the spikes."""
 
     path: str = "$NEUROTACT_DATA/braille-th10/events.npz"
     step_ms: float = Field(default=5.0, gt=0)
@@ -50,13 +50,13 @@ class Parameters(Spec):
     data: BrailleData = BrailleData()
     network: RSNNSpec = RSNNSpec()
     copies: int = Field(default=2, ge=1)
-    """Input neurons that hear each channel, each with weights of its own."""
+    """Input neurons per channel, each with its own weights."""
     outputs: int = Field(default=28, ge=2)
-    """Readout neurons; the notebooks have one more than there are letters, which no label asks for."""
+    """Readout neurons; the notebooks have one more than letters, which no label uses."""
     protocol: Literal["published", "honest"] = "published"
-    """By which letters the epoch is chosen: `published`, the test letters themselves; `honest`, validation letters."""
+    """Letters for the choice of the epoch: `published`, the test letters themselves; `honest`, validation letters."""
     seed: int = Field(default=0, ge=0)
-    """Of the weights and the order of training; the split is always the same."""
+    """Random seed of the weights and the order of training; the split is fixed."""
 
 
 VIEW = View(
@@ -70,8 +70,8 @@ VIEW = View(
     ),
     cost="sops_total",
     score="accuracy_test",
-    note="Under `published` the epoch is the one that is best on the test letters, so that the accuracy is optimistic; "
-    "under `honest` it is the best on validation letters, a tenth of all, which are then not trained on.",
+    note="Under `published` the epoch is the best one on the test letters, so the accuracy is optimistic; "
+    "under `honest` it is the best one on validation letters, a tenth of all, which are not used for training.",
     apart=("protocol",),
     optimistic=("published",),
 )
@@ -113,7 +113,7 @@ def sides_of(labels: np.ndarray, protocol: str) -> tuple[np.ndarray, np.ndarray,
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
-    """A row: test accuracy of the chosen epoch and of the last one, and what the network sent."""
+    """A row: test accuracy of the chosen epoch and of the last one, and the network's spikes."""
     labels = torch.from_numpy(arrays["labels"])
     if parameters.outputs <= int(labels.max()):
         raise InputError(f"outputs: must be {int(labels.max()) + 1} or more, one for each letter")
@@ -143,12 +143,12 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Test accuracy of each training beside the published figures."""
+    """Test accuracy of each training and the published values."""
     yield Drawn(
         "beside-the-published",
-        "Beside the published figures",
+        "Comparison with the published values",
         draw_beside(results),
-        "Test accuracy of each training. Dotted: as published.",
+        "Test accuracy of each training. Dotted: published.",
         "One mark per training, for the recurrent and the feed-forward network, and the published accuracy of each.",
     )
 

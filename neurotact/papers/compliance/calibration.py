@@ -1,9 +1,9 @@
-"""The simulated squeezes beside what the compliance paper says of its signals.
+"""The simulated squeezes compared with the signals of the compliance paper.
 
     python -m neurotact.papers.compliance.calibration [-o DIR]
 
-Prints every fact with its target and what was reached; with `-o` writes them as a table and draws the figures of
-docs/compliance-simulator.md. No classifier is trained here, and none was to set the parameters.
+Prints every fact with its target and the simulated value; with `-o` writes them as a table and draws the figures of
+docs/compliance-simulator.md. No classifier is trained here, and none was used to set the parameters.
 """
 
 import argparse
@@ -30,14 +30,14 @@ from neurotact.papers.compliance.simulator import (
     tactile_images,
     trial_generator,
 )
-from neurotact.papers.signal_facts import Fact, keep, tell
+from neurotact.papers.signal_facts import Fact, keep, print_facts
 
 OVOIDS = {"orange": (22, 23, 24), "green": (25, 26, 27), "blue": (16, 17, 18), "purple": (19, 20, 21)}
 """Objects by colour from low to high stiffness (Sec. 3.3)."""
 SHOWN = ("OBJ-4", "OBJ-17", "OBJ-18", "OBJ-35", "OBJ-37", "OBJ-42")
 ELASTOMERS = (6, 7, 16, 17, 18, 31, 32, 37, 38, 39, 40, 41)
 SMOOTHED = 8
-"""Samples that are averaged before the largest is sought."""
+"""Samples that are averaged before the search for the largest value."""
 
 
 class Measured(NamedTuple):
@@ -50,7 +50,7 @@ class Measured(NamedTuple):
 
 
 def measure(spec: ComplianceSpec) -> Measured:
-    """Simulate, and see what the force was and how far the taxels went."""
+    """Simulate, and measure the force and the largest readings."""
     things = list(load_objects())
     generators = [trial_generator(spec.seed, i + 1, 0) for i in range(len(things))]
     explored = [draw_exploration(spec, *pair) for pair in zip(things, [0] * len(things), generators, strict=True)]
@@ -67,7 +67,7 @@ def measure(spec: ComplianceSpec) -> Measured:
 
 
 def facts_of(measured: Measured) -> list[Fact]:
-    """What the paper says of movement, sensors and curves, beside what the simulation does."""
+    """The paper's statements on movement, sensors and curves, with the simulated values."""
     return [*movement_facts(measured), *curve_facts(measured), *sensor_facts(measured)]
 
 
@@ -101,7 +101,7 @@ def movement_facts(measured: Measured) -> list[Fact]:
         ),
         Fact(
             "force at the turn",
-            "Sec. 3.4: jaws yield, so that rigid objects do no damage",
+            "Sec. 3.4: jaws are compliant, so that rigid objects cause no damage",
             "rigid objects stay below jaw stiffness x travel",
             f"{highest.min():.1f} to {highest.max():.1f} N of {spec.machine_N_per_mm * spec.travel_mm:.0f} N",
             bool(highest.max() < spec.machine_N_per_mm * spec.travel_mm),
@@ -190,7 +190,7 @@ def sensor_facts(measured: Measured) -> list[Fact]:
         ),
         Fact(
             "crosstalk",
-            "Sec. 3.1: domes and laser cuts on the finger alone",
+            "Sec. 3.1: domes and laser cuts only on the finger",
             "finger < palm",
             f"{100 * spec.finger.crosstalk:.0f} % and {100 * spec.palm.crosstalk:.0f} % to each neighbour",
             spec.finger.crosstalk < spec.palm.crosstalk,
@@ -232,7 +232,7 @@ def main(arguments: list[str] | None = None) -> int:
     spec = ComplianceSpec()
     measured = measure(spec)
     facts = facts_of(measured)
-    tell(facts)
+    print_facts(facts)
     if given.out is not None:
         keep(facts, given.out)
         two = {label: measured.curves[int(label.removeprefix("OBJ-")) - 1] for label in ("OBJ-17", "OBJ-38")}

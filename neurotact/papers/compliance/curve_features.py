@@ -1,7 +1,7 @@
 """AR, MAX, H1 and H2: four numbers of a curve that rises and falls, sample by sample or at once.
 
-The instants of MAX, H1 and H2 belong to the movement that the controller commands, not to the curve: nothing is
-searched, so that a comparison, a register and one adder do (compliance paper, Secs. 2 and 4, Fig. 8).
+The instants of MAX, H1 and H2 belong to the commanded movement, not to the curve: there is no search, so a comparison,
+a register and one adder are enough (compliance paper, Secs. 2 and 4, Fig. 8).
 """
 
 from typing import NamedTuple
@@ -28,18 +28,18 @@ COMBINATIONS = {
             ("H1", "H2"),
             ("AR", "MAX", "H1"),
             ("AR", "MAX", "H2"),
-            ("AR", "H1", "H2"),  # printed as "AR, H1 and H1"; H2 is the one that the other rows leave over
+            ("AR", "H1", "H2"),  # printed as "AR, H1 and H1"; H2 is the one missing from the other rows
             ("MAX", "H1", "H2"),
             ("AR", "MAX", "H1", "H2"),
         ),
         start=1,
     )
 }
-"""Which features each label of the compliance paper's Table 2 joins."""
+"""The features of each label of the compliance paper's Table 2."""
 
 
 class Instants(NamedTuple):
-    """Samples, counted from 0, at which MAX, H1 and H2 are read."""
+    """Samples, counted from 0, of MAX, H1 and H2."""
 
     maximum: int
     h1: int
@@ -55,12 +55,12 @@ def instants(peak: int) -> Instants:
     Instants(maximum=582, h1=388, h2=776)
     """
     if peak < 2:
-        raise InputError(f"peak: sample {peak} leaves no room for H1 before it; it must be at least 2")
+        raise InputError(f"peak: sample {peak} is too early for H1 before it; it must be at least 2")
     return Instants(peak, round(2 * peak / 3), round(4 * peak / 3))
 
 
 class CurveState(NamedTuple):
-    """What the streaming form remembers: the next sample's number, the sum so far, MAX, H1 and H2 as read so far."""
+    """The state of the streaming form: the next sample's number, the sum so far, and MAX, H1 and H2 so far."""
 
     sample: int
     total: np.ndarray
@@ -122,7 +122,7 @@ def select_features(features: np.ndarray, combination: str) -> np.ndarray:
     [[1, 3, 4, 5, 7, 8]]
     """
     if combination not in COMBINATIONS:
-        raise InputError(f"combination '{combination}': is none of Table 2; give one of d1 to d15")
+        raise InputError(f"combination '{combination}': is not in Table 2; give one of d1 to d15")
     columns = [FEATURES.index(name) for name in COMBINATIONS[combination]]
     chosen = np.asarray(features)[..., columns]
     return chosen.reshape(*chosen.shape[:-2], -1)

@@ -34,7 +34,7 @@ from neurotact.papers.compliance.simulator import CHANNELS, SENSORS
 from neurotact.papers.compliance.tactile_moments import NAMES
 
 OURS = {"honest": SERIES[0][0], "paper": SERIES[4][0]}
-"""Colours of the two protocols; what is published is ink."""
+"""Colours of the two protocols; published values are dark."""
 LEAKS = "paper (chosen on test data)"
 SENSOR_CHOICES = ("finger", "palm", "finger and palm")
 
@@ -78,15 +78,15 @@ def draw_curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Dr
         _curves(curves, sampling_rate_Hz),
         "One exploration each of OBJ-17 (an ovoid, standing) and OBJ-38 (a toroid, standing). Each moment is divided "
         "by its own largest value, since M20 is tens of times M00 (largest counts above). All six rise and fall "
-        "together, so that below M00 stands how far the others lie from it, smoothed over 50 ms. The palm starts "
-        "above 0: it bears the weight.",
-        "For each object and sensor M00, which rises and falls in 2.4 s, and below it the other five moments less M00.",
+        "together; below M00 is the difference of the others from it, smoothed over 50 ms. The palm starts "
+        "above 0: it carries the weight.",
+        "For each object and sensor M00, which rises and falls in 2.4 s; below it the other five moments minus M00.",
     )
 
 
 @printed
 def _curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Figure:
-    """Of each object and sensor M00 above, and below it how far the other moments lie from it."""
+    """M00 of each object and sensor, and below it the differences of the other moments from it."""
     figure = new_figure(2.6 * len(curves) + 0.4)
     grid = figure.subplots(
         2 * len(curves), 2, sharex=True, sharey="row", squeeze=False, height_ratios=[1.1, 1.0] * len(curves)
@@ -106,11 +106,11 @@ def _curves(curves: Mapping[str, np.ndarray], sampling_rate_Hz: float) -> Figure
 
 
 SMOOTHED_s = 0.05
-"""Running mean of what moments differ by: smaller than any change that is seen, longer than the noise."""
+"""Length of the running mean of the differences: shorter than any visible change, longer than the noise."""
 
 
 def _paint_moments(above: Axes, below: Axes, own: np.ndarray, sampling_rate_Hz: float) -> None:
-    """M00 as a share of its largest value, and in points how far the shares of the other moments lie from it."""
+    """M00 as a share of its largest value, and the differences of the other moments' shares from it, in points."""
     time_s = np.arange(len(own)) / sampling_rate_Hz
     shares = own / own.max(axis=0)
     above.plot(time_s, shares[:, 0], color=SERIES[0][0], linewidth=1.0, label=NAMES[0])
@@ -120,13 +120,13 @@ def _paint_moments(above: Axes, below: Axes, own: np.ndarray, sampling_rate_Hz: 
     below.axhline(0, color=MUTED, linewidth=0.7)
     for i in range(1, len(NAMES)):
         apart = 100 * np.convolve(shares[:, i] - shares[:, 0], kernel, mode="same")
-        inside = slice(n // 2, len(apart) - n // 2)  # whole means alone
+        inside = slice(n // 2, len(apart) - n // 2)  # only complete means
         below.plot(time_s[inside], apart[inside], color=SERIES[i][0], linewidth=0.9, label=NAMES[i])
     below.grid(axis="y")
 
 
 class Shown(NamedTuple):
-    """One exploration: displacement and force `(time,)`, and what finger and palm read at the turn, `(row, column)`."""
+    """One exploration: displacement and force `(time,)`, and both images at the turn, `(row, column)`."""
 
     label: str
     displacement_mm: np.ndarray
@@ -139,7 +139,7 @@ class Shown(NamedTuple):
 def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
     """Force over displacement, there and back, and both tactile images at the turn; a column per object.
 
-    Forces have a scale each, as an object's own curve is what they show; all images share one.
+    Each force plot has its own scale, to show the shape of the curve; all images share one.
     """
     figure = new_figure(4.4)
     grid = figure.subplots(3, len(explorations), height_ratios=(1.3, 1.2, 1.2))
@@ -162,16 +162,16 @@ def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
 
 
 def draw_accuracy(results: pd.DataFrame, with_pca: bool) -> Drawn:
-    """Accuracy over the number of moments beside Table 3 (without PCA) or Table 5 (with PCA).
+    """Accuracy over the number of moments, with Table 3 (without PCA) or Table 5 (with PCA).
 
-    results: rows with or without components alone; of each cell the `chosen` combination is drawn.
+    results: rows only with or only without components; of each cell the `chosen` combination is drawn.
     """
     table = 5 if with_pca else 3
     return Drawn(
         f"compliance-table-{table}",
         f"Test accuracy {'with' if with_pca else 'without'} PCA (Table {table})",
         _accuracy(results[results["chosen"]], published_accuracy().query(f"table == {table}")),
-        "The best combination of features of each cell. Ink: published, a triangle where the paper prints “less than”. "
+        "The best combination of features per cell. Dark: published, a triangle where the paper prints “less than”. "
         f"Blue: honest, the combination and the repetition of k-means chosen on validation data. Orange: {LEAKS}, as "
         "the published numbers are.",
         "A panel for each choice of sensors and number of bits; accuracy rises with the number of moments.",
@@ -220,7 +220,7 @@ def draw_merit(results: pd.DataFrame) -> Iterator[Drawn]:
             "published ones throughout; only the accuracy differs between bar and marks. Hatched: "
             + "; ".join(f"the row of {_case(row)} {REMARKS[row.remark]}" for row in cases.itertuples() if row.remark)
             + ".",
-            "Bars by case; the first moment of finger and palm with d5 and 12 bits leads.",
+            "Bars by case; the first moment of finger and palm with d5 and 12 bits is the best.",
         )
 
 
@@ -260,7 +260,7 @@ def _our_accuracy(results: pd.DataFrame, protocol: str, row: Any) -> float:
 
 
 def _of(table: pd.DataFrame, **where: Any) -> pd.DataFrame:
-    """The rows whose columns have these values; none where no row has them."""
+    """The rows whose columns have these values, if any."""
     keep = np.ones(len(table), bool)
     for column, value in where.items():
         keep &= (table[column] == value).to_numpy()
@@ -274,8 +274,8 @@ def draw_delay() -> Drawn:
         "Delay from the last sample to the label (Fig. 15)",
         _delay(),
         "Feature extraction as published for each case (Tables 4 and 6) and the classifier on the line through the two "
-        "delays that the text prints (ringed: 82 µs for 8 inputs, 65.7 µs for 3). The line is ours. PCA pays where it "
-        "spares more inputs than its own delay costs.",
+        "delays in the text (ringed: 82 µs for 8 inputs, 65.7 µs for 3). The line is ours. PCA saves time if the delay "
+        "of the inputs that it removes exceeds its own.",
         "Delays that grow with the number of inputs; cases with PCA have few inputs.",
     )
 
@@ -306,9 +306,9 @@ def draw_projection(components: Mapping[str, np.ndarray], labels: np.ndarray) ->
         "compliance-components",
         "Three principal components: finger, palm, both (Fig. 12)",
         _projection(components, labels),
-        "Six moments, d5, 8 bits; fitted on training vectors. A dot an exploration, an ellipse two standard deviations "
-        "of a class. Number: the median distance from a class mean to its nearest neighbour, over the median deviation "
-        "within a class; where it is larger, classes lie further apart.",
+        "Six moments, d5, 8 bits; fitted on training vectors. A dot is an exploration, an ellipse two standard "
+        "deviations of a class. Number: the median distance from a class mean to its nearest neighbour, over the "
+        "median deviation within a class; larger means more separate classes.",
         "Three columns of scattered classes, the second component and the third over the first.",
     )
 
@@ -381,7 +381,7 @@ def _confusion(truth: np.ndarray, predicted: np.ndarray) -> Figure:
     numbers = [label.removeprefix("OBJ-") for label in classes]
     axes.set_xticks(range(len(classes)), numbers, fontsize=5)
     axes.set_yticks(range(len(classes)), numbers, fontsize=5)
-    axes.set(xlabel="told (object)", ylabel="true (object)")
+    axes.set(xlabel="predicted (object)", ylabel="true (object)")
     for i, j in zip(*np.nonzero((shares >= 10) & ~np.eye(len(classes), dtype=bool)), strict=True):
         ink = "white" if shares[i, j] > 60 else INK
         axes.text(j, i, f"{shares[i, j]:.0f}", ha="center", va="center", fontsize=4, color=ink)

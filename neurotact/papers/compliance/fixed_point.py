@@ -8,7 +8,7 @@ from neurotact.errors import InputError
 
 
 class FixedPoint(NamedTuple):
-    """Unsigned words of `bits`: code 0 is 0, the largest code is `full_scale`; what lies outside saturates.
+    """Unsigned words of `bits`: code 0 is 0, the largest code is `full_scale`; values outside saturate.
 
     >>> FixedPoint(bits=8, full_scale=510.0).codes(np.array([-3.0, 4.0, 5.0, 510.0, 900.0])).tolist()
     [0.0, 2.0, 2.0, 255.0, 255.0]
@@ -29,10 +29,10 @@ class FixedPoint(NamedTuple):
 
 
 def fit_fixed_point(features: np.ndarray, bits: int) -> FixedPoint:
-    """The one scale on which the largest of all `features` just fits: pass training examples alone.
+    """The common scale whose end is the largest of all `features`: pass only training examples.
 
-    One scale for every moment, feature and sensor, as the words of one datapath have it: a moment whose values are
-    small beside those of another keeps few codes. Raises InputError for bits < 1 or features that are all <= 0.
+    One scale for every moment, feature and sensor, as in one datapath: a moment with small values uses few codes.
+    Raises InputError for bits < 1 or features that are all <= 0.
 
     >>> fit_fixed_point(np.array([[1.0, 30.0], [2.0, 60.0]]), bits=4)
     FixedPoint(bits=4, full_scale=60.0)

@@ -1,4 +1,4 @@
-"""What tactile moments and the features of their curves cost, for the ledger of `neurotact.metrics.flops`."""
+"""The costs of tactile moments and of the features of their curves, for the ledger of `neurotact.metrics.flops`."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,8 @@ from neurotact.metrics.flops import BYTES, Cost, Layer
 class TactileMoments(Layer):
     """Raw moments of `frames` images of `taxels` taxels (compliance paper, Eq. 1).
 
-    The moment of order 0 only adds; each other takes a multiplication and an addition a taxel. The weights are
-    coordinates, which nothing stores. `first_is_sum`: the moments begin with M00.
+    The moment of order 0 only adds; each other takes a multiplication and an addition per taxel. The weights are
+    coordinates, which are not stored. `first_is_sum`: the moments begin with M00.
     """
 
     taxels: int
@@ -24,9 +24,9 @@ class TactileMoments(Layer):
 
 @dataclass(frozen=True)
 class CurveFeatures(Layer):
-    """AR, MAX, H1 and H2 of `curves` curves of `frames` samples: one addition a sample for AR, registers for the rest.
+    """AR, MAX, H1 and H2 of `curves` curves of `frames` samples: an addition per sample for AR, registers for the rest.
 
-    areas: 1 where AR is among the features, else 0 additions. held: how many of MAX, H1 and H2 are read; each takes a
+    areas: 1 if AR is among the features, else 0 additions. held: number of MAX, H1 and H2 in use; each takes a
     comparison of the sample's number (compliance paper, Fig. 8).
     """
 

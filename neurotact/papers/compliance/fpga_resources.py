@@ -1,7 +1,7 @@
 """Figure of merit of feature extractors on an FPGA, over the resource counts that the compliance paper publishes.
 
-Two tables ship beside this module as the paper prints them: `compliance_resources.csv` (Tables 4 and 6) and
-`compliance_accuracy.csv` (Tables 3 and 5). What looks misprinted, or has no accuracy, says so in its `remark`.
+Two tables come with this module as the paper prints them: `compliance_resources.csv` (Tables 4 and 6) and
+`compliance_accuracy.csv` (Tables 3 and 5). The column `remark` marks apparent misprints and rows without an accuracy.
 """
 
 from collections.abc import Mapping
@@ -22,25 +22,25 @@ ZYNQ_XC7Z020 = {
     "dsp": 220,
     "f_mux": 26_600 + 13_300,
 }
-"""What the Zynq XC7Z020 has: the maxima of Eq. 3 (F7 and F8 multiplexers together)."""
+"""The resources of the Zynq XC7Z020: the maxima of Eq. 3 (F7 and F8 multiplexers together)."""
 
 FEATURES_IN = {"d1": 1, "d2": 1, "d3": 1, "d4": 1, "d11": 3, "d12": 3, "d13": 3, "d14": 3, "d15": 4} | {
     f"d{i}": 2 for i in range(5, 11)
 }
-"""Features that each label of Table 2 joins."""
+"""Number of features of each label of Table 2."""
 
 MODULE_12_BIT = {"flip_flops": 14, "lut": 19}
-"""One d5 module of 12 bits, from the rows for finger and palm: half of what M00 takes (Table 4, second row)."""
+"""One d5 module of 12 bits, from the rows for finger and palm: half of the resources of M00 (Table 4, second row)."""
 
 REMARKS = {
     "misprint: one module": "prints the counts of one d5 module of 12 bits (14 FF, 19 LUT) for four",
     "misprint: 12 bits": "prints six d5 modules of 12 bits (84 FF, 114 LUT) for six of 16",
     "no accuracy": "Table 5 prints another combination for this cell, so its accuracy is an upper bound",
 }
-"""What is said of each remark wherever its row is used."""
+"""The text of each remark."""
 
 CLASSIFIER_DELAYS_us = {8: 82.0 - 0.03, 3: 65.7 - 2.75}
-"""By inputs: the published delays of features and classifier (82 and 65.7 us, Sec. 6) less that of the features."""
+"""By inputs: the published delays of features and classifier (82 and 65.7 us, Sec. 6) minus that of the features."""
 
 
 class Merit(NamedTuple):
@@ -51,7 +51,7 @@ class Merit(NamedTuple):
 
 
 def resource_share(used: Mapping[str, float]) -> float:
-    """r: the mean over six kinds of resource of the share of the device that is used (compliance paper, Eq. 3).
+    """r: the mean over six kinds of resource of the used share of the device (compliance paper, Eq. 3).
 
     used: counts by the names of ZYNQ_XC7Z020; all six. Raises InputError for one that is missing.
 
@@ -67,14 +67,14 @@ def resource_share(used: Mapping[str, float]) -> float:
 def figure_of_merit(accuracy: float, inputs: int, bits: int, used: Mapping[str, float]) -> Merit:
     """The figure of merit, accuracy / (inputs x bits x r) (compliance paper, Eq. 2).
 
-    inputs: of the classifier, over all sensors and moments; the number of components where PCA is applied.
+    inputs: of the classifier, over all sensors and moments; the number of components with PCA.
     Raises InputError when nothing is used or inputs or bits are below 1.
     """
     if inputs < 1 or bits < 1:
         raise InputError(f"figure of merit: inputs and bits must be at least 1; got {inputs} and {bits}")
     share = resource_share(used)
     if share <= 0:
-        raise InputError("figure of merit: no resource is used, so that it has no value; give the counts")
+        raise InputError("figure of merit: no resource is used, so it is undefined; give the counts")
     return Merit(accuracy / (inputs * bits * share), share)
 
 

@@ -1,8 +1,8 @@
-"""The compliance paper's chain: moment curves of two tactile arrays, four features a curve, k-means, 42 objects.
+"""The compliance paper's chain: moment curves of two tactile arrays, four features per curve, k-means, 42 objects.
 
-`paper` lets test data in where the paper does or may: the repetition of k-means is chosen on the test set (its
-Sec. 3.5), and the fixed-point scale and the PCA are fitted on all vectors, which it leaves open. `honest` fits both on
-training vectors and chooses on validation vectors.
+`paper` uses test data where the paper does or may: the repetition of k-means is chosen on the test set (its
+Sec. 3.5), and the fixed-point scale and the PCA are fitted on all vectors, since the paper does not say. `honest` fits
+both on training vectors and chooses on validation vectors.
 """
 
 from collections.abc import Iterator
@@ -28,13 +28,13 @@ from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 TEST_SHARE = 673 / 1974
-"""673 of 1974 vectors are tested on (compliance paper, Sec. 5.1)."""
+"""673 of 1974 vectors are test vectors (compliance paper, Sec. 5.1)."""
 VALIDATION_SHARE = 0.15
-"""Of all vectors, taken from the training side: ours, since the paper has no validation set."""
+"""Share of all vectors, taken from the training side: ours, since the paper has no validation set."""
 SHOWN = ("OBJ-2", "OBJ-17", "OBJ-38")
 """Objects whose curves the paper draws (Figs. 1 and 6)."""
 TASK_STEP = 5
-"""Samples that one step of a task's sequence averages: 97 steps per second."""
+"""Samples per step of a task's sequence: 97 steps per second."""
 
 SensorChoice = Literal["finger", "palm", "finger and palm"]
 
@@ -46,18 +46,18 @@ class Parameters(Spec):
     protocol: Literal["honest", "paper"] = "honest"
     sensors: SensorChoice = "finger and palm"
     bits: int = Field(default=12, ge=1, le=32)
-    """Of every feature (8, 12 and 16 in the paper)."""
+    """Bits of every feature (8, 12 and 16 in the paper)."""
     component_counts: tuple[int, ...] = (0,)
-    """Numbers of principal components that are tried; 0 is without PCA."""
+    """Candidate numbers of principal components; 0 is without PCA."""
     moment_counts: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
-    """How many moments, in the order of Tables 3 and 5."""
+    """Numbers of moments, in the order of Tables 3 and 5."""
     combinations: tuple[str, ...] = tuple(COMBINATIONS)
-    """Of features that are tried (Table 2)."""
+    """Candidate combinations of features (Table 2)."""
     repetitions: int = Field(default=100, ge=1)
-    """Of k-means, of which the best is kept (Sec. 3.5)."""
+    """Repetitions of k-means, of which the best is kept (Sec. 3.5)."""
     init: Init = "k-means++"
     seed: int = Field(default=0, ge=0)
-    """Of the split and of k-means."""
+    """Random seed of the split and of k-means."""
 
 
 VIEW = View(
@@ -70,17 +70,17 @@ VIEW = View(
     ),
     "flops",
     "accuracy_test",
-    "Rows of the protocol `paper` let test data in: the best of the repetitions of k-means, the combination of "
-    "features and the number of components are chosen by test accuracy, and the fixed-point scale and the PCA see all "
+    "Rows of the protocol `paper` use test data: the best of the repetitions of k-means, the combination of "
+    "features and the number of components are chosen by test accuracy, and the fixed-point scale and the PCA use all "
     "vectors. Rows of `honest` choose on validation vectors and fit on training vectors. `accuracy_class_means` starts "
-    "k-means at the means of the classes, once. A published value stands where Tables 3 and 5 name this very row.",
+    "k-means at the means of the classes, once. Published values are given for the rows in Tables 3 and 5.",
     apart=("protocol",),
     optimistic=("paper",),
 )
 
 
 class Sides(NamedTuple):
-    """Indices of the vectors that fit the scale and the PCA, that train k-means, that choose, and that test."""
+    """Indices of the vectors to fit the scale and the PCA, to train k-means, to choose, and to test."""
 
     fit: np.ndarray
     train: np.ndarray
@@ -89,7 +89,7 @@ class Sides(NamedTuple):
 
 
 class Vectors(NamedTuple):
-    """What the classifier sees, `(example, input)` for each of the three sides."""
+    """The input of the classifier, `(example, input)` for each of the three sides."""
 
     train: np.ndarray
     choose: np.ndarray
@@ -157,7 +157,7 @@ def _row(parameters: Parameters, arrays: Arrays, moments: int, combination: str,
 
 
 def sides_of(labels: np.ndarray, protocol: str, seed: int) -> Sides:
-    """Who fits, trains, chooses and tests; stratified, the same test side for both protocols.
+    """The vectors to fit, train, choose and test; stratified, with the same test side for both protocols.
 
     >>> labels = np.repeat(["kiwi", "pear"], 47)
     >>> [[len(side) for side in sides_of(labels, protocol, 0)] for protocol in ("honest", "paper")]
@@ -182,7 +182,7 @@ def n_features(sensors: SensorChoice, moments: int, combination: str) -> int:
 def vectors_of(
     parameters: Parameters, features: np.ndarray, sides: Sides, moments: int, combination: str, components: int
 ) -> Vectors:
-    """Quantise on one scale, select, and project: all three are fitted on `sides.fit` alone.
+    """Quantise on one scale, select, and project: all three are fitted only on `sides.fit`.
 
     features: `(exploration, curve, 4)`, the curves as CHANNELS names them. The scale spans every curve and feature.
     """
@@ -198,13 +198,13 @@ def vectors_of(
 
 
 def fit_kmeans(parameters: Parameters, vectors: Vectors, labels: np.ndarray, sides: Sides) -> ClassCentroidKMeans:
-    """The best of the repetitions on `sides.choose`, which for `paper` is the test side."""
+    """The best of the repetitions on `sides.choose`, which is the test side for `paper`."""
     kmeans = ClassCentroidKMeans(parameters.init, parameters.repetitions, random_state=parameters.seed)
     return kmeans.fit(vectors.train, labels[sides.train], validation=(vectors.choose, labels[sides.choose]))
 
 
 def decision_cost(parameters: Parameters, moments: int, combination: str, components: int) -> Cost:
-    """What one exploration costs, from the taxels to the label, and the signal that it waits for."""
+    """The cost of one exploration, from the taxels to the label, and the required length of the signal."""
     data, names = parameters.data, COMBINATIONS[combination]
     frames = last_frame(data.peak, names, data.n_samples) + 1
     arrays = [skin_of(data, sensor) for sensor in _chosen_sensors(parameters.sensors)]
@@ -218,7 +218,7 @@ def decision_cost(parameters: Parameters, moments: int, combination: str, compon
 
 
 def last_frame(peak: int, names: tuple[str, ...], n_samples: int) -> int:
-    """The sample after which all of `names` are known: AR waits for the end, H2 for 4/3 of the time to the turn.
+    """The sample after which all of `names` are known: AR at the end, H2 at 4/3 of the time to the turn.
 
     >>> [last_frame(582, names, 1165) for names in (("AR", "MAX"), ("MAX", "H1"), ("H1", "H2"))]
     [1164, 582, 776]
@@ -237,7 +237,7 @@ def _chosen_sensors(sensors: SensorChoice) -> tuple[str, ...]:
 
 
 def _published(parameters: Parameters, moments: int, combination: str, components: int) -> float | None:
-    """Tables 3 and 5, where they name this very case."""
+    """The accuracy of this case in Tables 3 and 5, if given."""
     named = published_accuracy()
     same = (
         (named["sensor"] == parameters.sensors)
@@ -250,7 +250,7 @@ def _published(parameters: Parameters, moments: int, combination: str, component
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """The paper's Figs. 1, 6 and 10 to 15, with ours beside, and Tables 3 and 5 as curves."""
+    """The paper's Figs. 1, 6 and 10 to 15, with our results, and Tables 3 and 5 as curves."""
     rate_Hz, peak = float(arrays["sampling_rate_Hz"]), int(arrays["peak"])
     curves = dict(zip(SHOWN, arrays["curves"], strict=True))
     yield compliance_figures.draw_features(curves["OBJ-2"], peak, rate_Hz)
@@ -269,7 +269,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
 
 
 def _projections(arrays: Arrays) -> dict[str, np.ndarray]:
-    """Three components of six moments, d5, 8 bits, fitted on training vectors, `(example, 3)` a choice of sensors."""
+    """Three components of six moments, d5, 8 bits, fitted on training vectors, `(example, 3)` per choice of sensors."""
     sides = sides_of(arrays["labels"], "honest", 0)
     everyone = sides._replace(train=np.arange(len(arrays["labels"])))
     choices: tuple[SensorChoice, ...] = ("finger", "palm", "finger and palm")
@@ -295,11 +295,11 @@ def _best_case(results: pd.DataFrame, arrays: Arrays, components: int) -> tuple[
 
 
 def task(data: ComplianceSpec) -> TaskData:
-    """Which of 42 objects is squeezed.
+    """The task to classify which of 42 objects is squeezed.
 
     features: d13 (AR, H1, H2) of all six moments of both sensors.
-    sequences: the twelve moment curves, each divided by the mean of its weights over the array, so that all are read
-    as M00 is (a fixed number, nothing of the data), and averaged over TASK_STEP samples.
+    sequences: the twelve moment curves, each divided by the mean of its weights over the array, so that all have the
+    scale of M00 (a constant, independent of the data), and averaged over TASK_STEP samples.
     """
     touch = simulate(data)
     signals = np.asarray(touch.signals)

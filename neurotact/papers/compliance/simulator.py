@@ -1,8 +1,8 @@
 """A hand that squeezes and releases 42 objects between finger and palm: the compliance paper's experiment, simulated.
 
-The objects are those of its Table 1, the movement that of its Sec. 3.4, the sensors those of its Sec. 3.1. What comes
-out are the raw moments of both tactile images over time. Equations, sources, and what is ours because the paper does
-not print it: docs/compliance-simulator.md.
+The objects are those of its Table 1, the movement that of its Sec. 3.4, the sensors those of its Sec. 3.1. The outputs
+are the raw moments of both tactile images over time. Equations, sources, and our choices where the paper gives none:
+docs/compliance-simulator.md.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ CHANNELS = tuple(f"{sensor} {name}" for sensor in SENSORS for name in NAMES)
 
 OBJECTS_FILE = Path(__file__).with_name("compliance_objects.csv")
 RELAXATION_S = (0.15, 1.5)
-"""Of the fast and of the slow loss of every object: within the 2.4 s of an exploration, and of its length."""
+"""Time constants of the fast and the slow loss of every object: within an exploration (2.4 s), and about its length."""
 GRAVITY_N_PER_G = 9.81e-3
 FLAT_POWER = 8
 """|u/a|^8 + |v/b|^8 <= 1 is a rectangle with slightly rounded corners."""
@@ -45,15 +45,15 @@ class SkinSpec(Spec):
     cover_N_per_mm3: float = Field(gt=0)
     """Stiffness of the cover as an elastic foundation: modulus over thickness."""
     spread_mm: float = Field(gt=0)
-    """How far the cover spreads a point load."""
+    """Spread of a point load by the cover."""
     crosstalk: float = Field(ge=0, lt=0.2)
     """Share of a taxel's force that each of its four neighbours reads."""
     half_force_N: float = Field(gt=0)
-    """Force on a taxel at which its conductance is half of what it tends to."""
+    """Force on a taxel at which its conductance is half of its limit."""
 
 
 class ComplianceSpec(Spec):
-    """The protocol, the sensors and the spread of one simulated experiment; the objects stand in a table beside it.
+    """The protocol, the sensors and the spread of one simulated experiment; the objects are in a separate table.
 
     >>> ComplianceSpec(trials=3).n_trials
     126
@@ -62,17 +62,17 @@ class ComplianceSpec(Spec):
     trials: int = Field(default=47, ge=1)
     """Explorations of each object (compliance paper, Sec. 3.4)."""
     seed: int = Field(default=0, ge=0)
-    """The same seed gives the same bytes; an exploration's numbers depend on its object and number alone."""
+    """Random seed: the same one gives the same bytes; an exploration's numbers depend only on its object and number."""
     sampling_rate_Hz: float = Field(default=485.0, gt=0)
-    """Of the finger (Sec. 3.1); the palm is read at the same instants."""
+    """Sampling rate of the finger (Sec. 3.1); the palm is read at the same instants."""
     speed_mm_per_s: float = Field(default=10.0, gt=0)
-    """Of the palm (Sec. 3.4)."""
+    """Speed of the palm (Sec. 3.4)."""
     travel_mm: float = Field(default=12.0, gt=0)
     """Largest displacement from first touch (Sec. 3.4)."""
     touch_N: float = Field(default=0.1, gt=0)
     """Force at which an exploration begins (Sec. 3.4)."""
     machine_N_per_mm: float = Field(default=4.0, gt=0)
-    """Compliance of finger, palm and their mounts, which the paper notes and does not print."""
+    """Stiffness of finger, palm and their mounts, which the paper mentions without a value."""
 
     finger: SkinSpec = SkinSpec(
         rows=11, columns=4, pitch_mm=3.7, cover_N_per_mm3=2.7, spread_mm=2.8, crosstalk=0.01, half_force_N=10.0
@@ -81,30 +81,30 @@ class ComplianceSpec(Spec):
     palm: SkinSpec = SkinSpec(
         rows=16, columns=16, pitch_mm=3.7, cover_N_per_mm3=0.7, spread_mm=3.6, crosstalk=0.06, half_force_N=10.0
     )
-    """A continuous sheet (Sec. 3.1). Its size stands in a drawing only: 16 x 16 at the finger's pitch is ours."""
+    """A continuous sheet (Sec. 3.1). Its size is only in a drawing: 16 x 16 at the finger's pitch is ours."""
 
     counts: int = Field(default=4095, ge=1)
     """Largest reading of a taxel: 12 bits."""
     noise_counts: float = Field(default=3.0, ge=0)
     """White noise of a reading, rms."""
     mismatch: float = Field(default=0.05, ge=0, lt=0.3)
-    """Standard deviation of taxel gains over their mean; a sensor keeps its gains."""
+    """Standard deviation of taxel gains over their mean; the gains of a sensor are fixed."""
 
     stiffness_spread: float = Field(default=1.0, ge=0, le=3)
-    """Scales how the stiffness of each object varies and falls from exploration to exploration (table of objects)."""
+    """Factor on the variation and the decrease of each object's stiffness over explorations (table of objects)."""
     habit_mm: float = Field(default=2.0, ge=0)
-    """Standard deviation of where an object is usually laid, along each axis: an operator lays each in one way."""
+    """Standard deviation of an object's usual position, along each axis: an operator has one position for each."""
     placing: Literal["repeated", "random"] = "random"
-    """Repeated: an object is laid down once and left in place for all of its explorations, as in a jig. Random: it is
-    laid down anew for each, as by hand."""
+    """Repeated: an object is placed once for all of its explorations, as in a jig. Random: it is placed again for
+    each, as by hand."""
     jitter_place_mm: float = Field(default=1.0, ge=0)
-    """Standard deviation of where it lies around that each time it is laid down, along each axis."""
+    """Standard deviation of each placement around the usual position, along each axis."""
     jitter_angle_deg: float = Field(default=5.0, ge=0)
-    """Standard deviation of how it is turned each time."""
+    """Standard deviation of the orientation of each placement."""
     jitter_travel: float = Field(default=0.01, ge=0, lt=0.1)
     """Standard deviation of the distance travelled, and with it of the speed, over the commanded one."""
     jitter_start_ms: float = Field(default=4.0, ge=0)
-    """Standard deviation of the start of the movement against the sensors' clock."""
+    """Standard deviation of the start of the movement on the sensors' clock."""
     jitter_touch: float = Field(default=0.2, ge=0, lt=0.3)
     """Standard deviation of the force that starts an exploration over `touch_N`."""
     jitter_gain: float = Field(default=0.01, ge=0, lt=0.3)
@@ -133,7 +133,7 @@ class ComplianceSpec(Spec):
 
 
 class Face(NamedTuple):
-    """How an object meets a sensor: radii of curvature, half lengths of a flat face, or ring and tube radius; in mm.
+    """Geometry of the contact with a sensor: radii of curvature, half lengths of a flat face, or ring and tube radius.
 
     a lies along the rows of the sensor (along the finger), b along its columns.
     """
@@ -156,16 +156,16 @@ class TouchedObject(NamedTuple):
     spread: float
     """Standard deviation of the stiffness from exploration to exploration, over its mean."""
     softening: float
-    """Share of the stiffness that the whole series of explorations takes away."""
+    """Share of the stiffness that is lost over the whole series of explorations."""
     faces: tuple[Face, Face]
     summit_mm: tuple[float, float]
-    """Where the object is highest, from where its middle is placed: not 0 for a pear."""
+    """Position of the object's highest point relative to its middle: not 0 for a pear."""
     roughness: float
 
 
 @cache
 def load_objects() -> tuple[TouchedObject, ...]:
-    """The 42 objects of Table 1 with the physics that we give them, OBJ-1 first.
+    """The 42 objects of Table 1 with our physical parameters, OBJ-1 first.
 
     >>> [(thing.label, thing.faces[0].shape) for thing in load_objects()][36:38]
     [('OBJ-37', 'ring'), ('OBJ-38', 'curved')]
@@ -194,16 +194,16 @@ def load_objects() -> tuple[TouchedObject, ...]:
 
 
 class Exploration(NamedTuple):
-    """One exploration as it really went."""
+    """The actual values of one exploration."""
 
     stiffness: float
-    """Of the object, over its mean."""
+    """Stiffness of the object over its mean."""
     travel: float
     """Distance travelled over the commanded one."""
     start_s: float
     touch_N: float
     place_mm: tuple[float, float]
-    """Of the object's summit from the middle of both sensors."""
+    """Position of the object's summit relative to the middle of both sensors."""
     angle_rad: float
     gains: tuple[float, float]
 
@@ -252,12 +252,12 @@ def skin_of(spec: ComplianceSpec, sensor: str) -> SkinSpec:
 
 
 def trial_generator(seed: int, *key: int) -> np.random.Generator:
-    """The random numbers of one exploration, keyed by its object (1 to 42) and number, which no other can shift."""
+    """The random numbers of one exploration, keyed by its object (1 to 42) and number, independent of all others."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 def draw_exploration(spec: ComplianceSpec, thing: TouchedObject, trial: int, rng: np.random.Generator) -> Exploration:
-    """What varies from exploration to exploration, normal within 3 deviations; produce softens as it is squeezed."""
+    """The variation between explorations, normal within 3 deviations; fruit and vegetables soften with each squeeze."""
     stiffness, travel, start, touch, along, across, angle, *gains = np.clip(rng.standard_normal(9), -3.0, 3.0)
     number = int(thing.label.removeprefix("OBJ-"))
     of_object = np.clip(trial_generator(spec.seed, number).standard_normal(5), -3.0, 3.0)
@@ -278,14 +278,14 @@ def draw_exploration(spec: ComplianceSpec, thing: TouchedObject, trial: int, rng
 
 
 def displacement_mm(spec: ComplianceSpec, how: Exploration) -> np.ndarray:
-    """Where the palm is, `(time,)` from first touch: up and down at one speed."""
+    """Position of the palm, `(time,)` from first touch: up and down at one speed."""
     time_s = np.arange(spec.n_samples) / spec.sampling_rate_Hz - how.start_s
     turn_s = spec.peak / spec.sampling_rate_Hz
     return spec.travel_mm * how.travel * np.clip(1.0 - np.abs(time_s / turn_s - 1.0), 0.0, None)
 
 
 def press(spec: ComplianceSpec, things: list[TouchedObject], explored: list[Exploration]) -> Squeeze:
-    """Force and deformation of each exploration, `(exploration, time)`, of the object beside it in `things`."""
+    """Force and deformation of each exploration, `(exploration, time)`, of the corresponding object in `things`."""
     exponent = np.array([thing.exponent for thing in things])
     at_5mm_N = np.array([thing.force_at_5mm_N for thing in things])
     bodies = Bodies(
@@ -310,10 +310,10 @@ def tactile_images(
     deformation_mm: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """What a sensor reads, `(time, taxel)` whole counts in float32, taxels row by row."""
+    """The readings of a sensor, `(time, taxel)` whole counts in float32, taxels row by row."""
     skin = skin_of(spec, sensor)
     s = SENSORS.index(sensor)
-    # The palm lies below and bears the weight too.
+    # The palm is below and also carries the weight.
     borne_N = force_N + (thing.mass_g * GRAVITY_N_PER_G if sensor == "palm" else 0.0)
     share = footprint(skin, thing, s, how, borne_N, deformation_mm)
     taxel_N = _mix(skin, share * borne_N[:, None].astype(np.float32))
@@ -324,7 +324,7 @@ def tactile_images(
 
 
 def taxel_gains(spec: ComplianceSpec, sensor: str) -> np.ndarray:
-    """Gain of each taxel over the mean, `(taxel,)` float32: a property of the sensor, which all explorations share."""
+    """Gain of each taxel over the mean, `(taxel,)` float32: a property of the sensor, common to all explorations."""
     skin = skin_of(spec, sensor)
     drawn = trial_generator(spec.seed, 0, SENSORS.index(sensor)).standard_normal(skin.rows * skin.columns)
     return (1.0 + spec.mismatch * np.clip(drawn, -3.0, 3.0)).astype(np.float32)
@@ -333,7 +333,7 @@ def taxel_gains(spec: ComplianceSpec, sensor: str) -> np.ndarray:
 def footprint(
     skin: SkinSpec, thing: TouchedObject, s: int, how: Exploration, borne_N: np.ndarray, deformation_mm: np.ndarray
 ) -> np.ndarray:
-    """Share of the force that each taxel bears, `(time, taxel)` float32; a row sums to 1.
+    """Share of the force on each taxel, `(time, taxel)` float32; a row sums to 1.
 
     The cover is an elastic foundation, so pressure is 1 - rho within rho < 1: a paraboloid under a curved face, nearly
     uniform under a flat one, a ridge along a ring.
@@ -352,14 +352,14 @@ def footprint(
         terms, scales = (off_ring, np.zeros_like(u)), (face.b_mm * depth_mm + reach, np.ones_like(depth_mm))
     rho = np.stack([1.0 / scales[0], 1.0 / scales[1]], axis=1).astype(np.float32) @ np.stack(terms).astype(np.float32)
     pressure = np.maximum(np.float32(1.0) - rho, 0.0) * _relief(thing, u, v)
-    # A face that lies wholly between taxels or off the array leaves the load to its nearest taxel.
+    # A face entirely between taxels or off the array loads the nearest taxel.
     empty = pressure.sum(axis=1) == 0.0
     pressure[empty, rho[empty].argmin(axis=1)] = 1.0
     return pressure / pressure.sum(axis=1, keepdims=True)
 
 
 def _object_axes(skin: SkinSpec, how: Exploration) -> tuple[np.ndarray, np.ndarray]:
-    """Where each taxel lies in the object's own axes, `(taxel,)` each, in mm."""
+    """Position of each taxel in the object's own axes, `(taxel,)` each, in mm."""
     x, y = np.meshgrid(
         (np.arange(skin.rows) - (skin.rows - 1) / 2) * skin.pitch_mm,
         (np.arange(skin.columns) - (skin.columns - 1) / 2) * skin.pitch_mm,
@@ -377,18 +377,18 @@ def _radius_mm(face: Face) -> float:
 
 
 def _face_share(thing: TouchedObject, s: int) -> float:
-    """Part of the deformation on this side: Hertz contacts under one force yield as radius^(-1/3)."""
+    """Part of the deformation on this side: Hertz contacts under one force deform as radius^(-1/3)."""
     yields = [_radius_mm(face) ** (-1 / 3) for face in thing.faces]
     return yields[s] / sum(yields)
 
 
 def _cover_depth_mm(skin: SkinSpec, face: Face, force_N: np.ndarray) -> np.ndarray:
-    """How deep a paraboloid sinks into an elastic foundation: F = pi k R h^2."""
+    """Depth of a paraboloid in an elastic foundation: F = pi k R h^2."""
     return np.sqrt(force_N / (np.pi * skin.cover_N_per_mm3 * _radius_mm(face)))
 
 
 def _relief(thing: TouchedObject, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The object's bumps, `(taxel,)` float32: a fixed pattern that moves with the object, 1 where it is smooth."""
+    """The object's bumps, `(taxel,)` float32: a fixed pattern that moves with the object, 1 if it is smooth."""
     rng = np.random.default_rng(int(thing.label.removeprefix("OBJ-")))
     waves = rng.uniform((0.3, 0.3, 0.0, 0.0), (0.8, 0.8, 2 * np.pi, 2 * np.pi), (2, 4))  # rad/mm and rad
     bumps = np.sum([np.sin(k * u + p) * np.sin(m * v + q) for k, m, p, q in waves], axis=0)
@@ -396,7 +396,7 @@ def _relief(thing: TouchedObject, u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def _mix(skin: SkinSpec, taxel_N: np.ndarray) -> np.ndarray:
-    """Crosstalk: each taxel gives a share of its force to the readings of its four neighbours, and keeps the rest."""
+    """Crosstalk: each taxel adds a share of its force to the readings of its four neighbours, and keeps the rest."""
     images = taxel_N.reshape(-1, skin.rows, skin.columns)
     mixed = (1.0 - 4.0 * skin.crosstalk) * images
     given = np.float32(skin.crosstalk) * images

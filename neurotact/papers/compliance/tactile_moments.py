@@ -1,4 +1,4 @@
-"""Raw moments of a tactile image: how much is pressed, where, and how it spreads (compliance paper, Eq. 1)."""
+"""Raw moments of a tactile image: total, position and spread of the pressure (compliance paper, Eq. 1)."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ NAMES = tuple(f"M{p}{q}" for p, q in ORDERS)
 
 
 def moment_weights(rows: int, columns: int) -> np.ndarray:
-    """What each taxel counts in each moment, `(taxel, moment)` float64: x^p y^q, taxels row by row.
+    """Weight of each taxel in each moment, `(taxel, moment)` float64: x^p y^q, taxels row by row.
 
     x is the row and y the column, both counted from 1 (Eq. 1).
 

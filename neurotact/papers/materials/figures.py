@@ -1,4 +1,4 @@
-"""Figures of the contact materials: their signals, their patterns, and errors beside the published tables."""
+"""Figures of the contact materials: their signals, their patterns, and errors compared with the published tables."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +16,7 @@ SETUPS = ("A", "B", "C")
 ORDER = ("brass", "wood", "plastic", "lead")
 PERIODS = 2
 DASHES = ("-", (0, (4, 2)), (0, (5, 1.5, 1, 1.5)), (0, (1, 1)))
-"""Of the materials in their order: curves that lie on each other are still told apart."""
+"""Line styles of the materials in their order, so that overlapping curves are distinguishable."""
 UNITS = {"RELM": "neurons", "RLS": "kernels", "SVM": "support vectors"}
 
 PUBLISHED_PAIRS = {
@@ -36,7 +36,7 @@ PUBLISHED_UNITS = {"A": (184, 1200, 258.4), "B": (124, 1200, 187.2), "C": (26, 1
 
 @printed
 def draw_waveforms(arrays: Mapping[str, np.ndarray]) -> Figure:
-    """Measured force and output over a few periods, one curve a material.
+    """Measured force and output over a few periods, one curve per material.
 
     arrays: waveforms `(material, time, channel)` in V (force, output), waveform_labels, waveform_frequency_Hz and
     sampling_rate_Hz. Each curve begins where its force is largest.
@@ -67,10 +67,10 @@ def draw_waveforms(arrays: Mapping[str, np.ndarray]) -> Figure:
 def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
     """Phase and amplitude of each pattern at each frequency, a column per set force; lines join the means.
 
-    Frequencies stand at even steps, so that the materials of one stand beside each other without reaching the next.
+    Frequencies are evenly spaced, so that the materials of one frequency are side by side without reaching the next.
 
     arrays: features `(pattern, 4)` of frequency, force, phase and amplitude; labels; set_force_N. The phase is shown
-    less its mean over all patterns of that frequency, which the amplifier's corner makes: probes differ by far less.
+    minus its mean over all patterns of that frequency, which the amplifier's corner causes: probes differ by far less.
     """
     features, labels, set_force_N = arrays["features"].copy(), arrays["labels"], arrays["set_force_N"]
     forces_N = np.unique(set_force_N)
@@ -96,7 +96,7 @@ def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
         panels[0, column].set_ylim(-1.1 * np.abs(features[:, 2]).max(), 1.1 * np.abs(features[:, 2]).max())
         for axes in panels[:, column]:
             axes.grid(axis="y")
-    panels[0, 0].set_ylabel("phase (°), less the mean\nof that frequency")
+    panels[0, 0].set_ylabel("phase (°), minus the mean\nof that frequency")
     panels[1, 0].set_ylabel("amplitude (mV)")
     figure.align_ylabels()
     add_legend(figure, [panels[0, 0]], ncols=len(names))
@@ -105,7 +105,7 @@ def draw_patterns(arrays: Mapping[str, np.ndarray]) -> Figure:
 
 @printed
 def draw_pairs(results: pd.DataFrame) -> Figure:
-    """Test errors of each pair of materials, a panel per set-up, with the published ones as open marks of that shape.
+    """Test errors of each pair of materials, a panel per set-up; published ones are open marks of the same shape.
 
     results: rows of two-class problems with problem, setup, classifier and error_test.
     """
@@ -152,7 +152,7 @@ def draw_multiclass(results: pd.DataFrame) -> Figure:
 def _draw_beside(
     axes: Axes, rows: pd.DataFrame, group: str, names: list[str], measure: str, published: list[Any]
 ) -> None:
-    """Means and deviations of each classifier in each group, side by side, and the published values in its shape."""
+    """Means and deviations of each classifier in each group, side by side, and published values in the same shape."""
     classifiers = [c for c in CLASSIFIERS if c in set(rows["classifier"])]
     for index, classifier in enumerate(classifiers):
         mine = rows[rows["classifier"] == classifier].groupby(group)[measure]
@@ -164,7 +164,7 @@ def _draw_beside(
         printed_values = [p[CLASSIFIERS.index(classifier)] if p else np.nan for p in published]
         hollow: Any = {"ls": "", "marker": style["marker"], "mfc": "none", "mec": INK, "mew": 0.8, "clip_on": False}
         axes.plot(at, printed_values, ms=6.5, gid="published", **hollow)
-    axes.plot([], [], ls="", marker="o", ms=6.5, mfc="none", mec=INK, mew=0.8, label="published, in its shape")
+    axes.plot([], [], ls="", marker="o", ms=6.5, mfc="none", mec=INK, mew=0.8, label="published, same shape")
     axes.grid(axis="y")
 
 

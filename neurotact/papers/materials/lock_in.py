@@ -16,7 +16,7 @@ def lock_in(
 
     Multiplying by a reference and averaging is exact only over whole periods. Here cosine, sine and a constant are
     fitted by weighted least squares (the three-parameter sine fit of IEEE 1057), which is exact for a sinusoid with
-    an offset over any length, and the same thing over whole periods. A `hann` window is deafer to other frequencies.
+    an offset over any length, and equivalent over whole periods. A `hann` window suppresses other frequencies more.
 
     Raises InputError for less than half a period, and for frequencies that are not between 0 and half of the
     sampling rate.
@@ -38,7 +38,7 @@ def lock_in(
         )
     angle = 2.0 * np.pi * frequency_Hz / sampling_rate_Hz * np.arange(n_samples)
     basis = np.stack([np.cos(angle), -np.sin(angle), np.ones(n_samples)], axis=1)
-    # The root of the weights stands on both sides; a Hann window that ends in zeros would waste the outer samples.
+    # The root of the weights is on both sides; a Hann window that ends in zeros would waste the outer samples.
     place = (np.arange(n_samples) + 0.5) / n_samples
     root = np.ones(n_samples) if window == "rectangular" else np.sin(np.pi * place)
     fit = np.linalg.pinv(basis * root[:, None]) * root

@@ -1,8 +1,8 @@
-"""The materials paper: SVM, RLS and RELM tell four contact materials apart, in pairs and all at once (Tables I to VI).
+"""The materials paper: SVM, RLS and RELM classify four contact materials, in pairs and all at once (Tables I to VI).
 
 Patterns are split 150/50/100 (two classes) or 300/100/200 (four) into training, validation and test (its Sec. IV-A);
-its "validation errors" are errors on the test set. Scaling sees the training patterns alone, and grids are judged on
-validation patterns; of settings that err equally the one with the fewest units is taken, then the smoothest.
+its "validation errors" are errors on the test set. Scaling is fitted only on the training patterns, and grids are
+judged on validation patterns (ties: the fewest units, then the smoothest).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -30,7 +30,7 @@ SETUPS = {"A": PATTERN, "B": tuple(c for c in PATTERN if c != "force_N"), "C": P
 """Features of each problem set-up (Sec. IV-A)."""
 SHARES: dict[str, Any] = {"validation": 1 / 6, "test": 1 / 3}
 SHOWN = {"frequency_Hz": 30.0, "set_force_N": 0.4, "trial": 0}
-"""Of the trials whose waveforms the report shows, where the data have them."""
+"""Conditions of the trials whose waveforms the report shows, if the data have them."""
 
 
 class Parameters(Spec):
@@ -42,11 +42,11 @@ class Parameters(Spec):
     """A: all four features; B: without the input force; C: phase and amplitude."""
     classes: Literal["two", "four"] = "two"
     seed: int = Field(default=0, ge=0)
-    """Of the split and of the hidden weights; the paper repeats the four-class problem five times."""
+    """Random seed of the split and of the hidden weights; the paper repeats the four-class problem five times."""
 
 
 class Grid(NamedTuple):
-    """Values to try, those of the smoothest functions first (Sec. IV-A); `penalties` are 1 / C for an SVM."""
+    """Candidate values, those of the smoothest functions first (Sec. IV-A); `penalties` are 1 / C for an SVM."""
 
     penalties: tuple[float, ...]
     sigmas: tuple[float, ...] = ()
@@ -54,7 +54,7 @@ class Grid(NamedTuple):
 
 
 class Machines(NamedTuple):
-    """One value of each with what it gives: `scores` `(example, machine)` of one machine, or of one for each class."""
+    """One setting with its result: `scores` `(example, machine)` of one machine, or of one for each class."""
 
     settings: Grid
     units: tuple[int, ...]
@@ -118,7 +118,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
 
 
 def evaluate(parameters: Parameters, features: np.ndarray, indices: np.ndarray) -> dict:
-    """Choose settings on validation patterns, and find what they cost and how they do on test patterns.
+    """Choose settings on validation patterns, and compute their costs and their errors on test patterns.
 
     features `(pattern, feature)` as measured; indices `(pattern,)`, the class of each.
     """
@@ -159,18 +159,18 @@ def one_against_all(indices: np.ndarray) -> np.ndarray:
 
 
 def error(scores: np.ndarray, indices: np.ndarray) -> float:
-    """Share of patterns that the largest score (of two classes: the sign) puts into a wrong class."""
+    """Share of patterns classified wrongly by the largest score (for two classes: by the sign)."""
     decided = (scores[:, 0] > 0).astype(int) if scores.shape[1] == 1 else scores.argmax(axis=1)
     return float((decided != indices).mean())
 
 
 def least_error(tried: Iterable[Machines], indices: np.ndarray) -> Machines:
-    """The settings that err least; of equals those with the fewest units, then those that were tried first."""
+    """The settings with the smallest error (ties: the fewest units, then the first tried)."""
     return min(tried, key=lambda machines: (error(machines.scores, indices), sum(machines.units)))
 
 
 def relm(train: np.ndarray, targets: np.ndarray, seen: np.ndarray, grid: Grid, seed: int) -> Iterator[Machines]:
-    """Regularised ELMs with sigmoids and an output bias that is not penalised (Eqs. 4 and 5), each its own neurons."""
+    """Regularised ELMs with sigmoids and an unpenalised output bias (Eqs. 4 and 5), each with its own neurons."""
     for hidden in grid.hidden:
         paths = []
         for machine, target in enumerate(targets.T):
@@ -204,7 +204,7 @@ FAMILIES: dict[str, Callable[..., Iterator[Machines]]] = {"RELM": relm, "RLS": r
 
 
 def cost_of(classifier: str, units: tuple[int, ...], n_features: int) -> Cost:
-    """What a decision costs after the four measures are taken. RLS machines share their kernels, the others do not."""
+    """The cost of a decision after the four measures. RLS machines share their kernels, the others do not."""
     if classifier == "RLS":
         return cost(RBFExpansion(units[0], n_features, outputs=len(units)))
     if classifier == "SVM":
@@ -213,7 +213,7 @@ def cost_of(classifier: str, units: tuple[int, ...], n_features: int) -> Cost:
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """The signals, the patterns, and both kinds of problem beside the published tables."""
+    """The signals, the patterns, and both kinds of problem with the published tables."""
     yield Drawn(
         "waveforms",
         "Signals",

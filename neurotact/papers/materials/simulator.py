@@ -1,9 +1,9 @@
 """One piezoelectric element under probes of four materials: the experiment of the materials paper, simulated.
 
 A shaker presses a probe of 1 mm on one element of a P(VDF-TrFE) film (its Sec. II-B) with a static load and a sinusoid
-on top. The probe passes the force on as its mechanical impedance lets it, and touches the film over a circle that
-grows and shrinks with the force as its elasticity and its losses let it; what falls on the electrode becomes charge.
-Equations, sources and what does not match: docs/contact-materials-simulator.md.
+on top. The probe transmits the force according to its mechanical impedance, and touches the film over a circle that
+grows and shrinks with the force according to its elasticity and its losses; the force on the electrode becomes charge.
+Equations, sources and mismatches: docs/contact-materials-simulator.md.
 """
 
 import zlib
@@ -42,11 +42,11 @@ class ProbeSpec(Spec):
     modulus_GPa: float = Field(gt=0)
     """Young's modulus along the rod, at 1 Hz."""
     contact_modulus_GPa: float = Field(gt=0)
-    """Of the rod's end when pressed: E / (1 - ν²), or what a transversely isotropic solid has instead; at 1 Hz."""
+    """Contact modulus of the rod's end: E / (1 - ν²), or its equivalent for a transversely isotropic solid; at 1 Hz."""
     loss_factor: float = Field(ge=0, lt=1)
     """Tangent of the loss angle of both moduli, which does not depend on frequency."""
     spread: Share = 0.0
-    """Standard deviation of both moduli from spot to spot and rod to rod, over their mean."""
+    """Standard deviation of both moduli between spots and rods, over their mean."""
 
 
 PROBES = {
@@ -68,9 +68,9 @@ class FilmSpec(Spec):
     electrode_um: float = Field(default=500.0, gt=0)
     """Diameter of one microelectrode."""
     d33_pC_per_N: float = Field(default=38.0, gt=0)
-    """Of the free film at 1 Hz, taken positive for pressure."""
+    """d33 of the free film at 1 Hz, positive for pressure."""
     d31_pC_per_N: float = Field(default=11.0, ge=0)
-    """Of the free film at 1 Hz; its charge is opposite to that of d33."""
+    """d31 of the free film at 1 Hz; its charge is opposite to that of d33."""
     piezoelectric_loss: float = Field(default=0.03, ge=0, lt=1)
     """Tangent of the loss angle of d33 and d31."""
     modulus_GPa: float = Field(default=3.0, gt=0)
@@ -80,7 +80,7 @@ class FilmSpec(Spec):
     mechanical_loss: float = Field(default=0.075, ge=0, lt=1)
     """Tangent of the loss angle of the modulus."""
     permittivity: float = Field(default=8.0, gt=0)
-    """Relative, at 1 Hz."""
+    """Relative permittivity at 1 Hz."""
     dielectric_loss: float = Field(default=0.02, ge=0, lt=1)
     """Tangent of the loss angle of the permittivity."""
     substrate_GPa: float = Field(default=75.0, gt=0)
@@ -88,7 +88,7 @@ class FilmSpec(Spec):
 
 
 class AmplifierSpec(Spec):
-    """The charge amplifier, and what is recorded of it."""
+    """The charge amplifier, and its recorded output."""
 
     feedback_pF: float = Field(default=100.0, gt=0)
     """Feedback capacitor, which sets the gain."""
@@ -101,11 +101,11 @@ class AmplifierSpec(Spec):
     low_pass_Hz: float = Field(default=500.0, gt=0)
     """Corner of the filter before the converter."""
     noise_mV_rms: float = Field(default=1.0, ge=0)
-    """White, of amplifier and converter."""
+    """White noise of amplifier and converter."""
     drift_mV_rms: float = Field(default=2.0, ge=0)
-    """Pyroelectric wander, from the amplifier's lower corner down."""
+    """Pyroelectric drift, below the amplifier's lower corner."""
     hum_mV: float = Field(default=2.0, ge=0)
-    """Amplitude of what the mains leave in the output."""
+    """Amplitude of the mains interference in the output."""
     mains_Hz: float = Field(default=50.0, gt=0)
     """Frequency of the mains."""
     jitter_mains: Share = 0.001
@@ -122,15 +122,15 @@ class ContactMaterialsSpec(Spec):
     trials: int = Field(default=15, ge=1)
     """Patterns of each material, force and frequency: 600 in all (Sec. IV-A)."""
     seed: int = Field(default=0, ge=0)
-    """The same seed gives the same bytes; a trial's numbers depend on its own conditions alone."""
+    """Random seed: the same one gives the same bytes; a trial's numbers depend only on its own conditions."""
     frequencies_Hz: tuple[Positive, ...] = Field(default=(5.0, 15.0, 30.0, 45.0, 70.0), min_length=1)
-    """Of the shaker (Sec. II-B)."""
+    """Frequencies of the shaker (Sec. II-B)."""
     forces_N: tuple[Positive, ...] = Field(default=(0.2, 0.4), min_length=1)
     """Amplitudes of the dynamic force (Sec. II-B)."""
     duration_s: float = Field(default=2.0, gt=0)
     """Length of a recording."""
     sampling_rate_Hz: float = Field(default=2000.0, gt=0)
-    """Of force sensor and amplifier alike."""
+    """Sampling rate of force sensor and amplifier."""
 
     probes: dict[str, ProbeSpec] = Field(default=PROBES, min_length=1)
     """The rod of each material."""
@@ -138,7 +138,7 @@ class ContactMaterialsSpec(Spec):
     amplifier: AmplifierSpec = AmplifierSpec()
 
     probe_diameter_mm: float = Field(default=1.0, gt=0)
-    """Sec. II-B."""
+    """Diameter of the probe (Sec. II-B)."""
     probe_length_mm: float = Field(default=20.0, gt=0)
     """Length of the rod."""
     crown_mm: float = Field(default=100.0, gt=0)
@@ -146,27 +146,27 @@ class ContactMaterialsSpec(Spec):
     preload_N: float = Field(default=1.0, gt=0)
     """Static force that keeps probe and film together."""
     hold_s: float = Field(default=10.0, gt=0)
-    """For so long the static force has crept before a recording."""
+    """Creep time under the static force before a recording."""
     holder_g: float = Field(default=20.0, ge=0)
-    """What moves between the force sensor's crystal and the probe."""
+    """Moving mass between the force sensor's crystal and the probe."""
     force_V_per_N: float = Field(default=1.0, gt=0)
-    """Of the force sensor and its conditioner."""
+    """Sensitivity of the force sensor with its conditioner."""
     force_noise_mN_rms: float = Field(default=2.0, ge=0)
     """White noise of the force sensor."""
 
     landing: Literal["repeated", "random"] = "random"
-    """Repeated: each probe lands once, and all of its trials are readings of that landing, as in a jig. Random: it
-    lands anew for every trial, as by hand. Of a landing are the preload, the crown, the place and the moduli."""
+    """Repeated: each probe is placed once for all of its trials, as in a jig. Random: it is placed again for every
+    trial, as by hand. A placement fixes the preload, the crown, the position and the moduli."""
     jitter_force: Share = 0.02
-    """Standard deviation of a trial's dynamic force over the set force; the sensor sees it."""
+    """Standard deviation of a trial's dynamic force over the set force; the sensor measures it."""
     jitter_preload: Share = 0.1
-    """Standard deviation of the static force over its mean; the sensor, which is piezoelectric, does not see it."""
+    """Standard deviation of the static force over its mean; the piezoelectric sensor does not measure it."""
     jitter_crown: Share = 0.2
-    """Standard deviation of the crown over its mean: the probe never stands quite the same."""
+    """Standard deviation of the crown over its mean: the probe's tilt varies."""
     jitter_place_um: float = Field(default=50.0, ge=0)
-    """Standard deviation of the probe's place over the electrode, along each axis."""
+    """Standard deviation of the probe's position over the electrode, along each axis."""
     jitter_gain: Share = 0.01
-    """Standard deviation of the film's piezoelectric constant over its mean, as by a kelvin or two."""
+    """Standard deviation of the film's piezoelectric constant over its mean, as from one or two kelvins."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> "ContactMaterialsSpec":
@@ -178,7 +178,7 @@ class ContactMaterialsSpec(Spec):
         if self.duration_s * min(self.frequencies_Hz) < 1:
             raise ValueError("duration_s is shorter than one period of the lowest of frequencies_Hz")
         if max(self.forces_N) * (1 + 3 * self.jitter_force) >= self.preload_N * (1 - 3 * self.jitter_preload):
-            raise ValueError("preload_N must exceed forces_N by so much that probe and film never part")
+            raise ValueError("preload_N must exceed forces_N by enough that probe and film never separate")
         return self
 
     @property
@@ -193,7 +193,7 @@ class ContactMaterialsSpec(Spec):
 
 
 class Touch(NamedTuple):
-    """One trial as it really went; `probe` has this trial's moduli, `phase` is in radian."""
+    """The actual values of one trial; `probe` has this trial's moduli, `phase` is in radian."""
 
     probe: ProbeSpec
     frequency_Hz: float
@@ -243,7 +243,7 @@ def _conditions(spec: ContactMaterialsSpec) -> pd.DataFrame:
 def patterns(recordings: Recordings, force_V_per_N: float = 1.0) -> pd.DataFrame:
     """One row per trial: label and the paper's four measures, by lock-in at the shaker's frequency (Sec. II-B).
 
-    frequency_Hz: as set; force_N: amplitude that the force sensor measured; phase_deg: by which the output leads the
+    frequency_Hz: as set; force_N: amplitude measured by the force sensor; phase_deg: lead of the output over the
     force; amplitude_mV: of the output.
 
     >>> table = patterns(simulate(ContactMaterialsSpec(trials=1, frequencies_Hz=(30.0,))))
@@ -265,7 +265,7 @@ def patterns(recordings: Recordings, force_V_per_N: float = 1.0) -> pd.DataFrame
 
 
 def trial_generator(seed: int, material: str, force_N: float, frequency_Hz: float, trial: int) -> np.random.Generator:
-    """The random numbers of one trial, which no other trial can shift: keyed by its conditions, to 0.001 of a unit."""
+    """The random numbers of one trial, independent of all others: keyed by its conditions, to 0.001 of a unit."""
     key = (zlib.crc32(material.encode()), round(force_N * 1e3), round(frequency_Hz * 1e3), trial)
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
@@ -273,9 +273,9 @@ def trial_generator(seed: int, material: str, force_N: float, frequency_Hz: floa
 def draw_touch(
     spec: ContactMaterialsSpec, material: str, force_N: float, frequency_Hz: float, rng: np.random.Generator
 ) -> Touch:
-    """What varies from trial to trial: phase (uniform), the others normal, within 3 deviations.
+    """The variation between trials: phase (uniform), the others normal, within 3 deviations.
 
-    A landing that is repeated is drawn from the spec's seed and the material, not from `rng`.
+    A repeated placement is drawn from the spec's seed and the material, not from `rng`.
     """
     phase = rng.uniform(0.0, 2.0 * np.pi)
     drawn = _deviates(rng)
@@ -302,12 +302,12 @@ def draw_touch(
 
 
 def _deviates(rng: np.random.Generator) -> np.ndarray:
-    """Of moduli, force, preload, crown, place (along, across) and gain, in deviations."""
+    """Deviates of moduli, force, preload, crown, position (along, across) and gain, in deviations."""
     return np.clip(rng.standard_normal(7), -3.0, 3.0)
 
 
 def _landing(seed: int, material: str) -> np.ndarray:
-    """The deviates of a probe's one landing: no key of a trial is as short as its own."""
+    """The deviates of a probe's single placement; its key is shorter than any key of a trial."""
     return _deviates(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(zlib.crc32(material.encode()),))))
 
 
@@ -342,7 +342,7 @@ def electrode_force_N(spec: ContactMaterialsSpec, touch: Touch) -> np.ndarray:  
     dynamic_N = touch.force_N * force_passed_on(spec, touch, 2.0 * static_m / softness)
     force_N = touch.preload_N + (dynamic_N * carrier).real
     # Hertz's a³ = 3RF / 4E*, with the modulus an operator in time (Lee and Radok 1960): each part of the force
-    # makes room through the compliance at its own frequency, so that the contact lags behind the force.
+    # indents through the compliance at its own frequency, so that the contact lags behind the force.
     strain = touch.preload_N / static_Pa + (dynamic_N * softness * carrier).real
     radius_m = np.cbrt(0.75 * touch.crown_m * strain)
     return force_N * electrode_share(spec, radius_m, touch.off_centre_m)
@@ -353,16 +353,16 @@ def static_contact(spec: ContactMaterialsSpec, touch: Touch) -> tuple[float, flo
     creep_Hz = 1.0 / (2.0 * np.pi * spec.hold_s)
     radius_m = spec.probe_diameter_mm * 0.5e-3
     modulus_Pa = 0.0
-    for _ in range(20):  # the film counts for less the wider the contact is, so radius and modulus settle together
+    for _ in range(20):  # the film's weight falls with the contact's width, so radius and modulus converge together
         modulus_Pa = abs(contact_modulus_Pa(spec.film, touch.probe, creep_Hz, radius_m))
         radius_m = float(np.cbrt(0.75 * touch.crown_m * touch.preload_N / modulus_Pa))
     return radius_m, modulus_Pa
 
 
 def contact_modulus_Pa(film: FilmSpec, probe: ProbeSpec, frequency_Hz: float, radius_m: float) -> complex:  # noqa: N802
-    """E* of probe on film (Hertz): complex, its phase is the loss angle of the contact.
+    """E* of probe on film (Hertz): complex; its phase is the loss angle of the contact.
 
-    The film counts with the share I0(thickness / radius) of a thin layer, the glass with the rest (Gao, Chiu and
+    The film has the weight I0(thickness / radius) of a thin layer, the glass the rest (Gao, Chiu and
     Lee 1992).
     """
     in_probe = 1.0 / lossy(1e9 * probe.contact_modulus_GPa, probe.loss_factor, frequency_Hz)
@@ -401,7 +401,7 @@ def force_passed_on(spec: ContactMaterialsSpec, touch: Touch, stiffness_N_per_m:
 
 
 def electrode_share(spec: ContactMaterialsSpec, radius_m: np.ndarray, off_centre_m: float) -> np.ndarray:
-    """Share of the force that falls on the electrode: Hertz's pressure over a circle beside the electrode's centre.
+    """Share of the force on the electrode: Hertz's pressure over a circle off the electrode's centre.
 
     radius_m: of the contact, `(...,)`; no wider than the probe.
 
@@ -420,7 +420,7 @@ def electrode_share(spec: ContactMaterialsSpec, radius_m: np.ndarray, off_centre
 
 
 def charge_constant(film: FilmSpec, frequency_Hz: np.ndarray) -> np.ndarray:
-    """Complex charge per force in pC/N of a film that its substrate keeps from widening: d33 - 2 d31 ν / (1 - ν).
+    """Complex charge per force in pC/N of a film clamped laterally by its substrate: d33 - 2 d31 ν / (1 - ν).
 
     >>> complex(charge_constant(FilmSpec(piezoelectric_loss=0.0), np.array(30.0))).real.__round__(2)
     23.33
@@ -447,7 +447,7 @@ def amplifier_gain(spec: ContactMaterialsSpec, frequency_Hz: np.ndarray) -> np.n
 
 
 def amplifier_corner_Hz(amplifier: AmplifierSpec) -> float:  # noqa: N802
-    """Where the charge amplifier begins: 1 / (2π R C) of its feedback.
+    """Lower corner of the charge amplifier: 1 / (2π R C) of its feedback.
 
     >>> round(amplifier_corner_Hz(AmplifierSpec()), 2)
     1.59
@@ -456,10 +456,10 @@ def amplifier_corner_Hz(amplifier: AmplifierSpec) -> float:  # noqa: N802
 
 
 def lossy(value: float, loss: float, frequency_Hz: np.ndarray | float) -> np.ndarray:
-    """A modulus with a loss angle that no frequency changes: value (jf / 1 Hz)^n, tan(nπ/2) = loss.
+    """A modulus with a constant loss angle: value (jf / 1 Hz)^n, tan(nπ/2) = loss.
 
-    Causality ties the two: what loses a constant share stiffens as f^n. Dividing by it gives a compliance, a
-    permittivity or a piezoelectric constant, which soften and lag in the same way.
+    Causality couples both: with a constant loss, the stiffness grows as f^n. Dividing by it gives a compliance, a
+    permittivity or a piezoelectric constant, which fall and lag in the same way.
 
     >>> modulus = complex(lossy(3.0, 0.075, 30.0))
     >>> round(modulus.imag / modulus.real, 6), round(abs(modulus), 2)
@@ -469,13 +469,13 @@ def lossy(value: float, loss: float, frequency_Hz: np.ndarray | float) -> np.nda
 
 
 def _electrical_noise(spec: ContactMaterialsSpec, rng: np.random.Generator) -> np.ndarray:
-    """What is in the output without any force, `(time,)` in mV: white noise, mains, pyroelectric wander."""
+    """The output without any force, `(time,)` in mV: white noise, mains, pyroelectric drift."""
     amplifier, rate_Hz = spec.amplifier, spec.sampling_rate_Hz
     white, steps = rng.standard_normal((2, spec.n_samples))
     mains_Hz = amplifier.mains_Hz * (1.0 + amplifier.jitter_mains * np.clip(rng.standard_normal(), -3.0, 3.0))
     hum = np.cos(2.0 * np.pi * mains_Hz * np.arange(spec.n_samples) / rate_Hz + rng.uniform(0.0, 2.0 * np.pi))
     keeps = np.exp(-2.0 * np.pi * amplifier_corner_Hz(amplifier) / rate_Hz)
-    steps[1:] *= np.sqrt(1.0 - keeps**2)  # so that the wander has unit variance from its first sample on
+    steps[1:] *= np.sqrt(1.0 - keeps**2)  # so that the drift has unit variance from its first sample on
     wander = lfilter([1.0], [1.0, -keeps], steps)
     return amplifier.noise_mV_rms * white + amplifier.hum_mV * hum + amplifier.drift_mV_rms * wander
 

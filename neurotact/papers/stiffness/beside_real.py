@@ -1,4 +1,4 @@
-"""Simulated grasps beside real presses of the same laboratory's patch, in one figure.
+"""Simulated grasps and real presses of the same laboratory's patch in one figure.
 
 `python -m neurotact.papers.stiffness.beside_real -o stiffness-signals.png` reads `$NEUROTACT_DATA/pvdf-hardness`.
 """
@@ -20,7 +20,7 @@ from neurotact.papers.stiffness.simulator import StiffnessSpec
 
 DATA = "$NEUROTACT_DATA/pvdf-hardness"
 SHOWN_TAXELS = 4
-"""As many of a press as the gripper has: those that it moves most."""
+"""Channels to draw of a press, as many as the gripper has: those with the largest deviation."""
 
 
 def liveliest(signal: np.ndarray, n: int = SHOWN_TAXELS) -> np.ndarray:
@@ -33,7 +33,7 @@ def liveliest(signal: np.ndarray, n: int = SHOWN_TAXELS) -> np.ndarray:
 
 
 def first_of_each(recordings: Recordings, labels: Sequence[str], n: int = SHOWN_TAXELS) -> dict[str, np.ndarray]:
-    """The first trial of each label in mV, less its median, its liveliest channels; `(time, channel)` by label."""
+    """The first trial of each label in mV, minus its median, its most active channels; `(time, channel)` by label."""
     found = recordings.to_unit("mV")
     of = found.conditions["label"].astype(str).to_numpy()
     signals = {label: np.asarray(found.signals[int(np.flatnonzero(of == label)[0])], float) for label in labels}

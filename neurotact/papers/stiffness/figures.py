@@ -55,7 +55,7 @@ PUBLISHED_FLOPS = {
 
 
 def trade_off(results: pd.DataFrame) -> Drawn:
-    """Accuracy against FLOPs of the whole unit at N_max = 100 (or the largest that was run below it), as Fig. 6."""
+    """Accuracy against FLOPs of the whole unit at N_max = 100 (or the largest run below it), as Fig. 6."""
     n_max = max([n for n in results["n_max"].unique() if n <= 100], default=int(results["n_max"].min()))
     rows = results[results["n_max"] == n_max]
     means = rows.groupby(["protocol", "classifier", "features"], sort=False)[["flops", "accuracy_test"]].mean()
@@ -73,7 +73,7 @@ def by_n_max(results: pd.DataFrame) -> Drawn:
     first = results["protocol"].iloc[0]
     rows = results[results["protocol"] == first]
     caption = (
-        f"Mean test accuracy by the largest number of hidden neurons that a choice may take: ours above (protocol "
+        f"Mean test accuracy by the largest allowed number of hidden neurons: ours above (protocol "
         f"{first}), published below (Table III)."
     )
     return Drawn("by-n-max", "Accuracy by N_max", draw_by_n_max(rows), caption, caption)
@@ -82,15 +82,15 @@ def by_n_max(results: pd.DataFrame) -> Drawn:
 def signals(arrays: Mapping[str, np.ndarray]) -> Drawn:
     """A grasp of each object, and the mean peak of each (Figs. 2 and 5)."""
     caption = (
-        "Left: one simulated grasp and release of each object, a colour a channel. Right: the deepest channel of all "
-        "its peaks, each divided by its depth: mean and middle half. The softer the object, the longer its rise."
+        "Left: one simulated grasp and release of each object, one colour per channel. Right: the deepest channel of "
+        "all its peaks, each divided by its depth: mean and middle half. Softer objects have a longer rise."
     )
     return Drawn("signals", "Signals and their peaks", draw_signals(arrays), caption, caption)
 
 
 @printed
 def draw_trade_off(means: pd.DataFrame) -> Figure:
-    """A panel for the published values and one a protocol; means indexed by protocol, classifier, features."""
+    """A panel for the published values and one per protocol; means indexed by protocol, classifier, features."""
     protocols = list(dict.fromkeys(means.index.get_level_values("protocol")))
     figure = new_figure(3.1)
     grid = figure.subplots(1, 1 + len(protocols), sharex=True, sharey=True, squeeze=False)[0]
@@ -164,7 +164,7 @@ def draw_signals(arrays: Mapping[str, np.ndarray]) -> Figure:
 def draw_beside_real(simulated: Mapping[str, np.ndarray], real: Mapping[str, np.ndarray], rate_Hz: float) -> Figure:
     """Simulated grasps above, real presses below: pale as recorded, dark after a moving average at 30 Hz.
 
-    simulated, real: `(time, channel)` in mV by title, as many of one as of the other; colours tell the channels apart.
+    simulated, real: `(time, channel)` in mV by title, equally many of both; one colour per channel.
     """
     figure = new_figure(4.4)
     grid = figure.subplots(2, len(simulated), sharey="row", squeeze=False)
@@ -193,8 +193,8 @@ def _channel_colour(channel: int) -> str:
 def _paint_peaks(axes: Axes, peaks: np.ndarray, rate_Hz: float) -> None:
     """The deepest channel of each peak over its depth: mean and quartiles."""
     deepest = peaks.min(axis=1).argmin(axis=1)
-    felt = peaks[np.arange(len(peaks)), :, deepest]
-    shape = felt / -felt.min(axis=1, keepdims=True)
+    lowest = peaks[np.arange(len(peaks)), :, deepest]
+    shape = lowest / -lowest.min(axis=1, keepdims=True)
     time_ms = 1e3 * np.arange(shape.shape[1]) / rate_Hz
     low, high = np.quantile(shape, (0.25, 0.75), axis=0)
     axes.fill_between(time_ms, low, high, color=MUTED, alpha=0.35, lw=0, label="middle half of the peaks")

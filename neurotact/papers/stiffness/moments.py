@@ -1,7 +1,7 @@
 """Statistical moments as features: mean, standard deviation, skewness, kurtosis (stiffness paper, Sec. III-C).
 
-They are kept as a state of central sums that pieces of a signal update, so that a peak may come in pieces; a whole
-signal is one piece. Sums of pieces join by the formulas of Chan et al. (1983) and Pébay (Sandia SAND2008-6212).
+The state is a set of central sums that pieces of a signal update, so a peak may arrive in pieces; a whole
+signal is one piece. Sums of pieces are merged by the formulas of Chan et al. (1983) and Pébay (Sandia SAND2008-6212).
 """
 
 from typing import NamedTuple
@@ -44,7 +44,7 @@ def moments_update(state: MomentState, piece: np.ndarray) -> MomentState:
     """
     piece = np.asarray(piece, np.float64)
     if piece.shape[:-2] + piece.shape[-1:] != state.mean.shape:
-        raise InputError(f"moments: a piece of shape {piece.shape} does not go with samples of {state.mean.shape}")
+        raise InputError(f"moments: a piece of shape {piece.shape} does not fit samples of {state.mean.shape}")
     if piece.shape[-2] == 0:
         return state
     return _joined(state, _sums(piece))
@@ -53,7 +53,7 @@ def moments_update(state: MomentState, piece: np.ndarray) -> MomentState:
 def moments_finish(state: MomentState) -> np.ndarray:
     """Mean, STD (population), skewness and kurtosis (3 for a normal distribution), `(..., 4, channel)`.
 
-    A channel that does not vary has skewness and kurtosis 0. Raises InputError where no sample came.
+    A constant channel has skewness and kurtosis 0. Raises InputError without samples.
     """
     if state.n == 0:
         raise InputError("moments: there are no samples; give at least one")
@@ -81,7 +81,7 @@ def peak_features(peaks: np.ndarray, alpha: float, order: int = 4) -> np.ndarray
 
     alpha: weight of the newest sample in the two-sample moving average `y[i] = alpha x[i] + (1 - alpha) y[i-1]`,
         which starts at the peak's first sample (stiffness paper, Sec. III-B).
-    order: how many of mean, STD, skewness and kurtosis; 1, 2 and 4 are the paper's sets 4F, 8F and 16F for its
+    order: number of moments of mean, STD, skewness and kurtosis; 1, 2 and 4 are the paper's sets 4F, 8F and 16F for its
         four channels. All channels' means come first, then all deviations, and so on.
 
     >>> peak_features(np.ones((2, 150, 4)), alpha=0.5, order=2)[0].tolist()
@@ -109,7 +109,7 @@ def _sums(piece: np.ndarray) -> MomentState:
 
 
 def _joined(a: MomentState, b: MomentState) -> MomentState:
-    """The sums of two sets of samples as those of their union (Pébay 2008, Eqs. 2.1 and 3.1, joined for two sets)."""
+    """The sums of the union of two sets of samples, from theirs (Pébay 2008, Eqs. 2.1 and 3.1, for two sets)."""
     n = a.n + b.n
     d = b.mean - a.mean
     wa, wb = a.n / n, b.n / n

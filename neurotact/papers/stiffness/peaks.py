@@ -1,7 +1,7 @@
-"""Grasp peaks: the samples around the drop that a grasp leaves in piezoelectric taxels (stiffness paper, Sec. III-B).
+"""Grasp peaks: the samples around the drop of piezoelectric taxels in a grasp (stiffness paper, Sec. III-B).
 
-A threshold on any channel triggers; the deepest channel's minimum places the peak; all channels are cut there. The same
-rule runs over a whole recording or over pieces of it as they come in, with equal results.
+A threshold on any channel triggers; the deepest channel's minimum locates the peak; all channels are cut there. The
+same rule works on a whole recording or on its pieces as they arrive, with equal results.
 """
 
 from typing import NamedTuple
@@ -15,18 +15,18 @@ from neurotact.spec import Spec
 
 
 class PeakSpec(Spec):
-    """When a grasp is seen, and what is kept of it (stiffness paper, Sec. IV-B: 30 samples before, 120 after)."""
+    """Detection of a grasp, and the samples to keep (stiffness paper, Sec. IV-B: 30 samples before, 120 after)."""
 
     threshold: float = Field(default=1.0, gt=0)
-    """In the signal's unit: a channel at or below minus this triggers. The paper leaves its value to the designer."""
+    """In the signal's unit: a channel at or below minus this triggers. The paper gives no value."""
     before: int = Field(default=30, ge=0)
     """Samples kept before the minimum."""
     after: int = Field(default=120, ge=1)
     """Samples kept from the minimum on."""
     search: int = Field(default=120, ge=1)
-    """Samples from the trigger on in which the minimum is looked for."""
+    """Samples from the trigger on in which the minimum is searched."""
     rest: int = Field(default=2000, ge=0)
-    """Samples after a peak's end in which nothing triggers, such as the release and what rings after it."""
+    """Samples after a peak's end without triggers, to skip the release and its ringing."""
 
     @property
     def n_samples(self) -> int:
@@ -52,7 +52,7 @@ class Peaks(NamedTuple):
 
 
 class PeakState(NamedTuple):
-    """What the search remembers between pieces.
+    """The state of the search between pieces.
 
     kept: the last samples that may still belong to a peak, `(time, channel)`; first: the number of their first.
     armed_from: the number of the sample from which a trigger counts.
@@ -71,10 +71,10 @@ def peaks_start(n_channels: int, dtype: DTypeLike = np.float32) -> PeakState:
 def next_peaks(signal: np.ndarray, spec: PeakSpec, state: PeakState) -> tuple[Peaks, PeakState]:
     """The peaks that end in a piece of a recording, `(time, channel)`, and the state after it.
 
-    A peak may lie across any number of pieces: it comes out with the piece that holds its last sample. Where fewer
-    than `before` samples lie before a minimum, the peak is passed over.
+    A peak may span any number of pieces: it is returned with the piece that holds its last sample. A peak with fewer
+    than `before` samples before its minimum is skipped.
 
-    Raises InputError for a piece whose channels are not those of the pieces before it.
+    Raises InputError for a piece with other channels than the previous ones.
     """
     signal = np.asarray(signal)
     if signal.ndim != 2 or signal.shape[1] != state.kept.shape[1]:
@@ -108,7 +108,7 @@ def next_peaks(signal: np.ndarray, spec: PeakSpec, state: PeakState) -> tuple[Pe
 
 
 def find_peaks(signal: np.ndarray, spec: PeakSpec) -> Peaks:
-    """The peaks of a whole recording, `(time, channel)`; a peak that the recording cuts short is left out.
+    """The peaks of a whole recording, `(time, channel)`; a peak cut off by the end of the recording is dropped.
 
     >>> signal = np.zeros((400, 2))
     >>> signal[100:140, 1] = -3.0 * np.hanning(40)
@@ -123,7 +123,7 @@ def find_peaks(signal: np.ndarray, spec: PeakSpec) -> Peaks:
 
 
 def _deepest(piece: np.ndarray) -> tuple[int, int]:
-    """Time and channel of the lowest sample; the first of equals."""
+    """Time and channel of the lowest sample (ties: the first)."""
     time, channel = np.unravel_index(int(piece.argmin()), piece.shape)
     return int(time), int(channel)
 

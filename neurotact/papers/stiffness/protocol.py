@@ -24,13 +24,13 @@ Rule = Literal["honest", "paper", "by placement"]
 
 
 class StiffnessData(Spec):
-    """The grasps, and how their peaks are cut and smoothed."""
+    """The grasps, and the cut and smoothing of their peaks."""
 
     simulation: grasps.StiffnessSpec = grasps.StiffnessSpec()
     peaks: PeakSpec = PeakSpec(threshold=1.5)
-    """The threshold, in mV, stands above the noise and below the smallest peaks; the paper leaves it open."""
+    """The threshold, in mV, is above the noise and below the smallest peaks; the paper gives none."""
     alpha: float = Field(default=0.5, gt=0, le=1)
-    """Weight of the newest sample in the moving average; the paper leaves it open."""
+    """Weight of the newest sample in the moving average; the paper gives none."""
 
 
 class Parameters(Spec):
@@ -41,7 +41,7 @@ class Parameters(Spec):
     features: FeatureSet
     protocol: Rule = "honest"
     """`paper` standardises on all grasps before they are split; `honest` on the training grasps; `by placement` is
-    honest, and no placement stands on two sides of a split."""
+    honest, and no placement is on two sides of a split."""
     splits: int = Field(default=10, ge=1)
     """70/15/15 (Sec. IV-C)."""
     network: SLFNSpec = SLFNSpec()
@@ -57,7 +57,7 @@ VIEW = View(
     cost="flops",
     score="accuracy_test",
     note="Protocol 'paper' standardises on all grasps, test grasps included, before they are split; 'honest' on the "
-    "training grasps alone; 'by placement' is honest and keeps every placement on one side of the split. FLOPs are "
+    "training grasps only; 'by placement' is honest and keeps every placement on one side of the split. FLOPs are "
     "the paper's (Tables I and II) for the whole unit; MACs, ACs and energy are the ledger's.",
     apart=("protocol",),
     optimistic=("paper",),
@@ -65,11 +65,11 @@ VIEW = View(
 
 
 def load(data: StiffnessData) -> Arrays:
-    """The peak of every grasp, its label and placement; three whole recordings to be drawn."""
+    """The peak of every grasp, its label and placement; three whole recordings for the figures."""
     recordings = grasps.simulate(data.simulation)
     found = [find_peaks(signal, data.peaks) for signal in recordings.signals]
-    felt = np.array([len(peaks.minimum) > 0 for peaks in found])
-    if not felt.any():
+    has_peak = np.array([len(peaks.minimum) > 0 for peaks in found])
+    if not has_peak.any():
         raise InputError(f"peaks.threshold: no grasp reaches {data.peaks.threshold:g} mV; lower it")
     peaks = np.stack([peaks.samples[0] for peaks in found if len(peaks.minimum)])
     conditions = recordings.conditions
@@ -79,9 +79,9 @@ def load(data: StiffnessData) -> Arrays:
     return {
         "features": peak_features(peaks, data.alpha),
         "peaks": ema(peaks, data.alpha).astype(np.float32),
-        "labels": labels[felt],
-        "placement": placement[felt],
-        "unfelt": np.array(int((~felt).sum())),
+        "labels": labels[has_peak],
+        "placement": placement[has_peak],
+        "unfelt": np.array(int((~has_peak).sum())),
         "shown": np.asarray(recordings.signals)[shown],
         "shown_labels": labels[shown],
         "sampling_rate_Hz": np.array(recordings.sampling_rate_Hz),
@@ -101,7 +101,7 @@ def splits_of(labels: np.ndarray, placement: np.ndarray, rule: Rule, n_splits: i
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
-    """A row per split and N_max: accuracies (means over draws), mean N, and what the unit costs."""
+    """A row per split and N_max: accuracies (means over draws), mean N, and the cost of the unit."""
     order = MOMENTS_OF[parameters.features]
     channels = arrays["peaks"].shape[2]
     n_classes = len(np.unique(arrays["labels"]))

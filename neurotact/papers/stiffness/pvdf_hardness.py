@@ -1,6 +1,6 @@
 """Hardness of five real cubes under a P(VDF-TrFE) patch: the stiffness paper's chain and a spiking one, side by side.
 
-Recordings of the University of Genoa's COSMIC lab (see `neurotact.data.readers.pvdf_hardness`). Both chains see the
+Recordings of the University of Genoa's COSMIC lab (see `neurotact.data.readers.pvdf_hardness`). Both chains use the
 same stretch of each press, on the same splits.
 """
 
@@ -34,22 +34,22 @@ from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, TaskData, View, heads
 
 SET_OF: dict[int, FeatureSet] = {1: "4F", 2: "8F", 4: "16F"}
-"""Moments a channel (mean; with deviation; with skewness and kurtosis), as the paper names them for four channels."""
+"""Moments per channel (mean; with deviation; with skewness and kurtosis), by the paper's names for four channels."""
 EARLY = "RSNN, early exit"
 Rule = Literal["by trial", "by sequence"]
 
 
 class HardnessData(Spec):
-    """The presses, and which stretch of each is used."""
+    """The presses, and the stretch of each."""
 
     path: str = "$NEUROTACT_DATA/pvdf-hardness"
     """The folder to read; `$NEUROTACT_DATA` stands for its value, by default ../shared/data."""
     smoothing_Hz: float = Field(default=30.0, gt=0)
     """Cut-off of the moving average (30 Hz in the sensor's electronics, texture paper, Sec. II-A)."""
     rest_samples: int = Field(default=400, ge=1)
-    """Each taxel's median over these first samples is its level at rest, and is taken off."""
+    """Each taxel's median over these first samples is its level at rest, and is subtracted."""
     peaks: PeakSpec = PeakSpec(threshold=1.0, before=200, after=400, search=600, rest=100_000)
-    """Presses of this robot are slower than the paper's grasps, so that the stretch is longer: 0.1 + 0.2 s. The
+    """Presses of this robot are slower than the paper's grasps, so the stretch is longer: 0.1 + 0.2 s. The
     threshold, in mV, is above the smoothed jerk when the arm starts (at most 0.93 mV) and below every press."""
 
 
@@ -61,16 +61,16 @@ class Parameters(Spec):
     data: HardnessData = HardnessData()
     chain: SLFN | Literal["RSNN"]
     protocol: Rule = "by trial"
-    """`by trial` splits presses at random; `by sequence` tests on one height of the robot that no other side holds."""
+    """`by trial` splits presses at random; `by sequence` tests on one height of the robot that is on no other side."""
     splits: int = Field(default=10, ge=2)
     """70/15/15 of the presses, balanced over cubes; by sequence there are as many as sequences."""
     network: SLFNSpec = SLFNSpec(n_max=(100,))
-    """Of the five single-layer networks."""
+    """Settings of the five single-layer networks."""
     encoder: AfferentSpec = AfferentSpec(sa1=AfferentType(gain=1.0), ra1=AfferentType(gain=1.0))
-    """Of the spiking chain; standardisation and gains are fitted on the training presses of each split."""
+    """Encoder of the spiking chain; standardisation and gains are fitted on the training presses of each split."""
     spiking: RSNNSpec = RSNNSpec()
     starts: int = Field(default=3, ge=1)
-    """Initialisations of the spiking network, of which the best on validation presses is kept: some never learn."""
+    """Initialisations of the spiking network; the best on validation presses is kept, since some do not learn."""
     seed: int = Field(default=0, ge=0)
 
 
@@ -84,8 +84,8 @@ VIEW = View(
     ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note="Real presses. By trial: every press stands on one side of a random split; by sequence: the tested height of "
-    "the robot stands on no other side. Standardisation, gains, N, penalties and exit "
+    note="Real presses. By trial: every press is on one side of a random split; by sequence: the tested height of "
+    "the robot is on no other side. Standardisation, gains, N, penalties and exit "
     "patience are fitted or chosen on training and validation presses alone. Energy is an estimate of the arithmetic, "
     "from the trigger on.",
     apart=("protocol",),
@@ -101,18 +101,18 @@ def load(data: HardnessData) -> Arrays:
     for signal in recordings.signals:
         resting = np.median(signal[: data.rest_samples], axis=0)
         found.append(find_peaks(ema(signal - resting.astype(signal.dtype), weight), data.peaks))
-    felt = np.array([len(peaks.minimum) > 0 for peaks in found])
-    if not felt.any():
+    has_peak = np.array([len(peaks.minimum) > 0 for peaks in found])
+    if not has_peak.any():
         raise InputError(f"peaks.threshold: no press reaches {data.peaks.threshold:g} mV; lower it")
     presses = np.stack([peaks.samples[0] for peaks in found if len(peaks.minimum)]).astype(np.float32)
-    conditions = recordings.conditions[felt]
+    conditions = recordings.conditions[has_peak]
     return {
         "presses": presses,
         "features": moments(presses).reshape(len(presses), -1),
         "labels": conditions["label"].to_numpy(dtype=str),
         "sequence": conditions["sequence"].to_numpy(),
         "force_max_N": conditions["force_max_N"].to_numpy(float),
-        "unfelt": np.array(int((~felt).sum())),
+        "unfelt": np.array(int((~has_peak).sum())),
         "sampling_rate_Hz": np.array(recordings.sampling_rate_Hz),
     }
 
@@ -135,7 +135,7 @@ def splits_of(labels: np.ndarray, sequence: np.ndarray, rule: Rule, n_splits: in
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
-    """A row per split and set of features: accuracies and what a decision costs."""
+    """A row per split and set of features: accuracies and the cost of a decision."""
     if parameters.chain == "RSNN":
         return _spiking_rows(parameters, arrays)
     return _slfn_rows(parameters.chain, parameters, arrays)
@@ -197,15 +197,15 @@ def _slfn_rows(classifier: SLFN, parameters: Parameters, arrays: Arrays) -> list
 
 def _spiking_rows(parameters: Parameters, arrays: Arrays) -> list[dict]:
     conditions = pd.DataFrame({"label": arrays["labels"], "sequence": arrays["sequence"]})
-    felt = Recordings(arrays["presses"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="presses")
+    recorded = Recordings(arrays["presses"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="presses")
     splits = _splits(parameters, arrays)
-    return [row for at, split in enumerate(splits) for row in _spiking_split(parameters, felt, at, split)]
+    return [row for at, split in enumerate(splits) for row in _spiking_split(parameters, recorded, at, split)]
 
 
-def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Split) -> Iterator[dict]:
+def _spiking_split(parameters: Parameters, recorded: Recordings, at: int, split: Split) -> Iterator[dict]:
     """The spiking chain on one split, over the full window and with early exit."""
-    encoder = calibrate(felt.select(split.train), parameters.encoder).encoder
-    trains = encode_recordings(felt, encoder)
+    encoder = calibrate(recorded.select(split.train), parameters.encoder).encoder
+    trains = encode_recordings(recorded, encoder)
     window_ms = 1e3 * int(trains.trial_steps[0]) / trains.sampling_rate_Hz
     what = tasks.Task(window=WindowSpec(length_ms=window_ms))
     seeds = np.random.SeedSequence([parameters.seed, at]).generate_state(2 * parameters.starts).tolist()
@@ -219,8 +219,8 @@ def _spiking_split(parameters: Parameters, felt: Recordings, at: int, split: Spl
     ):
         measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
-        smoothing = cost(MovingAverage(max(1, round(steps)), felt.n_channels))  # `load` took it, for all chains
-        encoding = ledger.encoding_cost(felt.n_channels, steps, signal_ms, trains.encoder)
+        smoothing = cost(MovingAverage(max(1, round(steps)), recorded.n_channels))  # `load` applied it, for all chains
+        encoding = ledger.encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder)
         sizes = len(trains.afferents), len(trains.classes)
         network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {

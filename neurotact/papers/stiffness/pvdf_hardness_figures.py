@@ -13,7 +13,7 @@ from neurotact.metrics.resampled import resampled_interval
 
 
 def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
-    """Mean accuracy over splits with its confidence interval, beside the estimated energy of a decision."""
+    """Mean accuracy over splits with its confidence interval, and the estimated energy of a decision."""
     found = intervals(results)
     best = [rows.loc[rows["mean"].idxmax()] for _, rows in found.groupby("protocol", sort=False)]
     words = "; ".join(
@@ -29,14 +29,14 @@ def accuracy_and_cost(results: pd.DataFrame) -> Drawn:
         f"{row['chain']} {row['features']} {100 * row['mean']:.1f} % at {row['energy_estimate_nJ']:.3g} nJ"
         for _, row in found.iterrows()
     )
-    return Drawn("accuracy-and-cost", "Accuracy and what it costs", draw_accuracy_and_cost(results), caption, alt)
+    return Drawn("accuracy-and-cost", "Accuracy and its cost", draw_accuracy_and_cost(results), caption, alt)
 
 
 def presses(arrays: Mapping[str, np.ndarray]) -> Drawn:
-    """The stretch that both chains see: the liveliest taxel of each cube's presses."""
+    """The input of both chains: the deepest taxel of each cube's presses."""
     caption = (
-        "Smoothed presses as both chains see them: the deepest taxel of every press, by cube; mean (line), middle half "
-        "(shade) and the single presses (pale). The minimum lies at 0."
+        "Smoothed presses, the input of both chains: the deepest taxel of every press, by cube; mean (line), middle "
+        "half (shade) and the single presses (pale). The minimum is at 0."
     )
     return Drawn("presses", "The presses", draw_presses(arrays), caption, caption)
 
@@ -97,9 +97,9 @@ def draw_presses(arrays: Mapping[str, np.ndarray]) -> Figure:
     figure = new_figure(2.2)
     grid = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
     for axes, name in zip(grid, names, strict=True):
-        felt = arrays["presses"][arrays["labels"] == name]
-        deepest = felt.min(axis=1).argmin(axis=1)
-        lines = felt[np.arange(len(felt)), :, deepest]
+        presses = arrays["presses"][arrays["labels"] == name]
+        deepest = presses.min(axis=1).argmin(axis=1)
+        lines = presses[np.arange(len(presses)), :, deepest]
         at = int(np.median(lines.argmin(axis=1)))
         time_ms = 1e3 * (np.arange(lines.shape[1]) - at) / float(arrays["sampling_rate_Hz"])
         axes.plot(time_ms, lines.T, color=MUTED, lw=0.3, alpha=0.35)

@@ -1,8 +1,8 @@
-"""A robot gripper that grasps and releases three objects of different stiffness, felt by four PVDF taxels.
+"""A robot gripper with four PVDF taxels that grasps and releases three objects of different stiffness.
 
 The experiment is that of the stiffness paper, Sec. IV: soft rubber, hard rubber and rigid wood, 12 placements of 20
 grasps each, a second of grasp and two of release, at 5 cm/s to 3 % of 35 N. The signals are *as recorded*. Equations,
-sources and what does not match: docs/stiffness-simulator.md.
+sources and mismatches: docs/stiffness-simulator.md.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,17 +21,17 @@ from neurotact.errors import InputError
 from neurotact.spec import Spec
 
 SUBSTEPS = 4
-"""Steps of the equation of motion a sample: 0.125 ms at 2 kS/s, a fifth of the fastest time constant."""
+"""Steps of the equation of motion per sample: 0.125 ms at 2 kS/s, a fifth of the fastest time constant."""
 MOST_CANDIDATES = 10_000
-"""Placements that are tried until one touches a taxel; of the published ones nearly every one does."""
+"""Maximum number of placements tried until one touches a taxel; nearly every one does with the published values."""
 PLACEMENT_KEY, GRASP_KEY, PATCH_KEY = 0, 1, 2
 
 
 class MaterialSpec(Spec):
-    """What an object is made of, as a flat jaw feels a cylinder of it: `F = k d (1 + c d')`, d the indentation."""
+    """The material of an object, as a cylinder under a flat jaw: `F = k d (1 + c d')`, d the indentation."""
 
     stiffness_N_per_mm: float = Field(gt=0)
-    """k: a line contact is nearly linear in its depth."""
+    """k: the force of a line contact is nearly linear in its depth."""
     damping_s_per_mm: float = Field(default=0.0, ge=0)
     """c: the share by which the force rises for each mm/s (Hunt and Crossley 1975)."""
 
@@ -50,11 +50,11 @@ class StiffnessSpec(Spec):
     grasps: int = Field(default=20, ge=1)
     """Grasps in each position (the same)."""
     seed: int = Field(default=0, ge=0)
-    """The same seed gives the same bytes; a grasp's numbers depend on its own object, placement and number alone."""
+    """Random seed: the same one gives the same bytes; a grasp depends only on its object, placement and number."""
     sampling_rate_Hz: float = Field(default=2000.0, gt=0)
-    """Of the sensor's electronics (Sec. IV-A)."""
+    """Sampling rate of the sensor's electronics (Sec. IV-A)."""
     grasp_s: float = Field(default=1.0, gt=0)
-    """How long an object is held."""
+    """Duration of the grasp."""
     release_s: float = Field(default=2.0, gt=0)
     """A trial is a second of grasp and two of release (Sec. IV-B)."""
 
@@ -68,25 +68,25 @@ class StiffnessSpec(Spec):
     )
     """Soft rubber, hard rubber and rigid wood (Sec. IV-B); cylinders of 20 mm and about 0.05 MPa, 0.25 MPa, wood."""
     radius_mm: float = Field(default=15.0, gt=0)
-    """Of the cylinders: how fast the contact widens with its depth."""
+    """Radius of the cylinders, which sets the growth of the contact's width with its depth."""
     pad: MaterialSpec = MaterialSpec(stiffness_N_per_mm=25.0, damping_s_per_mm=0.003)
     """Tape, substrate and protective layer of the patch, in series with every object (Sec. IV-A)."""
 
     speed_mm_per_s: float = Field(default=50.0, gt=0)
-    """Of the closing jaw (Sec. IV-B)."""
+    """Speed of the closing jaw (Sec. IV-B)."""
     force_N: float = Field(default=0.03 * 35.0, gt=0)
-    """At which the jaw stops: 3 % of 35 N (Sec. IV-B)."""
+    """Force at which the jaw stops: 3 % of 35 N (Sec. IV-B)."""
     jaw_kg: float = Field(default=0.06, gt=0)
     """Moving mass of the jaw."""
     drive_N_s_per_mm: float = Field(default=0.1, gt=0)
     """Gain of the jaw's speed loop: the force for each mm/s below the set speed."""
     gap_mm: tuple[float, float] = (5.0, 15.0)
-    """From the open jaw to the object, drawn uniformly."""
+    """Distance from the open jaw to the object, drawn uniformly."""
 
     taxel_x_mm: tuple[float, ...] = Field(default=(-5.0, 5.0, -5.0, 5.0), min_length=1)
-    """Across the cylinder: a pitch of 1 cm (Sec. IV-A)."""
+    """Positions of the taxels across the cylinder: a pitch of 1 cm (Sec. IV-A)."""
     taxel_y_mm: tuple[float, ...] = Field(default=(-5.0, -5.0, 5.0, 5.0), min_length=1)
-    """Along the cylinder."""
+    """Positions of the taxels along the cylinder."""
     reach_mm: float = Field(default=8.0, gt=0)
     """A placement puts the line of contact anywhere within this distance of the patch's middle."""
     contact_mm: float = Field(default=3.0, gt=0)
@@ -101,22 +101,22 @@ class StiffnessSpec(Spec):
     sensitivity_mV: float = Field(default=32.0, gt=0)
     """Voltage step for each newton on each mm of the footprint's width, over the taxel's 2 mm."""
     gain_spread: float = Field(default=0.15, ge=0, lt=0.3)
-    """Standard deviation of the taxels' sensitivities over their mean; a patch has its own for all grasps."""
+    """Standard deviation of the taxels' sensitivities over their mean; they are fixed for a patch."""
     high_pass_Hz: float = Field(default=1.0, gt=0)
-    """Corner of film and charge amplifier, which forget a constant force (bandwidth from 1 Hz, Sec. IV-A)."""
+    """High-pass corner of film and charge amplifier (bandwidth from 1 Hz, Sec. IV-A)."""
     noise_mV_rms: float = Field(default=0.23, ge=0)
     """White noise of the electronics: that of the quiet channels of the real PVDF patch."""
 
     jitter_speed: float = Field(default=0.03, ge=0, lt=0.3)
-    """Standard deviation of the jaw's speed from grasp to grasp, over its mean."""
+    """Standard deviation of the jaw's speed between grasps, over its mean."""
     jitter_force: float = Field(default=0.05, ge=0, lt=0.3)
     """Standard deviation of the force at which the jaw stops, over its mean."""
     jitter_stiffness: float = Field(default=0.05, ge=0, lt=0.3)
-    """Standard deviations from grasp to grasp, over the mean."""
+    """Standard deviations between grasps, over the mean."""
     jitter_position_mm: float = Field(default=0.5, ge=0)
-    """Standard deviation of the line of contact from grasp to grasp."""
+    """Standard deviation of the line of contact between grasps."""
     jitter_turn_deg: float = Field(default=2.0, ge=0)
-    """Standard deviation of the angle between cylinder and patch from grasp to grasp."""
+    """Standard deviation of the angle between cylinder and patch between grasps."""
     jitter_tilt: float = Field(default=0.05, ge=0)
     """Standard deviations of a grasp about its placement."""
 
@@ -127,7 +127,7 @@ class StiffnessSpec(Spec):
         if len(self.taxel_x_mm) != len(self.taxel_y_mm):
             raise ValueError(
                 f"taxel_x_mm has {len(self.taxel_x_mm)} places but taxel_y_mm has {len(self.taxel_y_mm)}; "
-                "give one of each a taxel"
+                "give one each per taxel"
             )
         if not 0 < self.gap_mm[0] <= self.gap_mm[1]:
             raise ValueError("gap_mm must be two distances above 0, the shorter first")
@@ -147,7 +147,7 @@ class StiffnessSpec(Spec):
 
 
 class Grasp(NamedTuple):
-    """One grasp as it really went: the contact, the jaw, and where the object lies on the patch."""
+    """The actual values of one grasp: the contact, the jaw, and the position of the object on the patch."""
 
     stiffness_N_per_mm: float
     damping_s_per_mm: float
@@ -189,16 +189,16 @@ def simulate(spec: StiffnessSpec, progress: Callable[[int, int], None] | None = 
     )
     keys = list(conditions.itertuples(index=False, name=None))
     drawn = [draw_grasp(spec, *key) for key in keys]
-    felt = close_and_open(spec, drawn)
+    forces = close_and_open(spec, drawn)
     gains = patch_gains(spec)
     signals = np.empty((len(keys), spec.n_samples, len(spec.taxel_x_mm)), np.float32)
     for i, (key, grasp) in enumerate(zip(keys, drawn, strict=True)):
-        contact = Contact(felt.force_N[i], felt.indentation_mm[i])
+        contact = Contact(forces.force_N[i], forces.indentation_mm[i])
         signals[i] = record(spec, grasp, contact, gains, _generator(spec, GRASP_KEY, *key, 1))
         if progress is not None and (i % 48 == 47 or i + 1 == len(keys)):
             progress(i + 1, len(keys))
     conditions["stiffness_N_per_mm"] = [grasp.stiffness_N_per_mm for grasp in drawn]
-    conditions["force_N"] = felt.force_N.max(axis=1)
+    conditions["force_N"] = forces.force_N.max(axis=1)
     return Recordings(signals, spec.sampling_rate_Hz, "mV", conditions, source=f"simulated grasps {spec.digest()}")
 
 
@@ -215,7 +215,7 @@ def in_series(a: MaterialSpec, b: MaterialSpec) -> MaterialSpec:
 
 
 def draw_grasp(spec: StiffnessSpec, label: str, placement: int, grasp: int) -> Grasp:
-    """What varies: the placement's line of contact (uniform) and each grasp about it (normal, within 3 deviations)."""
+    """The variation: the placement's line of contact (uniform), each grasp about it (normal, within 3 deviations)."""
     offset, turn, tilt = _draw_placement(spec, _generator(spec, PLACEMENT_KEY, label, placement))
     rng = _generator(spec, GRASP_KEY, label, placement, grasp, 0)
     gap = rng.uniform(*spec.gap_mm)
@@ -241,7 +241,7 @@ def close_and_open(spec: StiffnessSpec, grasps: list[Grasp]) -> Contact:
     """Jaws that close, stop and open: force and indentation of every grasp.
 
     `m v' = b (u - v) - F`, `F = k d (1 + c v)`, never below 0: u is the set speed until F reaches the set force, then
-    0, and from the end of the grasp on the set speed outwards. The drive's screw does not run back while it grasps.
+    0, and from the end of the grasp on the set speed outwards. The drive's screw does not turn back during a grasp.
     """
     table = np.array([grasp[:5] for grasp in grasps])
     stiffness, damping, speed, stop_N, gap = table.T
@@ -269,7 +269,7 @@ def close_and_open(spec: StiffnessSpec, grasps: list[Grasp]) -> Contact:
 def record(
     spec: StiffnessSpec, grasp: Grasp, contact: Contact, gains: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """The recorded signal of one grasp, `(time, taxel)` float32 in mV: the film's answer to its load, and noise."""
+    """The recorded signal of one grasp, `(time, taxel)` float32 in mV: the film's response to its load, and noise."""
     load = contact.force_N[:, None] * footprint(spec, grasp, contact.indentation_mm)
     decay = np.exp(-2.0 * np.pi * spec.high_pass_Hz / spec.sampling_rate_Hz)
     answer = lfilter([1.0, -1.0], [1.0, -decay], load, axis=0)
@@ -321,7 +321,7 @@ def _candidates(spec: StiffnessSpec, rng: np.random.Generator) -> Iterator[tuple
 
 
 def _generator(spec: StiffnessSpec, *key: int | str) -> np.random.Generator:
-    """The random numbers of one thing, which no other can shift."""
+    """The random numbers for one key, independent of all others."""
     numbers = [int.from_bytes(part.encode(), "big") % 2**32 if isinstance(part, str) else part for part in key]
     return np.random.default_rng(np.random.SeedSequence(spec.seed, spawn_key=numbers))
 

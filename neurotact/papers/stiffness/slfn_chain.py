@@ -1,4 +1,4 @@
-"""The single-layer networks of the stiffness paper on features: model selection, accuracy and what the unit costs."""
+"""The single-layer networks of the stiffness paper on features: model selection, accuracy and the unit's cost."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple, get_args
@@ -32,18 +32,18 @@ class SLFNSpec(Spec):
     """Candidates and training of the five networks (stiffness paper, Sec. IV-C)."""
 
     neurons: tuple[int, ...] = Field(default=(25, 50, 100, 200, 300), min_length=1)
-    """N: hidden neurons that are tried."""
+    """N: candidate numbers of hidden neurons."""
     n_max: tuple[int, ...] = Field(default=(50, 100, 200, 300), min_length=1)
-    """Largest N that a choice may take; each gives rows of its own."""
+    """Largest N allowed in a choice; each gives its own rows."""
     exponents: tuple[int, ...] = Field(default=tuple(range(-8, 9)), min_length=1)
-    """lambda = 10^i, the L2 penalty of the ELMs; the FC networks are regularised by stopping early alone."""
+    """lambda = 10^i, the L2 penalty of the ELMs; the FC networks are regularised only by early stopping."""
     draws: int = Field(default=10, ge=1)
     """Draws of the hidden weights for each split; initialisations, for the FC networks."""
     epochs: int = Field(default=200, ge=1)
     patience: int = Field(default=20, ge=1)
     batch: int = Field(default=64, ge=1)
     learning_rate: float = Field(default=0.01, gt=0)
-    """Of the FC networks; Adam, which the paper does not name, is ours."""
+    """Learning rate of the FC networks; Adam is our choice, since the paper names no optimiser."""
 
     @model_validator(mode="after")
     def _some_candidate_is_allowed(self) -> "SLFNSpec":
@@ -53,7 +53,7 @@ class SLFNSpec(Spec):
 
 
 class Candidate(NamedTuple):
-    """A network that was fitted: what it is, and its accuracies."""
+    """A fitted network: its settings and its accuracies."""
 
     split: int
     draw: int
@@ -83,11 +83,11 @@ def choices(
     *,
     standardise_on: Literal["training", "all"] = "training",
 ) -> list[Choice]:
-    """Fit every candidate on every split and choose on its validation examples; one row a split and `n_max`.
+    """Fit every candidate on every split and choose on its validation examples; one row per split and `n_max`.
 
     features: `(example, feature)`, not standardised; labels: `(example,)`.
-    standardise_on: `all` lets mean and deviation of the test examples in, as a paper that normalises its data set
-        before it splits it does.
+    standardise_on: `all` includes mean and deviation of the test examples, as in papers that normalise the data set
+        before the split.
     Ties go to fewer neurons, then to the larger penalty.
     """
     found = list(_candidates(classifier, features, labels, splits, spec, seed, standardise_on))
@@ -111,7 +111,7 @@ def unit_cost(
 ) -> Cost:
     """The whole processing unit in the ledger: moving average, moments, standardisation and network.
 
-    samples: of a peak; order: moments a channel.
+    samples: of a peak; order: moments per channel.
 
     >>> round(unit_cost("R-FC", samples=150, channels=4, order=2, neurons=51, n_classes=3, signal_ms=75).flops)
     5413
@@ -160,8 +160,8 @@ Accuracies = dict[tuple[int, int], tuple[float, float]]
 
 
 def _elm_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed: int, neurons: int) -> Accuracies:
-    """Of extreme learning machines, each with the penalty that is best on validation."""
-    alphas = [10.0**i for i in sorted(spec.exponents, reverse=True)]  # the first of equals is the larger penalty
+    """The candidates of extreme learning machines, each with the best penalty on validation."""
+    alphas = [10.0**i for i in sorted(spec.exponents, reverse=True)]  # ties: the larger penalty
     found = {}
     for at, (train, validation, test) in enumerate(parts):
         for draw in range(spec.draws):
@@ -176,7 +176,7 @@ def _elm_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, see
 
 
 def _fc_accuracies(classifier: str, parts: Sequence[Parts], spec: SLFNSpec, seed: int, neurons: int) -> Accuracies:
-    """Of networks trained by back-propagation, all draws and splits in one computation."""
+    """The candidates of networks trained by back-propagation, all draws and splits in one computation."""
     prototype = slfn.SLFNClassifier(
         neurons,
         activation=FC_ACTIVATION[classifier],

@@ -1,8 +1,8 @@
-"""The work before the texture paper (its Table I) beside its RSNN, on the gratings and the split of the RSNN studies.
+"""The systems before the texture paper (its Table I) and its RSNN, on the gratings and the split of the RSNN studies.
 
 Each system is an encoder, features of whole windows and a classifier; or a spiking network, which reads the spikes as
-they come and may decide early. All that is fitted or chosen (standardisation, grids, time constants, exit rule) sees
-training and validation trials alone. The published figures are of other sensors and textures: context, no claims.
+they arrive and may decide early. Everything fitted or chosen (standardisation, grids, time constants, exit rule) uses
+only training and validation trials. The published values are from other sensors and textures: context, not claims.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -52,7 +52,7 @@ SHIFT_COSTS_per_s = (10.0, 30.0, 100.0, 300.0)
 NEIGHBOURS = (1, 3, 5, 9, 15)
 SVM_C = (1.0, 10.0, 100.0, 1000.0)
 SVM_GAMMA = (0.3, 1.0, 3.0)
-"""Over the number of features, as scikit-learn's `scale` for standardised ones."""
+"""Gamma times the number of features, as scikit-learn's `scale` for standardised features."""
 ELM_HIDDEN = (100, 400, 1000)
 ELM_ALPHAS = tuple(10.0**power for power in range(-6, 4))
 
@@ -63,7 +63,7 @@ Classifier = Literal["kNN", "SVM", "ELM", "SNN", "RSNN"]
 
 
 def _named(load: Callable[[str], Spec]) -> BeforeValidator:
-    """A spec that may be given by its name; a resolved study holds it whole."""
+    """A spec that may be given by its name; a resolved study holds it in full."""
     return BeforeValidator(lambda value: load(value) if isinstance(value, str) else value)
 
 
@@ -79,9 +79,9 @@ class GratingSpikesSpec(Spec):
         default={"LIF": "sa1-ra1-lif", "Izhikevich": "izhikevich", "Poisson": "poisson"},  # pyright: ignore
         validate_default=True,
     )
-    """By the names under which results show them."""
+    """Encoders by their names in the results."""
     start_ms: float = Field(default=250.0, ge=0)
-    """Where every window begins."""
+    """Start of every window."""
     longest_ms: float = Field(default=1000.0, gt=0)
 
 
@@ -92,17 +92,17 @@ class Parameters(Spec):
     encoder: str = "LIF"
     window_ms: float = Field(default=150.0, gt=0)
     features: Features = "rate, CV"
-    """`spikes` for the spiking networks, which need no others."""
+    """`spikes` for the spiking networks."""
     classifier: Classifier = "kNN"
     network: NamedNetwork = Field(default="rsnn", validate_default=True)  # pyright: ignore[reportAssignmentType]
-    """Of RSNN and SNN, which differ in recurrence alone."""
+    """Network spec of RSNN and SNN, which differ only in recurrence."""
     taus_ms: tuple[Annotated[float, Field(gt=0)], ...] = Field(default=(5.0, 20.0), min_length=1)
-    """Time constants of membrane and synapse that a spiking network chooses from on validation trials."""
+    """Candidate time constants of membrane and synapse of a spiking network, chosen on validation trials."""
     batch: int = Field(default=128, ge=1)
-    """Windows in a training batch of the networks, whatever their spec says."""
+    """Windows in a training batch of the networks, in place of their spec's value."""
     split: SplitSpec = SplitSpec()
     seeds: tuple[int, ...] = Field(default=(0, 1, 2), min_length=1)
-    """Of the hidden weights of ELMs and of the networks; kNN and SVM draw nothing, and have one row."""
+    """Random seeds of the hidden weights of ELMs and of the networks; kNN and SVM have none, and one row."""
 
 
 class Seen(NamedTuple):
@@ -119,12 +119,12 @@ class Seen(NamedTuple):
 
     @property
     def spikes(self) -> float:
-        """Spikes of a test window, a mean."""
+        """Mean number of spikes of a test window."""
         return float(spike_counts(self.events)[self.split.test].sum(axis=1).mean())
 
 
 class Decided(NamedTuple):
-    """What one system gives: accuracies, what it chose, costs of features and classifier, signal it waited for."""
+    """The results of one system: accuracies, choices, costs of features and classifier, length of the signal."""
 
     decision: str
     accuracy_validation: float
@@ -162,10 +162,10 @@ def load(data: GratingSpikesSpec) -> Arrays:
 
 
 def seen_of(parameters: Parameters, arrays: Arrays) -> Seen:
-    """What a cell looks at: its encoder's spikes in the first `window_ms`."""
+    """The input of a cell: its encoder's spikes in the first `window_ms`."""
     name, n_trials = parameters.encoder, len(arrays[LABEL])
     if name not in parameters.data.encoders:
-        raise InputError(f"encoder: '{name}' is none of data.encoders; {nearest(name, [*parameters.data.encoders])}")
+        raise InputError(f"encoder: '{name}' is not in data.encoders; {nearest(name, [*parameters.data.encoders])}")
     if parameters.window_ms > parameters.data.longest_ms:
         raise InputError(f"window_ms: {parameters.window_ms:g} is more than data.longest_ms; shorten it")
     rate_Hz = float(arrays["clock_Hz"])
@@ -188,7 +188,7 @@ def conditions_of(arrays: Arrays) -> pd.DataFrame:
 
 
 def feature_table(name: str, seen: Seen) -> tuple[np.ndarray, list[Layer]]:
-    """Features of every trial, `(trial, feature)`, and what taking them costs."""
+    """Features of every trial, `(trial, feature)`, and their cost."""
     events, rate_Hz, n_steps = seen.events, seen.rate_Hz, seen.n_steps
     of = events.n_afferents, seen.spikes
     rates, counting = spike_features.mean_rates(events, rate_Hz), spent.Rates(*of)
@@ -219,7 +219,7 @@ def feature_table(name: str, seen: Seen) -> tuple[np.ndarray, list[Layer]]:
         white = max(1, int(counts[seen.split.train].max()))  # the fullest bin of the training trials
         images = spike_features.grey_images(events, COLUMNS, white).reshape(len(counts), -1)
         return images.astype(float), [spent.GreyImages(*of, columns=COLUMNS)]
-    raise InputError(f"features: '{name}' are no features of a plain classifier; {nearest(name, VECTORS)}")
+    raise InputError(f"features: '{name}' are not features of a plain classifier; {nearest(name, VECTORS)}")
 
 
 VECTORS = ("rate", "rate, CV", "ISI, rate", "statistics", "delays", "image")
@@ -227,14 +227,14 @@ DISTANCES: dict[str, tuple[Callable[..., np.ndarray], str, tuple[float, ...]]] =
     "van Rossum": (van_rossum, "tau_ms", TAUS_ms),
     "Victor-Purpura": (victor_purpura, "shift_cost_per_s", SHIFT_COSTS_per_s),
 }
-"""Each distance, its one parameter, and the values tried for it."""
+"""Each distance, its parameter, and the candidate values."""
 
 
 # --- systems -----------------------------------------------------------------------------------------
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
-    """A row for each random start, and for the spiking networks one more each, which decides early."""
+    """A row for each random start, and for the spiking networks one more each, with early exit."""
     seen = seen_of(parameters, arrays)
     encoder = parameters.data.encoders[parameters.encoder].model_dump(mode="json")
     n_taxels = seen.events.n_afferents // 2
@@ -304,11 +304,11 @@ def _decided(parameters: Parameters, seen: Seen, arrays: Arrays) -> Iterator[Dec
 
 
 Chosen = tuple[float, float, str, list[Layer]]
-"""Accuracy on validation and on test trials, what was chosen, and the layers of the classifier."""
+"""Accuracy on validation and on test trials, the choice, and the layers of the classifier."""
 
 
 def knn(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Chosen:
-    """The k nearest neighbours vote; the smallest of the best k."""
+    """The k nearest neighbours (ties: the smallest k)."""
     train, validation, test = split
     fitted = KNeighborsClassifier(NEIGHBOURS[-1], algorithm="brute").fit(features[train], labels[train])
     near = {side: fitted.kneighbors(features[part])[1] for side, part in (("v", validation), ("t", test))}
@@ -320,7 +320,7 @@ def knn(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Ch
 
 
 def svm(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Chosen:
-    """Support vector machines with an RBF kernel, one against one; the smoothest of the best."""
+    """Support vector machines with an RBF kernel, one against one (ties: the smoothest)."""
     train, validation, test = split
     grid = [(c, gamma / features.shape[1]) for c in SVM_C for gamma in SVM_GAMMA]
     tried = [SVC(C=c, gamma=gamma).fit(features[train], labels[train]) for c, gamma in grid]
@@ -332,9 +332,9 @@ def svm(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Ch
 
 
 def elm(features: np.ndarray, labels: np.ndarray, split: Split, seed: int) -> Chosen:
-    """Extreme learning machines with sigmoids; the smallest of the best, then the most regularised."""
+    """Extreme learning machines with sigmoids (ties: the smallest, then the most regularised)."""
     train, validation, test = split
-    # Weights are uniform in (-1, 1): many features drive the sigmoids into their ends unless they are scaled down.
+    # Weights are uniform in (-1, 1): many features saturate the sigmoids unless they are scaled down.
     scales = (1.0, features.shape[1] ** -0.5)
     tried = []
     for hidden, scale in product(ELM_HIDDEN, scales):
@@ -378,7 +378,7 @@ def nearest_trains(name: str, seen: Seen, window_ms: float) -> Decided:
 
 
 def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> Iterator[Decided]:
-    """A spiking network over the whole window, and the same one where it may decide early."""
+    """A spiking network over the whole window, and the same one with early exit."""
     trains = trains_of(parameters, seen, arrays)
     window = WindowSpec(length_ms=parameters.window_ms, per_trial=1)
     task = Task(window=window, split=parameters.split, stratify=SIDES)
@@ -405,7 +405,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
 
 
 def trains_of(parameters: Parameters, seen: Seen, arrays: Arrays) -> SpikeTrains:
-    """The spikes of a cell as a network takes them: events of each trial in order of time."""
+    """The spikes of a cell in the format of a network: events of each trial in order of time."""
     events = seen.events
     order = np.lexsort((events.afferent, events.step, events.trial))
     ends = np.cumsum(np.bincount(events.trial, minlength=len(events.trial_steps)))[:-1]
@@ -421,7 +421,7 @@ def trains_of(parameters: Parameters, seen: Seen, arrays: Arrays) -> SpikeTrains
 
 
 def select(events: Events, trials: np.ndarray) -> Events:
-    """The events of some trials, given in ascending order, which are numbered anew."""
+    """The events of some trials, given in ascending order and renumbered."""
     number = np.full(len(events.trial_steps), -1)
     number[trials] = np.arange(len(trials))
     mine = number[events.trial] >= 0
@@ -435,7 +435,7 @@ def _nearest(distances: np.ndarray) -> np.ndarray:
 
 
 def _share(neighbours: np.ndarray, labels: np.ndarray) -> float:
-    """Accuracy of the vote of each row's neighbours; ties go to the lowest class."""
+    """Accuracy of the vote of each row's neighbours (ties: the lowest class)."""
     votes = np.apply_along_axis(np.bincount, 1, neighbours, minlength=int(max(neighbours.max(), labels.max())) + 1)
     return float((votes.argmax(axis=1) == labels).mean())
 
@@ -444,7 +444,7 @@ def _share(neighbours: np.ndarray, labels: np.ndarray) -> float:
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Accuracy over the signal that is waited for, over features and encoders, and over costs."""
+    """Accuracy over the length of the signal, over features and encoders, and over costs."""
     yield from figures.drawings(results)
 
 
@@ -461,8 +461,8 @@ VIEW = View(
     cost="flops",
     score="accuracy_test",
     note=(
-        "The texture paper's Table I names the systems before it and gives no accuracies of theirs; they were measured "
-        "with other sensors on other textures. Features see whole windows, of SA-I and RA-I afferents alike."
+        "The texture paper's Table I names earlier systems without accuracies; they were measured "
+        "with other sensors on other textures. Features use whole windows of both SA-I and RA-I afferents."
     ),
     apart=("window_ms",),
     spiking=("classifier", ("SNN", "RSNN")),

@@ -1,4 +1,4 @@
-"""Figures of the work before the texture paper beside its RSNN: accuracy over signal, features, encoders and costs."""
+"""Figures of the systems before the texture paper and its RSNN: accuracy over signal, features, encoders and costs."""
 
 from collections.abc import Iterator
 
@@ -32,11 +32,11 @@ def drawings(results: pd.DataFrame) -> Iterator[Drawn]:
     at_ms = window_shown(results)
     yield Drawn(
         "accuracy-over-signal",
-        "Accuracy and the signal that it waits for",
+        "Accuracy over the length of the signal",
         draw_over_signal(results),
-        "Test accuracy over the milliseconds of signal that a decision waits for. Of each plain classifier, the "
-        "features that are best on validation trials of that window; they wait for all of it. Hollow: a spiking "
-        "network that may decide early. Bars: deviations over random starts. Dotted: chance.",
+        "Test accuracy over the length of the signal before a decision. For each plain classifier, the best "
+        "features on validation trials of that window; they need all of it. Hollow: a spiking "
+        "network with early exit. Bars: deviations over random starts. Dotted: chance.",
         "Accuracy rises with the signal for all; curves of kNN, SVM, ELM, SNN and RSNN for each encoder.",
     )
     yield Drawn(
@@ -56,12 +56,12 @@ def drawings(results: pd.DataFrame) -> Iterator[Drawn]:
     )
     yield Drawn(
         "parts-of-the-cost",
-        f"Where the operations go at {at_ms:g} ms",
+        f"Distribution of the operations at {at_ms:g} ms",
         draw_parts(results, at_ms),
         "Operations of encoder, features and classifier, and of all three, for the systems of the texture paper's "
         "Table I, its references in brackets, and for the networks on each encoder.",
         "A mark for each part and one for the sum of each system on a logarithmic axis; the Izhikevich encoder alone "
-        "outweighs a whole network on LIF.",
+        "costs more than a whole network on LIF.",
     )
 
 
@@ -72,7 +72,7 @@ def window_shown(results: pd.DataFrame) -> float:
 
 
 def best_features(results: pd.DataFrame) -> pd.DataFrame:
-    """Of each encoder, classifier and window the rows whose features are best on validation trials.
+    """For each encoder, classifier and window, the rows of the best features on validation trials.
 
     >>> rows = pd.DataFrame({"encoder": "LIF", "classifier": "kNN", "window_ms": 50.0, "decision": "window",
     ...                      "features": ["rate", "image"], "accuracy_validation": [0.5, 0.6],
@@ -89,7 +89,7 @@ def best_features(results: pd.DataFrame) -> pd.DataFrame:
 
 @printed
 def draw_over_signal(results: pd.DataFrame) -> Figure:
-    """A panel per encoder, a line per classifier, over the signal that was waited for."""
+    """A panel per encoder, a line per classifier, over the length of the signal."""
     encoders = list(dict.fromkeys(results["encoder"]))
     figure = new_figure(2.9)
     panels = figure.subplots(1, len(encoders), sharey=True, squeeze=False)[0]
@@ -151,7 +151,7 @@ def draw_grid(results: pd.DataFrame, at_ms: float) -> Figure:
 
 @printed
 def draw_over_cost(results: pd.DataFrame, at_ms: float) -> Figure:
-    """A panel per encoder, a point a system, over the operations of a decision."""
+    """A panel per encoder, a point per system, over the operations of a decision."""
     rows = results[results["window_ms"] == at_ms]
     encoders = list(dict.fromkeys(rows["encoder"]))
     figure = new_figure(2.9)
@@ -190,7 +190,7 @@ def draw_parts(results: pd.DataFrame, at_ms: float) -> Figure:
     axes.hlines(at, means.where(means > 0).min(axis=1), means.sum(axis=1), color=PALE, lw=2.0, zorder=1)
     for index, (column, name) in enumerate(PARTS):
         values = means[column].to_numpy()
-        # A part that does nothing has no mark.
+        # A part without operations has no mark.
         drawn = np.where(values > 0, values, np.nan)
         axes.plot(drawn, at, ls="", ms=5, label=name, **series_style(PART_SERIES[index]))
     axes.plot(means.sum(axis=1), at, ls="", marker="|", ms=10, mew=2.0, color=INK, label="all of them")

@@ -1,10 +1,10 @@
-"""The simulated gratings beside what the texture paper says of its signals and spikes.
+"""The simulated gratings compared with the signals and spikes of the texture paper.
 
     python -m neurotact.papers.texture.calibration [-o DIR] [--trials N] [--set KEY=VALUE]
 
-Simulates the published experiment, prints every calibration fact with its target and what was reached, and with
-`-o` writes the facts as a table and draws the figures that stand beside the paper's Figs. 5, 6, 10 and 12. `--set`
-tries another value of a parameter. Those of `GratingsSpec` were chosen by these facts alone; no classifier is trained.
+Simulates the published experiment, prints every calibration fact with its target and the simulated value, and with
+`-o` writes the facts as a table and draws figures for comparison with the paper's Figs. 5, 6, 10 and 12. `--set`
+tries another value of a parameter. Those of `GratingsSpec` were chosen only by these facts; no classifier is trained.
 """
 
 import argparse
@@ -14,7 +14,7 @@ from pathlib import Path
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.papers.signal_facts import keep, tell
+from neurotact.papers.signal_facts import keep, print_facts
 from neurotact.papers.texture.calibration_figures import draw_all
 from neurotact.papers.texture.facts import count_facts, measure, noise_facts, rate_facts, signal_facts, start_facts
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
         *count_facts(measured.firing),
         *rate_facts(measured.firing),
     ]
-    tell(facts)
+    print_facts(facts)
     if given.out is not None:
         keep(facts, given.out)
         write_table(measured.signals, given.out / "signals.csv")

@@ -29,7 +29,7 @@ from neurotact.papers.texture.facts import (
 def draw_signals(recordings: Recordings, encoder: AfferentSpec) -> Figure:
     """One second of gratings 1, 5 and 8 at 12 N, both speeds: as recorded (pale) and after the EMA; and the spectra.
 
-    A colour is a speed. The strong taxels stand one above the other, each about its own line.
+    One colour per speed. The strong taxels are drawn above each other, each about its own line.
     """
     how = ConditioningSpec(ema_cutoff_Hz=encoder.conditioning.ema_cutoff_Hz, baseline="mean")
     smooth = condition(recordings, how)
@@ -41,8 +41,8 @@ def draw_signals(recordings: Recordings, encoder: AfferentSpec) -> Figure:
         for column, speed in enumerate(speeds):
             here = {"grating": grating, "force_N": FORCE_N, "speed_mm_per_s": speed}
             trials = np.flatnonzero(select_conditions(recordings.conditions, here))
-            recorded, felt = recordings.signals[trials[0]], smooth.signals[trials[0]]
-            _paint_trial(grid[row, column], recorded, felt, recordings, colours[speed])
+            recorded, smoothed = recordings.signals[trials[0]], smooth.signals[trials[0]]
+            _paint_trial(grid[row, column], recorded, smoothed, recordings, colours[speed])
             grid[row, column].set_title(f"grating {grating}, {speed:g} mm/s")
             strongest = np.asarray(recordings.signals)[trials][:, round(SETTLED_s * recordings.sampling_rate_Hz) :, 0]
             frequency_Hz, spectrum = mean_spectrum(strongest, recordings.sampling_rate_Hz)
@@ -57,7 +57,7 @@ def draw_signals(recordings: Recordings, encoder: AfferentSpec) -> Figure:
 
 
 APART_mV = 20.0
-"""From the line of one taxel to that of the next."""
+"""Distance between the lines of two taxels."""
 
 
 def _paint_trial(axes: Axes, recorded: np.ndarray, smooth: np.ndarray, recordings: Recordings, colour: str) -> None:

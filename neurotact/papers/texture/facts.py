@@ -1,6 +1,6 @@
-"""What the texture paper and the public recordings say of its signals and spikes, beside what is simulated.
+"""Facts about signals and spikes from the texture paper and the public recordings, checked on the simulation.
 
-Each fact has a target and what was reached. No classifier is trained.
+Each fact has a target and a simulated value. No classifier is trained.
 """
 
 from itertools import combinations
@@ -29,18 +29,18 @@ SHOWN = (1, 5, 8)
 FORCE_N, SPEED_mm_per_s = 12.0, 8.6
 """The condition of Fig. 6."""
 SETTLED_s = 0.25
-"""The window of 1 s begins here."""
+"""Start of the window of 1 s."""
 STRONG_TAXELS = 5
-"""The first ones of the sensor, in the public recordings above 2 mV; the other three stay near 1 mV."""
+"""Number of strong taxels, the first ones: above 2 mV in the public recordings; the other three are near 1 mV."""
 PUBLIC_PEAKS_mV = ((10.0, -10.0), (11.0, -11.0), (9.0, -4.0), (3.6, -8.5), (2.6, -3.6), (1.0, -1.0))
 """Highest and lowest value of the strong taxels and of the other three: grating 1, as recorded, force unknown."""
 PUBLIC_EVENT = (585, 652)
 """Samples from the cut to the ridge event of three trials of grating 1."""
 REPEATED_TRIALS = 12
-"""Of grating 1: enough pairs of trials to correlate."""
+"""Trials of grating 1: enough pairs to correlate."""
 MOST_LAG_s = 0.1
 QUIET_CHANNELS = 6
-"""Of eight; the other two carry 0.4 mV rms even at rest."""
+"""Quiet channels of eight; the other two have 0.4 mV rms even at rest."""
 PAIR_CONDITIONS = ["force_N", "speed_mm_per_s"]
 
 
@@ -58,7 +58,7 @@ def measure(recordings: Recordings, encoder: AfferentSpec) -> Measured:
     for period_ms in periods_ms:
         trains = encode_recordings(recordings, with_periods(encoder, period_ms, period_ms))
         tables.append(firing_table(trains).assign(t_ref_ms=period_ms))
-    # The populations do not touch each other, so the six pairs follow from three encodings.
+    # The populations are independent, so the six pairs follow from three encodings.
     firing = pd.concat(tables).set_index("t_ref_ms")
     pairs = [_pair_table(firing.loc[[ra]], firing.loc[[sa]], f"{ra}&{sa}") for ra, sa in PAIRS_ms]
     return Measured(signal_table(recordings, encoder), pd.concat(pairs, ignore_index=True))
@@ -115,7 +115,7 @@ def mean_spectrum(signals: np.ndarray, rate_Hz: float) -> tuple[np.ndarray, np.n
 
 
 def firing_table(trains: SpikeTrains) -> pd.DataFrame:
-    """Spikes a second of each population (all taxels together) and mean ISI, for each grating and condition."""
+    """Spikes per second of each population (all taxels together) and mean ISI, for each grating and condition."""
     columns = [LABEL, "grating", *PAIR_CONDITIONS]
     found = firing_of(trains, touch_spikes(trains, 1e3 * SETTLED_s), np.arange(len(trains)), columns)
     return found.drop(columns="sa_share").sort_values(columns, ignore_index=True)
@@ -180,7 +180,7 @@ def signal_facts(signals: pd.DataFrame) -> list[Fact]:
 
 
 def start_facts(spec: GratingsSpec, encoder: AfferentSpec) -> list[Fact]:
-    """What repeats from trial to trial of grating 1, beside three public trials (lags 0, 43 and 66 samples)."""
+    """The repeatability of trials of grating 1, compared with three public trials (lags 0, 43 and 66 samples)."""
     one = {
         "trials": REPEATED_TRIALS,
         "pitches_mm": spec.pitches_mm[:1],
@@ -257,7 +257,7 @@ def start_facts(spec: GratingsSpec, encoder: AfferentSpec) -> list[Fact]:
 
 
 def _within(highest: np.ndarray, lowest: np.ndarray, shown: list[int | slice]) -> bool:
-    """Whether each peak lies within 30 % of the public one, or 1 mV where that is more."""
+    """Whether each peak is within 30 % of the public one, or 1 mV if that is more."""
     reached = np.array([(np.max(highest[taxel]), np.min(lowest[taxel])) for taxel in shown])
     public = np.array(PUBLIC_PEAKS_mV)
     return bool((np.abs(reached - public) <= np.maximum(1.0, 0.3 * np.abs(public))).all())
@@ -292,7 +292,7 @@ def ridge_events(recordings: Recordings, start: int) -> np.ndarray:
 
 
 def afferents_that_fire(trains: SpikeTrains) -> tuple[int, int]:
-    """SA-I and RA-I afferents with at least one spike a trial."""
+    """SA-I and RA-I afferents with at least one spike per trial."""
     counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents)) / len(trains)
     return int((counts[trains.is_sa] >= 1).sum()), int((counts[~trains.is_sa] >= 1).sum())
 
@@ -316,7 +316,7 @@ def count_facts(firing: pd.DataFrame) -> list[Fact]:
             Fact(
                 f"grating {grating}: SA-I and RA-I",
                 "Fig. 6",
-                "SA-I more than RA-I, but for 1&10",
+                "SA-I more than RA-I, except for 1&10",
                 ", ".join(f"{pair} {sa[pair]:.0f}/{ra[pair]:.0f}" for pair in total.index),
                 all((sa[pair] > ra[pair]) != (pair == "1&10") for pair in total.index),
             ),
@@ -325,7 +325,7 @@ def count_facts(firing: pd.DataFrame) -> list[Fact]:
 
 
 def rate_facts(firing: pd.DataFrame) -> list[Fact]:
-    """Fig. 10: what force and speed do to rates and intervals, at 1&1."""
+    """Fig. 10: the effect of force and speed on rates and intervals, at 1&1."""
     rows = firing[firing.pair == "1&1"]
     facts = []
     for kind, name in (("sa", "SA-I"), ("ra", "RA-I")):
@@ -360,7 +360,7 @@ def rate_facts(firing: pd.DataFrame) -> list[Fact]:
 
 
 def noise_facts(noise_mV_rms: float) -> list[Fact]:
-    """The electronics' noise on the real PVDF patch; none where that data set is absent."""
+    """The electronics' noise on the real PVDF patch; none if that data set is absent."""
     try:
         patch = pvdf_hardness.read(expand("$NEUROTACT_DATA/pvdf-hardness")).to_unit("mV")
     except InputError as error:
@@ -396,7 +396,7 @@ def quiet_noise(patch: Recordings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pair_table(ra: pd.DataFrame, sa: pd.DataFrame, pair: str) -> pd.DataFrame:
-    """RA-I columns of one encoding beside the SA-I columns of another."""
+    """RA-I columns of one encoding with the SA-I columns of another."""
     table = sa.reset_index(drop=True)
     for column in ("spikes_ra_per_s", "isi_ra_ms"):
         table[column] = ra[column].to_numpy()

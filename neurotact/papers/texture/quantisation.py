@@ -1,8 +1,8 @@
-"""What whole numbers cost the texture paper's chain: weight bits and state bits beside accuracy, SOPs and bytes.
+"""The cost of integers in the texture paper's chain: accuracy, SOPs and bytes over weight bits and state bits.
 
 The network is trained in float on the simulated gratings, then rounded, or fine-tuned with rounded weights
-(`neurotact.deploy.fine_tuning`); its integer twin (`neurotact.deploy.integer`), which the C export equals to the last
-spike, decides the test windows.
+(`neurotact.deploy.fine_tuning`); its integer twin (`neurotact.deploy.integer`), identical to the C export in every
+spike, classifies the test windows.
 """
 
 import copy
@@ -55,7 +55,7 @@ TRAINED, TRAINED_ON, ROUNDING, FINE_TUNING = "float", "float, trained on", "roun
 
 
 class QuantisationData(Spec):
-    """The gratings, and how much of each slide is used."""
+    """The gratings, and the used part of each slide."""
 
     simulation: dict[str, Any] = {"trials": 25}
     """Keys of the simulator that differ from their defaults."""
@@ -63,7 +63,7 @@ class QuantisationData(Spec):
 
 
 class Parameters(Spec):
-    """One network, at every number of bits."""
+    """One network, with every number of bits."""
 
     decided: ClassVar[Mapping[str, str]] = {
         **{f"encoder.{key}": BY_CALIBRATION for key in FITTED},
@@ -74,16 +74,16 @@ class Parameters(Spec):
     encoder: AfferentSpec
     """Gains are calibrated on the training trials."""
     t_ref_ms: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(ge=0)]] = (1.0, 1.0)
-    """Of RA-I and SA-I."""
+    """Refractory periods of RA-I and SA-I."""
     network: RSNNSpec = RSNNSpec()
     weight_bits: tuple[Literal[2, 3, 4, 5, 6, 7, 8], ...] = Field(default=(8, 6, 4, 3, 2), min_length=1)
     state_bits: tuple[Literal[8, 9, 10, 11, 12, 13, 14, 15, 16, 24], ...] = Field(
         default=(24, 16, 14, 12, 10), min_length=1
     )
     fine_tune_epochs: int = Field(default=fine_tuning.EPOCHS, ge=0)
-    """Of fine-tuning; 0 leaves it out."""
+    """Epochs of fine-tuning; 0 skips it."""
     seed: int = Field(default=0, ge=0)
-    """Of the split, the weights and the order of training."""
+    """Random seed of the split, the weights and the order of training."""
 
 
 VIEW = View(
@@ -97,9 +97,9 @@ VIEW = View(
     ),
     cost="bytes",
     score="exit_accuracy",
-    note="Rounding: of weights and states after training. Fine-tuning: trained on with rounded weights, without test "
-    "windows; 'float, trained on' is trained as long without rounding. 32 bits: float. Bytes: weights packed to their "
-    "bits, and one window's currents and membranes; code and what conditioning and afferents keep are not among them.",
+    note="Rounding: of weights and states after training. Fine-tuning: further training with rounded weights, without "
+    "test windows; 'float, trained on' is trained as long without rounding. 32 bits: float. Bytes: weights packed to "
+    "their bits, and one window's currents and membranes, without code and the states of conditioning and afferents.",
 )
 
 
@@ -130,9 +130,9 @@ class Given(NamedTuple):
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
-    """A row for float, one for float trained on, and two for each pair of bits: rounding and fine-tuning.
+    """A row for float, one for float with further training, and two for each pair of bits: rounding and fine-tuning.
 
-    What more training is worth by itself shows in the second row.
+    The second row shows the effect of further training alone.
     """
     conditions = pd.DataFrame({LABEL: arrays["labels"]})
     skin = Recordings(arrays["signals"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="gratings")
@@ -159,7 +159,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
 def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]]:
     chain, windows = given.chain, None
     for weight_bits in parameters.weight_bits:
-        tuned: dict[Steps, Chain] = {}  # state bits change the steps of few weight bits, if of any
+        tuned: dict[Steps, Chain] = {}  # state bits change the steps of few weight bits, if any
         for state_bits in parameters.state_bits:
             bits = (weight_bits, state_bits)
             rounded = formats.choose(chain, given.ranges, weight_bits=weight_bits, state_bits=state_bits)
@@ -181,7 +181,7 @@ def _whole_rows(parameters: Parameters, given: Given) -> Iterator[dict[str, Any]
 
 
 def _trained_on(parameters: Parameters, given: Given, grids: dict[str, Grid]) -> Trained:
-    """The network fine-tuned on these grids, with the exit rule that suits it; trained as long in float without any."""
+    """The network fine-tuned on these grids, with its own exit rule; without grids, trained as long in float."""
     network = copy.deepcopy(given.done.network)
     order = torch.Generator().manual_seed(parameters.seed)
     training = fine_tuning.fine_tune(
@@ -197,24 +197,24 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Accuracy over bits of states",
         draw_over_bits(results),
         "Test accuracy with early exit over the bits of currents and membranes, a line for each number of weight bits, "
-        "a panel for each pair of refractory periods (RA-I & SA-I) and each way to whole weights. Dotted: float; "
-        "dashed: float, trained on for as long as fine-tuning.",
-        "Accuracy rises with the bits of states and is level from some number on.",
+        "a panel for each pair of refractory periods (RA-I & SA-I) and each method for integer weights. Dotted: float; "
+        "dashed: float, with further training as long as fine-tuning.",
+        "Accuracy rises with the bits of states up to some number, then is constant.",
     )
     yield Drawn(
         "rounding-and-fine-tuning",
-        "Rounding beside fine-tuning",
+        "Rounding and fine-tuning",
         draw_over_weight_bits(results),
-        f"Test accuracy with early exit over the bits of weights, states of {_usual_bits(results)} bits, and what "
-        "weights and one window's states take. Bars: standard deviation over seeds. Dotted: float; dashed: float, "
-        "trained on for as long as fine-tuning.",
+        f"Test accuracy with early exit over the bits of weights, states of {_usual_bits(results)} bits, and the bytes "
+        "of weights and one window's states. Bars: standard deviation over seeds. Dotted: float; dashed: float, "
+        "with further training as long as fine-tuning.",
         "Accuracy over bits of weights for rounding and fine-tuning; bytes fall with the bits.",
     )
 
 
 @printed
 def draw_over_bits(results: pd.DataFrame) -> Figure:
-    """A column of panels for each pair of refractory periods, a row for each way to whole weights."""
+    """A column of panels for each pair of refractory periods, a row for each method for integer weights."""
     pairs, whole = list(dict.fromkeys(results["pair"])), results[results["weight_bits"] != FLOAT]
     methods = list(dict.fromkeys(whole["method"]))
     figure = new_figure(0.6 + 2.0 * len(methods))
@@ -271,7 +271,7 @@ def _draw_float(axes: Axes, results: pd.DataFrame, pair: str) -> None:
 
 
 def _usual_bits(results: pd.DataFrame) -> int:
-    """State bits as an export chooses them for this network, 16, or the most that were studied."""
+    """State bits that an export chooses for this network, 16, or the most in the study."""
     known = {int(bits) for bits in results["state_bits"] if bits != FLOAT}
     return 16 if 16 in known else max(known)
 

@@ -1,9 +1,9 @@
 """A PVDF finger that slides over ridged plates: the gratings of the texture paper, simulated.
 
 The plates are those of its Sec. II-B (ridges of 1 mm, gaps of 4 to 0.5 mm), the forces, speeds and trials those of
-Sec. II-C. Only the slide is simulated. It starts where the last one did, as a motorised axis repeats its motion, or
-anywhere on the plate, as a hand does. The signals are *as recorded*: the moving average at 30 Hz belongs to the
-encoder's conditioning. Equations, sources and what does not match: docs/gratings-simulator.md.
+Sec. II-C. Only the slide is simulated. It starts at the same place each time, as with a motorised axis, or
+anywhere on the plate, as by hand. The signals are *as recorded*: the moving average at 30 Hz belongs to the
+encoder's conditioning. Equations, sources and mismatches: docs/gratings-simulator.md.
 """
 
 from collections.abc import Callable, Mapping
@@ -30,12 +30,12 @@ TABLE_POINTS = 4096
 PLATE_mm = 140.0
 """The ridged part of a plate: 200 mm without the flat margin of 30 mm at each end."""
 GRAIN_mm = 0.01
-"""Between the points of a plate's roughness: finer than what the mount passes, some 0.2 mm."""
+"""Distance between the points of a plate's roughness: finer than the mount transmits, about 0.2 mm."""
 START = "start"
-"""The condition that tells a repeated start from a random one."""
+"""The condition that distinguishes a repeated start from a random one."""
 REPEATED, RANDOM = "repeated", "random"
 CONDITIONS = ("grating", "pitch_mm", "force_N", "speed_mm_per_s", START, "trial")
-"""Of a trial, beside its label."""
+"""Conditions of a trial, besides its label."""
 FIRST_BY_HAND = 1_000_000_000
 """Trials from this number on are slides by hand."""
 
@@ -53,11 +53,11 @@ class GratingsSpec(Spec):
     trials: int = Field(default=100, ge=1)
     """Slides for each grating, force and speed (texture paper, Sec. II-C)."""
     seed: int = Field(default=0, ge=0)
-    """The same seed gives the same bytes; a trial's numbers depend on its own conditions alone."""
+    """Random seed: the same one gives the same bytes; a trial's numbers depend only on its own conditions."""
     duration_s: float = Field(default=1.25, gt=0)
-    """Of the slide, a trial: a 1 s window starts after 0.25 s, when filters and membranes have settled."""
+    """Duration of the slide (a trial): a 1 s window starts after 0.25 s, when filters and membranes have settled."""
     sampling_rate_Hz: float = Field(default=2000.0, gt=0)
-    """Of the sensor's electronics (Sec. II-A)."""
+    """Sampling rate of the sensor's electronics (Sec. II-A)."""
 
     pitches_mm: tuple[Positive, ...] = Field(default=(4.0, 3.5, 3.0, 2.5, 2.0, 1.5, 1.0, 0.5), min_length=1)
     """The gap between ridges, gratings 1 to 8 (Sec. II-B)."""
@@ -66,40 +66,40 @@ class GratingsSpec(Spec):
     forces_N: tuple[Positive, ...] = Field(default=(3.0, 6.0, 12.0), min_length=1)
     """Indentation forces (Sec. II-C)."""
     speeds_mm_per_s: tuple[Positive, ...] = Field(default=(8.6, 13.7), min_length=1)
-    """Sliding speeds as they are set (Sec. II-C)."""
+    """Set sliding speeds (Sec. II-C)."""
     speed_factor: float = Field(default=1.0733, gt=0)
     """Real speed over the set one: grating 1 has its principal frequency at 1.846 Hz in the public recordings."""
 
     start: Literal["repeated", "random", "both"] = REPEATED
     """Repeated: every slide starts at `start_mm`, as on a motorised axis. Random: anywhere on the plate, as by hand."""
     start_mm: float = Field(default=4.41, ge=0, le=PLATE_mm)
-    """Place of the first taxel at the trial's first sample, from the middle of a plate's first ridge; one for all
-    plates. Grating 1 alone fixes it, and only modulo its period of 5 mm."""
+    """Position of the first taxel at the trial's first sample, from the middle of a plate's first ridge; the same for
+    all plates. Only grating 1 determines it, modulo its period of 5 mm."""
     start_jitter_ms: float = Field(default=16.0, ge=0)
-    """Standard deviation of the instant at which a repeated slide begins."""
+    """Standard deviation of the start time of a repeated slide."""
 
     press_mV: float = Field(default=13.7, ge=0)
-    """Press of a ridge that covers the taxel: the step before the high-pass, grating 1 at 12 N."""
+    """Pressure signal of a ridge that covers the taxel: the step before the high-pass, grating 1 at 12 N."""
     skin_mm: float = Field(default=0.06, gt=0)
     """Blur (standard deviation) of a ridge's footprint by the skin's thickness, at 12 N."""
     drape: float = Field(default=0.14, ge=0)
-    """Compliance: the skin that falls into a gap drapes over the ridge and adds this part of the gap to the blur."""
+    """Compliance: the skin in a gap bends over the ridge and adds this part of the gap to the blur."""
     catch_mV: float = Field(default=13.0, ge=0)
-    """Swing of the finger when the skin catches or leaves a ridge's edge, grating 1 at 12 N."""
+    """Oscillation of the finger when the skin catches or leaves a ridge's edge, grating 1 at 12 N."""
     edge_mm: float = Field(default=0.02, gt=0)
-    """Roundness (standard deviation) of a ridge's edge, as the skin's surface meets it at 12 N."""
+    """Roundness (standard deviation) of a ridge's edge in contact with the skin's surface at 12 N."""
     slip_mV_rms: float = Field(default=7.6, ge=0)
     """Stick-slip noise under a ridge that covers the taxel, grating 1 at 12 N; white, then coloured by the mount."""
     friction_repeats: float = Field(default=0.82, ge=0, le=1)
     """Share of that noise's power that belongs to the plate: the same at the same place in every slide."""
     sag_mm: float = Field(default=0.14, ge=0)
-    """Compliance: catch and slip grow with the gap g as g / (g + sag), since the skin falls less into a narrow one."""
+    """Compliance: catch and slip grow with the gap g as g / (g + sag), since the skin sinks less into a narrow gap."""
     mount_Hz: float = Field(default=29.0, gt=0)
     """Resonance of the finger on its mount."""
     mount_damping: float = Field(default=0.15, gt=0, lt=1)
     """Damping ratio of that resonance."""
     high_pass_Hz: float = Field(default=1.0, gt=0)
-    """Corner of the piezoelectric film and its amplifier, which forget a constant press (the paper: <= 1 Hz)."""
+    """High-pass corner of the piezoelectric film and its amplifier (the paper: <= 1 Hz)."""
 
     load_exponent: float = Field(default=0.2, ge=0)
     """Amplitude grows as (spatial period) ** this: fewer ridges share the load."""
@@ -109,12 +109,12 @@ class GratingsSpec(Spec):
     """The contact widens, and both blurs with it, as force ** this (Hertz: 1/3)."""
 
     taxel_along_mm: tuple[float, ...] = Field(default=(0.0, 1.3, 2.7, 4.1, 0.6, 2.0, 3.4, 5.0), min_length=1)
-    """Place of each taxel along the slide: its phase."""
+    """Position of each taxel along the slide: its phase."""
     taxel_gains: tuple[float, ...] = Field(default=(1.0, 1.05, 0.85, -0.8, 0.33, 0.1, 0.1, 0.1), min_length=1)
-    """Share of the signal that each taxel sees, negative where its polarity is reversed (public recordings)."""
+    """Share of the signal on each taxel, negative for reversed polarity (public recordings)."""
 
     noise_mV_rms: float = Field(default=0.25, ge=0)
-    """White noise of the electronics: the quietest channels of the public recordings change by 0.28 mV a sample."""
+    """White noise of the electronics: the quietest channels of the public recordings change by 0.28 mV per sample."""
     jitter_speed: float = Field(default=0.003, ge=0, lt=0.3)
     """Standard deviation of a trial's speed over the set speed."""
     jitter_force: float = Field(default=0.07, ge=0, lt=0.3)
@@ -127,7 +127,7 @@ class GratingsSpec(Spec):
         if len(self.taxel_along_mm) != len(self.taxel_gains):
             raise ValueError(
                 f"taxel_along_mm has {len(self.taxel_along_mm)} places but taxel_gains has "
-                f"{len(self.taxel_gains)} gains; give one of each a taxel"
+                f"{len(self.taxel_gains)} gains; give one each per taxel"
             )
         for name in ("pitches_mm", "forces_N", "speeds_mm_per_s"):
             if len(set(getattr(self, name))) != len(getattr(self, name)):
@@ -156,8 +156,8 @@ class GratingsSpec(Spec):
 
 
 class Slide(NamedTuple):
-    """One trial as it really went: `gains` is `(taxel,)`, `start_mm` the place of the first taxel at its first sample,
-    from the middle of the plate's first ridge.
+    """The actual values of one trial: `gains` is `(taxel,)`, `start_mm` the position of the first taxel at its first
+    sample, from the middle of the plate's first ridge.
     """
 
     pitch_mm: float
@@ -211,7 +211,7 @@ def _label(pitch_mm: float) -> str:
 def trial_generator(
     spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, start: str, trial: int
 ) -> np.random.Generator:
-    """The random numbers of one trial, which no other trial can shift: keyed by its conditions, to 0.001 of a unit."""
+    """The random numbers of one trial, independent of all others: keyed by its conditions, to 0.001 of a unit."""
     place = 1 + round(spec.start_mm * 1e3) if start == REPEATED else 0
     key = (round(pitch_mm * 1e3), round(force_N * 1e3), round(speed_mm_per_s * 1e3), trial, place)
     return np.random.default_rng(np.random.SeedSequence(spec.seed, spawn_key=key))
@@ -220,7 +220,7 @@ def trial_generator(
 def draw_slide(
     spec: GratingsSpec, pitch_mm: float, force_N: float, speed_mm_per_s: float, start: str, rng: np.random.Generator
 ) -> Slide:
-    """What varies from trial to trial: start, speed, force and gains (normal, within 3 deviations; a random start is
+    """The variation between trials: start, speed, force and gains (normal, within 3 deviations; a random start is
     uniform over the plate).
     """
     anywhere_mm = PLATE_mm * rng.random()
@@ -237,7 +237,7 @@ def draw_slide(
 
 
 def _check_room(spec: GratingsSpec, n_trials: int) -> None:
-    """InputError where so many slides, or one with what comes before it, take more memory than one input may."""
+    """InputError if all slides, or one with its settling time, take more memory than one input may."""
     check_room(n_trials, spec.n_samples, len(spec.taxel_gains))
     check_room(1, _settling_samples(spec), len(spec.taxel_gains))
 
@@ -267,7 +267,7 @@ def ridge_signal(spec: GratingsSpec, slide: Slide) -> np.ndarray:
 
     The slide is periodic, so each harmonic of the ridges' profile goes through the skin's blur and then, at its
     frequency n v / period, through the piezoelectric high-pass (press) or the mount's resonance (catch). A
-    harmonic above half of the sampling rate is left out.
+    harmonic above half of the sampling rate is dropped.
 
     >>> slide = Slide(4.0, 12.0, 8.6, 0.0, np.ones(8))
     >>> bool(8 < np.abs(ridge_signal(GratingsSpec(), slide)).max() < 16)
@@ -286,30 +286,30 @@ def ridge_signal(spec: GratingsSpec, slide: Slide) -> np.ndarray:
 
 
 def contact(spec: GratingsSpec, slide: Slide) -> np.ndarray:
-    """How much a ridge covers a taxel over one spatial period, `(TABLE_POINTS,)`: 1 wholly, 0 not at all."""
+    """Coverage of a taxel by a ridge over one spatial period, `(TABLE_POINTS,)`: 1 fully, 0 not at all."""
     ridges, wavenumber = _ridge_harmonics(spec, slide.pitch_mm)
     return np.fft.irfft(ridges * _blur(wavenumber, footprint_mm(spec, slide)), TABLE_POINTS) * TABLE_POINTS
 
 
 def loading(spec: GratingsSpec, slide: Slide) -> float:
-    """Amplitude beside that of grating 1 at 12 N: force and the load that each ridge carries."""
+    """Amplitude relative to that of grating 1 at 12 N: force and the load that each ridge carries."""
     reference_mm = REFERENCE_PITCH_MM + spec.ridge_width_mm
     share = ((slide.pitch_mm + spec.ridge_width_mm) / reference_mm) ** spec.load_exponent
     return share * (slide.force_N / REFERENCE_FORCE_N) ** spec.force_exponent
 
 
 def sagging(spec: GratingsSpec, pitch_mm: float) -> float:
-    """How far the skin falls into a gap, beside grating 1."""
+    """Depth of the skin in a gap, relative to grating 1."""
     return pitch_mm / (pitch_mm + spec.sag_mm) * (REFERENCE_PITCH_MM + spec.sag_mm) / REFERENCE_PITCH_MM
 
 
 def footprint_mm(spec: GratingsSpec, slide: Slide) -> float:
-    """Blur of a ridge's footprint: the skin's thickness and its drape into the gap, wider under load."""
+    """Blur of a ridge's footprint: the skin's thickness and its bending into the gap, wider under load."""
     return (spec.skin_mm + spec.drape * slide.pitch_mm) * flattening(spec, slide)
 
 
 def flattening(spec: GratingsSpec, slide: Slide) -> float:
-    """Width of the contact beside that at 12 N."""
+    """Width of the contact relative to that at 12 N."""
     return (slide.force_N / REFERENCE_FORCE_N) ** spec.flattening_exponent
 
 
@@ -342,24 +342,24 @@ def _mount_noise(spec: GratingsSpec, drive: np.ndarray) -> np.ndarray:
     width = np.sin(angle) * spec.mount_damping
     b = np.array([width, 0.0, -width]) / (1.0 + width)
     a = np.array([1.0, -2.0 * np.cos(angle) / (1.0 + width), (1.0 - width) / (1.0 + width)])
-    # The power that a white input leaves in this filter is b0 = width / (1 + width), in closed form.
+    # The output power of this filter for white input is b0 = width / (1 + width), in closed form.
     return lfilter(b / np.sqrt(b[0]), a, drive, axis=0)
 
 
 def _plate_friction(spec: GratingsSpec, slide: Slide, place_mm: np.ndarray) -> np.ndarray:
-    """The plate's own stick-slip noise at places of the finger, as strong below 100 Hz as white noise of deviation 1.
+    """The plate's own stick-slip noise at positions of the finger; below 100 Hz equal to white noise of deviation 1.
 
-    It is a function of the place alone, so that slides which start together meet the same.
+    It is a function of the position only, so slides with the same start have the same noise.
     """
     plate = np.random.SeedSequence(spec.seed, spawn_key=(round(slide.pitch_mm * 1e3),))
     roughness = np.random.default_rng(plate).standard_normal(round(PLATE_mm / GRAIN_mm))
-    # Points pass at v / GRAIN_mm a second: their power spreads over as many Hz, that of white noise over the rate.
+    # v / GRAIN_mm points pass per second: their power spreads over as many Hz, that of white noise over the rate.
     strength = np.sqrt(slide.speed_mm_per_s / (GRAIN_mm * spec.sampling_rate_Hz))
     return strength * _look_up(roughness, place_mm / PLATE_mm)
 
 
 def _settling_samples(spec: GratingsSpec) -> int:
-    """Until the mount's ringing has fallen to exp(-6)."""
+    """Settling time, until the mount's ringing has fallen to exp(-6)."""
     return int(np.ceil(6.0 / (2.0 * np.pi * spec.mount_Hz * spec.mount_damping) * spec.sampling_rate_Hz))
 
 
@@ -373,7 +373,7 @@ def _look_up(table: np.ndarray, along: np.ndarray) -> np.ndarray:
 
 
 def controls(spec: GratingsSpec) -> tuple[Control, ...]:
-    """What of a slide is set by hand: the grating, and force and speed within and around those of the paper."""
+    """The controls of a slide: the grating, and force and speed within and around those of the paper."""
     names = tuple(_label(pitch) for pitch in spec.pitches_mm)
     return (
         Control("grating", "Grating", names[0], names),
@@ -383,7 +383,7 @@ def controls(spec: GratingsSpec) -> tuple[Control, ...]:
 
 
 def slide_by_hand(spec: GratingsSpec, values: Mapping[str, Any], number: int) -> Recordings:
-    """One slide as the controls say, on the plates of `spec.seed`; its number is that of no trial of `simulate`.
+    """One slide with the controls' values, on the plates of `spec.seed`; its number is not a trial of `simulate`.
 
     >>> slide = slide_by_hand(GratingsSpec(), {"grating": "P2.5", "force_N": 5.0, "speed_mm_per_s": 10.0}, 0)
     >>> slide.signals.shape, slide.conditions["label"].tolist()

@@ -1,6 +1,6 @@
-"""The stress that a finger, a paintbrush and a washer leave in an elastic cover as they move over it.
+"""The stress of a finger, a paintbrush and a washer in an elastic cover as they move over it.
 
-Each tool is a few Gaussian contacts that move together, blurred by the cover, with loads that vary in the way of that
+Each tool is a few Gaussian contacts that move together, blurred by the cover, with loads that vary as for that
 tool: skin that sticks and slips and whose ridges vibrate; tufts of bristles that catch at random; a rim that rolls on
 two edges and is not quite round. Equations and sources: docs/touch-modality-simulator.md.
 """
@@ -18,45 +18,45 @@ KPA_PER_N_PER_MM2 = 1000.0
 
 
 class FingerSpec(Spec):
-    """The pad of a finger that slides."""
+    """The pad of a sliding finger."""
 
     force_N: float = Field(default=0.84, gt=0)
-    """Median over people and touches."""
+    """Median force over people and touches."""
     pad_mm: float = Field(default=4.5, gt=0)
     """Standard deviation of the pad's pressure across the finger, median."""
     pad_spread: float = Field(default=0.2, ge=0, lt=1)
-    """Of that width, as the deviation of its logarithm over people and touches: tip or flat pad."""
+    """Spread of that width, as the deviation of its logarithm over people and touches: tip or flat pad."""
     elongation: float = Field(default=1.3, ge=1)
-    """Length over width of the pad; its long side lies in the direction of the stroke."""
+    """Length over width of the pad; its long side is in the direction of the stroke."""
     ridge_mm: float = Field(default=0.45, gt=0)
     """Distance of papillary ridges (0.4 to 0.5 mm on an adult finger)."""
     ridge_depth: float = Field(default=0.12, ge=0)
     """Share of the stress that vibrates as ridges pass."""
     stick_mm: float = Field(default=2.0, ge=1e-3)
-    """Mean way that the skin is dragged before it slips."""
+    """Mean distance that the skin is dragged before it slips."""
     stick_depth: float = Field(default=0.3, ge=0, lt=1)
-    """Share of the load that builds up while the skin sticks and is gone when it slips."""
+    """Share of the load that builds up while the skin sticks and is released when it slips."""
 
 
 class BrushSpec(Spec):
     """A flat paintbrush."""
 
     force_N: float = Field(default=0.24, gt=0)
-    """Median over people and touches."""
+    """Median force over people and touches."""
     width_mm: float = Field(default=18.0, gt=0)
-    """Of the bristles' line, across the stroke, where the brush is fully pressed on."""
+    """Width of the line of bristles, across the stroke, for a fully pressed brush."""
     width_spread: float = Field(default=0.3, ge=0, lt=1)
-    """Of that width, as the deviation of its logarithm: how far the brush is turned and pressed."""
+    """Spread of that width, as the deviation of its logarithm: orientation and pressure of the brush."""
     depth_mm: float = Field(default=3.0, gt=0)
-    """Of the bundle along the stroke, standard deviation."""
+    """Depth of the bundle along the stroke, standard deviation."""
     tufts: int = Field(default=14, ge=1, le=1000)
     """Bundles of bristles along the line."""
     tuft_mm: float = Field(default=1.5, gt=0)
     """Standard deviation of a tuft's pressure."""
     catch_depth: float = Field(default=0.8, ge=0)
-    """Deviation of the logarithm of a tuft's load as its bristles catch and let go."""
+    """Deviation of the logarithm of a tuft's load as its bristles catch and release."""
     catch_mm: float = Field(default=1.5, gt=0)
-    """Way over which a tuft's load is correlated."""
+    """Distance over which a tuft's load is correlated."""
     rasp_depth: float = Field(default=0.35, ge=0)
     """Share of the stress that is broadband friction noise of single bristles."""
 
@@ -65,28 +65,28 @@ class WasherSpec(Spec):
     """A flat washer that rolls on its rim, held upright between two fingers."""
 
     force_N: float = Field(default=0.21, gt=0)
-    """Median over people and touches."""
+    """Median force over people and touches."""
     diameter_mm: float = Field(default=24.0, gt=0)
     """Outer diameter."""
     thickness_mm: float = Field(default=2.5, gt=0)
-    """Distance of the rim's two edges, which are the lines that touch."""
+    """Distance of the rim's two edges, which are the lines of contact."""
     rim_mm: float = Field(default=1.0, gt=0)
     """Standard deviation of the pressure under one edge."""
     tilt: float = Field(default=0.5, ge=0, le=1)
-    """Share of the load that sways between the edges, once a revolution and with the hand."""
+    """Share of the load that shifts between the edges, once per revolution and with the hand."""
     oval_depth: float = Field(default=0.2, ge=0, lt=1)
-    """Share of the load that changes twice a revolution, since the rim is not round."""
+    """Share of the load that changes twice per revolution, since the rim is not round."""
     lobes: int = Field(default=18, ge=1)
-    """Burrs on the rim, each of which clicks as it comes down."""
+    """Burrs on the rim, each of which clicks at contact."""
     lobe_depth: float = Field(default=0.25, ge=0, lt=1)
-    """Share of the load that changes from burr to burr."""
+    """Share of the load that differs between burrs."""
 
 
 Tool = FingerSpec | BrushSpec | WasherSpec
 
 
 class Motion(NamedTuple):
-    """A stroke sample by sample: way along it, offset across it (mm), speed (mm/s), load (N); `(time,)` each."""
+    """A stroke sample by sample: position along it, offset across it (mm), speed (mm/s), load (N); `(time,)` each."""
 
     along_mm: np.ndarray
     across_mm: np.ndarray
@@ -96,7 +96,7 @@ class Motion(NamedTuple):
 
     @property
     def travelled_mm(self) -> np.ndarray:
-        """Way covered so far, back and forth."""
+        """Distance covered so far, back and forth."""
         return np.cumsum(np.abs(self.speed_mm_per_s)) / self.sampling_rate_Hz
 
 
@@ -121,7 +121,7 @@ def contact_stress(contact: Contact, motion: Motion, taxels_mm: np.ndarray, cove
     taxels_mm: coordinate of each row and column of the grid, `(side,)`. The stroke runs along the rows, so that the
         result is `along` fastest: taxel = side * (place across) + (place along).
 
-    The stress integrates to the load whatever the widths: each contact is load / (2 pi s_a s_b) at its middle.
+    The stress integrates to the load for any widths: each contact is load / (2 pi s_a s_b) at its middle.
     """
     sd_along, sd_across = np.hypot(contact.sd_along_mm, cover_mm), np.hypot(contact.sd_across_mm, cover_mm)
     along = (motion.along_mm[:, None] + contact.along_mm)[:, :, None] - taxels_mm
@@ -134,7 +134,7 @@ def contact_stress(contact: Contact, motion: Motion, taxels_mm: np.ndarray, cove
 
 
 def touch(tool: Tool, motion: Motion, width: float, rng: np.random.Generator) -> Contact:
-    """The contacts of a tool along a motion; `width` is a standard normal that says how wide this touch is."""
+    """The contacts of a tool along a motion; `width` is a standard normal number for the width of this touch."""
     contacts: dict[type, Callable[..., Contact]] = {FingerSpec: _finger, BrushSpec: _brush, WasherSpec: _washer}
     return contacts[type(tool)](tool, motion, width, rng)
 
@@ -157,7 +157,7 @@ def _brush(tool: BrushSpec, motion: Motion, width: float, rng: np.random.Generat
     half_mm = 0.5 * tool.width_mm * np.exp(tool.width_spread * width)
     across = np.linspace(-half_mm, half_mm, tool.tufts) if tool.tufts > 1 else np.zeros(1)
     along = rng.normal(0.0, tool.depth_mm, tool.tufts)
-    # an Ornstein-Uhlenbeck process along the way: its memory fades with the distance, not with the time
+    # an Ornstein-Uhlenbeck process along the path: its correlation decays with distance, not with time
     keep = np.exp(-np.abs(motion.speed_mm_per_s) / motion.sampling_rate_Hz / tool.catch_mm)
     level = _fading_noise(keep, rng.standard_normal((len(keep), tool.tufts)))
     share = np.exp(tool.catch_depth * level - 0.5 * tool.catch_depth**2) / tool.tufts
@@ -170,7 +170,7 @@ def _washer(tool: WasherSpec, motion: Motion, width: float, rng: np.random.Gener
     start, oval, lobe, sway = rng.uniform(0.0, 2.0 * np.pi, 4)
     angle = start + motion.along_mm / (0.5 * tool.diameter_mm)
     round_ = 1.0 + tool.oval_depth * np.sin(2.0 * angle + oval) + tool.lobe_depth * np.sin(tool.lobes * angle + lobe)
-    # `width` tilts the whole roll to one edge, the angle sways it
+    # `width` tilts the whole roll to one edge, the angle shifts the load
     lean = np.clip(tool.tilt * (0.6 * np.sin(angle + sway) + 0.5 * width), -1.0, 1.0)
     share = round_[:, None] * 0.5 * np.stack([1.0 - lean, 1.0 + lean], axis=1)
     edges = 0.5 * tool.thickness_mm * np.array([-1.0, 1.0])
@@ -179,7 +179,7 @@ def _washer(tool: WasherSpec, motion: Motion, width: float, rng: np.random.Gener
 
 
 def _rubbing(motion: Motion) -> np.ndarray:
-    """Friction sounds only while the tool moves: 0 at rest, 1 at 40 mm/s, growing with the root of the speed."""
+    """Friction noise only while the tool moves: 0 at rest, 1 at 40 mm/s, growing with the root of the speed."""
     return np.sqrt(np.abs(motion.speed_mm_per_s) / 40.0)
 
 

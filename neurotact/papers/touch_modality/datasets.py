@@ -11,7 +11,7 @@ import numpy as np
 from neurotact.errors import InputError
 
 TOUCH_SAMPLES = 6144
-"""Samples of a pattern of Dataset A: about the 2 s for which people touched, and a multiple of an image of B."""
+"""Samples of a pattern of Dataset A: about 2 s of touch, and a multiple of an image of B."""
 STEP_COUNTS = (8, 10, 16, 20, 50, 100, 200, 256)
 """N of Dataset C."""
 ARRAY_SIDE = 4
@@ -21,12 +21,12 @@ WindowRule = Literal["overlap", "printed"]
 
 
 def dataset_b(patterns: np.ndarray) -> np.ndarray:
-    """Images `(pattern, image, 64, 64)` of patterns `(pattern, time, 16)`, 256 frames an image.
+    """Images `(pattern, image, 64, 64)` of patterns `(pattern, time, 16)`, 256 frames per image.
 
     Each 4 x 4 frame becomes a block of the image; blocks follow one another as a convolution's filter slides, along
     a row of blocks and then down, so that time runs in the order in which features are computed.
 
-    Raises InputError for patterns whose length is no multiple of 256 or that have not 16 channels.
+    Raises InputError for patterns whose length is not a multiple of 256 or that do not have 16 channels.
 
     >>> frames = np.arange(256)[None, :, None] * np.ones(16)
     >>> image = dataset_b(frames)[0, 0]
@@ -49,10 +49,10 @@ def window_bounds(n_samples: int, n_steps: int, rule: WindowRule = "overlap") ->
 
     rule `overlap`: windows of 2 floor(K/N) samples, a hop of floor(K/N) apart, the last to the end: 50 % overlap over
         the whole pattern of K samples, as the authors' public code has for N = 20.
-    rule `printed`: Algorithm 1 of the paper to the letter: its slot is K/N and its hop slot/2 (both rounded down
-        here), bounds are inclusive, and the last window takes the rest, which is more than half of the pattern.
+    rule `printed`: Algorithm 1 exactly as printed in the paper: its slot is K/N and its hop slot/2 (both rounded down
+        here), bounds are inclusive, and the last window contains the rest, more than half of the pattern.
 
-    Raises InputError when a window or a hop would hold no sample.
+    Raises InputError when a window or a hop would have no samples.
 
     >>> window_bounds(12, 3).tolist()
     [[0, 8], [4, 12], [8, 12]]
@@ -62,7 +62,7 @@ def window_bounds(n_samples: int, n_steps: int, rule: WindowRule = "overlap") ->
     slot = n_samples // n_steps if n_steps > 0 else 0
     hop, length = (slot, 2 * slot) if rule == "overlap" else (slot // 2, slot + 1)
     if hop < 1:
-        raise InputError(f"dataset C: {n_samples} samples are too few for {n_steps} windows; ask for fewer windows")
+        raise InputError(f"dataset C: {n_samples} samples are too few for {n_steps} windows; choose fewer windows")
     start = hop * np.arange(n_steps)
     bounds = np.stack([start, np.minimum(start + length, n_samples)], axis=1)
     bounds[-1, 1] = n_samples

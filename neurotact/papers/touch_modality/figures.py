@@ -1,6 +1,6 @@
-"""Figures of the touch-modality study: touches as recorded, accuracy over the number of steps, and what it costs.
+"""Figures of the touch-modality study: recorded touches, accuracy over the number of steps, and costs.
 
-They mirror the paper's Figs. 2, 4 and 7. Tables are those of the study's `results.csv`.
+They correspond to the paper's Figs. 2, 4 and 7. Tables are those of the study's `results.csv`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -76,13 +76,13 @@ def draw_touches(
 def draw_accuracy(
     results: pd.DataFrame, published: Mapping[tuple[str, int], Sequence[float]], touch_ms: float
 ) -> Figure:
-    """Accuracy over the number of steps, a line per fold (Fig. 4): networks beside each other, protocols below.
+    """Accuracy over the number of steps, a line per fold (Fig. 4): networks side by side, protocols below each other.
 
-    What is published stands beside the protocol `paper` alone.
+    Published values are shown only for the protocol `paper`.
 
     results: columns network, protocol, steps, fold, accuracy_test.
-    published: accuracies of the five folds in percent, by network and steps. touch_ms: what N steps share; a step's
-    milliseconds stand above.
+    published: accuracies of the five folds in percent, by network and steps. touch_ms: duration of N steps; a step's
+    milliseconds are above.
     """
     networks, protocols = (list(dict.fromkeys(results[column])) for column in ("network", "protocol"))
     figure = new_figure(2.3 * len(protocols) + 1.0)
@@ -118,7 +118,7 @@ def _draw_folds(panel: Axes, results: pd.DataFrame, published: Mapping[int, floa
 
 
 def _name_durations(panel: Axes, touch_ms: float) -> None:
-    """Above the steps, what one of them lasts."""
+    """An axis above, with the duration of a step."""
     above = panel.secondary_xaxis("top")
     above.set_xticks(STEPS, [f"{touch_ms / steps:.0f}" for steps in STEPS], rotation=90)
     above.minorticks_off()
@@ -129,7 +129,7 @@ def _name_durations(panel: Axes, touch_ms: float) -> None:
 def draw_other_steps(results: pd.DataFrame, steps: Sequence[int], touch_ms: float) -> Figure:
     """Accuracy of weights trained on N steps and used on M, a panel per network, means over folds.
 
-    results: columns network, steps, fold and `used_on_<M>` for each M of `steps`. touch_ms: what N steps share.
+    results: columns network, steps, fold and `used_on_<M>` for each M of `steps`. touch_ms: duration of N steps.
     """
     networks = list(dict.fromkeys(results["network"]))
     figure = new_figure(2.6)
@@ -151,7 +151,7 @@ def draw_other_steps(results: pd.DataFrame, steps: Sequence[int], touch_ms: floa
         panel.set_xticks(range(len(steps)), [str(m) for m in steps])
         panel.set_yticks(range(len(trained)), [f"{n} ({touch_ms / n:.0f} ms)" for n in trained])
         panel.set_xlabel("used on M steps")
-    axes[0].set_ylabel("trained on N steps (of so many ms)")
+    axes[0].set_ylabel("trained on N steps (ms per step)")
     if image is not None:
         figure.colorbar(image, ax=axes.tolist(), label=ACCURACY, fraction=0.04)
     return figure
@@ -161,7 +161,8 @@ def draw_other_steps(results: pd.DataFrame, steps: Sequence[int], touch_ms: floa
 def draw_scaling(networks: Mapping[str, tuple[Literal["LSTM", "GRU"], int]]) -> Figure:
     """FLOPs of a step and trainable parameters over sensors, and FLOPs over classes (Fig. 7a, b).
 
-    networks: cell and neurons by name. Lines are of 10 classes, their bands reach from 3 to 20; rings are published.
+    networks: cell and neurons by name. Lines are for 10 classes, their bands reach from 3 to 20; rings are published
+    values.
     """
     figure = new_figure(2.7)
     flops, parameters, by_classes = figure.subplots(1, 3, squeeze=False)[0]
@@ -216,7 +217,7 @@ def draw_images(images: np.ndarray, labels: Sequence[str], shown: int = 5) -> Fi
 
 @printed
 def draw_image_networks(results: pd.DataFrame) -> Figure:
-    """Training and test accuracy of each network, a mark per fold.
+    """Training and test accuracy of each network, one mark per fold.
 
     results: rows with `network`, `protocol`, `fold`, `accuracy_train` and `accuracy_test`.
     """

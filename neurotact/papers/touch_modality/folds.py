@@ -1,4 +1,4 @@
-"""Disjoint folds of patterns: by order, as the touch-modality paper's public code has them, or by person."""
+"""Disjoint folds of patterns: by order, as in the touch-modality paper's public code, or by person."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from neurotact.errors import InputError
 
 
 class Fold(NamedTuple):
-    """Sorted indices of patterns; validation is empty where nothing is held back for it."""
+    """Sorted indices of patterns; validation may be empty."""
 
     train: np.ndarray
     validation: np.ndarray
@@ -17,7 +17,7 @@ class Fold(NamedTuple):
 
 
 def folds_in_order(labels: np.ndarray, n_folds: int = 5) -> list[Fold]:
-    """Stratified folds of consecutive patterns, unshuffled; nothing is held back for validation.
+    """Stratified folds of consecutive patterns, unshuffled; without validation patterns.
 
     Raises InputError when a class has fewer patterns than there are folds.
 
@@ -34,8 +34,8 @@ def folds_in_order(labels: np.ndarray, n_folds: int = 5) -> list[Fold]:
 
 
 def folds_by_person(persons: np.ndarray, n_folds: int = 5, validation: float = 0.2, seed: int = 0) -> list[Fold]:
-    """Folds in which nobody stands on two sides: people are dealt to test folds at random, and of the others a share
-    `validation` to validation.
+    """Folds in which each person is on one side: people are assigned to test folds at random, and a share
+    `validation` of the others to validation.
 
     Raises InputError when there are too few people.
 

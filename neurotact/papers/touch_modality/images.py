@@ -1,8 +1,8 @@
-"""The touch-modality paper's networks on images: a ConvLSTM and a CNN-LSTM on Dataset B, beside a GRU on averages.
+"""The touch-modality paper's networks on images: a ConvLSTM and a CNN-LSTM on Dataset B, and a GRU on averages.
 
-Sec. IV-B, 3 and 4. The paper gives no table of them: they "did not converge well" and stayed at or below 60 %. All see
-the same folds, batch and epochs here. A CNN-LSTM needs a CNN that was trained on ImageNet, whose weights are not part
-of neurotact: `cnn = "random"` takes one with random weights in its place, `weights` names a file of trained ones.
+Sec. IV-B, 3 and 4. The paper gives no table of them: they "did not converge well" and stayed at or below 60 %. All use
+the same folds, batch and epochs here. A CNN-LSTM needs a CNN trained on ImageNet, whose weights are not part of
+neurotact: `cnn = "random"` uses one with random weights instead, `weights` names a file of trained ones.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,12 +30,12 @@ from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, View, heads
 
 KERNEL, FILTERS, UNITS = 3, 32, 100
-"""Of the ConvLSTM (Sec. IV-B, 4)."""
+"""Kernel, filters and dense units of the ConvLSTM (Sec. IV-B, 4)."""
 HIDDEN = 10
-"""Neurons of the GRU, and of the LSTM behind the CNN, whose number the paper does not print."""
+"""Neurons of the GRU, and of the LSTM after the CNN, whose number the paper does not give."""
 GRU_STEPS = 20
 RANDOM_CHANNELS = (16, 32, 64, 128)
-"""Channels of the random CNN: four convolutions of stride 2 leave 4 x 4 x 128 = 2048 features of an image."""
+"""Channels of the random CNN: four convolutions of stride 2 give 4 x 4 x 128 = 2048 features per image."""
 
 
 class Parameters(Spec):
@@ -44,19 +44,19 @@ class Parameters(Spec):
     data: TouchData = TouchData()
     network: Literal["GRU", "ConvLSTM", "CNN-LSTM"] = "ConvLSTM"
     cnn: Literal["random", "resnet50", "mobilenet_v2", "vgg16"] = "random"
-    """Of the CNN-LSTM; the three named ones need torchvision and `weights`."""
+    """CNN of the CNN-LSTM; the three named ones need torchvision and `weights`."""
     weights: str | None = None
     """A safetensors file with the trained weights of `cnn`."""
     protocol: Literal["paper", "honest"] = "honest"
     folds: int = Field(default=5, ge=1, le=5)
-    """How many of the five folds are run, from the first on."""
+    """Number of the five folds to run, from the first on."""
     runs: int = Field(default=1, ge=1)
-    """Random initialisations of each fold; the paper has ten."""
+    """Random initialisations per fold; the paper has ten."""
     batch: int = Field(default=48, ge=1)
     epochs: int = Field(default=48, ge=1)
-    """Sec. IV-C has batches of 48 and 69 and 48 or 96 epochs, of which the best is chosen; nothing is chosen here."""
+    """Epochs; Sec. IV-C chooses among batches of 48 and 69 and 48 or 96 epochs, here there is no choice."""
     learning_rate: float = Field(default=0.001, gt=0)
-    """That of Keras for Adam; the public code sets none."""
+    """Keras' default for Adam; the public code sets none."""
     seed: int = Field(default=0, ge=0)
 
 
@@ -77,7 +77,7 @@ VIEW = View(
 
 
 def load(data: TouchData) -> Arrays:
-    """Dataset A `(pattern, 6144, 16)` in V, labels and persons `(pattern,)`, and which touch of each class is shown."""
+    """Dataset A `(pattern, 6144, 16)` in V, labels and persons `(pattern,)`, and the touch of each class to show."""
     touches = touches_of(data)
     classes = np.unique(touches.labels)
     shown = [typical(touches.patterns, np.flatnonzero(touches.labels == label)) for label in classes.tolist()]
@@ -92,7 +92,7 @@ def load(data: TouchData) -> Arrays:
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
-    """A row per fold: the mean over runs of its accuracies, and what a decision costs."""
+    """A row per fold: the mean over runs of its accuracies, and the cost of a decision."""
     folds = folds_of(parameters.protocol, parameters.data, arrays, parameters.seed)[: parameters.folds]
     return [_row(parameters, arrays, number, fold) for number, fold in enumerate(folds)]
 
@@ -128,7 +128,7 @@ def _row(parameters: Parameters, arrays: Arrays, number: int, fold: Fold) -> dic
 
 
 class Network(NamedTuple):
-    """How patterns `(pattern, time, channel)` enter a network, how it is built, and its layers in the cost ledger."""
+    """The input format of patterns `(pattern, time, channel)`, the network, and its layers in the cost ledger."""
 
     inputs: Callable[[np.ndarray, Parameters], np.ndarray]
     build: Callable[[Parameters, int], Any]
@@ -199,7 +199,7 @@ def _n_images() -> int:
 
 
 def random_cnn(seed: int) -> nn.Module:
-    """A CNN of four convolutions with random weights (He's), which gives 2048 features of an image of 64 x 64.
+    """A CNN of four convolutions with random weights (He's), with 2048 features per 64 x 64 image.
 
     >>> random_cnn(0)(torch.zeros(1, 3, 64, 64)).shape
     torch.Size([1, 128, 4, 4])
@@ -214,7 +214,7 @@ def random_cnn(seed: int) -> nn.Module:
 
 
 def convolutions(network: nn.Module) -> tuple[Layer, ...]:
-    """The convolutions of a network on one image of 64 x 64, as layers of the cost ledger; nothing else is counted."""
+    """The convolutions of a network on one image of 64 x 64, as layers of the cost ledger; others are not counted."""
     found: list[Layer] = []
 
     def count(module: nn.Conv2d, inputs: Any, output: torch.Tensor) -> None:
@@ -248,7 +248,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
     )
     yield Drawn(
         "image-networks",
-        "Networks on images beside a GRU on averages",
+        "Networks on images and a GRU on averages",
         figures.draw_image_networks(results),
         "Each mark is a fold, the mean of its runs: filled on test patterns, open on training patterns. Dashed: 60 %, "
         "which the paper's ConvLSTM and CNN-LSTM did not exceed.",

@@ -1,4 +1,4 @@
-"""The touch-modality paper: LSTM and GRU on a few averages of a touch tell sliding, brushing and rolling apart.
+"""The touch-modality paper: LSTM and GRU classify sliding, brushing and rolling from a few averages of a touch.
 
 Table I, Figs. 4 and 7. Two protocols: `paper` has five stratified, unshuffled folds, trains on four of them and chooses
 batch size and epochs by the accuracy on the *test* folds, as published; `honest` keeps every person on one side, and
@@ -75,12 +75,12 @@ class Parameters(Spec):
     steps: Literal[8, 10, 16, 20, 50, 100, 200, 256] = 20
     protocol: Literal["paper", "honest"] = "honest"
     runs: int = Field(default=10, ge=1)
-    """Random initialisations and orders of each fold (Sec. IV-C)."""
+    """Random initialisations and orders per fold (Sec. IV-C)."""
     batches: tuple[AtLeastOne, ...] = Field(default=(48, 69), min_length=1)
     epochs: tuple[AtLeastOne, ...] = Field(default=(48, 96), min_length=1)
-    """Sec. IV-C; the fewer epochs are a stop on the way to the more, so that runs share initialisations."""
+    """Epochs (Sec. IV-C); the smaller number is a checkpoint of the larger, so that runs share initialisations."""
     learning_rate: float = Field(default=0.001, gt=0)
-    """Keras' own for Adam, since the public code sets none."""
+    """Keras' default for Adam, since the public code sets none."""
     seed: int = Field(default=0, ge=0)
 
 
@@ -96,7 +96,7 @@ VIEW = View(
     note=(
         "Rows are folds, each the mean of its runs; standard deviations are over folds. Protocol paper chooses batch "
         "size and epochs on the test folds, as published, so its accuracies are optimistic; honest tests on people "
-        "whom neither training nor that choice has seen."
+        "who are not in training or in that choice."
     ),
     apart=("protocol",),
     optimistic=("paper",),
@@ -105,12 +105,12 @@ VIEW = View(
 
 def load(data: TouchData) -> Arrays:
     """Dataset C for every number of steps (`steps_<N>`, `(pattern, N, 16)` in V), labels `(pattern,)` and persons
-    `(pattern,)` where known; classes with what was recorded and what was silent of each; one touch a class to be shown.
+    `(pattern,)` where known; classes with the numbers of recorded and of silent touches; one touch per class to show.
     """
     touches = touches_of(data)
     classes = np.array(sorted(touches.recorded))
     recorded = np.array([touches.recorded[label] for label in classes.tolist()])
-    heard = np.array([(touches.labels == label).sum() for label in classes.tolist()])
+    n_active = np.array([(touches.labels == label).sum() for label in classes.tolist()])
     arrays = {f"steps_{n}": dataset_c(touches.patterns, n, data.windows) for n in STEP_COUNTS}
     shown = [typical(touches.patterns, np.flatnonzero(touches.labels == label)) for label in classes.tolist()]
     return {
@@ -119,7 +119,7 @@ def load(data: TouchData) -> Arrays:
         **({"persons": touches.persons} if len(touches.persons) else {}),
         "classes": classes,
         "recorded": recorded,
-        "silent": recorded - heard,
+        "silent": recorded - n_active,
         "activity_s": touches.activity_s,
         "shown": touches.patterns[shown],
         "band_V": np.array([data.band.low_V, data.band.high_V]),
@@ -191,7 +191,7 @@ def train_folds(parameters: Parameters, sequences: np.ndarray, labels: np.ndarra
     given = [
         (n.apply(sequences[fold.train]), labels[fold.train]) for n, fold in zip(normalisations, folds, strict=True)
     ]
-    # An order of its own for each fold and run, which neither other folds nor the number of runs can shift.
+    # A separate order for each fold and run, independent of other folds and of the number of runs.
     seeds = [seed_of(parameters.seed, fold, run) for fold in range(len(folds)) for run in range(parameters.runs)]
     examples = [pair for pair in given for _ in range(parameters.runs)]
     networks: dict[tuple[int, int], list] = {}
@@ -228,8 +228,8 @@ def _judged(
 def choose(protocol: str, trained: list[Trained]) -> list[int]:
     """The index of the pair of batch and epochs that each fold reports.
 
-    `paper`: one pair for all folds, that of the highest mean *test* accuracy (Sec. IV-C). `honest`: for each fold by
-    itself that of the highest mean validation accuracy.
+    `paper`: one pair for all folds, with the highest mean *test* accuracy (Sec. IV-C). `honest`: separately for each
+    fold, the one with the highest mean validation accuracy.
     """
     if protocol == "paper":
         best = int(np.mean([one.test.mean(axis=1) for one in trained], axis=0).argmax())
@@ -286,7 +286,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "Accuracy over the number of steps",
         figures.draw_accuracy(results, TABLE_I, touch_ms),
         "As Fig. 4: each line is a fold, the mean of its runs. Above, protocol paper, whose pair of batch and epochs "
-        "is chosen on these very test folds; below, honest, on people that training and choice have not seen. "
+        "is chosen on these test folds; below, honest, on people that are not in training or in the choice. "
         "Dashed: the mean of Table I's folds.",
         "Test accuracy against the number of steps for three networks and two protocols, a line per fold.",
     )
@@ -315,8 +315,8 @@ def task(data: TouchData) -> TaskData:
     """Touches for every family of classifiers.
 
     features: mean and deviation of each taxel in each of the 8 windows of Dataset C, 256 numbers. sequences: Dataset A
-    after a moving average at 100 Hz, at 250 Hz, from each taxel's first sample, in mV. groups: persons, or each touch
-    by itself where they are not known.
+    after a moving average at 100 Hz, at 250 Hz, minus each taxel's first sample, in mV. groups: persons, or single
+    touches if those are unknown.
     """
     touches = touches_of(data)
     bounds = window_bounds(TOUCH_SAMPLES, TASK_STEPS, data.windows)

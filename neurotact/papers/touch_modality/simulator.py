@@ -2,8 +2,8 @@
 
 People, strokes and recordings are those of the touch-modality paper (Sec. IV): 70 people, three modalities, two
 directions, twice each, 10 s at 3 kS/s through a charge amplifier around 1.65 V. The forces are set so that one touch in
-fourteen is too light to leave the activity band, as published; nothing is set by a classifier's accuracy. Equations,
-sources and what is left out: docs/touch-modality-simulator.md.
+fourteen is too light to leave the activity band, as published; no parameter is set by a classifier's accuracy.
+Equations, sources and omissions: docs/touch-modality-simulator.md.
 """
 
 from collections.abc import Callable, Iterator
@@ -35,7 +35,7 @@ DIRECTIONS = ("horizontal", "vertical")
 REPETITIONS = 2
 SIDE = 4
 TOUCHES = len(MODALITIES) * len(DIRECTIONS) * REPETITIONS
-"""Of each person."""
+"""Touches per person."""
 PERSON_KEY, ARRAY_KEY = 1, 2
 """First word of the random key of a person and of the array; touches take 0."""
 
@@ -48,13 +48,13 @@ class TouchModalitySpec(Spec):
     """
 
     people: int = Field(default=70, ge=1)
-    """Sec. IV; fewer people are the first of more."""
+    """Number of people (Sec. IV); with fewer, the first ones are the same."""
     seed: int = Field(default=0, ge=0)
-    """The same seed gives the same bytes; a touch's numbers depend on its person and its conditions alone."""
+    """Random seed: the same one gives the same bytes; a touch depends only on its person and its conditions."""
     recording_s: float = Field(default=10.0, gt=0)
-    """Of every touch (Sec. IV)."""
+    """Duration of a recording (Sec. IV)."""
     sampling_rate_Hz: float = Field(default=3000.0, gt=0)
-    """Sec. IV."""
+    """Sampling rate (Sec. IV)."""
 
     finger: FingerSpec = FingerSpec()
     brush: BrushSpec = BrushSpec()
@@ -63,15 +63,15 @@ class TouchModalitySpec(Spec):
     pitch_mm: float = Field(default=10.0, gt=0)
     """Distance of taxels."""
     cover_mm: float = Field(default=3.0, gt=0)
-    """Standard deviation by which the elastic cover blurs a contact."""
+    """Standard deviation of the blur of a contact by the elastic cover."""
     gain_spread: float = Field(default=0.15, ge=0)
     """Deviation of the logarithm of the taxels' gains; one array for all people of a seed."""
     sensitivity_mV_per_kPa: float = Field(default=30.0, gt=0)
-    """Of film and charge amplifier together; a press gives a negative voltage."""
+    """Sensitivity of film and charge amplifier together; a press gives a negative voltage."""
     high_pass_Hz: float = Field(default=1.0, gt=0)
-    """Corner below which the charge amplifier forgets."""
+    """High-pass corner of the charge amplifier."""
     low_pass_Hz: float = Field(default=1000.0, gt=0)
-    """Corner of its other end."""
+    """Low-pass corner of the charge amplifier."""
     baseline_V: float = 1.65
     """Half of the supply; the middle of the published activity band."""
     supply_V: float = Field(default=3.3, gt=0)
@@ -83,30 +83,30 @@ class TouchModalitySpec(Spec):
     hum_mV: float = Field(default=2.0, ge=0)
     """Amplitude of the mains at 50 Hz."""
     step_mV: float = Field(default=20000 / 2**16, gt=0)
-    """Of the acquisition board: 16 bits over 20 V."""
+    """Step of the acquisition board: 16 bits over 20 V."""
 
     start_s: float = Field(default=0.4, ge=0)
-    """No one touches before; people then take their time."""
+    """Earliest start of a touch; a random delay follows."""
     hesitation_s: float = Field(default=0.9, gt=0)
-    """Scale of a gamma distribution of shape 2."""
+    """Scale of that delay, a gamma distribution of shape 2."""
     duration_s: float = Field(default=2.4, gt=0)
-    """Of the contact, median; of it, about 2 s lie outside the activity band (Sec. IV-A)."""
+    """Duration of the contact, median; about 2 s of it are outside the activity band (Sec. IV-A)."""
     span_mm: float = Field(default=34.0, gt=0, le=1e4)
-    """Of a pass over the array, median."""
+    """Length of a pass over the array, median."""
     back_and_forth: tuple[float, ...] = Field(default=(0.6, 0.3, 0.1), min_length=1)
-    """Shares of people who pass once, twice, three times, a habit for each modality."""
+    """Shares of people who pass once, twice, three times; each person has a habit for each modality."""
     dwell_s: float = Field(default=0.08, ge=0)
     """Pause at each turn."""
     rise_s: float = Field(default=0.12, gt=0)
-    """Of the load when the tool comes down; it leaves as fast."""
+    """Rise time of the load at contact; it falls as fast."""
     force_spread: tuple[NotNegative, NotNegative] = (0.7, 0.45)
-    """Deviation of the logarithm of the force: between people, who were told no force, and between their touches."""
+    """Deviation of the logarithm of the force: between people (no force was prescribed), and between their touches."""
     tempo_spread: tuple[NotNegative, NotNegative] = (0.22, 0.15)
-    """The same of the duration of a touch."""
+    """The same for the duration of a touch."""
     wobble_mm: float = Field(default=1.5, ge=0)
-    """Amplitude by which a hand strays across a stroke."""
+    """Amplitude of the hand's deviation across a stroke."""
     tremor: float = Field(default=0.06, ge=0, lt=0.5)
-    """Share of the load that trembles, at 8 to 12 Hz."""
+    """Share of the load with tremor, at 8 to 12 Hz."""
 
     @model_validator(mode="after")
     def _fits_together(self) -> "TouchModalitySpec":
@@ -131,12 +131,12 @@ class TouchModalitySpec(Spec):
         return self.people * TOUCHES
 
     def tool(self, modality: str) -> Tool:
-        """What is moved in a modality."""
+        """The tool of a modality."""
         return {"sliding": self.finger, "brushing": self.brush, "rolling": self.washer}[modality]
 
 
 class Person(NamedTuple):
-    """Habits: force and tempo as factors, passes of each modality, where each modality and direction runs (mm)."""
+    """Habits: force and tempo as factors, passes of each modality, position of each modality and direction (mm)."""
 
     force: float
     tempo: float
@@ -146,7 +146,7 @@ class Person(NamedTuple):
 
 
 class Stroke(NamedTuple):
-    """One touch as it really goes."""
+    """The actual values of one touch."""
 
     start_s: float
     duration_s: float
@@ -165,7 +165,7 @@ def simulate(spec: TouchModalitySpec, progress: Callable[[int, int], None] | Non
     That is more than one input may take unless NEUROTACT_MAX_MB is raised.
 
     conditions: label (brushing, rolling, sliding), person, direction, repetition, force_N, duration_s, passes. Rows go
-        person by person. Taxel 4 r + c stands in row r and column c; a horizontal stroke runs along rows.
+        person by person. Taxel 4 r + c is in row r and column c; a horizontal stroke runs along rows.
     progress: called as (touches done, touches in all), after each person.
 
     >>> touch = simulate(TouchModalitySpec(people=1))
@@ -222,7 +222,7 @@ def draw_person(spec: TouchModalitySpec, rng: np.random.Generator) -> Person:
 def draw_stroke(
     spec: TouchModalitySpec, person: Person, modality: int, direction: int, rng: np.random.Generator
 ) -> Stroke:
-    """One touch of a person: its habits with what varies from touch to touch."""
+    """One touch of a person: its habits with the variation between touches."""
     force, tempo, span, middle, across, width = rng.standard_normal(6)
     duration_s = spec.duration_s * person.tempo * float(np.exp(spec.tempo_spread[1] * tempo))
     # a touch ends before the recording does
@@ -285,7 +285,7 @@ def taxels_mm(spec: TouchModalitySpec) -> np.ndarray:
 
 
 def _amplify(spec: TouchModalitySpec, drive: np.ndarray, first: int) -> np.ndarray:
-    """First-order high-pass and low-pass, each by the bilinear transform; nothing happens before sample `first`."""
+    """First-order high-pass and low-pass, each by the bilinear transform; the input is 0 before sample `first`."""
     k = np.tan(np.pi * spec.high_pass_Hz / spec.sampling_rate_Hz)
     signal = lfilter([1.0 / (1.0 + k), -1.0 / (1.0 + k)], [1.0, (k - 1.0) / (k + 1.0)], drive[first:], axis=0)
     k = np.tan(np.pi * spec.low_pass_Hz / spec.sampling_rate_Hz)

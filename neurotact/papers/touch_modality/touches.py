@@ -19,7 +19,7 @@ TAXELS = ARRAY_SIDE**2
 
 
 class TouchData(Spec):
-    """The touches, and how they become sequences."""
+    """The touches, and their conversion to sequences."""
 
     recordings: str = ""
     """An HDF5 file that `neurotact import touch-modality` (or `simulate touch-modality`) wrote; none: simulated."""
@@ -29,7 +29,7 @@ class TouchData(Spec):
 
 
 class Touches(NamedTuple):
-    """Dataset A with what is known of each pattern; persons is empty where the recordings do not say."""
+    """Dataset A with the known facts about each pattern; persons is empty if the recordings have none."""
 
     patterns: np.ndarray
     labels: np.ndarray
@@ -42,8 +42,8 @@ class Touches(NamedTuple):
 def touches_of(data: TouchData) -> Touches:
     """Dataset A of the touches of `data`, sorted by class as folders are.
 
-    Recordings are read or simulated person by person, so that they never lie in memory together. Raises InputError for
-    a file without 16 channels, and where no signal leaves the band.
+    Recordings are read or simulated person by person, so that they are never in memory together. Raises InputError for
+    a file without 16 channels, and if no signal leaves the band.
     """
     cuts, rows, recorded = [], [], {}
     rate_Hz = data.simulation.sampling_rate_Hz
@@ -89,17 +89,17 @@ def typical(patterns: np.ndarray, members: np.ndarray) -> int:
 
 
 def folds_of(protocol: Literal["paper", "honest"], data: TouchData, arrays: Arrays, seed: int) -> list[Fold]:
-    """The five folds of a protocol; InputError for `honest` folds of touches whose persons are not known."""
+    """The five folds of a protocol; InputError for `honest` folds of touches without known persons."""
     if protocol == "paper":
         return folds_in_order(arrays["labels"])
     if "persons" not in arrays:
         raise InputError(
-            f"{data.recordings}: has no condition 'person', without which nobody can be kept on one side; "
+            f"{data.recordings}: has no condition 'person', which is needed to keep each person on one side; "
             "run with --set protocol=paper"
         )
     return folds_by_person(arrays["persons"], seed=seed)
 
 
 def seed_of(seed: int, *key: int) -> int:
-    """A random seed of its own for each key, such as a fold and a run."""
+    """A separate random seed for each key, such as a fold and a run."""
     return int(np.random.SeedSequence(seed, spawn_key=(1, *key)).generate_state(1)[0] % 2**31)

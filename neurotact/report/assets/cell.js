@@ -1,4 +1,4 @@
-// One cell's network: what it does in one test window, what it costs, what it mistakes, how it trained.
+// One cell's network: one test window, costs, confusions, training.
 
 const MOST_LETTERS = 14;
 
@@ -9,7 +9,7 @@ function showCell(cell, study) {
     ` With early exit: ${percent(row.exit_accuracy)} for ${count(row.exit_sops_total)} SOPs, ` +
     `after ${inTime(row.exit_steps, study)} of ${inTime(row.window_steps, study)} on average.`;
   document.getElementById("cell-words").textContent =
-    `Test accuracy ${percent(row.accuracy_test)} for ${count(row.sops_total)} SOPs a window.${early}`;
+    `Test accuracy ${percent(row.accuracy_test)} for ${count(row.sops_total)} SOPs per window.${early}`;
   fill("cell-raster", "One test window", cell.raster, (width) => raster(cell.raster, study, width),
     "The network is not in the folder of this run.");
   fill("cell-sops", "Synaptic operations per window", row, () => ledger(cell, study));
@@ -18,7 +18,7 @@ function showCell(cell, study) {
   if (document.getElementById("cell-search")) fill("cell-search", "Its search", cell.search, (width) => search(cell.search, width));
 }
 
-/* Steps of the encoder's clock in ms, where the clock is known. */
+/* Steps of the encoder's clock in ms, if the clock is known. */
 function inTime(steps, study) {
   return study.stepMs ? `${count(steps * study.stepMs)} ms` : `${count(steps)} steps`;
 }
@@ -71,9 +71,9 @@ function raster(window, study, width) {
   const sum = (rows) => rows.reduce((total, steps) => total + steps.length, 0);
   const name = (index) => `${study.classWord} ${study.classes[index]}`;
   const early = exits ? `Early exit (dashed line) after ${count(window.exitStep * window.step_ms)} ms, for ${name(window.exitTaken)}.`
-    : "Early exit does not stop before the window's end.";
+    : "Early exit does not stop before the end of the window.";
   const cut = window.shown < window.steps ? ` Its first ${count(end)} ms are drawn.` : "";
-  const words = `Trial ${window.trial}, from ${short(window.start_ms)} ms on: ${name(window.true)} (✓), taken for ` +
+  const words = `Trial ${window.trial}, from ${short(window.start_ms)} ms on: ${name(window.true)} (✓), classified as ` +
     `${name(window.taken)} (bold). ${count(sum(window.input))} input, ${count(sum(window.hidden))} hidden and ` +
     `${count(sum(window.readout))} readout spikes. ${early}${cut}`;
   const svg = picture(width, bottom + 38, words);
@@ -122,7 +122,7 @@ function ledger(cell, study) {
       line("total, not recurrent", ...sops("total_feedforward"), count),
       line(study.stepMs ? "ms to decision" : "steps", row.window_steps * (study.stepMs || 1), row.exit_steps * (study.stepMs || 1), count),
       line("test accuracy", row.accuracy_test, row.exit_accuracy, percent)));
-  const sent = `${count(row.spikes_sa, 1)} SA-I and ${count(row.spikes_ra, 1)} RA-I spikes come in.`;
+  const sent = `${count(row.spikes_sa, 1)} SA-I and ${count(row.spikes_ra, 1)} RA-I input spikes.`;
   return [element("div", { class: "scroll" }, table), element("p", { class: "soft" }, `Means over test windows. ${sent}`)];
 }
 
@@ -140,17 +140,17 @@ function confusion(matrix, study) {
     return element("tr", {}, element("th", { scope: "row" }, study.classes[index]), ...cells);
   });
   const table = element("table", { class: "confusion" }, element("thead", {}, head), element("tbody", {}, ...rows));
-  return [element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "True classes and chosen ones" }, table),
-    element("p", { class: "soft" }, `Test windows by true ${study.classWord} (rows) and the one chosen (columns).`)];
+  return [element("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "True and predicted classes" }, table),
+    element("p", { class: "soft" }, `Test windows by true ${study.classWord} (rows) and predicted one (columns).`)];
 }
 
 function training(log, width) {
   const each = width < 520 ? width : width / 2;
   const charts = [["loss", 1, "loss"], ["accuracy", 100, "accuracy (%)"]].map(([what, scale, words]) =>
     chart(log.epoch, log[`train_${what}`], log[`validation_${what}`], scale, words, log.kept, Math.floor(each) - 6));
-  const told = log.kept == null ? "" : ` The network has the weights of epoch ${log.kept} (dotted line).`;
+  const note = log.kept == null ? "" : ` The network has the weights of epoch ${log.kept} (dotted line).`;
   return [element("div", { class: "charts" }, ...charts),
-    element("p", { class: "soft" }, `Solid: validation. Dashed: training.${told}`)];
+    element("p", { class: "soft" }, `Solid: validation. Dashed: training.${note}`)];
 }
 
 function chart(epochs, train, validation, scale, words, kept, width) {
@@ -178,11 +178,11 @@ function chart(epochs, train, validation, scale, words, kept, width) {
   return svg;
 }
 
-/* Values of the trials: filled where a trial finished, open where it was stopped; a line for the best so far. */
+/* Values of the trials: filled if finished, open if stopped; a line for the best so far. */
 function search(found, width) {
   const left = 44, right = 8, top = 20, height = 190, bottom = height - 34;
-  const told = found.values.filter((value) => value != null);
-  const high = Math.max(...told), low = Math.min(...told);
+  const known = found.values.filter((value) => value != null);
+  const high = Math.max(...known), low = Math.min(...known);
   const x = (trial) => left + ((width - left - right) * (trial + 0.5)) / found.values.length;
   const y = (value) => bottom - ((bottom - top) * (value - low)) / (high - low || 1);
   const counts = ["finished", "stopped", "failed"].map((outcome) => found.outcomes.filter((other) => other === outcome).length);

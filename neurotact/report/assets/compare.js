@@ -1,4 +1,4 @@
-// Two networks beside each other: what each decides, what it costs, and the difference.
+// Comparison of two networks: accuracy, costs, and the difference.
 
 function compareTable(front, one, other) {
   const a = front.networks[one], b = front.networks[other];

@@ -1,4 +1,4 @@
-// The page's data, and what happens when something is chosen.
+// The page's data, and the handlers of choices.
 
 const study = JSON.parse(document.getElementById("study-data").textContent);
 const byId = (id) => document.getElementById(id);
@@ -6,7 +6,7 @@ const host = byId("plot"), table = byId("networks");
 const CHOICES = ["setting", "cost", "scale", "points", "kinds"];
 let plotly = null;
 
-/* A network of the page: a point was clicked, or a row of the table was chosen. */
+/* Show a network: a point was clicked, or a row of the table was selected. */
 function choose(index) {
   study.cell = index;
   const cell = study.cells[index];
@@ -30,14 +30,14 @@ function redraw() {
   keepInAddress({ ...study.chosen, without: [...study.without.pairs, ...study.without.sizes].join(" ") }, study.beginning);
 }
 
-/* To the chosen network, for the keyboard and the eye alike. */
+/* Scroll and focus to the selected network. */
 function lookAt(target) {
   const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
   target.focus({ preventScroll: true });
   target.scrollIntoView({ behavior: still ? "auto" : "smooth", block: "start" });
 }
 
-/* What depends on the data set: its answer and table, and the networks that can be compared. */
+/* The parts that depend on the data set: answer, table, and the networks to compare. */
 function settle() {
   const front = study.fronts[study.chosen.setting];
   for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.chosen.setting;

@@ -1,4 +1,4 @@
-// Elements, numbers as they are read, and colours of the page's style.
+// Elements, formatted numbers, and colours of the page's style.
 
 const SVG = "http://www.w3.org/2000/svg";
 

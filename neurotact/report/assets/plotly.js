@@ -1,8 +1,8 @@
-// The drawing library, and what every drawing of this page has in common.
+// The drawing library, and the common parts of the drawings of this page.
 
 const SYMBOLS = ["circle", "square", "triangle-up", "diamond", "triangle-down", "cross"];
 
-/* The library lies in the page gzipped; it is unpacked here and asked of nobody. */
+/* The library is inside the page, gzipped; it is unpacked here, without network access. */
 async function unpackPlotly() {
   const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -10,7 +10,7 @@ async function unpackPlotly() {
   return window.Plotly;
 }
 
-/* What plotly takes for markup is told as it is written. */
+/* Escape plotly's markup. */
 function plain(text) {
   return String(text).replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
 }
@@ -19,12 +19,12 @@ function axisStyle() {
   return { gridcolor: style("--line"), zerolinecolor: style("--line"), linecolor: style("--soft"), automargin: true };
 }
 
-/* An axis of accuracies: it ends at 0 and at the whole, however far one zooms out. */
+/* An axis of accuracies: limited to 0 and the maximum at any zoom. */
 function within(whole) {
   return { minallowed: 0, maxallowed: whole };
 }
 
-/* The layout that drawings share; `narrow` on a telephone. */
+/* The common layout of drawings; `narrow` on a phone. */
 function sharedLayout(narrow) {
   return {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: style("--ink"), size: narrow ? 11 : 13 },

@@ -1,19 +1,19 @@
-// What is chosen on the page stands in its address after #, so that the address can be kept and shared.
+// The choices on the page are in its address after #, so that the address can be kept and shared.
 
-/* The choices in the address; nothing where it names a section. */
+/* The choices in the address; empty if it names a section. */
 function stateOfAddress() {
   const text = window.location.hash.slice(1);
   return new URLSearchParams(text.includes("=") ? text : "");
 }
 
-/* Write choices into the address, those that are not as they begin; the history gains no entry. */
+/* Write choices other than the defaults into the address; the history gets no entry. */
 function keepInAddress(chosen, beginning) {
   const changed = Object.entries(chosen).filter(([key, value]) => String(value) !== String(beginning[key]));
   const text = new URLSearchParams(changed).toString();
   if (text || window.location.hash.includes("=")) window.history.replaceState(null, "", text ? `#${text}` : "#");
 }
 
-/* A link to a section opens what is folded in it. */
+/* A link to a section opens the folded parts in it. */
 function unfoldOnVisit() {
   for (const link of document.querySelectorAll('a[href^="#"]')) {
     link.addEventListener("click", () => {

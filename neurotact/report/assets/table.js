@@ -1,6 +1,6 @@
-// The table of networks: its heads sort it, its rows are walked by the arrow keys and chosen by Enter or a click.
+// The table of networks: column heads sort it, arrow keys move between rows, Enter or a click selects one.
 
-function sortable(table, told) {
+function sortable(table, status) {
   for (const [column, head] of [...table.tHead.rows[0].cells].entries()) {
     const button = element("button", { type: "button" }, head.textContent);
     button.addEventListener("click", () => {
@@ -8,13 +8,13 @@ function sortable(table, told) {
       for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
       head.setAttribute("aria-sort", down ? "descending" : "ascending");
       sort(table.tBodies[0], column, down ? -1 : 1);
-      told.textContent = `Sorted by ${button.textContent}, ${down ? "descending" : "ascending"}.`;
+      status.textContent = `Sorted by ${button.textContent}, ${down ? "descending" : "ascending"}.`;
     });
     head.replaceChildren(button);
   }
 }
 
-/* Stable; what is missing comes last either way. */
+/* Stable; missing values come last in both directions. */
 function sort(body, column, sign) {
   const value = (row) => row.cells[column].dataset.value;
   const rows = [...body.rows].sort((a, b) => {

@@ -9,7 +9,7 @@ const COSTS = {
   nJ: { words: "energy per decision, an estimate (nJ)", unit: "nJ" }, spikes: { words: "input spikes per decision", unit: "spikes" },
 };
 
-/* What is drawn as a point: networks or single cells of the data set that the filters leave, each with its cell. */
+/* The points: networks or single cells of the data set that pass the filters, each with its cell. */
 function pointsOf(study) {
   const { chosen } = study;
   const front = study.fronts[chosen.setting];
@@ -18,7 +18,7 @@ function pointsOf(study) {
   return study.cells.map((cell, index) => ({ ...cell, cell: index })).filter((cell) => cell.setting === chosen.setting && isShown(cell));
 }
 
-/* The cell that stands for a network: the seed that is best on validation trials. */
+/* The cell that represents a network: its best seed on validation trials. */
 function cellOf(study, network) {
   let found = -1;
   study.cells.forEach((cell, index) => {
@@ -67,7 +67,7 @@ function frontTrace(study, points, kind) {
   };
 }
 
-/* Rings about the networks that are compared and the one that is looked into; the interval of the best one. */
+/* Rings around the compared networks and the selected one; the interval of the best one. */
 function markTraces(study, points, kinds) {
   const cost = study.chosen.cost, ring = (point, size, colour) => {
     const shown = kinds.filter((kind) => point[kind]?.[cost] != null);
@@ -87,7 +87,7 @@ function markTraces(study, points, kinds) {
   }];
 }
 
-/* Lines at the best baseline and at guessing, each with its name at the right. */
+/* Lines at the best baseline and at guessing, with their names on the right. */
 function levels(front) {
   if (!front) return [];
   const found = [[front.guess, "guessing", "dot", "--soft"]];

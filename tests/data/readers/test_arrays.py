@@ -54,7 +54,7 @@ def test_classes_may_be_numbers_and_the_usual_names_are_known(tmp_path, caplog):
     assert found.channels == ("taxel1", "taxel2", "taxel3")
     assert not caplog.messages
     nt.read_arrays(write(tmp_path / "a.npz", X=SIGNALS.transpose(0, 2, 1), y=CLASSES), 100, "mV")
-    assert "has 9 taxels of 3 samples each; if it is the other way round, say so with --axes" in caplog.text
+    assert "has 9 taxels of 3 samples each; if it is the other way round, use --axes" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
@@ -71,7 +71,7 @@ def test_arrays_that_say_too_little_are_refused(tmp_path, suffix):
     refused("has the shape (3,) where (4,) is expected", saved(X=SIGNALS, z=[1, 2, 3]), 100, "mV",
             names={"label": f"{place}z"})  # fmt: skip
     refused("holds no array 'z'", saved(X=SIGNALS, y=CLASSES), 100, "mV", names={"label": "z"})
-    refused("'lable' is no name to give; did you mean 'label'?", saved(X=SIGNALS, y=CLASSES), 100, "mV",
+    refused("'lable' is not a known name; did you mean 'label'?", saved(X=SIGNALS, y=CLASSES), 100, "mV",
             names={"lable": "y"})  # fmt: skip
     refused("axes must name trial, time and taxel", saved(X=SIGNALS, y=CLASSES), 100, "mV", axes="trial,time")
     refused("trial 1, sample 2, taxel1 is NaN", saved(X=np.where(np.arange(108).reshape(4, 9, 3) == 33, np.nan, 1.0),
@@ -84,7 +84,7 @@ def test_pickles_and_other_files_are_never_opened(tmp_path):
     np.savez(tmp_path / "a.npz", X=SIGNALS, y=np.array([{}, 1, 2, 3], object))
     refused("holds pickled Python objects", tmp_path / "a.npz", 100, "mV")
     (tmp_path / "a.mat").write_text("")
-    refused("is no file of arrays by its name", tmp_path / "a.mat", 100, "mV")
+    refused("is not a file of arrays by its suffix", tmp_path / "a.mat", 100, "mV")
     (tmp_path / "a.h5").write_text("no HDF5")
     refused("cannot be read as arrays", tmp_path / "a.h5", 100, "mV")
     (tmp_path / "skin" / "felt").mkdir(parents=True)

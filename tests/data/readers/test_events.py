@@ -163,7 +163,7 @@ def test_structured_arrays_of_a_grid(tmp_path):
     assert [found.afferents[unit] for unit in found.units[1]] == ["ON x0y1", "OFF x0y0"]
     assert found.steps[0].tolist() == [0, 3]
     assert len(found.afferents) == 12
-    with pytest.raises(InputError, match=r"a grid of 3x2 where 2x2 is asked for"):
+    with pytest.raises(InputError, match=r"a grid of 3x2, but --sensor is 2x2"):
         nt.read_events(tmp_path, {"origin": "first", "sensor": "2x2"})
 
 
@@ -196,7 +196,7 @@ def test_a_pickle_is_never_opened(tmp_path):
         ("trial,time,channel,label\n0,1,-2,a\n", {}, "channel -2 is negative"),
         ("trial,time,channel,label\n0,1,2,a\n0,2,2,b\n", {}, "'label' changes within a trial"),
         ("trial,time,channel,label\n0,1e12,2,a\n", {}, "beyond any clock of 1 ms"),
-        ("trial,time,channel,label\n0,1,2,a\n", {"n_channels": 2}, "channel 2 sends events where 2 channels"),
+        ("trial,time,channel,label\n0,1,2,a\n", {"n_channels": 2}, "channel 2 has events, but there are 2 channels"),
         ("trial,time,channel,label\n0,1,2,a\n", {"polarity": "on"}, "holds no polarity"),
         ("trial,time,channel,p,label\n0,1,2,1,a\n0,1,2,2,a\n0,1,2,3,a\n", {}, "has 3 polarities"),
         ("trial,time,channel,label\n", {}, "holds no event"),

@@ -85,14 +85,14 @@ def test_missing_rows_and_time_that_runs_back_are_refused(tmp_path):
     write(tmp_path, rows[::-1])
     refused(tmp_path, f"{NAME}: line 3 comes -28 ms after")
     write(tmp_path, [rows[0]] * 3)
-    refused(tmp_path, f"{NAME}: holds one moment only")
+    refused(tmp_path, f"{NAME}: holds a single time")
 
 
 def test_a_file_of_another_sampling_rate_is_refused(tmp_path):
     for repetition in range(3):
         write(tmp_path, slide(100), f"Denim_F150_V20mmps_{repetition}.csv")
     write(tmp_path, slide(100, interval_ms=29.0), NAME)
-    refused(tmp_path, f"{NAME}: has a row each 29.00 ms where the other files have one each 28.08 ms")
+    refused(tmp_path, f"{NAME}: has a row every 29.00 ms, the other files one every 28.08 ms")
 
 
 @pytest.mark.parametrize("name", ["Denim.csv", "Denim_F150_V20_0.csv", "Denim_Fx_V20mmps_0.csv", "F1_V2mmps_0.csv"])

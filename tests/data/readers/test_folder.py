@@ -81,7 +81,7 @@ def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
     with caplog.at_level(logging.WARNING, "neurotact"):
         touch = folder.read(tmp_path, 100, "mV")
     assert caplog.messages == [
-        f"{tmp_path}: 6 ignored, being hidden or no file of recordings: "
+        f"{tmp_path}: 6 files are ignored (hidden, or not recordings): "
         ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv, ..."
     ]
     assert list(touch.conditions.file) == [
@@ -108,10 +108,10 @@ def test_no_nested_file_is_lost(tmp_path_factory, places):
 def test_a_data_file_that_would_be_lost_is_refused(tmp_path):
     write(tmp_path / "felt", "a.csv")
     write(tmp_path, "b.CSV")
-    refused(tmp_path, "b.CSV: lies beside the sub-folders and has no label; put it in the sub-folder of its class")
+    refused(tmp_path, "b.CSV: is beside the sub-folders and has no label; put it in the sub-folder of its class")
     (tmp_path / "b.CSV").unlink()
     np.savez(tmp_path / "c.npz", press=SIGNAL)
-    refused(tmp_path, "c.npz: lies beside the sub-folders")
+    refused(tmp_path, "c.npz: is beside the sub-folders")
 
 
 def test_links_are_followed_and_loops_are_named(tmp_path):
@@ -146,7 +146,7 @@ def test_what_is_no_regular_file_is_never_opened(tmp_path, monkeypatch, kind):
 @pytest.mark.parametrize("name", ["fe\nlt", "fe\x1blt", os.fsdecode(b"fe\xfflt")])
 def test_a_name_that_cannot_be_shown_is_refused(tmp_path, name):
     write(tmp_path / name, "a.csv")
-    refused(tmp_path, "is no text; rename that file or folder")
+    refused(tmp_path, "is not printable UTF-8 text; rename that file or folder")
 
 
 def test_columns_are_bounded_and_compared_at_once(tmp_path):

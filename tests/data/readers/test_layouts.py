@@ -84,7 +84,7 @@ def test_rounded_stamps_are_regular(caplog):
         ),
         ([0, 1, 2, 5, 6], 2500.0, "line 5 comes 3000 ms"),
         ([0, 1, 3, 2, 4], None, "line 5 is earlier than the line before it"),
-        ([4, 4, 4], None, "holds one moment only"),
+        ([4, 4, 4], None, "holds a single time"),
     ],
 )
 def test_stamps_that_make_no_clock_are_refused(times, gap, message):
@@ -115,8 +115,8 @@ def test_conditions_stand_in_a_table(tmp_path):
     for text, message in (
         ("file,label\na/1.csv,felt\n1.csv,felt\n", "line 3: '1.csv' is the name of 2 files"),
         ("file,label\na/1.csv,felt\n", r"has no line for a/2\.csv \(2 in all\)"),
-        ("file,label\nc.csv,felt\n", "line 2: 'c.csv' is no file of recordings in the folder"),
-        ("file,label\na/1.csv,x\na/1.csv,y\n", "line 3: 'a/1.csv' has a line above already"),
+        ("file,label\nc.csv,felt\n", "line 2: 'c.csv' is not a file of recordings in the folder"),
+        ("file,label\na/1.csv,x\na/1.csv,y\n", "line 3: 'a/1.csv' already has a line above"),
         ("file,label\na/1.csv,x,3\n", "line 2 has 3 columns where 2 are expected"),
         ("path,label\na/1.csv,x\n", "has no column 'file'"),
         ("file,force\na/1.csv,3\n2.csv,3\nb/1.csv,3\n", "no condition is called label"),
@@ -176,7 +176,7 @@ def test_a_column_that_never_changes_is_named(tmp_path, caplog):
     write(tmp_path / "felt" / "a.csv", "p,board_C,q\n1,31.2,3\n2,31.2,3\n")
     write(tmp_path / "silk" / "b.csv", "p,board_C,q\n1,31.2,4\n2,31.2,4\n")
     nt.read_folder(tmp_path, 100, "mV")
-    assert "every sample has the same value in board_C; leave out what is no taxel with --columns" in caplog.text
+    assert "every sample has the same value in board_C; select the taxels with --columns" in caplog.text
     caplog.clear()
     nt.read_folder(tmp_path, 100, "mV", columns="p,q")
     assert "same value" not in caplog.text
@@ -187,7 +187,7 @@ def test_a_column_that_never_changes_is_named(tmp_path, caplog):
     [
         ("1;2,5\n", {}, "line 1 has decimal commas; pass --decimal ,"),
         ("1,2\n", {"decimal": ","}, "has commas between its columns"),
-        ("1,5;2.5\n", {"decimal": ","}, "sample 1 holds a point where commas are decimal"),
+        ("1,5;2.5\n", {"decimal": ","}, "sample 1 holds a point, but commas are decimal"),
         (
             "a,b\n1,2\n",
             {"columns": "3"},
@@ -226,7 +226,7 @@ def test_a_naming_that_cannot_be_is_refused(table, message):
 
 def test_folders_less_deep_than_the_levels_are_named(tmp_path):
     write(tmp_path / "felt" / "a.csv", "1,2\n")
-    with pytest.raises(InputError, match=r"a\.csv: lies 1 sub-folders deep where --levels names 2 \(label, speed\)"):
+    with pytest.raises(InputError, match=r"a\.csv: is 1 sub-folders deep, but --levels names 2 \(label, speed\)"):
         nt.read_folder(tmp_path, 100, "mV", levels="label,speed")
 
 
@@ -235,14 +235,14 @@ def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
         (tmp_path / name).mkdir()
         rows = [f"{4277465 + 28 * n},{n % 7}" for n in range(20)]
         (tmp_path / name / "a.csv").write_text("\n".join(["timestamp,a", *rows]) + "\n")
-    with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and --sampling-rate-Hz says 35\.6 Hz; say the unit"):
+    with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and --sampling-rate-Hz says 35\.6 Hz; give the unit"):
         nt.read_folder(tmp_path, 35.6, "count", time_column="timestamp")
     assert nt.read_folder(tmp_path, 35.6, "count", time_column="timestamp", time_unit="ms").sampling_rate_Hz == 35.6
     assert "--time-unit" not in caplog.text
     assert nt.read_folder(tmp_path, unit="count", time_column="timestamp").sampling_rate_Hz == pytest.approx(
         1 / 28, 1e-3
     )
-    assert "the time stamps give 0.0357 Hz, which is slow for touch; say their unit with --time-unit" in caplog.text
+    assert "the time stamps give 0.0357 Hz, which is slow for touch; give their unit with --time-unit" in caplog.text
 
 
 def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog):
@@ -255,7 +255,7 @@ def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog)
     write(tmp_path / "felt_1.csv", "left,right\n1,2\n")
     with caplog.at_level(logging.WARNING):
         assert nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}.csv").classes == ("felt",)
-    assert "3 ignored, being hidden or no file of recordings: foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
+    assert "3 files are ignored (hidden, or not recordings): foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
 
 
 def test_a_time_column_is_named_as_a_shell_takes_it(tmp_path):

@@ -156,7 +156,7 @@ def test_what_nwb_cannot_hold_is_refused(tmp_path, monkeypatch):
         nt.to_nwb(wrong, tmp_path / "a.nwb")
     with pytest.raises(InputError, match="session_start: has no time zone"):
         nt.to_nwb(trains, tmp_path / "a.nwb", session_start=datetime(2026, 1, 1))
-    with pytest.raises(InputError, match="an empty one, which NWB has no place for"):
+    with pytest.raises(InputError, match="an empty one, which NWB cannot store"):
         nt.to_nwb(trains_of([5, 0]), tmp_path / "a.nwb")
     monkeypatch.setitem(sys.modules, "pynwb", None)
     with pytest.raises(InputError, match=r"pip install 'neurotact\[neuro\]'"):

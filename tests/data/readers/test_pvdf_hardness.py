@@ -89,7 +89,7 @@ def test_a_force_without_voltages_is_left_out_and_said(tmp_path, caplog):
     (place / FORCE).rename(place / FORCE.replace("t2", "t3"))
     with caplog.at_level(logging.WARNING, "neurotact"):
         assert is_the_press(pvdf_hardness.read(tmp_path))
-    assert "_t3.lvm' has no voltages of its trial" in caplog.text
+    assert "_t3.lvm' is dropped: the voltages of its trial are missing" in caplog.text
     (place / VOLTAGE).unlink()
     refused(tmp_path, "holds force recordings only")
 
@@ -132,10 +132,10 @@ def test_arrays_of_another_kind_are_refused(tmp_path, arrays, message):
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
     np.save(tmp_path / "cube03.npy", ADC)
     (tmp_path / "cube03.npy").rename(tmp_path / "cube03.npz")
-    refused(tmp_path, "cube03.npz: is no .npz archive")
+    refused(tmp_path, "cube03.npz: is not an .npz archive")
     with zipfile.ZipFile(tmp_path / "cube03.npz", "w") as archive:
         archive.writestr(f"{KEY}_adc", "1,2")
-    refused(tmp_path, f"cube03.npz: member '{KEY}_adc' is no NumPy array")
+    refused(tmp_path, f"cube03.npz: member '{KEY}_adc' is not a NumPy array")
 
 
 def test_tables_of_another_shape_are_refused(tmp_path):
@@ -143,7 +143,7 @@ def test_tables_of_another_shape_are_refused(tmp_path):
     (place / FORCE).write_bytes((place / VOLTAGE).read_bytes())
     refused(tmp_path, f"{FORCE}: line 2 has 8 columns where 1 are expected")
     (place / FORCE).write_text("0.5\n0.6\n")
-    refused(tmp_path, f"{FORCE}: line 1 holds numbers where the header should be")
+    refused(tmp_path, f"{FORCE}: line 1 holds numbers instead of the header")
     (place / FORCE).write_text(HEADER)
     refused(tmp_path, f"{FORCE}: holds no row of numbers")
 

@@ -49,7 +49,7 @@ def test_the_published_layout_is_read(published):
 def test_other_folders_are_refused(published, tmp_path_factory):
     refused(published / "absent", "there is no such folder")
     (published / "rolling").rename(published / "roling")
-    refused(published, f"{published}: holds no folder 'rolling'; give the folder in which brushing, rolling and")
+    refused(published, f"{published}: holds no folder 'rolling'; give the folder that holds brushing, rolling and")
     (published / "roling").rename(published / "Rolling")  # the archive was unpacked on another system
     for name in "ab":
         (published / "Rolling" / f"{name}.lvm").unlink()
@@ -61,8 +61,8 @@ def test_other_folders_are_refused(published, tmp_path_factory):
     [
         (lvm(29999), "holds 29999 rows where 10 s at 3 kHz have 30000"),
         (lvm()[:-3], "the last line does not end, so the file was cut off"),
-        ("LabVIEW Measurement\t\n" + lvm(), "line 1 holds 'LabVIEW Measurement' where numbers stand"),
-        (lvm().replace(".", ","), "line 1 holds '0,000000' where numbers stand"),
+        ("LabVIEW Measurement\t\n" + lvm(), "line 1 holds 'LabVIEW Measurement' instead of a number"),
+        (lvm().replace(".", ","), "line 1 holds '0,000000' instead of a number"),
         (lvm().replace("0.000000\t", "0.000000\tnan\t", 1), "line 1 has 18 columns where 17"),
         (lvm(2) + "1.0\t2.0\n" + lvm(), "line 3 has 2 columns where 17 are expected"),
         (

@@ -74,7 +74,7 @@ def test_selected_features_stand_channel_by_channel():
     features = np.arange(2 * 3 * 4).reshape(2, 3, 4)
     chosen = select_features(features, "d9")
     assert chosen.tolist()[0] == [1, 3, 5, 7, 9, 11]
-    with pytest.raises(InputError, match="none of Table 2"):
+    with pytest.raises(InputError, match="not in Table 2"):
         select_features(features, "d16")
 
 

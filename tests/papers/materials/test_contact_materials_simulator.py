@@ -242,7 +242,7 @@ def test_charge_constant_of_a_clamped_film_lags_by_its_loss():
         ({"frequencies_Hz": [5.0, 5.0]}, "frequencies_Hz holds a value twice"),
         ({"frequencies_Hz": [200.0]}, "frequencies_Hz must be below 1/16"),
         ({"duration_s": 0.1}, "duration_s is shorter than one period"),
-        ({"preload_N": 0.4}, "probe and film never part"),
+        ({"preload_N": 0.4}, "probe and film never separate"),
         ({"probes": {}}, "probes"),
         ({"film": {"poisson": 0.5}}, r"film\.poisson: must be < 0.5"),
         ({"film": {"d33": 1.0}}, r"film\.d33: unknown key"),

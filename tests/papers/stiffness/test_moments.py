@@ -74,7 +74,7 @@ def test_the_chain_in_pieces_gives_the_features_of_the_whole(seed, cuts):
     [
         (lambda: moments(np.zeros(5)), "time, channel"),
         (lambda: moments(np.zeros((0, 2))), "no samples"),
-        (lambda: moments_update(moments_start(3), np.zeros((5, 2))), "does not go with"),
+        (lambda: moments_update(moments_start(3), np.zeros((5, 2))), "does not fit"),
         (lambda: peak_features(np.zeros((1, 5, 2)), 0.0), "alpha"),
         (lambda: peak_features(np.zeros((1, 5, 2)), 0.5, order=5), "four moments"),
     ],

@@ -167,7 +167,7 @@ def test_a_patch_has_its_own_gains():
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"taxel_x_mm": (0.0,)}, "one of each a taxel"),
+        ({"taxel_x_mm": (0.0,)}, "one each per taxel"),
         ({"gap_mm": (5.0, 2.0)}, "shorter first"),
         ({"gap_mm": (5.0, 40.0)}, "raise speed_mm_per_s"),
         ({"objects": {}}, "objects"),

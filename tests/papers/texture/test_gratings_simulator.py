@@ -264,7 +264,7 @@ def test_spec_refuses_negative_values(key):
         ({"pitches_mm": [2.0, -0.5]}, r"pitches_mm\.1: must be > 0"),
         ({"forces_N": []}, "forces_N"),
         ({"speeds_mm_per_s": [8.6, 8.6]}, "speeds_mm_per_s holds a value twice"),
-        ({"taxel_gains": [1.0]}, "give one of each a taxel"),
+        ({"taxel_gains": [1.0]}, "give one each per taxel"),
         ({"duration_s": 1e-5}, "shorter than one sample"),
         ({"mount_Hz": 1500.0}, "mount_Hz must be below half"),
         ({"pitch_mm": [2.0]}, "did you mean 'pitches_mm'"),

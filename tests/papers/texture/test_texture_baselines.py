@@ -175,7 +175,7 @@ def test_encoders_and_networks_may_be_named():
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"encoder": "LFI"}, "encoder: 'LFI' is none of data.encoders; did you mean 'LIF'"),
+        ({"encoder": "LFI"}, "encoder: 'LFI' is not in data.encoders; did you mean 'LIF'"),
         ({"window_ms": 400.0}, "more than data.longest_ms"),
         ({"features": "spikes", "classifier": "kNN"}, "kNN does not take spikes"),
         ({"features": "rate", "classifier": "SNN"}, "SNN does not take rate"),
