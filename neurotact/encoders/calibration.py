@@ -156,6 +156,8 @@ def calibrate_causally(
     spec: AfferentSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
+    *,
+    tell: bool = True,
 ) -> Calibration:
     """`calibrate`, with the baseline of `PAST` under which SA-I tells the classes apart best in place of the spec's.
 
@@ -165,7 +167,7 @@ def calibrate_causally(
     cannot decide this: they are finer where an afferent fires less, whatever it leaves out. RA-I feels changes, which
     no baseline touches much.
 
-    progress: called with 1 and a note at each of `rule.candidates` steps a baseline.
+    progress: called with 1 and a note at each of `rule.candidates` steps a baseline. tell: log the notes, too.
     Raises InputError where none of them can be calibrated.
     """
     found: dict[Baseline, Calibration] = {}
@@ -193,7 +195,8 @@ def calibrate_causally(
             "none can be left out to test on; add trials of it, or choose with --set encoder.conditioning.baseline"
         )
     notes = *found[best].notes, note
-    _log(notes, recordings)
+    if tell:
+        _log(notes, recordings)
     return replace(found[best], notes=notes)
 
 
