@@ -145,7 +145,12 @@ def _how(way: str, setting: str) -> str:
     >>> _how("pruning, trained on", "50 % of the weights, trained on"), _how(NOTHING, "-")
     ('pruning, trained on: 50 % of the weights', 'nothing saved')
     """
-    return way if way == NOTHING else f"{way}: {setting.removesuffix(', trained on')}"
+    return way if way == NOTHING else f"{way}: {_alone(setting)}"
+
+
+def _alone(setting: str) -> str:
+    """A setting beside its way, which says itself that a network is trained on."""
+    return setting.removesuffix(", trained on")
 
 
 def _guess(rows: pd.DataFrame) -> float:
@@ -255,7 +260,7 @@ def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
 def _costs(each: Halved) -> str:
     found = interval_of(each.lost, each.rows)
     verb = "costs" if found.mean >= 0 else "gains"
-    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({each.setting})"
+    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({_alone(each.setting)})"
     return f"{name} {verb} {_points(found)} at {_percent(each.share)} of the SOPs"
 
 
