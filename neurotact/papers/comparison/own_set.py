@@ -86,14 +86,11 @@ def _with_one_choice_of_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
             f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, so that --order, --folds and "
             "--test-where do not fit it; give --group or --repeats, or leave it out"
         )
-    rest = dict(given)
-    asked = {key: rest.pop(key) for key in (SPLITS, "seed", SEED) if key in rest}
-    if asked.get(SEED) == AUTO and len(asked) > 1:
-        del asked[SEED]
-    if len(asked) > 1 and SPLITS in asked:
-        raise InputError("--repeats: each seed has a split of its own, and seeds are given, too; give one of both")
-    seeds = asked.get(SPLITS, [asked["seed"]] if "seed" in asked else asked.get(SEED, AUTO))
-    return {**rest, SEED: seeds}
+    if SPLITS in given and "seed" in given:
+        raise InputError("--repeats: each seed has a split of its own, and seed is given, too; give one of both")
+    rest = {key: value for key, value in given.items() if key not in (SPLITS, "seed", SEED)}
+    alone = [given["seed"]] if "seed" in given else given.get(SEED, AUTO)
+    return {**rest, SEED: given.get(SPLITS, alone)}
 
 
 def _seeds(given: Mapping[str, Any], recorded: Recorded) -> tuple[list[Any], list[str]]:

@@ -133,9 +133,11 @@ def test_people_stand_on_one_side(tmp_path):
 
 def test_repeats_are_seeds_of_their_own_split(tmp_path):
     path = saved(tmp_path)
-    what = loading.resolve("ways-to-save", {"sweep.split.seed": [0, 1, 2, 3]}, data=path)
-    assert what.sweep["seed"] == [0, 1, 2, 3]
-    assert not [note for note in what.notes if note.startswith("Seeds")]
+    for quick in (False, True):
+        what = loading.resolve("ways-to-save", {"sweep.split.seed": [0, 1, 2, 3]}, data=path, quick=quick)
+        assert what.sweep["seed"] == [0, 1, 2, 3]
+        assert not [note for note in what.notes if note.startswith("Seeds")]
+    assert loading.resolve("ways-to-save", {"seed": 7}, data=path).sweep["seed"] == [7]
 
 
 def test_gains_see_training_trials_alone(tmp_path):
@@ -270,7 +272,7 @@ def test_taxels_whose_names_end_alike_are_taxels_of_their_own(tmp_path):
         ({"split.test_where": {"subject": "s1"}}, "split.test_where: this study draws"),
         ({"sweep.split.fold": [0, 1]}, "sweep.split.fold: this study draws"),
         ({"split.group": ["person"]}, "--group: there is no condition 'person'; known: label, subject"),
-        ({"sweep.split.seed": [0, 1]}, "--repeats: each seed has a split of its own, and seeds are given, too"),
+        ({"sweep.split.seed": [0], "seed": 1}, "--repeats: each seed has a split of its own, and seed is given, too"),
         ({"window.length_ms": 5000.0}, "lasts 0.420 s, less than the 5.000 s of start_ms + length_ms"),
         ({"window.length": 100.0}, "window.length: unknown key; did you mean"),
         ({"conditioning.baseline": "mean"}, "'mean' knows the whole trial; name one of none, start, high-pass"),
