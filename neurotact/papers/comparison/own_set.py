@@ -57,8 +57,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = given.get(GROUP) or ()
     group = (group,) if isinstance(group, str) else tuple(group)
-    others = {key: value for key, value in given.items() if key not in {*of_set, GROUP}}
-    others = _with_one_choice_of_seeds(others)
+    others = _with_seeds({key: value for key, value in given.items() if key not in {*of_set, GROUP}})
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
     touches = _look(path, clock_Hz)
@@ -71,15 +70,17 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
         chosen |= {"unit": touches.unit, "conditioning": conditioning, "choose_baseline": is_open}
         notes += suited.clock(touches.recorded, clock_Hz)
     table = override(chosen, of_set)
-    seeds, note = _seeds(others, touches.recorded)
-    _check(touches, build(SetSpec, table, source=str(path)), seeds)
+    if others.get(SEED) == AUTO:
+        others[SEED], note = suited.seeds(touches.recorded)
+        notes.append(note)
+    _check(touches, build(SetSpec, table, source=str(path)), others.get(SEED))
     by = {"data.split": "groups"} if group else {}
-    changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others, SEED: seeds}
-    return Own(changes, (*notes, *note))
+    changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}
+    return Own(changes, tuple(notes))
 
 
-def _with_one_choice_of_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys with the seeds as `sweep.seed`: each seed has a split of its own."""
+def _with_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys with all seeds that are given as `sweep.seed`: each seed has a split of its own."""
     wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
         raise InputError(
@@ -88,17 +89,10 @@ def _with_one_choice_of_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
         )
     if SPLITS in given and "seed" in given:
         raise InputError("--repeats: each seed has a split of its own, and seed is given, too; give one of both")
-    rest = {key: value for key, value in given.items() if key not in (SPLITS, "seed", SEED)}
-    alone = [given["seed"]] if "seed" in given else given.get(SEED, AUTO)
-    return {**rest, SEED: given.get(SPLITS, alone)}
-
-
-def _seeds(given: Mapping[str, Any], recorded: Recorded) -> tuple[list[Any], list[str]]:
-    """The seeds, and the rule in words where they are chosen here."""
-    if given[SEED] != AUTO:
-        return given[SEED], []
-    seeds, note = suited.seeds(recorded)
-    return seeds, [note]
+    found = {key: value for key, value in given.items() if key not in (SPLITS, "seed")}
+    if "seed" in given:
+        found[SEED] = [given["seed"]]
+    return found | ({SEED: given[SPLITS]} if SPLITS in given else {})
 
 
 def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,7 +133,7 @@ def _recorded(trains: SpikeTrains) -> Recorded:
 
 
 def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
-    """Refuse before anything is computed what every cell would refuse."""
+    """Refuse before anything is computed what a cell would refuse; seeds: as far as they are known here."""
     classes = class_names(touches.conditions)
     if len(classes) < 2:
         raise InputError(f"{chosen.path}: holds one class, '{''.join(classes)}'; give trials of at least two")

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from browser import browser
+
 import neurotact as nt
 from neurotact import files
 from neurotact.data import hdf5
@@ -244,6 +246,30 @@ def test_the_answer_lists_the_front_and_says_what_it_is_worth(run):
     assert "Chosen for these recordings:" in page
     for cost in ("sops_total", "energy_estimate_nJ", "signal_ms"):
         assert f'<option value="{cost}">' in page
+
+
+@pytest.mark.slow
+def test_in_a_browser_any_cost_stands_on_the_axis(run, tmp_path):
+    _, folder = run
+    page = folder / "report.html"
+    means = pd.read_csv(folder / "means.csv")
+    plot = "document.getElementById('plot')"
+    drawn = f"{plot}.querySelector('.main-svg')"
+    with browser(tmp_path / "profile") as chromium:
+        chromium.open(page, 1400)
+        chromium.wait_for(drawn)
+        assert {url for url in chromium.requests if not url.startswith(("data:", "blob:"))} == {page.as_uri()}
+        for cost, head in (("signal_ms", "signal (ms)"), ("energy_estimate_nJ", "energy estimate (nJ)")):
+            choose = f"(one => {{ one.value = '{cost}'; one.dispatchEvent(new Event('change')); }})"
+            chromium.evaluate(f"{choose}(document.getElementById('cost'))")
+            chromium.wait_for(f"{plot}._fullLayout.xaxis.title.text === '{head}'")
+            shown = f"{plot}.data.filter((t) => t.customdata).flatMap((t) => t.x.map((x, i) => [t.customdata[i], x]))"
+            found = dict(chromium.evaluate(shown))
+            assert found == {index: pytest.approx(value) for index, value in means[cost].items()}
+            front = chromium.evaluate(f"{plot}.data.find((t) => t.name === 'Pareto front').y")
+            assert front == sorted(front)
+        assert "cost=energy_estimate_nJ" in chromium.evaluate("window.location.hash")
+        assert chromium.complaints == []
 
 
 def test_a_first_look_says_so(tmp_path):
