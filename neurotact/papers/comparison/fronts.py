@@ -281,11 +281,11 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
 
 
 def _points(found: Interval) -> str:
-    """Points of accuracy, as many as are lost or gained, with the interval of what is lost."""
+    """Points of accuracy, as many as are lost or gained, with the interval of what is lost: 100 points at most."""
     text = f"{100 * abs(found.mean):.1f} points"
     if np.isnan(found.low):
         return f"{text} (one seed)"
-    low, high = (100 * bound if found.mean >= 0 else -100 * bound for bound in (found.low, found.high))
+    low, high = np.clip([found.low, found.high], -1, 1) * (100 if found.mean >= 0 else -100)
     return f"{text} (95 % interval {min(low, high):.1f} to {max(low, high):.1f})"
 
 

@@ -140,6 +140,11 @@ def test_the_sentence_begins_with_a_verdict(rows, verdict):
     assert answers(rows)[0].startswith(verdict)
 
 
+def test_no_interval_is_wider_than_all_points():
+    (sentence,) = answers(spread(POINTS, "pruning", -0.7))
+    assert "(95 % interval -100.0 to 100.0)" in sentence
+
+
 def test_several_sets_are_named():
     both = pd.concat([table(POINTS), table(POINTS).assign(set="other")])
     assert [sentence.split(": ")[0] for sentence in answers(both)] == ["made up", "other"]

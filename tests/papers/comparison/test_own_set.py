@@ -7,10 +7,9 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from browser import browser
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-
-from browser import browser
 
 import neurotact as nt
 from neurotact import files
