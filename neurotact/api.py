@@ -429,7 +429,8 @@ def run_study(
     """Run a study, shipped or your own, in `folder`; its results, one row per trained network.
 
     settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
-    data: the file of recordings of a study that names none: `run_study("own-recordings", "mine", data="touches.h5")`.
+    data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
+        data="touches.h5")`, or "ways-to-save".
     quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
     device: "cuda" trains all networks at once on one GPU.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.

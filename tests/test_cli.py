@@ -1,5 +1,6 @@
 """The command as a user types it: what it writes, and one line with exit code 2 for what it cannot use."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -952,9 +953,54 @@ def test_a_study_divides_trials_as_train_does(neurotact, monkeypatch, tmp_path):
         code, out, err = neurotact(*words, *further)
         assert code == 0, out + err
     splits = [what.split for what in asked]
-    given = ({"folds": 5}, {"test_where": {"force_N": [3, 6]}}, {"group": ("force_N",)}, {"order": "trial"}, {"folds": 3})
+    given = (
+        {"folds": 5},
+        {"test_where": {"force_N": [3, 6]}},
+        {"group": ("force_N",)},
+        {"order": "trial"},
+        {"folds": 3},
+    )
     assert splits == [SplitSpec(**each) for each in given]
     assert asked[-1].sweep["split.fold"] == [0, 1, 2]
+
+
+def test_a_file_of_ones_own_is_one_command_for_ways_to_save(neurotact, tmp_path):
+    save_recordings(touch(), tmp_path / "touch.h5")
+    small = (
+        "--set", "ways={pruning=[{prune=0.5}]}", "--set", "network={recipe='default',hidden=4,training={epochs=1}}",
+        "--window-ms", "100",
+    )  # fmt: skip
+    words = ("study", "run", "ways-to-save", "--data", tmp_path / "touch.h5", "-o", tmp_path / "run", "--quick")
+    code, out, err = neurotact(*words, *small, "--workers", "1")
+    assert code == 0, out + err
+    assert "Window: 100 ms (as given)" in err
+    assert "a first look (--quick)" in err
+    assert "nothing saved" in out
+    assert out.endswith(f"{tmp_path / 'run' / 'report.html'}\n")
+    code, again, _ = neurotact("study", "report", tmp_path / "run", "--json")
+    assert code == 0
+    found = json.loads(again)
+    assert found["answers"][0]["headline"] in out
+    assert found["tables"][0]["columns"][0] == "how it is reached"
+
+
+@pytest.mark.parametrize(
+    ("name", "further", "expected"),
+    [
+        ("ways-to-save", ("--data", "away.h5"), "--data away.h5: there is no such file; neurotact import folder"),
+        ("ways-to-save", ("--data", "junk.h5"), "junk.h5: cannot be read as recordings"),
+        ("ways-to-save", ("--data", "touch.h5", "--folds", "3"), "split.folds: this study draws its test trials"),
+        ("ways-to-save", ("--data", "touch.h5", "--group", "person"), "--group: there is no condition 'person'"),
+        ("ways-to-save", ("--data", "touch.h5", "--window-ms", "9000"), "less than the 9.000 s of start_ms"),
+        ("real-sets", ("--data", "touch.h5"), "real-sets.toml makes or reads its own recordings; leave --data out"),
+    ],
+)
+def test_a_file_that_does_not_fit_a_study_is_refused(refused, tmp_path, monkeypatch, name, further, expected):
+    monkeypatch.chdir(tmp_path)
+    save_recordings(touch(), "touch.h5")
+    Path("junk.h5").write_text("label,taxel1")
+    refused(("study", "run", name, *further, "-o", "run"), expected)
+    assert not Path("run").exists()
 
 
 def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):

@@ -26,12 +26,16 @@ def print_line(line: str | None) -> None:
         print(line)
 
 
-def print_table(frame: pd.DataFrame, title: str | None = None) -> None:
-    """Print a table without rules, a row per row of `frame`."""
+def print_table(frame: pd.DataFrame, title: str | None = None, least_width: int = 0) -> None:
+    """Print a table without rules, a row per row of `frame`.
+
+    least_width: characters of a line that it may have where the terminal is narrower.
+    """
     table = Table(*map(str, frame.columns), title=title, title_justify="left", box=None)
     for row in frame.itertuples(index=False):
         table.add_row(*map(_shown, row))
-    console.print(table)
+    wide = Console(soft_wrap=True, highlight=False, width=max(console.width, least_width))
+    wide.print(table)
 
 
 def _shown(value: Any) -> str:

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
 
 from neurotact import files, spec
@@ -23,12 +24,16 @@ from neurotact.cli.options import (
     say_if_seconds,
     split_changes,
 )  # fmt: skip
+from neurotact.cli.output import print_table
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.interrupt import terminated_as_interrupted
 from neurotact.progress import say
 from neurotact.report import report
-from neurotact.report.networks import ANSWER
+from neurotact.report.page import ANSWER
 from neurotact.studies import loading, runner
+
+WIDE = 110
+"""Characters of a line of a table, at least: its rows are read across."""
 
 app = new_app("Run, resume and report studies.")
 
@@ -40,7 +45,7 @@ def study_run(
     quick: Annotated[bool, typer.Option("--quick", help="A smaller sweep of the same kind.")] = False,
     data: Annotated[
         Path | None,
-        typer.Option(help="The file of recordings, for a study without a data set of its own (own-recordings)."),
+        typer.Option(help="A file of recordings of your own, for own-recordings and ways-to-save."),
     ] = None,
     window_ms: Annotated[
         float | None,
@@ -112,7 +117,7 @@ def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | No
 
 
 def _print_report(page: Path, as_json: bool) -> None:
-    """What a study of networks answers, and where its report is; of other studies the report alone."""
+    """What a study answers, and where its report is; of a study without an answer in words the report alone."""
     path = page.parent / ANSWER
     found = files.read_json(path) if path.is_file() else {"answers": [], "cautions": []}
     if as_json:
@@ -121,8 +126,11 @@ def _print_report(page: Path, as_json: bool) -> None:
     for one in found["answers"]:
         before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
         print(f"{before}{' '.join([one['headline'], *one['details']])}")
+    for table in found.get("tables", []):
+        print(table["caption"])
+        print_table(pd.DataFrame(table["rows"], columns=table["columns"]), least_width=WIDE)
     for caution in found["cautions"]:
         say(caution)
     if found["answers"]:
-        print(f"tables, figures and networks in {page.parent}; open the report in a browser:")
+        print(f"tables and figures in {page.parent}; open the report in a browser:")
     print(page)

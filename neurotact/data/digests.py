@@ -1,6 +1,7 @@
-"""Digests of trials: the same content has the same digest in any file and at any index.
+"""Digests of trials, and of all trials of a file: the same content has the same digest in any file and at any index.
 
-They show whether a network has seen a trial before. A digest is the first 16 hexadecimal digits of a SHA-256.
+They show whether a network has seen a trial before, and whether a study is one of the same recordings. A digest is the
+first 16 hexadecimal digits of a SHA-256.
 """
 
 import hashlib
@@ -46,6 +47,22 @@ def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
         _digest([*about, n_steps, len(steps)], (steps.astype("<i8", copy=False), units.astype("<i8", copy=False)))
         for steps, units, n_steps in events
     )
+
+
+def content_digest(touches: Trials | SpikeTrains) -> str:
+    """The digest of all trials in their order, with their classes and conditions.
+
+    >>> from neurotact.data.recordings import Recordings
+    >>> once, other = (Recordings(np.ones((2, 4, 1)), 2000.0, "mV", labels) for labels in (["a", "b"], ["b", "a"]))
+    >>> content_digest(once) == content_digest(once), content_digest(once) == content_digest(other)
+    (True, False)
+    """
+    if isinstance(touches, SpikeTrains):
+        digests = spike_digests(touches)
+    else:
+        digests = tuple(recorded_digest(touches, trial) for trial in range(len(touches)))
+    table = touches.conditions.astype(str)
+    return _digest([*digests, list(map(str, table.columns)), table.to_numpy().tolist()], ())
 
 
 def _digest(about: list[Any], arrays: Iterable[np.ndarray]) -> str:

@@ -156,6 +156,8 @@ def calibrate_causally(
     spec: AfferentSpec,
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
+    *,
+    tell: bool = True,
 ) -> Calibration:
     """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
 
@@ -165,7 +167,7 @@ def calibrate_causally(
     they are finer if an afferent fires less, whatever the baseline removes. RA-I responds to changes, which a baseline
     hardly affects.
 
-    progress: called with 1 and a note at each of `rule.candidates` steps a baseline.
+    progress: called with 1 and a note at each of `rule.candidates` steps a baseline. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
     found: dict[Baseline, Calibration] = {}
@@ -193,7 +195,8 @@ def calibrate_causally(
             "can be held out for testing; add trials of it, or choose with --set encoder.conditioning.baseline"
         )
     notes = *found[best].notes, note
-    _log(notes, recordings)
+    if tell:
+        _log(notes, recordings)
     return replace(found[best], notes=notes)
 
 

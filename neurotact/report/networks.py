@@ -17,7 +17,7 @@ from neurotact.report.encoding_drawings import encoding_drawings, name_classes
 from neurotact.report.extra_drawings import extra_drawings
 from neurotact.report.front import Front
 from neurotact.report.network_drawings import network_drawings
-from neurotact.report.page import Entry, Table, plain
+from neurotact.report.page import ANSWER, Entry, Table, plain
 from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_setting
 from neurotact.spec import to_toml
 from neurotact.studies import preparation, selection
@@ -29,7 +29,6 @@ from neurotact.studies.store import is_done
 from neurotact.studies.study import SPLIT, Cell, StudySpec, cells, swept_columns
 from neurotact.tables import over_seeds, read_table, write_table
 
-ANSWER = "answer.json"
 DOWNLOADS = {
     "results.csv": "one row per trained network",
     "results.json": "the same",

@@ -22,6 +22,8 @@ from neurotact.studies.claims import Verdict, judge
 from neurotact.studies.loading import Study
 from neurotact.studies.study import to_toml
 
+ANSWER = "answer.json"
+"""The first screen of a report for programs, where its study has an answer in words."""
 NETWORKS = ("marks.js", "plotly.js", "state.js", "cell.js", "trade_off.js", "compare.js", "table.js", "main.js")
 PROTOCOL = ("marks.js", "plotly.js", "state.js", "table.js", "protocol.js")
 

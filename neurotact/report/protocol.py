@@ -1,6 +1,6 @@
 """The report of a protocol study: its configurations, their scores and their costs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,17 +8,20 @@ import numpy as np
 import pandas as pd
 
 from neurotact.figures.style import bars
+from neurotact.files import write_json
 from neurotact.report import page, protocol_answer
+from neurotact.report.answer import count
 from neurotact.report.page import Entry, Table
 from neurotact.report.protocol_answer import ProtocolAnswer, name_of, scale, words
 from neurotact.spec import to_toml
 from neurotact.studies import protocol_cell
-from neurotact.studies.protocol import View, module_of
+from neurotact.studies.protocol import Listed, View, module_of, optional
 from neurotact.studies.protocol_study import ProtocolStudy, cells
 from neurotact.studies.store import is_done
 from neurotact.tables import means_over, read_table, write_table
 
 DOWNLOADS = {
+    "answer.json": "the first screen of this report for programs",
     "results.csv": "one row a run, with its accuracy and its costs",
     "results.json": "the same",
     "means.csv": "means and standard deviations of each configuration",
@@ -39,6 +42,9 @@ class Front(NamedTuple):
     table: Table
 
 
+FIRST_LOOK = (
+    "this is a first look (--quick), with fewer settings and seeds; leave --quick out for an answer to build on"
+)
 LOG_FROM = 30.0
 """Costs that differ by more than this factor stand on a logarithmic axis."""
 
@@ -54,6 +60,9 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
     write_table(results, folder / "results.json")
     for suffix in (".csv", ".md"):
         write_table(means, folder / f"means{suffix}", f"# {study.title}\n\n{module.VIEW.note}")
+    told = _told(study, results)
+    if told.answers:
+        write_json(folder / page.ANSWER, told.as_json())
     every = list(cells(study))
     arrays = protocol_cell.load_arrays(protocol_cell.arrays_path(folder, every[0]))
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
@@ -69,26 +78,92 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
         specs={"Parameters": to_toml(parameters), "Data": to_toml(study.parameters.get("data", {}))},
         seeds=study.sweep.get("seed", [study.parameters.get("seed", 0)]),
         data=page.if_there(folder / "data.json"),
-        answers=module.answers(results) if hasattr(module, "answers") else [],  # pyright: ignore
-        **seen(means, module.VIEW, protocol_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW)),
+        answers=told.answers,
+        cautions=told.cautions,
+        **seen(
+            means,
+            module.VIEW,
+            protocol_answer.answers(_with_choice(results, means, module.VIEW), module.VIEW),
+            told.tables,
+        ),
     )
 
 
-def seen(means: pd.DataFrame, view: View, found: Sequence[ProtocolAnswer] = ()) -> dict[str, Any]:
-    """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words."""
+class Told(NamedTuple):
+    """What a protocol says of a run in words: sentences, what makes them worth little, and tables by their setting."""
+
+    answers: list[str]
+    cautions: list[str]
+    tables: dict[str, Table]
+
+    def as_json(self) -> dict[str, Any]:
+        """The first screen for programs."""
+        return {
+            "answers": [{"dataset": "", "headline": said, "details": []} for said in self.answers],
+            "tables": [table._asdict() | {"setting": setting} for setting, table in self.tables.items()],
+            "cautions": self.cautions,
+        }
+
+
+def _told(study: ProtocolStudy, results: pd.DataFrame) -> Told:
+    module = module_of(study.protocol)
+    answers, cautions, tables = (optional(module, name) for name in ("answers", "cautions", "tables"))
+    first_look = [FIRST_LOOK] if study.first_look and answers else []
+    return Told(
+        answers(results) if answers else [],
+        first_look + (cautions(results) if cautions else []),
+        {name: listed(one, module.VIEW) for name, one in tables(results).items()} if tables else {},
+    )
+
+
+def listed(what: Listed, view: View) -> Table:
+    """A table of a protocol as text.
+
+    >>> view = View((), {"accuracy": "accuracy (%)", "sops": "SOPs"}, "sops", "accuracy")
+    >>> rows = pd.DataFrame({"way": ["pruning"], "accuracy": [0.9], "low": [0.8], "high": [1.02], "sops": [41234.0]})
+    >>> listed(Listed("the front", rows), view).rows
+    [['pruning', '90.0 (80 to 100)', '41,200']]
+    """
+    columns = [column for column in what.rows if column not in ("low", "high")]
+    heads = [view.measures.get(column, column) for column in columns]
+    rows = [[_in_words(row, column, head, view) for column, head in zip(columns, heads, strict=True)]
+            for row in what.rows.to_dict("records")]  # fmt: skip
+    return Table(what.caption, heads, rows, n_heads=1)
+
+
+def _in_words(row: Mapping[Any, Any], column: str, head: str, view: View) -> str:
+    value, factor = row[column], scale(head)
+    if isinstance(value, str):
+        return value
+    if pd.isna(value):
+        return "-"
+    text = f"{factor * value:.1f}" if factor > 1 else count(value)
+    if column != view.score or pd.isna(row.get("low")):
+        return text
+    low, high = (min(max(factor * row[end], 0.0), factor) if factor > 1 else row[end] for end in ("low", "high"))
+    return f"{text} ({low:.0f} to {high:.0f})" if factor > 1 else f"{text} ({count(low)} to {count(high)})"
+
+
+def seen(
+    means: pd.DataFrame, view: View, found: Sequence[ProtocolAnswer] = (), tables: Mapping[str, Table] = {}
+) -> dict[str, Any]:
+    """What `protocol.html.jinja` shows of the means of `over_rows`: its answers, points and table, and their words.
+
+    tables: of an answer by its setting, in place of the best of each kind.
+    """
     return {
         "fronts": [
             Front(
                 one.setting,
                 protocol_answer.headline(one, view),
                 list(protocol_answer.details(one, view)),
-                protocol_answer.table(one, view),
+                tables.get(one.setting) or protocol_answer.table(one, view),
             )
             for one in found
         ],
         "n_rows": int(means["rows"].sum()),
         "note": view.note,
-        "cost": view.measures[view.cost],
+        "costs": {column: view.measures[column] for column in _costs(means, view)},
         "score": view.measures[view.score],
         "heads": [*map(words, view.by), *view.measures.values()],
         "rows": _rows(means, view),
@@ -149,22 +224,37 @@ def _page_data(means: pd.DataFrame, view: View) -> dict[str, Any]:
     factor = scale(view.measures[view.score])
     whole = 100.0 if factor > 1 else None
     named = [column for column in view.by if column not in view.apart]
-    costs = means[view.cost].to_numpy(float)
-    known = costs[np.isfinite(costs) & (costs > 0)]
+    costs = {column: view.measures[column] for column in _costs(means, view)}
     points = [
         {
             "name": ", ".join(f"{words(column)} {name_of(row[column])}" for column in view.by),
             "setting": protocol_answer.setting_of([row[column] for column in view.apart], view),
             "series": name_of(row[named[0]]),
-            "x": _number(row[view.cost]),
+            "costs": {column: _number(row[column]) for column in costs},
             "y": _number(factor * row[view.score]),
             "bar": bars(factor * row[view.score], factor * row[f"{view.score}_sd"], whole)[:, 0].tolist(),
         }
         for row in means.to_dict("records")
     ]
-    is_log = len(known) == len(costs) and len(known) > 0 and known.max() > LOG_FROM * known.min()
-    axes = {"cost": view.measures[view.cost], "score": view.measures[view.score]}
-    return {"points": points, **axes, "log": bool(is_log), "whole": whole}
+    return {
+        "points": points,
+        "costs": costs,
+        "score": view.measures[view.score],
+        "log": [column for column in costs if _is_wide(means[column].to_numpy(float))],
+        "whole": whole,
+    }
+
+
+def _costs(means: pd.DataFrame, view: View) -> list[str]:
+    """The columns that may stand on the axis of the cost: the view's own, then time and energy where there are any."""
+    others = [column for column in protocol_answer.SPENT if column in view.measures and column in means]
+    return list(dict.fromkeys([view.cost, *others]))
+
+
+def _is_wide(costs: np.ndarray) -> bool:
+    """Whether costs are all known and differ so much that they are read on a logarithmic axis."""
+    known = costs[np.isfinite(costs) & (costs > 0)]
+    return len(known) == len(costs) > 0 and bool(known.max() > LOG_FROM * known.min())
 
 
 def _number(value: float) -> float | None:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from neurotact import spec as specs
-from neurotact.errors import InputError
 from neurotact.studies import protocol_study, study
 from neurotact.studies.engine import Engine
 from neurotact.studies.network_engine import NetworkEngine
@@ -27,9 +26,7 @@ def resolve(
     path = specs.find(StudySpec.folder, name)
     table = specs.read(path)
     if "protocol" in table:
-        if data is not None:
-            raise InputError(f"--data: {path.name} makes or reads its own recordings; leave --data out")
-        return protocol_study.resolve(table, path, overrides, quick=quick)
+        return protocol_study.resolve(table, path, overrides, quick=quick, data=data)
     return study.resolve(name, overrides, quick=quick, data=data)
 
 

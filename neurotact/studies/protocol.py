@@ -5,8 +5,8 @@ functions of `ProtocolModule`.
 It glues; estimators, signals, costs and drawings have their own places.
 """
 
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple, Protocol, cast
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import numpy as np
 import pandas as pd
@@ -71,6 +71,28 @@ class View(NamedTuple):
     spiking: tuple[str, tuple[str, ...]] | None = None
 
 
+class Own(NamedTuple):
+    """What a protocol makes of a file that `--data` names.
+
+    changes: dotted keys of the study, such as `data.set` and `sweep.seed`, in place of all that were given.
+    notes: what was chosen for the recordings, in words.
+    """
+
+    changes: dict[str, Any]
+    notes: tuple[str, ...] = ()
+
+
+class Listed(NamedTuple):
+    """A table of the first screen.
+
+    rows: columns of `View.measures` are shown with their heads, the score beside the interval from `low` to `high`
+    where there is one; the name of another column is its head.
+    """
+
+    caption: str
+    rows: pd.DataFrame
+
+
 class TaskData(NamedTuple):
     """A recognition task as every family of classifiers can see it.
 
@@ -91,7 +113,14 @@ class ProtocolModule(Protocol):
     """What the module of a protocol holds.
 
     Parameters: all that decides a cell's numbers; its field `data` decides the arrays that cells share.
-    A function `answers(results)`, if there is one, gives sentences that head the report.
+    Four functions may be there besides (`optional`):
+    `answers(results) -> list[str]`: sentences that head the report and that the command prints.
+    `cautions(results) -> list[str]`: what makes them worth little, each with its remedy.
+    `tables(results) -> dict[str, Listed]`: a table for each answer by its setting (`View.apart`, in words), which
+    stands in place of the best of each kind and is printed.
+    `own(path, given) -> Own`: what a file that `--data` names becomes; without it `--data` is refused. path: absolute,
+    of a file that exists. given: the dotted keys that are set, those of `[with_data]` of the study file among them. It
+    raises InputError for whatever is wrong with the file or the keys.
     """
 
     Parameters: type[Spec]
@@ -108,6 +137,13 @@ class ProtocolModule(Protocol):
     def draw(self, results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         """The figures of the report."""
         ...
+
+
+def optional(
+    module: ProtocolModule, name: Literal["answers", "cautions", "tables", "own"]
+) -> Callable[..., Any] | None:
+    """A function that a protocol may have (see `ProtocolModule`); None where it has none."""
+    return getattr(module, name, None)
 
 
 def module_of(name: str) -> ProtocolModule:

@@ -1,4 +1,8 @@
-"""A protocol study: a spec that names the system of a paper, its parameters, and what to sweep; its cells."""
+"""A protocol study: a spec that names the system of a paper, its parameters, and what to sweep; its cells.
+
+A study file may hold a table `[with_data]`: dotted keys that are set where `--data` names a file, with a `title` and an
+`about` of its own and a table `[with_data.quick]` in place of `[quick]`.
+"""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -9,15 +13,19 @@ from pydantic import model_validator
 from neurotact import spec as specs
 from neurotact.errors import InputError
 from neurotact.spec import Spec
-from neurotact.studies import sweeps
+from neurotact.studies import suited, sweeps
 from neurotact.studies.claims import Claim
-from neurotact.studies.protocol import module_of
+from neurotact.studies.protocol import Own, module_of, optional
+
+WORDS = ("title", "about")
+"""Keys of `[with_data]` that are none of the parameters."""
 
 
 class ProtocolStudy(Spec):
     """A study of one system (`studies/*.toml` with the key `protocol`)."""
 
     folder: ClassVar[str] = "studies"
+    later_keys: ClassVar[tuple[str, ...]] = ("notes", "first_look")
 
     title: str
     """Heading of the report."""
@@ -31,6 +39,10 @@ class ProtocolStudy(Spec):
     """Values of each axis: a dotted key of the parameters, or several joined by ` & `."""
     claims: tuple[Claim, ...] = ()
     """Published statements that the results are judged by."""
+    notes: tuple[str, ...] = ()
+    """As of `StudySpec`."""
+    first_look: bool = False
+    """Whether this is a smaller sweep of the same kind (`--quick`)."""
     as_shipped: bool = False
     """As of `StudySpec`."""
 
@@ -46,6 +58,10 @@ class ProtocolCell(Spec):
     protocol: str
     parameters: dict[str, Any]
 
+    def digest(self) -> str:
+        """As of every spec, wherever a file lies whose content is named."""
+        return specs.digest(placeless(self.model_dump(mode="json")))
+
     @property
     def given(self) -> str:
         """The file in a run folder that the cell works on."""
@@ -54,27 +70,54 @@ class ProtocolCell(Spec):
     @property
     def data_name(self) -> str:
         """The digest of what decides the arrays that the cell shares with others."""
-        return specs.digest([self.protocol, self.parameters["data"]])
+        return specs.digest([self.protocol, placeless(self.parameters["data"])])
 
     def built(self) -> Any:
         """The parameters as the protocol's own spec."""
         return specs.build(module_of(self.protocol).Parameters, self.parameters, source=f"protocol {self.protocol}")
 
 
+def placeless(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A table without each `path` beside which the `content` of what lies there is named: that alone decides.
+
+    >>> placeless({"mine": {"path": "touches.h5", "content": "ab12"}, "theirs": {"path": "fabrics"}})
+    {'mine': {'content': 'ab12'}, 'theirs': {'path': 'fabrics'}}
+    """
+    hidden = {"path"} if table.get("content") is not None else set()
+    inner = {key: placeless(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    return {key: value for key, value in inner.items() if key not in hidden}
+
+
 def resolve(
-    table: dict[str, Any], path: Path, overrides: Mapping[str, Any] | None = None, *, quick: bool = False
+    table: dict[str, Any],
+    path: Path,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+    data: str | Path | None = None,
 ) -> ProtocolStudy:
     """The study in a file's table, with its parameters whole.
 
     overrides: dotted keys of the parameters (`data.trials`, or in full `parameters.data.trials`), or `sweep.KEY`.
     quick: apply the file's `[quick]` table of overrides first.
+    data: a file of one's own, in place of the recordings that the study makes or reads. Raises InputError where its
+        protocol takes none.
     """
-    quick_overrides = specs.pop_table(table, "quick", path)
-    both = {**(quick_overrides if quick else {}), **(overrides or {})}
-    both = {key.removeprefix("parameters."): value for key, value in both.items()}
-    others = sweeps.unswept(table.setdefault("sweep", {}), both, path)
+    quick_overrides, with_data = (specs.pop_table(table, key, path) for key in ("quick", "with_data"))
+    changes = dict(overrides or {})
+    if data is None:
+        changes = {**(quick_overrides if quick else {}), **changes}
+    else:
+        table |= {key: with_data.pop(key) for key in WORDS if key in with_data}
+        own_quick = specs.pop_table(with_data, "quick", path)
+        changes = {**with_data, **(own_quick if quick else {}), **changes}
+    changes = {key.removeprefix("parameters."): value for key, value in changes.items()}
+    if data is not None:
+        changes, table["notes"] = _own(table, path, data, changes)
+    table |= {"first_look": True} if quick else {}
+    others = sweeps.unswept(table.setdefault("sweep", {}), changes, path)
     table["parameters"] = specs.override(table.get("parameters", {}), others)
-    if not (overrides or quick) and path in specs.shipped(ProtocolStudy.folder):
+    if not (overrides or quick or data) and path in specs.shipped(ProtocolStudy.folder):
         table["as_shipped"] = True
     study = specs.build(ProtocolStudy, table, source=str(path))
     model = module_of(study.protocol).Parameters
@@ -87,6 +130,14 @@ def resolve(
     study = study.model_copy(update={"parameters": given})
     list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
     return study
+
+
+def _own(table: Mapping[str, Any], path: Path, data: str | Path, given: Mapping[str, Any]) -> Own:
+    """What the protocol of a study makes of a file of one's own."""
+    make = optional(module_of(str(table["protocol"])), "own")
+    if make is None:
+        raise InputError(f"--data: {path.name} makes or reads its own recordings; leave --data out")
+    return make(suited.file_of(data), given)
 
 
 def cells(study: ProtocolStudy) -> Iterator[ProtocolCell]:

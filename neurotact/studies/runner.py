@@ -16,6 +16,7 @@ from neurotact.studies import manifest
 from neurotact.studies.executors import MapCells, executor
 from neurotact.studies.loading import Study, engine_of, read_back
 from neurotact.studies.preparation import check_files
+from neurotact.studies.protocol_study import placeless
 from neurotact.studies.store import AnyCell, cell_folder, damage, discard, is_done, timing_of, write_cell
 from neurotact.studies.study import LATER_KEYS, StudySpec, to_toml
 from neurotact.tables import write_table
@@ -24,7 +25,7 @@ from neurotact.versions import versions
 STUDY = "study.toml"
 VERSIONS = "versions.json"
 DEVICE = "device"
-WORDS = {"title", "about", "claims", "notes", "as_shipped"}
+WORDS = {"title", "about", "claims", "notes", "as_shipped", "first_look"}
 """Keys of a study that decide none of its numbers."""
 MOST_NAMED, LONGEST_VALUE = 3, 40
 """Keys that are named where two studies differ, and characters of each value."""
@@ -209,4 +210,4 @@ def _made_from(study: Study) -> dict[str, str]:
     table = without_defaults(study, table, LATER_KEYS) if isinstance(study, StudySpec) else table
     for key in ("file", "path"):
         table.get("dataset", {}).pop(key, None)
-    return {"settings": digest(table)}
+    return {"settings": digest(placeless(table))}

@@ -69,7 +69,7 @@ def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path |
     if table.get("sweep", {}).get("seed") == AUTO:
         table, note = _with_seeds(table, overrides, recorded)
         notes += [] if {"seed", "sweep.seed"} & {*overrides} else [note]
-    notes += clock(recorded, table, overrides)
+    notes += clock(recorded, clock_of(table, overrides))
     return {**table, "notes": [*table.get("notes", []), *notes]}
 
 
@@ -84,9 +84,7 @@ def _with_file(
     if data is not None:
         if named:
             raise InputError(f"--data: {path.name} names its own recordings (dataset.{named[0]}); leave --data out")
-        if not Path(data).is_file():
-            raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one of your files")
-        return {**table, "dataset": {**dataset, "file": str(Path(data).absolute())}}
+        return {**table, "dataset": {**dataset, "file": str(file_of(data))}}
     if not named:
         raise InputError(
             f"{path.stem}: names no recordings; give a file with --data touches.h5 (in Python, data='touches.h5'); "
@@ -94,6 +92,13 @@ def _with_file(
         )
     given = {key.removeprefix("dataset."): value for key, value in overrides.items() if key == "dataset.file"}
     return {**table, "dataset": {**dataset, **given}}
+
+
+def file_of(data: str | Path) -> Path:
+    """The file that `--data` names, by its absolute path; InputError where there is none."""
+    if not Path(data).is_file():
+        raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one of your files")
+    return Path(data).absolute()
 
 
 def clock_of(table: Mapping[str, Any], given: Mapping[str, Any]) -> float | None:
@@ -195,9 +200,9 @@ def _with_seeds(table: dict[str, Any], given: Mapping[str, Any], recorded: Recor
     return {**table, "split": {"folds": FOLDS}, "sweep": sweep}, note
 
 
-def clock(recorded: Recorded, table: Mapping[str, Any], given: Mapping[str, Any] = {}) -> list[str]:
+def clock(recorded: Recorded, clock_Hz: float | None) -> list[str]:
     """What the encoder's clock does to these recordings, in words; nothing where it is their own."""
-    clock_Hz, rate_Hz = clock_of(table, given), recorded.sampling_rate_Hz
+    rate_Hz = recorded.sampling_rate_Hz
     if clock_Hz is None or clock_Hz == rate_Hz:
         return []
     note = f"Clock: {clock_Hz:g} Hz, so that refractory periods of whole ms are exact; recorded at {rate_Hz:g} Hz"

@@ -87,6 +87,49 @@ def test_what_is_wrong_is_refused_before_anything_runs(overrides, words):
         loading.resolve(COINS, overrides)
 
 
+def test_a_protocol_that_takes_no_file_refuses_one(tmp_path):
+    (tmp_path / "touches.h5").write_text("")
+    with pytest.raises(InputError, match=r"--data: coins\.toml makes or reads its own recordings; leave --data out"):
+        loading.resolve(COINS, data=tmp_path / "touches.h5")
+
+
+def test_a_protocol_says_what_a_file_becomes(tmp_path, monkeypatch):
+    asked = []
+
+    def own(path, given):
+        asked.append((path, dict(given)))
+        return protocol.Own({**given, "data.path": str(path), "sweep.seed": [4]}, ("Seeds: one.",))
+
+    monkeypatch.setattr(protocol.module_of("coins"), "own", own, raising=False)
+    (tmp_path / "touches.h5").write_text("0")
+    table = (
+        COINS.read_text() + '\n[with_data]\ntitle = "Mine"\n"data.tosses" = 9\n[with_data.quick]\n"data.tosses" = 3\n'
+    )
+    (tmp_path / "coins.toml").write_text(table)
+    what = loading.resolve(tmp_path / "coins.toml", {"rule": "heads"}, data=tmp_path / "touches.h5")
+    assert asked == [(tmp_path / "touches.h5", {"data.tosses": 9, "rule": "heads"})]
+    assert (what.title, what.notes, what.sweep["seed"]) == ("Mine", ("Seeds: one.",), [4])
+    assert what.parameters["data"]["path"] == str(tmp_path / "touches.h5")
+    (tmp_path / "study.toml").write_text(study.to_toml(what))
+    assert loading.resolve(tmp_path / "study.toml") == what
+    first = loading.resolve(tmp_path / "coins.toml", quick=True, data=tmp_path / "touches.h5")
+    assert (first.parameters["data"]["tosses"], first.first_look) == (3, True)
+    assert loading.resolve(tmp_path / "coins.toml") == loading.resolve(COINS)
+    with pytest.raises(InputError, match=r"--data .*away\.h5: there is no such file"):
+        loading.resolve(tmp_path / "coins.toml", data=tmp_path / "away.h5")
+
+
+def test_a_path_decides_nothing_where_the_content_is_named():
+    def cell(**data):
+        return protocol_study.ProtocolCell(protocol="coins", parameters={"data": {"tosses": 3, **data}})
+
+    here, there, other = (cell(path=path, content=content) for path, content in (("a", "1"), ("b", "1"), ("a", "2")))
+    assert (here.digest(), here.given) == (there.digest(), there.given)
+    assert here.digest() != other.digest()
+    assert here.given != other.given
+    assert cell(path="a").digest() != cell(path="b").digest()
+
+
 def test_an_unknown_protocol_is_refused_by_its_nearest_name(tmp_path):
     (tmp_path / "study.toml").write_text(COINS.read_text().replace('"coins"', '"coin"'))
     with pytest.raises(InputError, match="there is none called 'coin'; did you mean 'coins'"):
@@ -151,7 +194,7 @@ def test_the_report_shows_claims_figures_and_every_configuration(finished):
     assert 'id="figure-tosses"' in page
     assert len(re.findall(r"<tr data-cell=", page)) == 4
     assert "Coins.\n" in page
-    assert re.search(r"<li>The best rule foresees \d+ % of &lt;all&gt; tosses.</li>", page)
+    assert re.search(r"The best rule foresees \d+\u00a0% of &lt;all&gt; tosses.</p>", page)
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", page)
 
 
@@ -165,7 +208,18 @@ def test_the_first_screen_answers_before_anything_else(finished):
     assert order == sorted(order)
     drawn = json.loads(re.search(r'id="study-data">(.*?)</script>', page)[1])
     assert drawn["fronts"] == {"": {"best": found.best.index, "cheapest": found.cheapest.index, "chance": None}}
+    assert drawn["points"][found.best.index]["costs"] == {"flops": 1.0}
     assert drawn["points"][found.best.index]["y"] == pytest.approx(100 * found.best.score)
+
+
+def test_what_a_protocol_says_is_kept_for_programs_and_leads_the_page(finished):
+    answer = json.loads((finished / "answer.json").read_text())
+    (said,) = answer["answers"]
+    assert said["headline"].startswith("The best rule foresees")
+    assert answer["cautions"] == answer["tables"] == []
+    page = (finished / "report.html").read_text()
+    first = said["headline"].replace(" %", "\u00a0%").replace("<all>", "&lt;all&gt;")
+    assert f'<p class="headline">{first}</p>' in page
 
 
 def test_the_protocols_that_ship_hold_what_a_protocol_holds(monkeypatch):

@@ -86,12 +86,11 @@ def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
 
 
 def test_a_slow_recording_is_told_what_its_clock_means():
-    encoder = {"encoder": {"conditioning": {"resample_Hz": 1000.0}}}
-    (note,) = suited.clock(Recorded(np.ones(2), 93.0), encoder)
+    (note,) = suited.clock(Recorded(np.ones(2), 93.0), 1000.0)
     assert "recorded at 93 Hz, where a sample lasts 10.8 ms" in note
-    (note,) = suited.clock(Recorded(np.ones(2), 5000.0), encoder)
+    (note,) = suited.clock(Recorded(np.ones(2), 5000.0), 1000.0)
     assert "smoothed and resampled" in note
-    assert suited.clock(Recorded(np.ones(2), 1000.0), encoder) == []
+    assert suited.clock(Recorded(np.ones(2), 1000.0), 1000.0) == suited.clock(Recorded(np.ones(2), 93.0), None) == []
 
 
 def test_the_shipped_study_takes_any_recordings(tmp_path):

@@ -1,5 +1,6 @@
-"""Which ways to save are on the front of accuracy and SOPs, and what it costs to halve the SOPs in each way."""
+"""Which ways to save are on the front of accuracy and a cost, and what it costs to halve the SOPs in each way."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -7,17 +8,24 @@ import pandas as pd
 
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import Interval, resampled_interval
+from neurotact.metrics.shares import wilson_interval
+from neurotact.networks.cautions import FEW_PER_CLASS
+from neurotact.studies.protocol import Listed
 
 NOTHING = "nothing saved"
 REFRACTORY = "refractory period"
 HALF = 0.5
+COSTS = {"sops_total": "SOPs per window", "energy_estimate_nJ": "energy estimate (nJ)", "signal_ms": "signal (ms)"}
+"""The costs of a decision, with the words of their axes."""
+SHORT = {"sops_total": "SOPs", "energy_estimate_nJ": "nJ", "signal_ms": "ms"}
+ENOUGH_SEEDS = 3
 
 
-def fronts(results: pd.DataFrame) -> pd.DataFrame:
+def fronts(results: pd.DataFrame, cost: str = "sops_total") -> pd.DataFrame:
     """A row for each set, way and setting: means over seeds, intervals, and whether no other point beats it.
 
     results: rows with set, way, setting, seed, n_train, n_test, both accuracies, sops_total, energy_estimate_nJ and
-        signal_ms.
+        signal_ms. cost: of `COSTS`, what the fronts are of.
     Columns: low, high (95 % interval of the accuracy, NaN for one seed); share (of the SOPs of `NOTHING`); on_own_front
     (no point of its way, or `NOTHING`, beats it) and on_front (none of the set).
     """
@@ -27,21 +35,21 @@ def fronts(results: pd.DataFrame) -> pd.DataFrame:
         points = [_point(key, part, base) for key, part in rows.groupby(["way", "setting"], sort=False)]
         table = pd.DataFrame(points)
         table.insert(0, "set", name)
-        table["on_front"] = _on_front(table)
-        table["on_own_front"] = np.concatenate([_own_front(table, way) for way in table["way"].unique()])
+        table["on_front"] = _on_front(table, cost)
+        table["on_own_front"] = np.concatenate([_own_front(table, way, cost) for way in table["way"].unique()])
         parts.append(table)
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame()
 
 
-def _own_front(table: pd.DataFrame, way: str) -> np.ndarray:
+def _own_front(table: pd.DataFrame, way: str, cost: str) -> np.ndarray:
     """Which points of a way neither another of its points nor the network that saves nothing beats, `(point,)`."""
     mine = (table["way"] == way).to_numpy()
     beside = mine | (table["way"] == NOTHING).to_numpy()
-    return _on_front(table[beside])[mine[beside]]
+    return _on_front(table[beside], cost)[mine[beside]]
 
 
-def _on_front(table: pd.DataFrame) -> np.ndarray:
-    return pareto_front(table["sops_total"].to_numpy(), table["accuracy_test"].to_numpy())
+def _on_front(table: pd.DataFrame, cost: str, score: str = "accuracy_test") -> np.ndarray:
+    return pareto_front(table[cost].to_numpy(), table[score].to_numpy())
 
 
 def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
@@ -97,38 +105,162 @@ def _share(part: pd.DataFrame, base: pd.DataFrame) -> float:
     return float(part["sops_total"].mean() / base.loc[base["seed"].isin(part["seed"]), "sops_total"].mean())
 
 
-def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
-    """One sentence for each set: what halving the SOPs costs in the best way, and with refractory periods."""
-    return [_answer(str(name), rows, share) for name, rows in results.groupby("set", sort=False)]
+def tables(results: pd.DataFrame) -> dict[str, Listed]:
+    """The front of each set by its name, from the best network down."""
+    return {str(name): _listed(rows) for name, rows in results.groupby("set", sort=False)}
 
 
-def _answer(name: str, rows: pd.DataFrame, share: float) -> str:
+def _listed(rows: pd.DataFrame) -> Listed:
+    """The network that saves nothing, then the settings that no other beats in one of `COSTS`.
+
+    Validation accuracy decides which these are and their order. Those that are not above guessing are left out, and so
+    is one that decides as another does.
+    """
+    points = fronts(rows)
+    beaten_by_none = {cost: _on_front(points, cost, "accuracy_validation") for cost in COSTS}
+    points["front"] = [
+        ", ".join(SHORT[cost] for cost in COSTS if beaten_by_none[cost][at]) for at in range(len(points))
+    ]
+    points["is_base"] = points["way"] == NOTHING
+    shown = points[points["is_base"] | ((points["front"] != "") & (points["accuracy_validation"] > _guess(rows)))]
+    shown = shown.sort_values(
+        ["is_base", "accuracy_validation", "sops_total"], ascending=[False, False, True], kind="stable"
+    ).drop_duplicates(["accuracy_validation", "accuracy_test", *COSTS])
+    return Listed(
+        "The front, from the best network down: no other setting has both a higher validation accuracy and fewer SOPs, "
+        "a lower energy (nJ, an estimate) or a shorter signal (ms). Test windows tell the accuracy.",
+        pd.DataFrame(
+            {
+                "how it is reached": [_how(*key) for key in zip(shown["way"], shown["setting"], strict=True)],
+                **{name: shown[name].to_numpy() for name in ("accuracy_test", "low", "high")},
+                **{SHORT[cost]: shown[cost].to_numpy() for cost in COSTS},
+                "on the front of": shown["front"].to_numpy(),
+            }
+        ),
+    )
+
+
+def _how(way: str, setting: str) -> str:
+    """
+    >>> _how("pruning, trained on", "50 % of the weights, trained on"), _how(NOTHING, "-")
+    ('pruning, trained on: 50 % of the weights', 'nothing saved')
+    """
+    return way if way == NOTHING else f"{way}: {_alone(setting)}"
+
+
+def _alone(setting: str) -> str:
+    """A setting beside its way, which says itself that a network is trained on."""
+    return setting.removesuffix(", trained on")
+
+
+def _guess(rows: pd.DataFrame) -> float:
+    """The accuracy of guessing; 0 where a run of an earlier version does not hold it."""
+    return float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().all() else 0.0
+
+
+def cautions(results: pd.DataFrame) -> list[str]:
+    """What makes the answers of some sets worth little, one line each with the remedy."""
+    several = results["set"].nunique() > 1
+    return [
+        f"{name}: {line}" if several else line
+        for name, rows in results.groupby("set", sort=False)
+        for line in _doubts(rows)
+    ]
+
+
+def _doubts(rows: pd.DataFrame) -> Iterator[str]:
     base = rows[rows["way"] == NOTHING]
     if base.empty:
-        return f"{name}: nothing to compare with, since no network without savings was trained."
+        return
+    learned = _not_learned(base)
+    if learned:
+        yield f"{learned}; give more trials, or windows that hold the touch (--window-ms, --set window.align=onset)"
+    seeds = base["seed"].nunique()
+    if seeds < ENOUGH_SEEDS:
+        told = (
+            "one seed, so that no interval can be told" if seeds == 1 else f"{seeds} seeds, so that intervals are wide"
+        )
+        yield f"{told}: another split may turn the answer round; give --repeats {ENOUGH_SEEDS} or more"
+    if "least_test_trials" in base and base["least_test_trials"].min() < FEW_PER_CLASS:
+        least, trials = int(base["least_test_trials"].min()), int(base["test_trials"].min())
+        yield (
+            f"a seed tests {trials} trials, {least} of the rarest class: one trial is {100 / trials:.1f} points of "
+            "accuracy, so that smaller costs say nothing; record more"
+        )
+
+
+def _not_learned(base: pd.DataFrame) -> str:
+    """That the network that saves nothing does no better than guessing, in words; nothing where it does."""
+    if "test_trials" not in base or base["test_trials"].isna().any():
+        return ""
+    accuracy, guess = float(base["accuracy_test"].mean()), _guess(base)
+    low, high = wilson_interval(accuracy, int(base["test_trials"].mean()))
+    if low > guess:
+        return ""
+    return (
+        f"the network that saves nothing is right in {_percent(accuracy)} of the test windows (95 % interval "
+        f"{100 * low:.0f} to {100 * high:.0f} %), which guessing reaches too ({_percent(guess)})"
+    )
+
+
+def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
+    """One sentence for each set: what halving the SOPs costs in the best way, and with refractory periods.
+
+    The set is named where there are several.
+    """
+    several = results["set"].nunique() > 1
+    sentences = {str(name): _answer(rows, share) for name, rows in results.groupby("set", sort=False)}
+    return [f"{name}: {said}" if several else said[0].upper() + said[1:] for name, said in sentences.items()]
+
+
+def _answer(rows: pd.DataFrame, share: float) -> str:
+    base = rows[rows["way"] == NOTHING]
+    if base.empty:
+        return "nothing to compare with, since no network without savings was trained."
+    if unlearned := _not_learned(base):
+        return f"nothing was learned, so that no saving means anything: {unlearned}."
     found = halved(rows, share)
     head = (
-        f"{name}: a network that saves nothing has {_percent(base['accuracy_test'].mean())} at "
+        f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at "
         f"{base['sops_total'].mean():,.0f} SOPs; "
     )
     if not found:
         return f"{head}no way that was tried saves {_percent(1 - share)} of them."
     best = found[0]
-    said = f"{head}to save at least {_percent(1 - share)} of them, {_costs(best)}"
     refractory = next((each for each in found if each.way == REFRACTORY), None)
+    rival = next((each for each in found if each.way != REFRACTORY), None)
+    said = f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} of them, {_costs(best)}"
     if refractory is None:
         return f"{said}, and {_too_little(rows, base)}."
     if refractory is best:
-        other = f", and {_costs(found[1])}" if len(found) > 1 else ""
+        other = f", and {_costs(rival)}" if rival else ""
         return f"{said}{other}."
     more = _words(interval_of(refractory.lost - best.lost, refractory.rows), "more", "less")
     return f"{said}, and {_costs(refractory)}, {more} than {best.way}."
 
 
+def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
+    """How a refractory period compares with the best of the other ways, by the interval of their difference."""
+    if refractory is None:
+        return "a refractory period saves too little"
+    if rival is None:
+        return "a refractory period alone saves enough"
+    more = interval_of(refractory.lost - rival.lost, refractory.rows)
+    if np.isnan(more.low):
+        return "one seed cannot tell whether a refractory period is cheapest"
+    if more.low > 0:
+        return "a refractory period is not the cheapest way"
+    return (
+        "a refractory period is the cheapest way"
+        if more.high < 0
+        else "no clear difference between a refractory period and the best other way"
+    )
+
+
 def _costs(each: Halved) -> str:
     found = interval_of(each.lost, each.rows)
     verb = "costs" if found.mean >= 0 else "gains"
-    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({each.setting})"
+    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({_alone(each.setting)})"
     return f"{name} {verb} {_points(found)} at {_percent(each.share)} of the SOPs"
 
 
@@ -149,11 +281,11 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
 
 
 def _points(found: Interval) -> str:
-    """Points of accuracy, as many as are lost or gained, with the interval of what is lost."""
+    """Points of accuracy, as many as are lost or gained, with the interval of what is lost: 100 points at most."""
     text = f"{100 * abs(found.mean):.1f} points"
     if np.isnan(found.low):
         return f"{text} (one seed)"
-    low, high = (100 * bound if found.mean >= 0 else -100 * bound for bound in (found.low, found.high))
+    low, high = np.clip([found.low, found.high], -1, 1) * (100 if found.mean >= 0 else -100)
     return f"{text} (95 % interval {min(low, high):.1f} to {max(low, high):.1f})"
 
 

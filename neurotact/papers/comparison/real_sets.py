@@ -19,10 +19,10 @@ from neurotact.figures.style import INK, MUTED, Drawn, new_figure, printed
 from neurotact.metrics.flops import Cost, cost
 from neurotact.metrics.signal_flops import StandardisedSteps
 from neurotact.networks.specs import RSNNSpec
-from neurotact.papers.comparison import families, fronts, ways_to_save
+from neurotact.papers.comparison import families, fronts, sets
 from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
+from neurotact.papers.comparison.sets import WaysData
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
-from neurotact.papers.comparison.ways_to_save import WaysData
 from neurotact.spec import Spec
 from neurotact.studies import baselines
 from neurotact.studies.baselines import LINEAR, Cuts, Input
@@ -56,14 +56,14 @@ VIEW = View(
     apart=("set", "split"),
 )
 
-load = ways_to_save.load
+load = sets.load
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     """A row for each network, and for each classical classifier on each input."""
     if SKIPPED in arrays:
         return [{"classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
-    bench = ways_to_save.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     sides = cut(bench, Setting())
     rows = [*_spiking(bench, sides), *_classical(bench, sides.trains, parameters.seed)]
     return [{**row, SKIPPED: ""} for row in rows]

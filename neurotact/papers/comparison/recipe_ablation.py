@@ -1,6 +1,6 @@
 """What each choice of the default recipe is worth: the same network with one thing taken away or changed, set by set.
 
-The sets, their splits and their encoders are those of `ways_to_save`.
+The sets, their splits and their encoders are those of `ways_to_save` (`sets.py`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,10 +15,10 @@ from neurotact.errors import InputError, nearest
 from neurotact.figures.style import INK, Drawn, new_figure, printed
 from neurotact.networks import recipe
 from neurotact.networks.specs import RSNNSpec
-from neurotact.papers.comparison import fronts, ways_to_save
+from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Setting, cut, fit, row_of
+from neurotact.papers.comparison.sets import WaysData
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
-from neurotact.papers.comparison.ways_to_save import WaysData
 from neurotact.spec import Spec, build, override
 from neurotact.studies.protocol import Arrays, View, heads
 
@@ -50,14 +50,14 @@ VIEW = View(
     "says why.",
 )
 
-load = ways_to_save.load
+load = sets.load
 
 
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     """A row for the recipe, and one for each change that alters the network."""
     if SKIPPED in arrays:
         return [{"change": "", **skipped_row(arrays, VIEW.measures)}]
-    bench = ways_to_save.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
+    bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     sides = cut(bench, Setting())
     whole = recipe.resolve(parameters.network, recipe.Seen.of(sides.training.spikes, sides.trains.sampling_rate_Hz))
     networks = {WHOLE: whole, **variants(whole, parameters)}
@@ -159,10 +159,10 @@ def draw_changes(table: pd.DataFrame) -> Figure:
 
     table: of `changes`.
     """
-    sets, names = list(table["set"].unique()), list(table["change"].unique())
+    each, names = list(table["set"].unique()), list(table["change"].unique())
     figure = new_figure(0.9 + 0.24 * len(names))
-    panels = figure.subplots(1, len(sets), sharey=True, squeeze=False)[0].tolist()
-    for axes, name in zip(panels, sets, strict=True):
+    panels = figure.subplots(1, len(each), sharey=True, squeeze=False)[0].tolist()
+    for axes, name in zip(panels, each, strict=True):
         mine = table[table["set"] == name]
         at = [names.index(change) for change in mine["change"]]
         lost = 100 * mine["lost"]

@@ -4,7 +4,7 @@ All that is not named by a `Setting` is the same for all ways: recordings, split
 recipe. What is chosen (gains, taxels, weights, patience) is chosen on training and validation windows alone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -209,15 +209,32 @@ def _sent(bench: Bench, setting: Setting) -> SpikeTrains:
 def _kept(trains: SpikeTrains, training: torch.Tensor, share: float) -> tuple[list[int], int]:
     """The afferents of the taxels that stay, and how many taxels these are.
 
-    A taxel is what the names of its afferents end in. Those stay whose spikes per training window vary most.
+    Those stay whose spikes per training window vary most.
     """
-    ends = [name.rpartition(" ")[2] for name in trains.afferents]
+    ends = taxels_of(trains.afferents)
     taxels = list(dict.fromkeys(ends))
     counts = training.sum(dim=1, dtype=torch.float64)
     spread = [float(counts[:, [end == taxel for end in ends]].sum(dim=1).var(correction=0)) for taxel in taxels]
-    best = np.argsort(spread, kind="stable")[::-1][: max(1, round(share * len(taxels)))]
+    best = np.argsort(spread, kind="stable")[::-1][: n_kept(len(taxels), share)]
     stay = {taxels[index] for index in best}
     return [index for index, end in enumerate(ends) if end in stay], len(stay)
+
+
+def taxels_of(afferents: Sequence[str]) -> list[str]:
+    """The taxel of each afferent: what stands in its name after its population.
+
+    >>> taxels_of(["SA-I left thumb", "RA-I left thumb", "key4"])
+    ['left thumb', 'left thumb', 'key4']
+    """
+    return [name.partition(" ")[2] or name for name in afferents]
+
+
+def n_kept(n_taxels: int, share: float) -> int:
+    """
+    >>> n_kept(12, 0.25), n_kept(1, 0.25)
+    (3, 1)
+    """
+    return max(1, round(share * n_taxels))
 
 
 def _pruned(fitted: Fitted, setting: Setting) -> Fitted:

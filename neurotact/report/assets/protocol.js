@@ -4,7 +4,21 @@ const study = JSON.parse(document.getElementById("study-data").textContent);
 const host = document.getElementById("plot"), table = document.getElementById("networks");
 const byId = (id) => document.getElementById(id);
 const settings = Object.keys(study.fronts);
+const COSTS = Object.keys(study.costs), CHOICES = ["setting", "cost", "scale"];
 let plotly = null;
+
+function costOf(point) {
+  return point.costs[study.shown.cost];
+}
+
+function costHead() {
+  return study.costs[study.shown.cost];
+}
+
+/* The scale on which a cost is shown first. */
+function scaleOf(cost) {
+  return study.log.includes(cost) ? "log" : "linear";
+}
 
 function rowOf(index) {
   return table.querySelector(`tr[data-cell="${index}"]`);
@@ -24,7 +38,8 @@ function choose(index) {
 function show(changed) {
   Object.assign(study.shown, changed);
   for (const part of document.querySelectorAll(".answer")) part.hidden = part.dataset.setting !== study.shown.setting;
-  for (const id of ["setting", "scale"]) byId(id).value = study.shown[id];
+  if (changed.cost) study.shown.scale = changed.scale ?? scaleOf(changed.cost);
+  for (const id of CHOICES) byId(id).value = study.shown[id];
   keepInAddress(study.shown, study.beginning);
 }
 
@@ -37,10 +52,21 @@ function markTraces() {
   const front = study.fronts[study.shown.setting];
   const both = front?.best === front?.cheapest;
   const marks = !front ? [] : both ? [["best and cheapest", front.best, 19]] : [["best", front.best, 19], ["cheapest within error", front.cheapest, 21]];
-  return marks.filter(([, index]) => study.points[index].x != null).map(([name, index, size]) => ({
-    type: "scatter", mode: "markers", name, cliponaxis: false, hoverinfo: "skip", x: [study.points[index].x], y: [study.points[index].y],
+  return marks.filter(([, index]) => costOf(study.points[index]) != null).map(([name, index, size]) => ({
+    type: "scatter", mode: "markers", name, cliponaxis: false, hoverinfo: "skip", x: [costOf(study.points[index])], y: [study.points[index].y],
     marker: { symbol: name.startsWith("best") ? "circle-open" : "square-open", size, color: style("--ink"), line: { width: 1.8 } },
   }));
+}
+
+/* The Pareto front of what is shown, from the cheapest point on. */
+function frontTrace() {
+  const points = study.points.filter((p) => isShown(p) && costOf(p) != null).sort((a, b) => costOf(a) - costOf(b) || b.y - a.y);
+  let best = -Infinity;
+  const front = points.filter((point) => point.y > best && ((best = point.y), true));
+  return {
+    type: "scatter", mode: "lines", name: "Pareto front", hoverinfo: "skip", x: front.map(costOf), y: front.map((p) => p.y),
+    line: { shape: "hv", dash: "dash", width: 1.2, color: style("--soft") },
+  };
 }
 
 /* A line at guessing, with its name. */
@@ -59,8 +85,8 @@ function seriesTrace(name, index) {
   const points = here.map((i) => study.points[i]);
   const colour = style(`--series-${index % SYMBOLS.length}`), open = index < SYMBOLS.length ? "" : "-open";
   return {
-    type: "scatter", mode: "markers", name: plain(name), x: points.map((p) => p.x), y: points.map((p) => p.y), customdata: here,
-    text: points.map((p) => plain(p.name)), hovertemplate: `<b>%{text}</b><br>${study.score}: %{y:.1f}<br>${study.cost}: %{x:,.4~g}<extra></extra>`,
+    type: "scatter", mode: "markers", name: plain(name), x: points.map(costOf), y: points.map((p) => p.y), customdata: here,
+    text: points.map((p) => plain(p.name)), hovertemplate: `<b>%{text}</b><br>${study.score}: %{y:.1f}<br>${costHead()}: %{x:,.4~g}<extra></extra>`,
     error_y: {
       type: "data", symmetric: false, arrayminus: points.map((p) => p.bar[0]), array: points.map((p) => p.bar[1]),
       color: colour, thickness: 1, width: 2,
@@ -75,18 +101,18 @@ function seriesTrace(name, index) {
 
 function redraw() {
   const names = [...new Set(study.points.map((point) => point.series))];
-  const traces = [...names.map(seriesTrace).filter((trace) => trace.x.length), ...markTraces()];
+  const traces = [...names.map(seriesTrace).filter((trace) => trace.x.length), frontTrace(), ...markTraces()];
   const chosen = study.points[study.chosen];
   if (chosen && isShown(chosen)) {
     traces.push({
-      type: "scatter", mode: "markers", showlegend: false, hoverinfo: "skip", x: [chosen.x], y: [chosen.y],
+      type: "scatter", mode: "markers", showlegend: false, hoverinfo: "skip", x: [costOf(chosen)], y: [chosen.y],
       marker: { symbol: "circle-open", size: 14, color: style("--ink"), line: { width: 2.5 } },
     });
   }
   return draw(plotly, host, traces, {
     ...sharedLayout(host.clientWidth < 600),
     ...chanceLine(),
-    xaxis: { ...axisStyle(), title: { text: plain(study.cost), standoff: 8 }, type: study.shown.scale },
+    xaxis: { ...axisStyle(), title: { text: plain(costHead()), standoff: 8 }, type: study.shown.scale },
     yaxis: { ...axisStyle(), ...(study.whole == null ? {} : within(study.whole)), title: { text: plain(study.score) } },
   });
 }
@@ -94,15 +120,16 @@ function redraw() {
 for (const part of document.querySelectorAll(".scripted")) part.hidden = false;
 for (const link of document.querySelectorAll("a[data-picture]")) link.href = link.closest("figure").querySelector("img").src;
 unfoldOnVisit();
-study.beginning = { setting: settings[0] ?? "", scale: study.log ? "log" : "linear" };
+study.beginning = { setting: settings[0] ?? "", cost: COSTS[0], scale: scaleOf(COSTS[0]) };
 study.shown = { ...study.beginning };
 if (settings.length) {
   const asked = stateOfAddress();
   show({
     setting: settings.includes(asked.get("setting")) ? asked.get("setting") : study.shown.setting,
-    scale: ["linear", "log"].includes(asked.get("scale")) ? asked.get("scale") : study.shown.scale,
+    cost: COSTS.includes(asked.get("cost")) ? asked.get("cost") : study.shown.cost,
+    ...(["linear", "log"].includes(asked.get("scale")) ? { scale: asked.get("scale") } : {}),
   });
-  for (const id of ["setting", "scale"]) byId(id).addEventListener("change", () => { show({ [id]: byId(id).value }); if (plotly) redraw(); });
+  for (const id of CHOICES) byId(id).addEventListener("change", () => { show({ [id]: byId(id).value }); if (plotly) redraw(); });
 }
 sortable(table, document.getElementById("sorted"));
 const reach = walkable(table.tBodies[0], choose);

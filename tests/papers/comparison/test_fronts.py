@@ -3,9 +3,22 @@
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import resampled_interval
-from neurotact.papers.comparison.fronts import NOTHING, REFRACTORY, answers, fronts, halved
+from neurotact.papers.comparison.fronts import (
+    COSTS,
+    NOTHING,
+    REFRACTORY,
+    SHORT,
+    answers,
+    cautions,
+    fronts,
+    halved,
+    tables,
+)
 
 
 def table(points, seeds=3) -> pd.DataFrame:
@@ -78,7 +91,8 @@ def test_of_equal_validation_the_fewest_operations_decide():
 def test_the_sentence_compares_seed_by_seed():
     (sentence,) = answers(table(POINTS))
     assert sentence == (
-        "made up: a network that saves nothing has 91 % at 1,000 SOPs; to save at least 50 % of them, pruning (50 %) "
+        "A refractory period is not the cheapest way; a network that saves nothing has 91 % at 1,000 SOPs; "
+        "to save at least 50 % of them, pruning (50 %) "
         "costs 4.0 points (95 % interval 4.0 to 4.0) at 50 % of the SOPs, and a refractory period of 10 & 10 ms costs "
         "10.0 points (95 % interval 10.0 to 10.0) at 40 % of the SOPs, 6.0 points (95 % interval 6.0 to 6.0) more than "
         "pruning."
@@ -101,4 +115,94 @@ def test_a_refractory_period_may_be_the_cheapest_and_may_gain():
 
 def test_nothing_saved_enough_and_nothing_to_compare_with():
     assert answers(table(POINTS[:2]))[0].endswith("no way that was tried saves 50 % of them.")
-    assert "nothing to compare with" in answers(table(POINTS[1:]))[0]
+    assert "Nothing to compare with" in answers(table(POINTS[1:]))[0]
+
+
+def spread(points, way, by):
+    """The table with the test accuracy of a way moved by so much in the last seed."""
+    rows = table(points)
+    rows.loc[(rows["way"] == way) & (rows["seed"] == 2), "accuracy_test"] += by
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("rows", "verdict"),
+    [
+        (table(POINTS), "A refractory period is not the cheapest way; "),
+        (spread(POINTS, "pruning", -0.2), "No clear difference between a refractory period and the best other way; "),
+        (table([*POINTS, (REFRACTORY, "40 & 40 ms", 100.0, 0.95, 0.95)]), "A refractory period is the cheapest way; "),
+        (table([POINTS[0], POINTS[2], POINTS[6]]), "A refractory period alone saves enough; "),
+        (table([POINTS[0], POINTS[1], POINTS[4]]), "A refractory period saves too little; "),
+        (table(POINTS, seeds=1), "One seed cannot tell whether a refractory period is cheapest; "),
+    ],
+)
+def test_the_sentence_begins_with_a_verdict(rows, verdict):
+    assert answers(rows)[0].startswith(verdict)
+
+
+def test_no_interval_is_wider_than_all_points():
+    (sentence,) = answers(spread(POINTS, "pruning", -0.7))
+    assert "(95 % interval -100.0 to 100.0)" in sentence
+
+
+def test_several_sets_are_named():
+    both = pd.concat([table(POINTS), table(POINTS).assign(set="other")])
+    assert [sentence.split(": ")[0] for sentence in answers(both)] == ["made up", "other"]
+
+
+def test_where_nothing_was_learned_no_saving_means_anything():
+    rows = table([(way, setting, sops, 0.5, 0.5) for way, setting, sops, _, _ in POINTS])
+    rows = rows.assign(chance=0.5, test_trials=15, least_test_trials=7)
+    (sentence,) = answers(rows)
+    assert sentence == (
+        "Nothing was learned, so that no saving means anything: the network that saves nothing is right in 51 % of the "
+        "test windows (95 % interval 28 to 73 %), which guessing reaches too (50 %)."
+    )
+    assert len(cautions(rows)) == 1
+    assert cautions(rows)[0].startswith("the network that saves nothing is right in 51 %")
+    assert answers(rows.assign(accuracy_test=0.95))[0].startswith("No clear difference")
+
+
+def test_few_trials_and_few_seeds_are_told_with_the_remedy():
+    rows = table(POINTS).assign(chance=0.25, test_trials=12, least_test_trials=3)
+    assert cautions(rows) == [
+        "a seed tests 12 trials, 3 of the rarest class: one trial is 8.3 points of accuracy, so that smaller costs say "
+        "nothing; record more"
+    ]
+    enough = rows.assign(test_trials=60, least_test_trials=15)
+    assert cautions(enough) == cautions(table(POINTS)) == []
+    for seeds, words in ((1, "one seed, so that no interval can be told"), (2, "2 seeds, so that intervals are wide")):
+        (caution,) = cautions(enough[enough["seed"] < seeds])
+        assert caution.startswith(words)
+        assert "--repeats 3" in caution
+
+
+@st.composite
+def some_points(draw):
+    tenths = st.integers(0, 10)
+    rows = draw(st.lists(st.tuples(tenths, tenths, tenths, tenths), min_size=1, max_size=8))
+    return [
+        {"set": "made up", "way": "pruning" if number else NOTHING, "setting": f"{number} %", "seed": 0,
+         "accuracy_validation": validation / 10, "accuracy_test": 0.5, "sops_total": 100.0 + sops,
+         "energy_estimate_nJ": 100.0 + energy, "signal_ms": 100.0 + ms, "n_train": 70, "n_test": 15}
+        for number, (validation, sops, energy, ms) in enumerate(rows)
+    ]  # fmt: skip
+
+
+@given(some_points())
+def test_the_list_is_the_front_of_each_cost_from_the_best_down(points):
+    rows = pd.DataFrame(points)
+    shown = tables(rows)["made up"].rows
+    assert shown["how it is reached"].iloc[0] == NOTHING
+    keys = [*COSTS, "accuracy_validation"]
+    for cost in COSTS:
+        on_it = pareto_front(rows[cost].to_numpy(), rows["accuracy_validation"].to_numpy())
+        wanted = {tuple(row) for row in rows.loc[on_it & (rows["accuracy_validation"] > 0), keys].to_numpy()}
+        listed = shown[shown["on the front of"].str.split(", ").map(lambda names, cost=cost: SHORT[cost] in names)]
+        costs = {tuple(row) for row in listed[list(SHORT.values())].to_numpy()}
+        assert {row[:-1] for row in wanted} <= costs | {tuple(rows.loc[0, list(COSTS)])}
+    order = [
+        rows.loc[(rows[list(COSTS)] == row).all(axis=1), "accuracy_validation"].max()
+        for row in shown[list(SHORT.values())].iloc[1:].to_numpy()
+    ]
+    assert order == sorted(order, reverse=True) or len(set(map(tuple, rows[list(COSTS)].to_numpy()))) < len(rows)

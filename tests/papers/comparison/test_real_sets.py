@@ -6,7 +6,7 @@ import pytest
 
 from neurotact.baselines.families import best_of
 from neurotact.data.splits import SplitSpec, split_conditions
-from neurotact.papers.comparison import families, real_sets, ways_to_save
+from neurotact.papers.comparison import families, real_sets, sets
 from neurotact.papers.comparison.real_sets import NETWORK_INPUT, Parameters, answers, draw_points, points
 from neurotact.spec import build
 from neurotact.studies import protocol_study
@@ -64,7 +64,7 @@ def test_a_network_without_recurrence_has_no_recurrent_operations(rows):
 def test_by_group_no_group_stands_on_two_sides():
     parameters = asked("groups")
     arrays = real_sets.load(parameters.data)
-    bench = ways_to_save.bench_of(parameters.data, parameters.network, 0, arrays)
+    bench = sets.bench_of(parameters.data, parameters.network, 0, arrays)
     groups = [set(arrays["groups"][side]) for side in bench.split]
     assert all(groups)
     assert not groups[0] & groups[2]
@@ -74,7 +74,7 @@ def test_by_group_no_group_stands_on_two_sides():
 def test_by_trial_the_split_is_as_without_groups():
     parameters = asked()
     arrays = real_sets.load(parameters.data)
-    bench = ways_to_save.bench_of(parameters.data, parameters.network, 3, arrays)
+    bench = sets.bench_of(parameters.data, parameters.network, 3, arrays)
     expected = split_conditions(pd.DataFrame({"label": arrays["labels"]}), (), SplitSpec(seed=6))
     assert [side.tolist() for side in bench.split] == [side.tolist() for side in expected]
 

@@ -9,7 +9,8 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import ways_to_save
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Setting, changed
-from neurotact.papers.comparison.ways_to_save import Parameters, WaysData, bench_of
+from neurotact.papers.comparison.sets import WaysData, bench_of
+from neurotact.papers.comparison.ways_to_save import Parameters
 from neurotact.spec import build
 
 WAYS = {

@@ -1,0 +1,151 @@
+"""A user's own file as the one set of a study: what is chosen for it, and what of it cannot be used.
+
+Window, seeds, clock and baseline are chosen as `own-recordings` chooses them.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data import hdf5
+from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
+from neurotact.data.digests import content_digest
+from neurotact.data.recordings import LABEL, class_names
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import cut
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.calibration import CLOCK_HZ, PAST
+from neurotact.errors import InputError
+from neurotact.papers.comparison.sets import SetSpec, sides
+from neurotact.spec import build, load, override
+from neurotact.studies import suited
+from neurotact.studies.protocol import Own
+from neurotact.studies.suited import AUTO, Recorded
+
+ENCODER = "sa1-ra1-lif"
+"""Whose conditioning is taken, but for the clock and a baseline that knows the whole trial."""
+SEED, SPLITS, GROUP = "sweep.seed", "sweep.split.seed", "split.group"
+OF_SET = ("window.", "conditioning.")
+"""What the keys of the set begin with that can be set, as those of a study of recordings."""
+
+
+class Touches(NamedTuple):
+    """What a file holds: recordings, or events where `unit` is None.
+
+    steps, clock_Hz: length of each trial, `(trial,)`, and steps per second, as the windows are cut.
+    """
+
+    name: str
+    unit: str | None
+    recorded: Recorded
+    steps: np.ndarray
+    clock_Hz: float
+    conditions: pd.DataFrame
+    content: str
+
+
+def own(path: Path, given: Mapping[str, Any]) -> Own:
+    """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
+
+    Keys that begin with `window.` and `conditioning.`, `split.group` and the seeds of splits (`--repeats`) are those of
+    the file's set. Raises InputError for a file that holds no trials of two classes, for windows that a trial does not
+    hold, for trials that some seed cannot split, and for another way to choose test trials.
+    """
+    of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
+    group = given.get(GROUP) or ()
+    group = (group,) if isinstance(group, str) else tuple(group)
+    others = _with_seeds({key: value for key, value in given.items() if key not in {*of_set, GROUP}})
+    conditioning = _conditioning(of_set)
+    clock_Hz = float(conditioning["resample_Hz"])
+    touches = _look(path, clock_Hz)
+    if touches.unit is None and any(key.startswith("conditioning.") for key in of_set):
+        raise InputError(f"conditioning: {path} holds events, which are not conditioned; leave it out")
+    window, notes = suited.window(touches.recorded, of_set)
+    chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
+    if touches.unit is not None:
+        is_open = "conditioning.baseline" not in of_set
+        chosen |= {"unit": touches.unit, "conditioning": conditioning, "choose_baseline": is_open}
+        notes += suited.clock(touches.recorded, clock_Hz)
+    table = override(chosen, of_set)
+    if others.get(SEED) == AUTO:
+        others[SEED], note = suited.seeds(touches.recorded)
+        notes.append(note)
+    _check(touches, build(SetSpec, table, source=str(path)), others.get(SEED))
+    by = {"data.split": "groups"} if group else {}
+    changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}
+    return Own(changes, tuple(notes))
+
+
+def _with_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The keys with all seeds that are given as `sweep.seed`: each seed has a split of its own."""
+    wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
+    if wrong:
+        raise InputError(
+            f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, so that --order, --folds and "
+            "--test-where do not fit it; give --group or --repeats, or leave it out"
+        )
+    if SPLITS in given and "seed" in given:
+        raise InputError("--repeats: each seed has a split of its own, and seed is given, too; give one of both")
+    found = {key: value for key, value in given.items() if key not in (SPLITS, "seed")}
+    if "seed" in given:
+        found[SEED] = [given["seed"]]
+    return found | ({SEED: given[SPLITS]} if SPLITS in given else {})
+
+
+def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
+    """That of the shipped encoder on a clock of 1 kHz, with what is given."""
+    asked = {
+        key.removeprefix("conditioning."): value for key, value in given.items() if key.startswith("conditioning.")
+    }
+    if asked.get("baseline") in ACAUSAL:
+        raise InputError(
+            f"conditioning.baseline: '{asked['baseline']}' knows the whole trial; name one of {', '.join(PAST)}, or "
+            "leave it out: then one of them is chosen on the training trials"
+        )
+    shipped = load(AfferentSpec, ENCODER).conditioning.model_dump(mode="json", exclude_none=True)
+    found = build(ConditioningSpec, {**shipped, "resample_Hz": CLOCK_HZ, **asked}, source="conditioning")
+    return found.model_dump(mode="json", exclude_none=True)
+
+
+def _look(path: Path, clock_Hz: float) -> Touches:
+    """What a file holds; InputError for spikes that an encoder made, which have a refractory period already."""
+    if hdf5.kind_of(path) == "recordings":
+        recorded = suited.look(path, clock_Hz)
+        with hdf5.open_recordings(path) as stored:
+            unit, conditions, content = stored.unit, stored.conditions, content_digest(stored)
+        steps = np.round(recorded.durations_s * clock_Hz).astype(np.int64)
+        return Touches("recordings", unit, recorded, steps, clock_Hz, conditions, content)
+    trains = hdf5.load_spikes(path)
+    if trains.encoder:
+        raise InputError(
+            f"{path}: holds spikes that an encoder made, with its refractory periods; give the recordings that they "
+            "were made from, or events of a sensor that sends them (neurotact import events)"
+        )
+    return Touches("events", None, _recorded(trains), trains.trial_steps, trains.sampling_rate_Hz, trains.conditions,
+                   content_digest(trains))  # fmt: skip
+
+
+def _recorded(trains: SpikeTrains) -> Recorded:
+    return Recorded(trains.trial_steps / trains.sampling_rate_Hz, trains.sampling_rate_Hz)
+
+
+def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
+    """Refuse before anything is computed what a cell would refuse; seeds: as far as they are known here."""
+    classes = class_names(touches.conditions)
+    if len(classes) < 2:
+        raise InputError(f"{chosen.path}: holds one class, '{''.join(classes)}'; give trials of at least two")
+    cut(touches.steps, touches.clock_Hz, chosen.window)
+    missing = [name for name in chosen.group if name not in touches.conditions]
+    if missing:
+        raise InputError(
+            f"--group: there is no condition '{missing[0]}'; known: {', '.join(map(str, touches.conditions.columns))}"
+        )
+    conditions = touches.conditions[[LABEL]].astype(str)
+    if chosen.group:
+        conditions = conditions.assign(group=touches.conditions[list(chosen.group)].astype(str).agg(", ".join, axis=1))
+    for seed in seeds if isinstance(seeds, list) else []:
+        if isinstance(seed, int) and seed >= 0:  # others are refused with the sweep
+            sides(conditions, "groups" if chosen.group else "trials", seed)

@@ -1,0 +1,226 @@
+"""The sets of touches that networks are compared on: simulated, read as published, or a user's own file."""
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import model_validator
+
+from neurotact.data import hdf5
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.digests import content_digest
+from neurotact.data.recordings import LABEL, Recordings
+from neurotact.data.sources import expand, reader, simulator
+from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_rasters, from_trials
+from neurotact.data.splits import Split, SplitSpec, split_conditions
+from neurotact.data.windows import Windows, WindowSpec
+from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.encoders.calibration import calibrate, calibrate_causally
+from neurotact.errors import InputError, nearest
+from neurotact.networks.specs import RSNNSpec
+from neurotact.papers.comparison.saving import Bench
+from neurotact.papers.comparison.skipped import left_out
+from neurotact.spec import Spec
+from neurotact.studies.protocol import Arrays
+
+CALIBRATED_AT_MS = 1.0
+
+
+class SetSpec(Spec):
+    """A set of touches: simulated, read in a published format, or a file of one's own."""
+
+    later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline")
+    simulate: str | None = None
+    simulation: dict[str, Any] = {}
+    """Keys of the simulator that differ from their defaults."""
+    read: str | None = None
+    path: str | None = None
+    """Of what is read; without `read`, of an HDF5 file of recordings or of events."""
+    content: str | None = None
+    """Digest of the trials in a file of one's own (`data.digests.content_digest`)."""
+    unit: str = "mV"
+    conditioning: ConditioningSpec = ConditioningSpec()
+    """Before the afferents; `resample_Hz` is their clock. Events have none."""
+    choose_baseline: bool = False
+    """Choose the baseline on training trials, of those that know the past alone; that of `conditioning` gives way."""
+    window: WindowSpec = WindowSpec()
+    group: tuple[str, ...] = ()
+    """Conditions that name a group: trials that agree in them stand on one side where `split` is by groups."""
+
+    @model_validator(mode="after")
+    def _has_one_source_as_recorded(self) -> "SetSpec":
+        has_source = [self.simulate is not None, self.read is not None, self.content is not None]
+        if sum(has_source) != 1 or (self.simulate is None and self.path is None):
+            raise ValueError("give simulate, or read with its path; --data names a file of your own")
+        if self.conditioning.offset is not None or self.conditioning.scale is not None:
+            raise ValueError("conditioning: offset and scale are fitted on the training trials; leave them out")
+        return self
+
+
+class WaysData(Spec):
+    """One of several sets."""
+
+    later_keys: ClassVar[tuple[str, ...]] = ("split",)
+    set: str
+    sets: dict[str, SetSpec]
+    split: Literal["trials", "groups"] = "trials"
+    """What stands on one side of a split, drawn at random: single trials, or the set's groups."""
+
+    @model_validator(mode="after")
+    def _names_a_set(self) -> "WaysData":
+        if self.set not in self.sets:
+            raise ValueError(f"set: '{self.set}' is none of the sets; {nearest(self.set, list(self.sets))}")
+        return self
+
+    @property
+    def chosen(self) -> SetSpec:
+        return self.sets[self.set]
+
+
+def load(data: WaysData) -> Arrays:
+    """The recordings up to the end of their last window, or the spikes of events; or only why they are left out.
+
+    Raises InputError for a file of one's own that is not there, or is no longer what it was when the study began.
+    """
+    chosen = data.chosen
+    if chosen.content is not None:
+        return _arrays_of_file(chosen)
+    try:
+        if data.split == "groups" and not chosen.group:
+            raise InputError("the set names no group to split by")
+        if chosen.simulate is not None:
+            source = simulator(chosen.simulate)
+            felt: Recordings | SpikeTrains = source.simulate(source.build(chosen.simulation, data.set), None)
+        else:
+            assert chosen.read is not None
+            assert chosen.path is not None
+            felt = reader(chosen.read).read(expand(chosen.path))
+    except InputError as error:
+        return left_out(data.set, error)
+    return _arrays_of(felt, chosen)
+
+
+def _arrays_of(felt: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
+    """Of trials cut to one length: `signals`, `(trial, time, taxel)`, or `raster`, `(trial, time, afferent)`."""
+    rate_Hz, last_ms = felt.sampling_rate_Hz, _last_ms(chosen.window)
+    shared = _shared(felt, chosen)
+    if isinstance(felt, SpikeTrains):
+        whole = Windows(np.arange(len(felt)), np.zeros(len(felt), np.int64), int(felt.trial_steps.min()))
+        return {**shared, "raster": felt.raster(whole), "afferents": np.array(felt.afferents)}
+    felt = felt.to_unit(chosen.unit)
+    shortest = min(len(signal) for signal in felt.signals)
+    if shortest < last_ms * 1e-3 * rate_Hz:
+        raise InputError(
+            f"{felt.source}: the shortest trial lasts {1e3 * shortest / rate_Hz:.0f} ms, which does not hold windows "
+            f"up to {last_ms:g} ms; shorten the window"
+        )
+    longest = min(_n_samples(last_ms, rate_Hz), shortest)
+    return {**shared, "signals": np.stack([np.asarray(signal[:longest], np.float32) for signal in felt.signals])}
+
+
+def _arrays_of_file(chosen: SetSpec) -> Arrays:
+    """Of trials of any lengths, end to end.
+
+    Recordings: `values`, `(sample, taxel)`, and `lengths`, `(trial,)`. Events: `steps` and `units`, `(spike,)`, and
+    `counts` and `trial_steps`, `(trial,)`.
+    """
+    assert chosen.path is not None
+    felt = hdf5.load(expand(chosen.path))
+    if content_digest(felt) != chosen.content:
+        raise InputError(f"{chosen.path}: its trials changed since this study began; run it into another folder")
+    shared = _shared(felt, chosen)
+    if isinstance(felt, SpikeTrains):
+        return {
+            **shared,
+            "steps": np.concatenate([np.asarray(steps, np.int64) for steps in felt.steps]),
+            "units": np.concatenate([np.asarray(units, np.int64) for units in felt.units]),
+            "counts": np.array([len(steps) for steps in felt.steps]),
+            "trial_steps": felt.trial_steps,
+            "afferents": np.array(felt.afferents),
+        }
+    # What comes after the last window is seen by none; where windows start at contact, that is not known yet.
+    is_whole = chosen.window.align == "onset" or chosen.window.per_trial is None
+    most = None if is_whole else _n_samples(_last_ms(chosen.window), felt.sampling_rate_Hz)
+    signals = [np.asarray(signal[:most], np.float32) for signal in felt.signals]
+    lengths = np.array([len(signal) for signal in signals])
+    return {**shared, "values": np.concatenate(signals), "lengths": lengths, "channels": np.array(felt.channels)}
+
+
+def _shared(felt: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
+    """Class, and group where the set names one, of each trial; the sampling rate."""
+    conditions = felt.conditions[[LABEL, *chosen.group]].astype(str)
+    shared = {"labels": conditions[LABEL].to_numpy(dtype=str), "sampling_rate_Hz": np.array(felt.sampling_rate_Hz)}
+    if chosen.group:
+        shared["groups"] = conditions[list(chosen.group)].agg(", ".join, axis=1).to_numpy(dtype=str)
+    return shared
+
+
+def _last_ms(window: WindowSpec) -> float:
+    """Where the last window of a trial ends, at the latest."""
+    return window.start_ms + (window.per_trial or 1) * (window.hop_ms or window.length_ms)
+
+
+def _n_samples(last_ms: float, rate_Hz: float) -> int:
+    """One sample more than the windows need, so that a slower clock does not end within the last window."""
+    return int(np.ceil(last_ms * 1e-3 * rate_Hz)) + 1
+
+
+def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Bench:
+    """What all ways share on one set and seed: gains are calibrated on the training trials."""
+    chosen = data.chosen
+    rate_Hz = float(arrays["sampling_rate_Hz"])
+    conditions = pd.DataFrame({LABEL: arrays["labels"]})
+    split = sides(conditions.assign(group=arrays["groups"]) if data.split == "groups" else conditions, data.split, seed)
+    seeds = (2 * seed, 2 * seed + 1)
+    if "afferents" in arrays:
+        return Bench(_trains_of(arrays, rate_Hz, conditions), None, split, chosen.window, network, seeds)
+    felt = Recordings(_signals_of(arrays), rate_Hz, chosen.unit, conditions, _names(arrays, "channels"), data.set)
+    encoder = _calibrated(felt.select(split.train), chosen, step_ms(data, arrays))
+    return Bench(felt, encoder, split, chosen.window, network, seeds)
+
+
+def sides(conditions: pd.DataFrame, by: Literal["trials", "groups"], seed: int) -> Split:
+    """The split of a seed. conditions: with the column `label`, and by groups the column `group`."""
+    return split_conditions(conditions, (), SplitSpec(seed=2 * seed, group=("group",) if by == "groups" else ()))
+
+
+def _trains_of(arrays: Arrays, rate_Hz: float, conditions: pd.DataFrame) -> SpikeTrains:
+    names = _names(arrays, "afferents")
+    if "raster" in arrays:
+        return from_rasters(arrays["raster"], rate_Hz, names, conditions)
+    ends = np.cumsum(arrays["counts"])[:-1]
+    rows = np.split(arrays["steps"], ends), np.split(arrays["units"], ends), arrays["trial_steps"].tolist()
+    return from_trials(map(TrialSpikes, *rows), rate_Hz, names, conditions)
+
+
+def _signals_of(arrays: Arrays) -> Sequence[np.ndarray]:
+    if "signals" in arrays:
+        return list(arrays["signals"])
+    return np.split(arrays["values"], np.cumsum(arrays["lengths"])[:-1])
+
+
+def _names(arrays: Arrays, key: str) -> tuple[str, ...]:
+    return tuple(arrays[key].tolist()) if key in arrays else ()
+
+
+def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> AfferentSpec:
+    """Afferents with gains fitted on training trials, on the set's clock and with refractory periods of a step.
+
+    Gains are fitted on a clock of 1 ms, or the set's where that is finer: they are per ms, so that they hold on slower
+    ones, where too many intervals would be of a single step.
+    """
+    fine_ms = min(CALIBRATED_AT_MS, step_ms)
+    least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
+    conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
+    start = AfferentSpec(unit=chosen.unit, conditioning=conditioning, sa1=least, ra1=least)
+    fit = calibrate_causally if chosen.choose_baseline else calibrate
+    found = fit(training, start, tell=False).encoder
+    parts = {part: getattr(found, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
+    slower = found.conditioning.model_copy(update={"resample_Hz": 1e3 / step_ms})
+    return found.model_copy(update={"conditioning": slower, **parts})
+
+
+def step_ms(data: WaysData, arrays: Arrays) -> float:
+    """A step of the clock that afferents or events are on."""
+    return 1e3 / (data.chosen.conditioning.resample_Hz or float(arrays["sampling_rate_Hz"]))
