@@ -186,6 +186,13 @@ def test_a_window_cut_short_is_one_of_that_length(kind):
         assert row["sops_readout"] == 4 * float(short.hidden_spikes.double().mean())
 
 
+def test_the_layer_by_itself_adapts_as_that_of_a_network():
+    net, x = network(**ADAPTING, backend="reference", dtype=torch.float64), spikes()
+    dynamics = {name: getattr(net, name)[0].detach() for name in LEARNED}
+    sent = cuba_lif_layer(x, net.w_in, net.w_rec, neuron=net.neuron, adaptation=net.adaptation, **dynamics)
+    assert torch.equal(sent, net.simulate(x).hidden)
+
+
 # --- gradients of the definition -----------------------------------------------------------------------
 
 
