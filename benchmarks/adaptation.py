@@ -15,10 +15,9 @@ RATE_Hz, STEPS, BATCH, TURNS = 2000.0, 300, 128, 40
 
 
 def made(hidden: int, strength: float) -> RSNN:
-    """A network of the studies' kind; where thresholds adapt, barely, so that it spikes as often."""
-    keys = {"threshold_adaptation": strength} if strength else {}
-    generator = torch.Generator().manual_seed(0)
-    return RSNN(16, 8, RSNNSpec(hidden=hidden, **keys), RATE_Hz, backend="native", generator=generator)
+    """A network of the studies' kind whose thresholds rise by `strength` a spike."""
+    spec = RSNNSpec(hidden=hidden, threshold_adaptation=strength)
+    return RSNN(16, 8, spec, RATE_Hz, backend="native", generator=torch.Generator().manual_seed(0))
 
 
 def step_ms(net: RSNN, x: torch.Tensor) -> float:
