@@ -72,7 +72,8 @@ public:
     NT_INLINE bool step(const uint32_t* rows, int n_rows, Value* counts) {
         bool any = false;
         if (!neuron.emits_at_once()) any = count(counts);
-        advance_layer(neuron, layer, {table, rows, n_rows, 0}, {current, membrane, current, membrane, nullptr}, decided);
+        advance_layer(neuron, layer, {table, rows, n_rows, 0},
+                      LayerState<T>{current, membrane, current, membrane, nullptr}, decided);
         if (neuron.emits_at_once()) any = count(counts);
         return any;
     }
@@ -148,28 +149,36 @@ template <class T, class Readout>
 struct InferState {
     using Value = typename Readout::Value;
     T *current, *membrane;
+    T* adaptation;  // null where thresholds do not adapt
     SpikeHistory spikes;
     uint32_t* rows;
     Readout readout;
 
     InferState(const Net<T>& net, const ForwardTables<T>& tables, Carver& carver)
         : current(carver.take<T>(tables.hidden.pitch)), membrane(carver.take<T>(tables.hidden.pitch)),
+          adaptation(net.adaptation.on ? carver.take<T>(tables.hidden.pitch) : nullptr),
           spikes(net.sizes.hidden, carver), rows(carver.take<uint32_t>(net.sizes.inputs + net.sizes.hidden)),
           readout(net, tables, carver) {}
     void start(const Net<T>& net, const ForwardTables<T>& tables, Value* counts) {
         std::memset(current, 0, tables.hidden.pitch * sizeof(T));
         std::memset(membrane, 0, tables.hidden.pitch * sizeof(T));
+        if (adaptation) std::memset(adaptation, 0, tables.hidden.pitch * sizeof(T));
         spikes.clear(net.sizes.hidden);
         readout.start(counts);
     }
     // One step from the afferents that spike, of which the first `n_rows` of `rows` are the numbers; how many hidden
-    // neurons spike.
+    // neurons spike. Adapts: whether their thresholds do.
+    template <bool Adapts>
     NT_INLINE int step(const Net<T>& net, const ForwardTables<T>& tables, int n_rows, Leader<Value>& leader) {
         const int64_t hid_words = words(net.sizes.hidden);
         if (net.w_rec)
             n_rows = list_rows(spikes.recurrent(net.neuron.recurrent_delay), hid_words, net.sizes.inputs, rows, n_rows);
-        advance_layer(net.neuron, tables.hidden, {tables.table, rows, n_rows, 0},
-                      {current, membrane, current, membrane, nullptr}, spikes.next);
+        const LayerState<T> state{current, membrane, current, membrane, nullptr};
+        if constexpr (Adapts)
+            advance_layer<T>(net.neuron, tables.hidden, {tables.table, rows, n_rows, 0},
+                             AdaptingState<T>{state, adaptation, spikes.now, nullptr, nullptr}, spikes.next);
+        else
+            advance_layer<T>(net.neuron, tables.hidden, {tables.table, rows, n_rows, 0}, state, spikes.next);
         const uint64_t* emitted = net.neuron.emits_at_once() ? spikes.next : spikes.now;
         n_rows = list_rows(emitted, hid_words, 0, rows, 0);
         const bool moved = readout.step(rows, n_rows, leader.sums);

@@ -7,7 +7,7 @@
 namespace neurotact::NT_ISA {
 namespace {
 
-template <class T, class Readout>
+template <bool Adapts, class T, class Readout>
 bool infer_trial(const Net<T>& net, const ForwardTables<T>& tables, InferState<T, Readout>& s, uint64_t* inputs,
                  int64_t trial, const ExitRule& rule, const Decisions& to) {
     const Sizes& n = net.sizes;
@@ -21,7 +21,7 @@ bool infer_trial(const Net<T>& net, const ForwardTables<T>& tables, InferState<T
         binary &= pack_step(net.spikes, trial, steps, n.inputs, inputs);
         const int n_rows = list_rows(inputs, words(n.inputs), 0, s.rows, 0);
         input_spikes += n_rows;
-        hidden_spikes += s.step(net, tables, n_rows, leader);
+        hidden_spikes += s.template step<Adapts>(net, tables, n_rows, leader);
         steps++;
         if (leader.exits(rule)) break;
     }
@@ -42,6 +42,7 @@ bool infer_all(const Net<T>& net, const ExitRule& rule, const Decisions& to) {
     Carver carver(block.data());
     const ForwardTables<T> tables(net, carver);
     char* thread_memory = block.data() + measure.bytes();
+    const auto run = net.adaptation.on ? infer_trial<true, T, Readout> : infer_trial<false, T, Readout>;
     int others = 0;
 #pragma omp parallel num_threads(net.threads) reduction(+ : others)
     {
@@ -50,7 +51,7 @@ bool infer_all(const Net<T>& net, const ExitRule& rule, const Decisions& to) {
         uint64_t* inputs = mine.take<uint64_t>(words(net.sizes.inputs));
 #pragma omp for schedule(dynamic, 4)
         for (int64_t trial = 0; trial < net.sizes.trials; trial++)
-            others += !infer_trial(net, tables, state, inputs, trial, rule, to);
+            others += !run(net, tables, state, inputs, trial, rule, to);
     }
     return others == 0;
 }

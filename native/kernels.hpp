@@ -37,6 +37,14 @@ struct Dynamics {
     T scale;  // lambda of the surrogate
 };
 
+// Thresholds that adapt: A[t+1] = decay A[t] + s[t], and U[t] - strength A[t] is what is compared with the threshold; see
+// neurons.py, Adaptation.
+template <class T>
+struct Adaptation {
+    bool on;
+    T strength, decay;
+};
+
 // A readout that does not spike: y[t+1] = decay y[t] + W s[t]; see networks/readouts.py. Where it leaks, or takes the
 // largest value over time, the network's own passes know it; a plain sum follows from the hidden layer's counts.
 struct Integration {
@@ -53,6 +61,7 @@ struct Net {
     Neuron neuron;
     const T *w_in, *w_rec, *w_out;
     Dynamics<T> hidden, readout;
+    Adaptation<T> adaptation;  // of the hidden layer
     const double* bias;  // (class) of an integrator, which adds up w_out of every hidden spike; else null
     Integration integration;
     int threads;
@@ -76,11 +85,12 @@ struct Gradients {
 };
 
 // What training remembers of the forward pass, trial after trial, step after step (see tape_bytes). Row t holds
-// U[t+1], I[t+1] and s[t+1].
+// U[t+1], I[t+1] and s[t+1]; of a layer whose thresholds adapt U[t+1] - k A[t+1], which is all that its gradients ask for.
 template <class T>
 struct Tape {
     T *membrane, *readout_membrane;  // (trial, time, pitch)
     T *current, *readout_current;    // the same, only where alpha or beta is learned
+    T* raised;                       // k A[t+1] of the hidden layer, only where it adapts and these are learned
     uint64_t *inputs, *spikes;       // (trial, time, words)
     T* taken;                        // (trial, pitch) steps after which a leaky readout has its value; it has no membranes
 };

@@ -29,17 +29,19 @@ struct LayerTables {
     const T *alpha, *beta, *threshold;  // padded
     int neurons, pitch;
     T scale;
+    Adaptation<T> adaptation;
 };
 
 template <class T>
-LayerTables<T> pad_dynamics(const Dynamics<T>& from, int neurons, int pitch, Carver& carver) {
+LayerTables<T> pad_dynamics(const Dynamics<T>& from, int neurons, int pitch, Carver& carver,
+                            const Adaptation<T>& adaptation = {}) {
     T* padded = carver.take<T>(3 * pitch);
     const T* values[3] = {from.alpha, from.beta, from.threshold};
     if (padded)
         for (int row = 0; row < 3; row++)
             for (int i = 0; i < pitch; i++)
                 padded[row * pitch + i] = values[row][from.stride ? (i < neurons ? i : 0) : 0];
-    return {padded, padded + pitch, padded + 2 * pitch, neurons, pitch, from.scale};
+    return {padded, padded + pitch, padded + 2 * pitch, neurons, pitch, from.scale, adaptation};
 }
 
 template <class T>
@@ -86,6 +88,18 @@ struct LayerState {
     T* counts;  // of the spikes s[1], s[2], ...; null where not wanted
 };
 
+// The same of a layer whose thresholds adapt. A kind of its own, so that the compiler leaves other layers as they are.
+template <class T>
+struct AdaptingState : LayerState<T> {
+    T* adaptation;           // A[t], which becomes A[t+1]
+    const uint64_t* spikes;  // s[t]
+    T *compared, *raised;    // where U[t+1] - k A[t+1] and k A[t+1] go; null where they are not wanted
+};
+template <class State>
+constexpr bool kAdapts = false;
+template <class T>
+constexpr bool kAdapts<AdaptingState<T>> = true;
+
 // The events of a step: rows of `table`, numbered from `first` on.
 template <class T>
 struct EventRows {
@@ -95,9 +109,29 @@ struct EventRows {
     uint32_t first;
 };
 
+// A panel whose thresholds adapt, after its membrane: A[t] becomes A[t+1], and `membrane` U[t+1] - k A[t+1].
 template <class T, int N>
+NT_INLINE void adapt_panel(const LayerTables<T>& layer, const AdaptingState<T>& state, int at,
+                           Vectors<Simd<T, kWide<T>>, N>& membrane) {
+    using S = Simd<T, kWide<T>>;
+    auto adaptation = load_all<S, N>(state.adaptation + at);
+    typename S::Mask spiked[N];
+    for (int q = 0; q < N; q++) {
+        const int lane = at + q * S::lanes;
+        spiked[q] = S::lanes_of(state.spikes[lane / 64] >> (lane % 64));
+    }
+    adaptation_step(layer.adaptation, adaptation, spiked);
+    store_all(state.adaptation + at, adaptation);
+    membrane = lowered(layer.adaptation, membrane, adaptation);
+    if (state.compared) store_all(state.compared + at, membrane);
+    if (!state.raised) return;
+    for (int q = 0; q < N; q++) adaptation[q] = all<S>(layer.adaptation.strength) * adaptation[q];
+    store_all(state.raised + at, adaptation);
+}
+
+template <class T, int N, class State>
 NT_INLINE void advance_panel(Neuron neuron, const LayerTables<T>& layer, const EventRows<T>& events, int at,
-                             const LayerState<T>& state, uint64_t* fired) {
+                             const State& state, uint64_t* fired) {
     using S = Simd<T, kWide<T>>;
     Vectors<S, N> sum;
     for (int q = 0; q < N; q++)
@@ -111,10 +145,18 @@ NT_INLINE void advance_panel(Neuron neuron, const LayerTables<T>& layer, const E
     const auto threshold = load_all<S, N>(layer.threshold + at), beta = load_all<S, N>(layer.beta + at);
     auto membrane = load_all<S, N>(state.membrane + at);
     typename S::Mask above[N];
-    for (int q = 0; q < N; q++) above[q] = S::greater(membrane[q], threshold[q]);
-    membrane_step(neuron, membrane, before, sum, above, beta, threshold);
+    if constexpr (kAdapts<State>) {
+        const auto adaptation = load_all<S, N>(state.adaptation + at);
+        const auto compared = lowered(layer.adaptation, membrane, adaptation);
+        for (int q = 0; q < N; q++) above[q] = S::greater(compared[q], threshold[q]);
+        membrane_step(neuron, membrane, before, sum, above, beta, raised(layer.adaptation, threshold, adaptation));
+    } else {
+        for (int q = 0; q < N; q++) above[q] = S::greater(membrane[q], threshold[q]);
+        membrane_step(neuron, membrane, before, sum, above, beta, threshold);
+    }
     store_all(state.next_current + at, sum);
     store_all(state.next_membrane + at, membrane);
+    if constexpr (kAdapts<State>) adapt_panel<T, N>(layer, state, at, membrane);
     for (int q = 0; q < N; q++) {
         const int lane = at + q * S::lanes;
         const typename S::Mask spikes = S::greater(membrane[q], threshold[q]);
@@ -127,9 +169,9 @@ NT_INLINE void advance_panel(Neuron neuron, const LayerTables<T>& layer, const E
 }
 
 // One step of a layer from its events; `fired` becomes its spikes.
-template <class T>
+template <class T, class State>
 NT_INLINE void advance_layer(Neuron neuron, const LayerTables<T>& layer, const EventRows<T>& events,
-                             const LayerState<T>& state, uint64_t* fired) {
+                             const State& state, uint64_t* fired) {
     for (int64_t k = 0; k < words(layer.neurons); k++) fired[k] = 0;
     each_panel<T>(layer.pitch, [&](int at, auto N) __attribute__((always_inline)) {
         advance_panel<T, N.value>(neuron, layer, events, at, state, fired);
@@ -160,7 +202,7 @@ struct ForwardTables {
 
     ForwardTables(const Net<T>& net, Carver& carver) {
         const Sizes& n = net.sizes;
-        hidden = pad_dynamics(net.hidden, n.hidden, round_up(n.hidden, kPitch), carver);
+        hidden = pad_dynamics(net.hidden, n.hidden, round_up(n.hidden, kPitch), carver, net.adaptation);
         const bool spikes = n.classes && !net.bias;
         readout = spikes ? pad_dynamics(net.readout, n.classes, round_up(n.classes, kPitch), carver) : LayerTables<T>{};
         table = carver.take<T>((int64_t)(n.inputs + n.hidden) * hidden.pitch);

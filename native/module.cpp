@@ -33,7 +33,7 @@ T* at(Address address) {
 struct Shape {
     Sizes sizes;
     Neuron neuron;
-    double scale, readout_scale;
+    double scale, readout_scale, adaptation, adaptation_decay;
     bool is_double, recurrent, per_neuron, keep_currents;
     Layout layout;
     Integration integration;
@@ -55,6 +55,7 @@ Tape<T> cut_tape(const Shape& shape, int64_t trials, int64_t steps, Carver& carv
     tape.readout_membrane = leaks ? nullptr : carver.take<T>(readout);
     tape.current = shape.keep_currents ? carver.take<T>(hidden) : nullptr;
     tape.readout_current = shape.keep_currents && !leaks ? carver.take<T>(readout) : nullptr;
+    tape.raised = shape.keep_currents && shape.adaptation > 0 ? carver.take<T>(hidden) : nullptr;
     tape.taken = leaks ? carver.take<T>((trials + trials % 2) * shape.layout.readout_pitch) : nullptr;
     tape.inputs = carver.take<uint64_t>(rows * words(shape.sizes.inputs));
     tape.spikes = carver.take<uint64_t>(rows * words(shape.sizes.hidden));
@@ -93,8 +94,9 @@ Net<T> make_net(const Shape& shape, int64_t trials, int64_t steps, const SpikesI
                              T(shape.scale)};
     const Dynamics<T> readout{hidden.alpha + 1, hidden.beta + 1, hidden.threshold + 1, stride, T(shape.readout_scale)};
     return {sizes, spikes, shape.neuron, at<const T>(of.w_in), shape.recurrent ? at<const T>(of.w_rec) : nullptr,
-            sizes.classes ? at<const T>(of.w_out) : nullptr, hidden, readout, at<const double>(bias), shape.integration,
-            threads};
+            sizes.classes ? at<const T>(of.w_out) : nullptr, hidden, readout,
+            {shape.adaptation > 0, T(shape.adaptation), T(shape.adaptation_decay)}, at<const double>(bias),
+            shape.integration, threads};
 }
 
 // What every call takes: windows, weights and dynamics, by name and no other way, since a swap of two addresses would
@@ -108,17 +110,17 @@ Net<T> make_net(const Shape& shape, int64_t trials, int64_t steps, const SpikesI
 
 void add_network(nb::module_& m) {
     m.def("make_shape",
-          [](int inputs, int hidden, int classes, int membrane, int reset, int recurrent_delay, double scale,
-             double readout_scale, bool is_double, bool recurrent, bool per_neuron, bool keep_currents, bool with_inputs,
+          [](int inputs, int hidden, int classes, int membrane, int reset, int recurrent_delay, double adaptation,
+             double adaptation_decay, double scale, double readout_scale, bool is_double, bool recurrent, bool per_neuron, bool keep_currents, bool with_inputs,
              bool with_raster, bool leaks, bool peak, double decay) -> Shape {
               const Sizes sizes{0, 0, inputs, hidden, classes};
               const Neuron neuron{Membrane(membrane), Reset(reset), recurrent_delay};
               const Layout layout = layout_of(sizes, neuron, is_double, with_inputs || with_raster || per_neuron);
-              return {sizes,      neuron,        scale,  readout_scale,       is_double, recurrent,
+              return {sizes, neuron, scale, readout_scale, adaptation, adaptation_decay, is_double, recurrent,
                       per_neuron, keep_currents, layout, {leaks, peak, decay}};
           },
-          nb::kw_only(), "inputs"_a, "hidden"_a, "classes"_a, "membrane"_a, "reset"_a, "recurrent_delay"_a, "scale"_a,
-          "readout_scale"_a, "is_double"_a, "recurrent"_a, "per_neuron"_a, "keep_currents"_a, "with_inputs"_a,
+          nb::kw_only(), "inputs"_a, "hidden"_a, "classes"_a, "membrane"_a, "reset"_a, "recurrent_delay"_a,
+          "adaptation"_a, "adaptation_decay"_a, "scale"_a, "readout_scale"_a, "is_double"_a, "recurrent"_a, "per_neuron"_a, "keep_currents"_a, "with_inputs"_a,
           "with_raster"_a, "leaks"_a, "peak"_a, "decay"_a);
     m.def("tape_bytes", &tape_bytes, NT_WINDOW_NAMES);
     m.def("new_tape", &new_tape, NT_WINDOW_NAMES);

@@ -51,6 +51,12 @@ struct Simd {
     static NT_INLINE Mask greater(V a, V b) { return a > b; }
     static NT_INLINE V clear(Mask m, V v) { return (V)(~m & (Bits)v); }
     static NT_INLINE V only(Mask m, V v) { return (V)(m & (Bits)v); }
+    // The lanes whose bits are set, the lowest bit first.
+    static NT_INLINE Mask lanes_of(uint64_t bits) {
+        Bits lane{};
+        for (int i = 0; i < L; i++) lane[i] = 1 << i;
+        return (Mask)(((Bits{} + (typename IntegerFor<T>::type)(bits & ((1u << L) - 1))) & lane) != 0);
+    }
     static NT_INLINE uint32_t bits(Mask m) {
 #if defined(__AVX2__)
         if constexpr (L * sizeof(T) == 32 && sizeof(T) == 4) return (uint32_t)_mm256_movemask_ps((__m256)m);
@@ -79,6 +85,7 @@ struct Simd {
         }                                                                                            \
         static NT_INLINE V clear(Mask m, V v) { return (V)_mm##WIDTH##_maskz_mov_##SUFFIX(~m, (VECTOR)v); } \
         static NT_INLINE V only(Mask m, V v) { return (V)_mm##WIDTH##_maskz_mov_##SUFFIX(m, (VECTOR)v); }   \
+        static NT_INLINE Mask lanes_of(uint64_t bits) { return (MASK)bits; }                         \
         static NT_INLINE uint32_t bits(Mask m) { return m; }                                         \
     };
 NT_AVX512_SIMD(float, 16, __m512, __mmask16, ps, 512)

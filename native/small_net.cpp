@@ -125,9 +125,7 @@ struct Layer {
 };
 
 template <class S, int N>
-NT_INLINE void advance(Neuron neuron, Layer<S, N>& layer, const Vectors<S, N>& before, const Same<S>& beta,
-                       const Same<S>& threshold, uint64_t lanes) {
-    membrane_step(neuron, layer.membrane, before, layer.current, layer.fired, beta, threshold);
+NT_INLINE void fire(Layer<S, N>& layer, const Same<S>& threshold, uint64_t lanes) {
     uint64_t spikes = 0;
     for (int q = 0; q < N; q++) {
         layer.fired[q] = S::greater(layer.membrane[q], threshold.v);
@@ -135,6 +133,35 @@ NT_INLINE void advance(Neuron neuron, Layer<S, N>& layer, const Vectors<S, N>& b
         spikes |= (uint64_t)S::bits(layer.fired[q]) << (q * S::lanes % 64);
     }
     layer.spikes = spikes & lanes;
+}
+
+template <class S, int N>
+NT_INLINE void advance(Neuron neuron, Layer<S, N>& layer, const Vectors<S, N>& before, const Same<S>& beta,
+                       const Same<S>& threshold, uint64_t lanes) {
+    membrane_step(neuron, layer.membrane, before, layer.current, layer.fired, beta, threshold);
+    fire(layer, threshold, lanes);
+}
+
+// U[t] and A[t] of a layer whose thresholds adapt; its registers hold U[t] - k A[t] as their membrane.
+template <class T, int P>
+struct Adapting {
+    alignas(64) T membrane[P] = {}, adaptation[P] = {};
+};
+
+// The same of such a layer; `first`: at t = 0, where no neuron has spiked whatever its threshold.
+template <class S, int N, class T, int P>
+NT_INLINE void advance_adapting(Neuron neuron, const Adaptation<T>& how, Adapting<T, P>& state, Layer<S, N>& layer,
+                                const Vectors<S, N>& before, const Same<S>& beta, const Same<S>& threshold,
+                                uint64_t lanes, bool first) {
+    auto adaptation = load_all<S, N>(state.adaptation);
+    const auto crossed = raised(how, threshold, adaptation);
+    if (!first) adaptation_step(how, adaptation, layer.fired);
+    layer.membrane = load_all<S, N>(state.membrane);
+    membrane_step(neuron, layer.membrane, before, layer.current, layer.fired, beta, crossed);
+    store_all(state.adaptation, adaptation);
+    store_all(state.membrane, layer.membrane);
+    layer.membrane = lowered(how, layer.membrane, adaptation);
+    fire(layer, threshold, lanes);
 }
 
 // Of a readout that leaks and does not spike, `membrane` is its value and `count` the step after which it was taken, the
@@ -169,7 +196,7 @@ NT_INLINE void write_counts(Layer<S, N>& layer, bool last_is_sent, int n, T* to)
     std::memcpy(to, counts, n * sizeof(T));
 }
 
-template <class T, int HP, int OP>
+template <class T, int HP, int OP, bool Adapts>
 void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, const uint64_t* inputs,
                     const Outputs<T>& out, const Tape<T>* tape) {
     using F = Form<T, HP, OP>;
@@ -192,6 +219,7 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     uint64_t spikes_before[N] = {};  // s[t-1], for turn t of a network with a delay
     Layer<SH, NH> hidden[N];
     Layer<SO, NO> readout[N];
+    [[maybe_unused]] Adapting<T, Adapts ? HP : 1> adapting[N];
     for (int s = 0; s < N; s++) {
         for (auto& fired : hidden[s].fired) fired = SH::greater(typename SH::V{}, threshold.v);
         for (auto& fired : readout[s].fired) fired = SO::greater(typename SO::V{}, threshold_out.v);
@@ -199,6 +227,7 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
     const auto row_of = [&](T* part, int pitch) { return tape && part ? part + first * steps * pitch : nullptr; };
     T* membrane = row_of(tape ? tape->membrane : nullptr, HP);
     T* current = row_of(tape ? tape->current : nullptr, HP);
+    [[maybe_unused]] T* raised = row_of(tape ? tape->raised : nullptr, HP);
     T* readout_membrane = row_of(tape && reads_out ? tape->readout_membrane : nullptr, OP);
     T* readout_current = row_of(tape && reads_out ? tape->readout_current : nullptr, OP);
     uint64_t* spikes = tape ? tape->spikes + first * steps : nullptr;
@@ -231,7 +260,11 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
         }
         NT_EACH_TRIAL(s) {
             spikes_before[s] = hidden[s].spikes;
-            advance(neuron, hidden[s], before[s], beta, threshold, hidden_lanes);
+            if constexpr (Adapts)
+                advance_adapting(neuron, net.adaptation, adapting[s], hidden[s], before[s], beta, threshold, hidden_lanes,
+                                 t == 0);
+            else
+                advance(neuron, hidden[s], before[s], beta, threshold, hidden_lanes);
             if (leaks) {
                 if (t >= lag) take(readout[s], peak, (T)(t - lag + 1));
             } else if (reads_out && t >= lag) {
@@ -242,6 +275,9 @@ void forward_trials(const Net<T>& net, const Tables<T>& tables, int64_t first, c
                 store_all(membrane + (s * steps + t) * HP, hidden[s].membrane);
                 spikes[s * steps + t] = hidden[s].spikes;
                 if (current) store_all(current + (s * steps + t) * HP, hidden[s].current);
+                if constexpr (Adapts)
+                    for (int i = 0; raised && i < HP; i++)
+                        raised[(s * steps + t) * HP + i] = net.adaptation.strength * adapting[s].adaptation[i];
             }
         }
     }
@@ -331,6 +367,35 @@ NT_INLINE Vectors<S, N> layer_back(Neuron neuron, const Constants<S>& constants,
     return gradient.current;
 }
 
+// The same where thresholds adapt: `before` is U[t] - k A[t], `adjoint` dL/dA[t+2], which becomes dL/dA[t+1], and
+// `raised_before` points at k A[t] (null at the first step, and where no dynamics are learned).
+template <class S, int N, class T>
+NT_INLINE Vectors<S, N> adapting_layer_back(Neuron neuron, const Adaptation<T>& how, T* adjoint,
+                                            const Constants<S>& constants, LayerBack<S, N>& layer,
+                                            const Vectors<S, N>& before, const Vectors<S, N>& spike_gradient,
+                                            const T* current_before, const T* raised_before, T* sums, int pitch) {
+    auto adaptation = load_all<S, N>(adjoint);
+    Vectors<S, N> sloped;
+    typename S::Mask fired[N];
+    for (int q = 0; q < N; q++) {
+        sloped[q] = surrogate_slope<S>(layer.after[q], constants.threshold.v, constants.scale) *
+                    (spike_gradient[q] + adaptation[q]);
+        fired[q] = S::greater(before[q], constants.threshold.v);
+    }
+    adaptation_back(how, adaptation, sloped);
+    store_all(adjoint, adaptation);
+    const auto gradient = step_back(neuron, layer.adjoint, sloped, fired, constants.alpha, constants.beta);
+    if (sums) {
+        const auto current = current_before ? load_all<S, N>(current_before) : Vectors<S, N>{};
+        auto membrane = before;
+        for (int q = 0; raised_before && q < N; q++)
+            membrane[q] = before[q] + load<S>(raised_before + q * S::lanes);
+        add_dynamics(neuron, gradient, sloped, membrane, current, fired, sums, pitch);
+    }
+    layer.after = before;
+    return gradient.current;
+}
+
 // The same of a readout that leaks: a value that was taken after step t, as `after` says, hands its gradient to y[t+1].
 template <class S, int N, class T>
 NT_INLINE Vectors<S, N> leak_back(const Constants<S>& constants, LayerBack<S, N>& layer,
@@ -379,7 +444,7 @@ NT_INLINE void add_product(Vectors<S, N> (&sum)[P], const T* g, int g_pitch, con
     if constexpr (At + W < N) add_product<S, N, P, T, At + W>(sum, g, g_pitch, matrix, rows);
 }
 
-template <class T, int HP, int OP>
+template <class T, int HP, int OP, bool Adapts>
 void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& tape, const Gradients<T>& grad,
                      const Sums<T>& sums, int64_t first) {
     using F = Form<T, HP, OP>;
@@ -399,12 +464,14 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
     const T* membrane = tape.membrane + first * steps * HP;
     const T* readout_membrane = tape.readout_membrane + first * steps * OP;
     const T* current = tape.current ? tape.current + first * steps * HP : nullptr;
+    [[maybe_unused]] const T* raised = tape.raised ? tape.raised + first * steps * HP : nullptr;
     const T* readout_current = tape.readout_current ? tape.readout_current + first * steps * OP : nullptr;
     const uint64_t* inputs = tape.inputs + first * steps * list.in_words;
     const uint64_t* spikes = tape.spikes + first * steps;
 
     alignas(64) T count_gradient[N][HP] = {}, class_gradient[N][OP] = {};
     alignas(64) T g[N][HP], g_out[N][OP], waiting[N][HP] = {};  // waiting: with a delay, dL/ds[t] in turn t
+    [[maybe_unused]] alignas(64) T adaptation_adjoint[N][Adapts ? HP : 1] = {};  // dL/dA[t+2] in turn t
     LayerBack<SH, NH> hidden[N];
     LayerBack<SO, NO> readout[N];
     Vectors<SH, NH> spike_gradient[N];  // dL/ds[t+1] in turn t
@@ -468,8 +535,13 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
             if (reads_out && t >= lag) readout_back(s, t - lag);
             const int64_t at = (s * steps + t) * HP;
             const Vectors<SH, NH> before = t ? load_all<SH, NH>(membrane + at - HP) : Vectors<SH, NH>{};
-            complete[s] = layer_back(neuron, constants, hidden[s], before, spike_gradient[s],
-                                     current && t ? current + at - HP : nullptr, sums.hidden_dynamics, HP);
+            if constexpr (Adapts)
+                complete[s] = adapting_layer_back(neuron, net.adaptation, adaptation_adjoint[s], constants, hidden[s],
+                                                  before, spike_gradient[s], current && t ? current + at - HP : nullptr,
+                                                  raised && t ? raised + at - HP : nullptr, sums.hidden_dynamics, HP);
+            else
+                complete[s] = layer_back(neuron, constants, hidden[s], before, spike_gradient[s],
+                                         current && t ? current + at - HP : nullptr, sums.hidden_dynamics, HP);
             store_all(g[s], complete[s]);
         }
         // dL/dw of every event: dL/dI of the layer it went into.
@@ -492,10 +564,14 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
 
 // ---- sizes ---------------------------------------------------------------------------------------------------------
 
-// Calls `run` with the lanes of both layers as compile-time constants: the forms that `layout_of` hands out.
+// Calls `run_form` with the lanes of both layers, and whether thresholds adapt, as compile-time constants: the forms that
+// `layout_of` hands out. Compiled apart, adaptation leaves the loops of other networks as they are.
 template <class T, class Run>
-NT_INLINE void with_form(const Layout& layout, const Run& run) {
+NT_INLINE void with_form(const Layout& layout, bool adapts, const Run& run_form) {
     constexpr bool all_forms = sizeof(T) == sizeof(float);
+    const auto run = [&](auto HP, auto OP) __attribute__((always_inline)) {
+        adapts ? run_form(HP, OP, std::true_type()) : run_form(HP, OP, std::false_type());
+    };
     const auto with_readout = [&](auto HP) __attribute__((always_inline)) {
         const int lanes = readout_lanes(layout);
         if (lanes == 8) return run(HP, std::integral_constant<int, 8>());
@@ -528,7 +604,7 @@ bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& ou
 #pragma omp parallel num_threads(net.threads) reduction(+ : others)
     {
         uint64_t* mine = (uint64_t*)(block.data() + measure.bytes()) + omp_get_thread_num() * kPair * trial_words;
-        with_form<T>(layout, [&](auto HP, auto OP) {
+        with_form<T>(layout, net.adaptation.on, [&](auto HP, auto OP, auto Adapts) {
 #pragma omp for schedule(dynamic, 4)
             for (int64_t pair = 0; pair < pairs; pair++) {
                 const int64_t first = pair * kPair;
@@ -538,7 +614,7 @@ bool small_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& ou
                     if (first + s < n.trials) others += !pack_trial(net.spikes, first + s, n.steps, n.inputs, to);
                     else std::memset(to, 0, trial_words * sizeof(uint64_t));
                 }
-                forward_trials<T, HP.value, OP.value>(net, tables, first, inputs, out, tape);
+                forward_trials<T, HP.value, OP.value, Adapts.value>(net, tables, first, inputs, out, tape);
             }
         });
     }
@@ -563,14 +639,14 @@ void small_backward(const Net<T>& net, const Layout& layout, const Tape<T>& tape
         return Sums<T>(n, layout, learned, at);
     };
 #pragma omp parallel num_threads(net.threads)
-    with_form<T>(layout, [&](auto HP, auto OP) {
+    with_form<T>(layout, net.adaptation.on, [&](auto HP, auto OP, auto Adapts) {
 #pragma omp for schedule(dynamic, 1)
         for (int group = 0; group < groups; group++) {
             const Sums<T> sums = sums_of(group);
             std::memset(sums_memory + group * sums_measure.bytes(), 0, sums_measure.bytes());
             const int64_t end = blocks * (group + 1) / groups * kBlock;
             for (int64_t first = blocks * group / groups * kBlock; first < end && first < n.trials; first += kPair)
-                backward_trials<T, HP.value, OP.value>(net, tables, tape, grad, sums, first);
+                backward_trials<T, HP.value, OP.value, Adapts.value>(net, tables, tape, grad, sums, first);
         }
     });
     // Group after group, whatever thread did them.

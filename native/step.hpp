@@ -13,11 +13,12 @@ namespace neurotact::NT_ISA {
 // U[t+1] from U[t], I[t], I[t+1] and which neurons were above threshold at t:
 //   eq4 beta (U[t] + I[t]),  delayed beta U[t] + I[t],  immediate beta U[t] + I[t+1];
 //   zero multiplies the sum by (1 - s[t]), subtract takes threshold s[t] off it, hard sets U[t] to 0 before it.
-// `beta` and `threshold` are Vectors, or Same where all neurons share a value.
-template <class S, int N, class Values>
+// `beta` and `threshold` are Vectors, or Same where all neurons share a value; where thresholds adapt, `threshold` is
+// theta[t].
+template <class S, int N, class Betas, class Thresholds>
 NT_INLINE void membrane_step(Neuron neuron, Vectors<S, N>& membrane, const Vectors<S, N>& current_before,
-                             const Vectors<S, N>& current, const typename S::Mask (&fired)[N], const Values& beta,
-                             const Values& threshold) {
+                             const Vectors<S, N>& current, const typename S::Mask (&fired)[N], const Betas& beta,
+                             const Thresholds& threshold) {
     if (neuron.reset == Reset::hard)
         for (int q = 0; q < N; q++) membrane[q] = S::clear(fired[q], membrane[q]);
     if (neuron.membrane == Membrane::eq4)
@@ -30,6 +31,29 @@ NT_INLINE void membrane_step(Neuron neuron, Vectors<S, N>& membrane, const Vecto
         for (int q = 0; q < N; q++) membrane[q] = S::clear(fired[q], membrane[q]);
     else if (neuron.reset == Reset::subtract)
         for (int q = 0; q < N; q++) membrane[q] = membrane[q] - S::only(fired[q], threshold[q]);
+}
+
+// Where thresholds adapt, A[t+1] = decay A[t] + s[t]; `spiked` is s[t].
+template <class S, int N, class T>
+NT_INLINE void adaptation_step(const Adaptation<T>& how, Vectors<S, N>& adaptation, const typename S::Mask (&spiked)[N]) {
+    for (int q = 0; q < N; q++)
+        adaptation[q] = all<S>(how.decay) * adaptation[q] + S::only(spiked[q], typename S::V{} + 1);
+}
+
+// U - k A, which takes the place of U where it is compared with the threshold.
+template <class S, int N, class T>
+NT_INLINE Vectors<S, N> lowered(const Adaptation<T>& how, const Vectors<S, N>& membrane, const Vectors<S, N>& adaptation) {
+    Vectors<S, N> to;
+    for (int q = 0; q < N; q++) to[q] = membrane[q] - all<S>(how.strength) * adaptation[q];
+    return to;
+}
+
+// theta = threshold + k A.
+template <class S, int N, class T, class Values>
+NT_INLINE Vectors<S, N> raised(const Adaptation<T>& how, const Values& threshold, const Vectors<S, N>& adaptation) {
+    Vectors<S, N> to;
+    for (int q = 0; q < N; q++) to[q] = threshold[q] + all<S>(how.strength) * adaptation[q];
+    return to;
 }
 
 // The surrogate derivative 1 / (1 + scale |U - threshold|)^2 (texture paper, Eq. 7).
@@ -52,6 +76,14 @@ struct StepGradient {
     Vectors<S, N> current;  // the complete dL/dI[t+1]
     Vectors<S, N> sum;      // dL/d(sum) of membrane_step, from which beta's gradient comes
 };
+
+// The same backwards. `adaptation` is dL/dA[t+2] and becomes dL/dA[t+1], `sloped` being slope(U - k A) dL/ds[t+1] with the
+// share of dL/ds[t+1] that comes through A[t+2].
+template <class S, int N, class T>
+NT_INLINE void adaptation_back(const Adaptation<T>& how, Vectors<S, N>& adaptation, const Vectors<S, N>& sloped) {
+    for (int q = 0; q < N; q++)
+        adaptation[q] = all<S>(how.decay) * adaptation[q] - all<S>(how.strength) * sloped[q];
+}
 
 // Step t backwards. `sloped` is slope(U[t+1]) dL/ds[t+1], `fired` the reset of step t (U[t] > threshold). Leaves in
 // `adjoint` the share of I[t] and U[t].

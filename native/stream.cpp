@@ -174,7 +174,9 @@ struct Streaming {
             const int64_t slot = order[i];
             Window<Readout>& window = *windows[slot];
             std::memcpy(window.net.rows, arriving, n_arriving * sizeof(uint32_t));
-            const int n_sent = window.net.step(plan.net, tables, n_arriving, window.leader);
+            const int n_sent = plan.net.adaptation.on
+                                   ? window.net.template step<true>(plan.net, tables, n_arriving, window.leader)
+                                   : window.net.template step<false>(plan.net, tables, n_arriving, window.leader);
             if (trace && i == 0) {
                 trace->window[trace->steps - 1] = window.numbers[0];
                 mark(window.net.rows, n_sent, trace->hidden + (trace->steps - 1) * words(plan.net.sizes.hidden));
@@ -263,6 +265,7 @@ struct Streaming {
             part("membrane", window.net.membrane, n.hidden * sizeof(T));
             part("spikes", window.net.spikes.now, words(n.hidden) * sizeof(uint64_t));
             part("spikes_before", window.net.spikes.before, words(n.hidden) * sizeof(uint64_t));
+            if (window.net.adaptation) part("adaptation", window.net.adaptation, n.hidden * sizeof(T));
             window.net.readout.each_part(part);
             part("counts", window.counts, n.classes * sizeof(typename Readout::Value));
             part("leader", &window.leader.index, 3 * sizeof(int64_t));  // index, standing, standing_since_spike

@@ -64,16 +64,23 @@ struct TrialState {
     SpikeHistory spikes;
     uint64_t *inputs, *decided;
     uint32_t *rows, *sent;
+    T* adaptation;  // of the hidden layer, null where its thresholds do not adapt
 
-    TrialState(const Sizes& n, const Layout& layout, Carver& carver)
+    TrialState(const Sizes& n, const Layout& layout, bool adapts, Carver& carver)
         : hidden(n.hidden, layout.hidden_pitch, carver), readout(n.classes, layout.readout_pitch, carver),
           spikes(n.hidden, carver), inputs(carver.take<uint64_t>(words(n.inputs))),
           decided(carver.take<uint64_t>(words(n.classes) + 1)), rows(carver.take<uint32_t>(n.inputs + n.hidden)),
-          sent(carver.take<uint32_t>(n.hidden)) {}
+          sent(carver.take<uint32_t>(n.hidden)), adaptation(adapts ? carver.take<T>(layout.hidden_pitch) : nullptr) {}
     void clear() {
         hidden.clear();
         readout.clear();
         spikes.clear(hidden.neurons);
+    }
+    // The hidden layer at step t where its thresholds adapt: the membrane stays here, as the tape takes another value.
+    AdaptingState<T> adapting_at(int64_t t, T* tape_membrane, T* tape_current, T* tape_raised) const {
+        return {hidden.at(t, nullptr, tape_current), adaptation, spikes.now,
+                tape_membrane ? tape_membrane + t * hidden.pitch : nullptr,
+                tape_raised ? tape_raised + t * hidden.pitch : nullptr};
     }
 };
 
@@ -83,7 +90,7 @@ bool returns_what_it_sends(const Net<T>& net) {
     return net.w_rec && !net.neuron.emits_at_once() && !net.neuron.recurrent_delay;
 }
 
-template <class T>
+template <class T, bool Adapts>
 bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState<T>& s, int64_t trial,
                    const Outputs<T>& out, const Tape<T>* tape) {
     const Sizes& n = net.sizes;
@@ -98,6 +105,7 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
     T* readout_current = row_of(tape ? tape->readout_current : nullptr, s.readout.pitch);
     bool binary = true;
     s.clear();
+    if constexpr (Adapts) std::memset(s.adaptation, 0, s.hidden.pitch * sizeof(T));
     for (int64_t t = 0; t < n.steps; t++) {
         const int64_t row = trial * n.steps + t;
         uint64_t* inputs = tape ? tape->inputs + row * in_words : s.inputs;
@@ -106,8 +114,13 @@ bool forward_trial(const Net<T>& net, const ForwardTables<T>& tables, TrialState
         const int n_rows = !net.w_rec ? n_in
                                       : list_rows(s.spikes.recurrent(neuron.recurrent_delay), hid_words, n.inputs,
                                                   s.rows, n_in);
-        advance_layer(neuron, tables.hidden, {tables.table, s.rows, n_rows, 0}, s.hidden.at(t, membrane, current),
-                      s.spikes.next);
+        if constexpr (Adapts)
+            advance_layer<T>(neuron, tables.hidden, {tables.table, s.rows, n_rows, 0},
+                             s.adapting_at(t, membrane, current, row_of(tape ? tape->raised : nullptr, s.hidden.pitch)),
+                             s.spikes.next);
+        else
+            advance_layer<T>(neuron, tables.hidden, {tables.table, s.rows, n_rows, 0},
+                             s.hidden.at(t, membrane, current), s.spikes.next);
         const uint64_t* emitted = at_once ? s.spikes.next : s.spikes.now;
         if (out.raster) {
             T* line = out.raster + row * n.hidden;
@@ -268,7 +281,7 @@ struct BackwardTables {
 
     BackwardTables(const Net<T>& net, const Layout& layout, bool with_inputs, Carver& carver) {
         const Sizes& n = net.sizes;
-        hidden = pad_dynamics(net.hidden, n.hidden, layout.hidden_pitch, carver);
+        hidden = pad_dynamics(net.hidden, n.hidden, layout.hidden_pitch, carver, net.adaptation);
         readout = n.classes ? pad_dynamics(net.readout, n.classes, layout.readout_pitch, carver) : LayerTables<T>{};
         recurrent = net.w_rec ? Panels<T>::transposed(net.w_rec, n.hidden, n.hidden, carver) : Panels<T>{};
         out = n.classes ? Panels<T>::transposed(net.w_out, n.hidden, n.classes, carver) : Panels<T>{};
@@ -295,6 +308,7 @@ struct Sums {
 template <class T>
 struct BlockState {
     T *current, *membrane, *emitted;                  // adjoints (trial, pitch): of I, of U and of s
+    T* adaptation;                                    // and of A, null where thresholds do not adapt
     T *readout_current, *readout_membrane;
     T *history, *readout_history;                     // complete dL/dI[t+1], (slot, pitch)
     T *count_gradient, *class_gradient;               // dL/d(counts) of the two layers, (trial, pitch)
@@ -307,6 +321,7 @@ struct BlockState {
         : current(carver.take<T>(kBlock * layout.hidden_pitch)),
           membrane(carver.take<T>(kBlock * layout.hidden_pitch)),
           emitted(carver.take<T>(kBlock * layout.hidden_pitch)),
+          adaptation(net.adaptation.on ? carver.take<T>(kBlock * layout.hidden_pitch) : nullptr),
           readout_current(carver.take<T>(kBlock * layout.readout_pitch)),
           readout_membrane(carver.take<T>(kBlock * layout.readout_pitch)),
           history(carver.take<T>((int64_t)kChunk * kBlock * layout.hidden_pitch)),
@@ -325,16 +340,23 @@ struct BlockState {
 template <class T>
 struct LayerRow {
     const T *membrane, *current;  // of the tape; current is null where no dynamics are learned
-    const T* spike_gradient;      // dL/ds[t+1]
+    const T* spike_gradient;      // dL/ds[t+1], but for what comes through A[t+2]
     T *adjoint_current, *adjoint_membrane;
     T* complete;                  // dL/dI[t+1] goes there
+    T* adjoint_adaptation = nullptr;  // only where thresholds adapt
+    const T* raised = nullptr;        // of the tape, likewise and where dynamics are learned
 };
 
-template <class T, int N>
+template <class T, int N, bool Adapts>
 NT_INLINE void panel_back(Neuron neuron, const LayerTables<T>& layer, const LayerRow<T>& row, bool first, int at, T* sums) {
     using S = Simd<T, kWide<T>>;
     const auto threshold = load_all<S, N>(layer.threshold + at), after = load_all<S, N>(row.membrane + at);
-    const auto spike_gradient = load_all<S, N>(row.spike_gradient + at);
+    auto spike_gradient = load_all<S, N>(row.spike_gradient + at);
+    Vectors<S, N> adaptation{};
+    if constexpr (Adapts) {
+        adaptation = load_all<S, N>(row.adjoint_adaptation + at);
+        for (int q = 0; q < N; q++) spike_gradient[q] = spike_gradient[q] + adaptation[q];
+    }
     const auto scale = all<S>(layer.scale);
     Vectors<S, N> before{}, sloped;
     if (!first) before = load_all<S, N>(row.membrane - layer.pitch + at);
@@ -342,6 +364,10 @@ NT_INLINE void panel_back(Neuron neuron, const LayerTables<T>& layer, const Laye
     for (int q = 0; q < N; q++) {
         fired[q] = S::greater(before[q], threshold[q]);
         sloped[q] = surrogate_slope<S>(after[q], threshold[q], scale) * spike_gradient[q];
+    }
+    if constexpr (Adapts) {
+        adaptation_back(layer.adaptation, adaptation, sloped);
+        store_all(row.adjoint_adaptation + at, adaptation);
     }
     Adjoint<S, N> adjoint{load_all<S, N>(row.adjoint_current + at), load_all<S, N>(row.adjoint_membrane + at)};
     const auto gradient = step_back(neuron, adjoint, sloped, fired, load_all<S, N>(layer.alpha + at),
@@ -352,16 +378,23 @@ NT_INLINE void panel_back(Neuron neuron, const LayerTables<T>& layer, const Laye
     if (!sums) return;
     Vectors<S, N> current_before{};
     if (!first && row.current) current_before = load_all<S, N>(row.current - layer.pitch + at);
+    if (Adapts && !first && row.raised)  // U[t] from U[t] - k A[t]
+        for (int q = 0; q < N; q++) before[q] = before[q] + load<S>(row.raised - layer.pitch + at + q * S::lanes);
     add_dynamics(neuron, gradient, sloped, before, current_before, fired, sums + at, layer.pitch);
 }
 
 // Step t of one layer of one trial, backwards.
 template <class T>
 NT_INLINE void layer_back(Neuron neuron, const LayerTables<T>& layer, const LayerRow<T>& row, bool first, T* sums) {
-    constexpr int L = kWide<T>;
-    int at = 0;
-    for (; at + 2 * L <= layer.pitch; at += 2 * L) panel_back<T, 2>(neuron, layer, row, first, at, sums);
-    for (; at < layer.pitch; at += L) panel_back<T, 1>(neuron, layer, row, first, at, sums);
+    const auto each = [&](auto adapts) __attribute__((always_inline)) {
+        constexpr int L = kWide<T>;
+        int at = 0;
+        for (; at + 2 * L <= layer.pitch; at += 2 * L)
+            panel_back<T, 2, adapts.value>(neuron, layer, row, first, at, sums);
+        for (; at < layer.pitch; at += L) panel_back<T, 1, adapts.value>(neuron, layer, row, first, at, sums);
+    };
+    if (row.adjoint_adaptation) each(std::true_type());
+    else each(std::false_type());
 }
 
 // The gradients of one block of trials, step by step from the last.
@@ -418,6 +451,7 @@ private:
     void start() {
         clear(s.current, (int64_t)trials * pitch);
         clear(s.membrane, (int64_t)trials * pitch);
+        if (s.adaptation) clear(s.adaptation, (int64_t)trials * pitch);
         clear(s.readout_current, (int64_t)trials * readout_pitch);
         clear(s.readout_membrane, (int64_t)trials * readout_pitch);
         clear(s.unheard, readout_pitch);
@@ -475,7 +509,8 @@ private:
             const int64_t trial = first_trial + m, row = trial * n.steps + t, at = (int64_t)m * pitch;
             layer_back(net.neuron, tables.hidden,
                        {tape.membrane + row * pitch, tape.current ? tape.current + row * pitch : nullptr, s.emitted + at,
-                        s.current + at, s.membrane + at, history + at},
+                        s.current + at, s.membrane + at, history + at, s.adaptation ? s.adaptation + at : nullptr,
+                        tape.raised ? tape.raised + row * pitch : nullptr},
                        t == 0, grad.dynamics ? sums.hidden_dynamics : nullptr);
             const int slot = filled * kBlock + m;
             s.inputs.add(tape.inputs + row * in_words, slot);
@@ -505,19 +540,20 @@ template <class T>
 bool wide_forward(const Net<T>& net, const Layout& layout, const Outputs<T>& out, const Tape<T>* tape) {
     Carver measure, thread_measure;
     ForwardTables<T>(net, measure);
-    TrialState<T>(net.sizes, layout, thread_measure);
+    TrialState<T>(net.sizes, layout, net.adaptation.on, thread_measure);
     Block block(measure.bytes() + net.threads * thread_measure.bytes());
     Carver carver(block.data());
     const ForwardTables<T> tables(net, carver);
     char* thread_memory = block.data() + measure.bytes();
+    const auto run = net.adaptation.on ? forward_trial<T, true> : forward_trial<T, false>;
     int others = 0;
 #pragma omp parallel num_threads(net.threads) reduction(+ : others)
     {
         Carver mine(thread_memory + omp_get_thread_num() * thread_measure.bytes());
-        TrialState<T> state(net.sizes, layout, mine);
+        TrialState<T> state(net.sizes, layout, net.adaptation.on, mine);
 #pragma omp for schedule(dynamic, 4)
         for (int64_t trial = 0; trial < net.sizes.trials; trial++)
-            others += !forward_trial(net, tables, state, trial, out, tape);
+            others += !run(net, tables, state, trial, out, tape);
     }
     return others == 0;
 }

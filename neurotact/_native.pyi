@@ -29,6 +29,8 @@ def make_shape(
     membrane: int,
     reset: int,
     recurrent_delay: int,
+    adaptation: float,
+    adaptation_decay: float,
     scale: float,
     readout_scale: float,
     is_double: bool,

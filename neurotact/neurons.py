@@ -199,12 +199,51 @@ SpikeFunction = Callable[[Tensor], Tensor]
 
 
 class CubaLIFState(NamedTuple):
-    """Synaptic current I[t], membrane potential U[t] and spikes s[t] and s[t-1], each `(trial, neuron)`."""
+    """Synaptic current I[t], membrane potential U[t], spikes s[t] and s[t-1], and adaptation A[t].
+
+    Each is `(trial, neuron)`. A[t] stays 0 in a layer without adaptation.
+    """
 
     current: Tensor
     membrane: Tensor
     spikes: Tensor
     spikes_before: Tensor
+    adaptation: Tensor
+
+
+class Adaptation(NamedTuple):
+    """A threshold that rises with each spike of its neuron and decays (LSNN: Bellec et al. 2018, NeurIPS).
+
+    `A[t+1] = rho A[t] + s[t]`, `theta[t] = threshold + k A[t]` and `s[t] = 1 where U[t] > theta[t]`; the surrogate
+    derivative is that at |U - theta|, and the gradient through A is carried. LSNN adds (1 - rho) s[t]: its beta is
+    k / (1 - rho); A without this factor is that of e-prop (Bellec et al. 2020, doi 10.1038/s41467-020-17236-y).
+    Float arithmetic rounds U - k A, which is compared with the threshold.
+
+    The reset `subtract` takes off theta, as in LSNN: what is left is the excess over the threshold that was crossed,
+    and the next spike is as far as after the other resets. (e-prop takes off the threshold alone: the membrane stays
+    k A higher, and the raised threshold hardly slows the neuron.) Like any reset it carries no gradient, not through A
+    either.
+
+    >>> Adaptation(strength=0.5, decay=0.9).lowered(torch.tensor([2.0]), torch.tensor([1.0]))
+    tensor([1.5000])
+    """
+
+    strength: float
+    """k, in units of the threshold's own; above 0."""
+    decay: float
+    """rho = exp(-dt / tau_adaptation)."""
+
+    def after(self, state: CubaLIFState) -> Tensor:
+        """A[t+1], from the state at t."""
+        return self.decay * state.adaptation + state.spikes
+
+    def lowered(self, membrane: Tensor, adaptation: Tensor) -> Tensor:
+        """U - k A: a neuron spikes where this is above its threshold."""
+        return membrane - self.strength * adaptation
+
+    def raised(self, threshold: Decay, adaptation: Tensor) -> Tensor:
+        """The threshold as far as it is raised: theta = threshold + k A."""
+        return threshold + self.strength * adaptation
 
 
 @dataclass(frozen=True)
@@ -214,7 +253,8 @@ class CubaLIF:
     membrane: `eq4` b(U[t] + I[t]) (texture paper), `delayed` b U[t] + I[t] (SpyTorch),
         `immediate` b U[t] + I[t+1] (snnTorch, NIR), with b = exp(-dt / tau_mem).
     reset: `zero` multiplies that sum by (1 - s[t]) (texture paper, SpyTorch, snnTorch), `subtract` takes the
-        threshold off it, `hard` sets U[t] to 0 before it is formed (NIR, Loihi). The reset carries no gradient.
+        threshold off it, raised where it adapts, `hard` sets U[t] to 0 before it is formed (NIR, Loihi). The reset
+        carries no gradient.
     recurrent_delay_steps: d of the recurrent input V s[t-d] to I[t+1]: 0 (texture paper, snnTorch) or 1 (SpyTorch).
 
     Step t transmits s[t] under `eq4` and `delayed`, and s[t+1] under `immediate`. So what comes back in step t was
@@ -239,13 +279,14 @@ class CubaLIF:
 def cuba_lif_start(n_trials: int, n_neurons: int, like: Tensor) -> CubaLIFState:
     """The zero state, with the float type and device of `like`."""
     zero = torch.zeros(n_trials, n_neurons, dtype=like.dtype, device=like.device)
-    return CubaLIFState(zero, zero, zero, zero)
+    return CubaLIFState(zero, zero, zero, zero, zero)
 
 
 def recurrent_spikes(neuron: CubaLIF, state: CubaLIFState) -> Tensor:
     """The spikes that drive `I[t+1]` through the recurrent weights: s[t-d].
 
-    >>> state = CubaLIFState(*(torch.full((1, 1), value) for value in (0.0, 0.0, 1.0, 0.0)))  # s[t] = 1, s[t-1] = 0
+    >>> values = (0.0, 0.0, 1.0, 0.0, 0.0)  # s[t] = 1, s[t-1] = 0
+    >>> state = CubaLIFState(*(torch.full((1, 1), value) for value in values))
     >>> [recurrent_spikes(CubaLIF(recurrent_delay_steps=d), state).item() for d in (0, 1)]
     [1.0, 0.0]
     """
@@ -264,11 +305,12 @@ def cuba_lif_step(
     beta: Decay,
     threshold: Decay,
     spike: SpikeFunction,
+    adaptation: Adaptation | None = None,
 ) -> tuple[Tensor, CubaLIFState]:
     """One step to the synaptic current `I[t+1]`: `(transmitted spikes, next state)`.
 
     `spike` maps U - threshold to what is transmitted, with its surrogate gradient; the reset acts where
-    U > threshold, whatever is transmitted.
+    U > threshold, whatever is transmitted. With `adaptation` U - k A takes the place of U in both.
 
     >>> from neurotact.networks.surrogate import FastSigmoid
     >>> state = cuba_lif_start(1, 1, torch.zeros(1))
@@ -279,7 +321,8 @@ def cuba_lif_step(
     >>> sent
     [0.0, 0.0, 1.0]
     """
-    keep = (state.membrane <= threshold).to(current.dtype)
+    compared = state.membrane if adaptation is None else adaptation.lowered(state.membrane, state.adaptation)
+    keep = (compared <= threshold).to(current.dtype)
     carried = state.membrane * keep if neuron.reset == "hard" else state.membrane
     if neuron.membrane == "eq4":
         membrane = beta * (carried + state.current)
@@ -290,9 +333,13 @@ def cuba_lif_step(
     if neuron.reset == "zero":
         membrane = membrane * keep
     elif neuron.reset == "subtract":
-        membrane = membrane - (1 - keep) * _detached(threshold)
+        crossed = threshold if adaptation is None else adaptation.raised(threshold, state.adaptation)
+        membrane = membrane - (1 - keep) * _detached(crossed)
+    raised = state.adaptation if adaptation is None else adaptation.after(state)
+    compared = membrane if adaptation is None else adaptation.lowered(membrane, raised)
     # The surrogates of snntorch give float32 whatever they are given.
-    following = CubaLIFState(current, membrane, spike(membrane - threshold).to(membrane.dtype), state.spikes)
+    spikes = spike(compared - threshold).to(membrane.dtype)
+    following = CubaLIFState(current, membrane, spikes, state.spikes, raised)
     return transmitted_spikes(neuron, following), following
 
 

@@ -33,6 +33,9 @@ READOUTS: dict[str, dict] = {
 }
 
 
+ADAPTING = {"threshold_adaptation": 0.3, "tau_adaptation_ms": 12.0}
+
+
 def make_chain(
     conditioning: dict, *, rate_Hz: float = 1000.0, patience: int | None = None, margin: float | None = None,
     windows: dict | None = None, n_taxels: int = 2, seed: int = 0, readout: str = "count",

@@ -787,6 +787,17 @@ def test_a_single_class_is_refused(neurotact, refused, tmp_path, command):
 
 
 @pytest.mark.filterwarnings("default")
+def test_thresholds_that_adapt_are_trained_and_refused_where_they_mean_nothing(neurotact, refused, made, tmp_path):
+    run = tmp_path / "run"
+    train = ("train", made / "spikes.h5", "-o", run, *QUICK)
+    refused((*train, "--set", "tau_adaptation_ms=50"), "tau_adaptation_ms needs threshold_adaptation above 0; set that")
+    refused((*train, "--set", "threshold_adaptation=-1"), "threshold_adaptation", "0")
+    adapting = ("--set", "threshold_adaptation=0.3", "--set", "tau_adaptation_ms=50")
+    assert neurotact(*train, *adapting)[0] == 0
+    assert trained.restore(run).network.adaptation is not None
+    refused(("export", run, "--to", "nir", "-o", tmp_path / "a.nir"), "threshold_adaptation: NIR has no neuron")
+
+
 def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path):
     words = ("encode", made / "touch.h5", "--set", "sa1.gain=0.001", "--set", "ra1.gain=0.001")
     assert neurotact(*words, "-o", tmp_path / "silent.h5")[0] == 0

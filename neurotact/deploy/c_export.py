@@ -85,7 +85,8 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "most_decisions": plan.at_once * per_sample,
         "afferent_type": _unsigned(2 * n_taxels), "neuron_type": _unsigned(spec.hidden),
         "class_type": _unsigned(network.n_classes),
-        "integrator": integrator, "recurrent": spec.recurrent, "membrane_kind": spec.membrane, "reset": spec.reset,
+        "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
+        "membrane_kind": spec.membrane, "reset": spec.reset,
         "delay": spec.recurrent and spec.recurrent_delay_steps,
         "patience": chain.rule.patience, "from_first_spike": chain.rule.from_first_spike,
         "margin_words": chain.rule.margin and f"{chain.rule.margin:g}",
@@ -153,9 +154,12 @@ def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, 
         "delayed": f"{decay} * carried + before",
         "immediate": f"{decay} * carried + now",
     }[chain.network.spec.membrane]
-    return _layer(chain, index) | {
+    found = _layer(chain, index) | {
         "alpha": _float(alpha[index]), "threshold": _float(threshold[index]), "next": after
     }  # fmt: skip
+    if (how := chain.network.adaptation_of(index)) is None:
+        return found
+    return found | {"adapts": True, "strength": _float(how.strength), "adaptation_decay": _float(how.decay)}
 
 
 def _in_whole_numbers(chain: Chain, formats: Formats) -> dict[str, Any]:
@@ -211,11 +215,11 @@ def _layer(chain: Chain, index: int) -> dict[str, Any]:
     spec, n_afferents = chain.network.spec, chain.network.n_inputs
     if index == 0:
         return {
-            "name": "hidden", "about": "hidden layer", "size": "HIDDEN", "recurrent": spec.recurrent,
+            "name": "hidden", "about": "hidden layer", "size": "HIDDEN", "recurrent": spec.recurrent, "adapts": False,
             "from_type": _unsigned(n_afferents), "to_type": _unsigned(spec.hidden), "w": "w_in", "v": "w_rec",
         }  # fmt: skip
     return {
-        "name": "readout", "about": "readout", "size": "CLASSES", "recurrent": False,
+        "name": "readout", "about": "readout", "size": "CLASSES", "recurrent": False, "adapts": False,
         "from_type": _unsigned(spec.hidden), "to_type": _unsigned(chain.network.n_classes), "w": "w_out", "v": "",
     }  # fmt: skip
 

@@ -237,6 +237,11 @@ def layers_of(
             f"readout: '{network.spec.readout}' with a leak has no form in whole numbers; export it with "
             "--variant float, or train with readout = 'integrator' and no readout_tau_ms"
         )
+    if network.adaptation is not None:
+        raise InputError(
+            "threshold_adaptation: has no form in whole numbers; export it with --variant float, or train with "
+            "threshold_adaptation = 0"
+        )
     if not 2 <= weight_bits <= 8:
         raise InputError(f"weight_bits: must be from 2 to 8; got {weight_bits}")
     if not (8 <= state_bits <= 16 or state_bits == 24):
@@ -268,7 +273,8 @@ def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
         for index, (w, v) in enumerate(layers if network.bias is None else layers[:1]):
             sent, states[index] = reference.cuba_lif_layer(
                 sent, w, v, alpha=network.alpha[index], beta=network.beta[index], threshold=network.threshold[index],
-                neuron=network.neuron, spike=network.spike, state=states[index],
+                neuron=network.neuron, spike=network.spike, adaptation=network.adaptation_of(index),
+                state=states[index],
             )  # fmt: skip
             state = states[index]
             largest[index] = max(largest[index], float(state.current.abs().max()), float(state.membrane.abs().max()))

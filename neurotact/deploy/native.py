@@ -137,7 +137,7 @@ class CompiledStream:
         for group in range(-(-n // LANES)):
             parts += [each[4 * LANES * group : 4 * LANES * (group + 1)] for each in four]
         for window in state.windows:
-            parts += _parts_of(window)
+            parts += _parts_of(window, adapts=self.chain.network.adaptation is not None)
         self._stream.restore(parts)
 
     def _taxels(self, content: bytes, kind: Any) -> np.ndarray:
@@ -185,13 +185,16 @@ class CompiledStream:
             return torch.from_numpy(values[None])
 
         window, start, steps, sent, heard, held = read(np.int64).tolist()
-        moving = [row(read(np.float32)) for _ in range(2)]
-        hidden = CubaLIFState(*moving, *(row(_bits(read(np.uint64), n_hidden)) for _ in range(2)))
+        current, membrane = (row(read(np.float32)) for _ in range(2))
+        spikes, before = (row(_bits(read(np.uint64), n_hidden)) for _ in range(2))
+        raised = torch.zeros(1, n_hidden) if network.adaptation is None else row(read(np.float32))
+        hidden = CubaLIFState(current, membrane, spikes, before, raised)
         readout = None
         if spiking:
             current, membrane = (row(read(np.float32)) for _ in range(2))
             spikes = row(_bits(read(np.uint64), n_classes))
-            readout = CubaLIFState(current, membrane, spikes, torch.zeros_like(spikes))
+            nothing = torch.zeros_like(spikes)
+            readout = CubaLIFState(current, membrane, spikes, nothing, nothing)
         leaky = row(read(np.float64)) if network.leaks else None
         counts = row(read(np.int64 if spiking else np.float64))
         index, standing, since = (torch.tensor([each]) for each in read(np.int64).tolist())
@@ -199,11 +202,13 @@ class CompiledStream:
         return Running(window, start, steps, hidden, readout, leader, sent, heard, held)
 
 
-def _parts_of(window: Running) -> list[bytes]:
+def _parts_of(window: Running, *, adapts: bool) -> list[bytes]:
     numbers = (window.window, window.start, window.steps, window.input_spikes, window.hidden_spikes, window.held)
     hidden, readout, leader = window.hidden, window.readout, window.leader
     parts = [np.array(numbers, np.int64).tobytes()]
     parts += [_bytes(hidden.current), _bytes(hidden.membrane), _words(hidden.spikes), _words(hidden.spikes_before)]
+    if adapts:
+        parts.append(_bytes(hidden.adaptation))
     if readout is not None:
         parts += [_bytes(readout.current), _bytes(readout.membrane), _words(readout.spikes)]
     if leader.leaky is not None:

@@ -85,7 +85,8 @@ def _layer(
     if v is not None:
         for presynaptic in returning:
             current = current + v[presynaptic]
-    return cuba_lif_step(network.neuron, current, state, network.beta[layer], network.threshold[layer], _above)
+    dynamics = (network.beta[layer], network.threshold[layer])
+    return cuba_lif_step(network.neuron, current, state, *dynamics, _above, network.adaptation_of(layer))
 
 
 def _above(over_threshold: Tensor) -> Tensor:

@@ -47,7 +47,7 @@ def fingerprint(chain: Chain) -> str:
 def save(chain: Chain, state: StreamState, path: str | Path, *, force: bool = False) -> None:
     """Write what a stream of a chain remembers; an existing file is refused unless `force`."""
     check_new(path, force=force)
-    table, arrays = _parts(state)
+    table, arrays = _parts(chain, state)
     table["chain"] = fingerprint(chain)
     text = json.dumps(table, sort_keys=True)
     arrays = {name: np.ascontiguousarray(values) for name, values in arrays.items()}
@@ -90,7 +90,7 @@ def _hash(text: str, arrays: Arrays) -> str:
     return digest.hexdigest()
 
 
-def _parts(state: StreamState) -> tuple[dict[str, Any], Arrays]:
+def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
     """A state as a table of numbers and as arrays by name."""
     done, opening = state.conditioned, state.opening
     arrays: Arrays = {}
@@ -111,8 +111,9 @@ def _parts(state: StreamState) -> tuple[dict[str, Any], Arrays]:
         layers = {"hidden": window.hidden, "readout": window.readout, "leader": window.leader}
         for name, layer in layers.items():
             if layer is not None:
-                parts = ((key, each) for key, each in layer._asdict().items() if each is not None)
-                arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in parts}
+                known = _fields(chain, name) if isinstance(layer, CubaLIFState) else layer._fields
+                parts = ((key, getattr(layer, key)) for key in known)
+                arrays |= {f"window{number}.{name}.{key}": each.numpy() for key, each in parts if each is not None}
         windows.append({key: value for key, value in window._asdict().items() if isinstance(value, int)})
     table = {
         "n_samples": done.n_samples, "n_steps": done.n_steps, "n_carried": done.carried and done.carried[1],
@@ -166,14 +167,20 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
     return state
 
 
+def _fields(chain: Chain, layer: str) -> tuple[str, ...]:
+    """Which parts of a layer's state are written: the adaptation only where thresholds adapt."""
+    adapts = chain.network.adaptation_of(("hidden", "readout").index(layer)) is not None
+    return tuple(key for key in CubaLIFState._fields if key != "adaptation" or adapts)
+
+
 def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Running:
     network = chain.network
     integrates = network.bias is not None
 
     def layer(name: str, size: int) -> CubaLIFState:
-        return CubaLIFState(
-            *(torch.from_numpy(take(f"{prefix}{name}.{key}", (1, size), np.float32)) for key in CubaLIFState._fields)
-        )
+        fields = _fields(chain, name)
+        parts = {key: torch.from_numpy(take(f"{prefix}{name}.{key}", (1, size), np.float32)) for key in fields}
+        return CubaLIFState(**{"adaptation": torch.zeros(1, size), **parts})
 
     kinds = {"counts": np.float64 if integrates else np.int64, "heard": np.bool_, "leaky": np.float64}
     sizes = {"counts": (1, network.n_classes), "leaky": (1, network.n_classes)}

@@ -76,6 +76,7 @@ def _xylo(asked: Asked) -> Iterator[Finding]:
     yield _is(
         "reset", spec.reset, "subtract", "train again with --set reset=subtract; a neuron may then spike again at once"
     )
+    yield _fixed_thresholds(network, "train again with --set threshold_adaptation=0")
     yield _is("readout", spec.readout, "count", "train again with --set readout=count")
     yield _is("recurrent delay", str(spec.recurrent_delay_steps), "0", "train again with --set recurrent_delay_steps=0")
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
@@ -94,6 +95,7 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
         "membrane", spec.membrane, "immediate", "train again with --set membrane=immediate, or microcode on Loihi 2"
     )
     yield _is("reset", spec.reset, "hard", "train again with --set reset=hard, or microcode on Loihi 2")
+    yield _fixed_thresholds(network, "train again with --set threshold_adaptation=0, or microcode on Loihi 2")
     yield _is("readout", spec.readout, "count", "train again with --set readout=count, or microcode on Loihi 2")
     delay = spec.recurrent_delay_steps if spec.recurrent else 0
     yield _is("recurrent delay", str(delay), "0", "a projection with delays, or train again without a recurrent delay")
@@ -111,7 +113,8 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
 def _spinnaker(asked: Asked) -> Iterator[Finding]:
     network, spec = asked.network, asked.network.spec
     weights = sum(weights.numel() for weights in network.weights)
-    n_bytes = 4 * weights + 16 * (spec.hidden + network.n_classes) + 8192
+    states = 4 * (spec.hidden + network.n_classes) + (spec.hidden if network.adaptation is not None else 0)
+    n_bytes = 4 * weights + 4 * states + 8192
     yield _at_most("bytes of one processor", n_bytes, PROCESSOR_BYTES, "8-bit weights, or several processors")
     encoder = asked.encoder or {}
     model, baseline = encoder.get("model", "lif"), (encoder.get("conditioning") or {}).get("baseline", "none")
@@ -133,6 +136,10 @@ def _at_most(what: str, here: int, limit: int, cost: str) -> Finding:
 
 def _is(what: str, here: str, limit: str, cost: str) -> Finding:
     return Finding(what, here, limit, here == limit, cost)
+
+
+def _fixed_thresholds(network: RSNN, cost: str) -> Finding:
+    return _is("threshold adaptation", f"{network.spec.threshold_adaptation:g}", "0", cost)
 
 
 def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:

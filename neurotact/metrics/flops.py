@@ -524,6 +524,8 @@ class SpikingLayer(Layer):
     sops: operations into this layer in one decision, a mean or a number: an AC each.
     recurrent: whether its neurons are connected to one another.
     Per neuron and step the current and the membrane decay (two MACs), and the membrane is compared with its threshold.
+    adapts: whether thresholds adapt. Then the adaptation decays and takes the neuron's spike, and its multiple comes
+    off the membrane before the comparison: two MACs more per neuron and step, and a third state.
     """
 
     inputs: int
@@ -531,6 +533,7 @@ class SpikingLayer(Layer):
     steps: float
     sops: float
     recurrent: bool
+    adapts: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -539,7 +542,8 @@ class SpikingLayer(Layer):
 
     def cost(self) -> Cost:
         weights = self.neurons * (self.inputs + (self.neurons if self.recurrent else 0))
-        updates = self.neurons * self.steps
+        updates, adapting = self.neurons * self.steps, int(self.adapts)
         return _with_weights(
-            weights, 2 * self.neurons, macs=2 * updates, acs=self.sops, other_flops=updates, sops=self.sops
-        )
+            weights, (2 + adapting) * self.neurons, macs=(2 + 2 * adapting) * updates, acs=self.sops,
+            other_flops=updates, sops=self.sops,
+        )  # fmt: skip

@@ -6,7 +6,7 @@ from neurotact.errors import InputError
 from neurotact.networks import kernels, native, reference
 from neurotact.networks.kernels import Backend
 from neurotact.networks.surrogate import FastSigmoid
-from neurotact.neurons import CubaLIF, Decay
+from neurotact.neurons import Adaptation, CubaLIF, Decay
 
 
 def cuba_lif_layer(
@@ -18,6 +18,7 @@ def cuba_lif_layer(
     beta: Decay,
     threshold: Decay = 1.0,
     neuron: CubaLIF = CubaLIF(),
+    adaptation: Adaptation | None = None,
     surrogate_scale: float = 10.0,
     backend: Backend = "auto",
 ) -> Tensor:
@@ -27,7 +28,7 @@ def cuba_lif_layer(
     w: weights `(presynaptic, postsynaptic)`, float32 or float64.
     v: recurrent weights `(postsynaptic, postsynaptic)`; none, no recurrence.
     alpha, beta, threshold: synaptic and membrane decay a step and the threshold, one value or one a neuron.
-    neuron: membrane, reset and recurrent delay.
+    neuron: membrane, reset and recurrent delay. adaptation: of the thresholds; none where absent.
 
     Differentiable in x, w, v, alpha, beta and threshold, so that layers stack:
 
@@ -43,10 +44,10 @@ def cuba_lif_layer(
     """
     _check(x, w, v, {"alpha": alpha, "beta": beta, "threshold": threshold})
     if kernels.use_native(backend, w):
-        return native.layer_spikes(x, w, v, alpha, beta, threshold, neuron, surrogate_scale)
+        return native.layer_spikes(x, w, v, alpha, beta, threshold, neuron, surrogate_scale, adaptation)
     spikes, _ = reference.cuba_lif_layer(
         x.to(w.dtype), w, v, alpha=alpha, beta=beta, threshold=threshold, neuron=neuron,
-        spike=FastSigmoid(surrogate_scale),
+        spike=FastSigmoid(surrogate_scale), adaptation=adaptation,
     )  # fmt: skip
     return spikes
 

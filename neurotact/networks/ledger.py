@@ -108,10 +108,13 @@ def network_cost(
         else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
     )
     return cost(
-        SpikingLayer(n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent),
+        SpikingLayer(
+            n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent,
+            adapts=spec.threshold_adaptation > 0,
+        ),
         readout,
         signal_ms=signal_ms,
-    )
+    )  # fmt: skip
 
 
 def linear_cost(n_taxels: int, samples: int, n_classes: int, signal_ms: float) -> Cost:

@@ -16,7 +16,7 @@ from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.kernels import native
 from neurotact.networks.readouts import Integration
 from neurotact.networks.specs import RSNNSpec
-from neurotact.neurons import CubaLIF, Decay, Membrane, Reset
+from neurotact.neurons import Adaptation, CubaLIF, Decay, Membrane, Reset
 
 _KINDS = {torch.uint8: 1, torch.bool: 1, torch.float32: 4, torch.float64: 8}
 Weights = tuple[Tensor, Tensor | None, Tensor | None]
@@ -34,6 +34,8 @@ class Network(Protocol):
     def spec(self) -> RSNNSpec: ...
     @property
     def neuron(self) -> CubaLIF: ...
+    @property
+    def adaptation(self) -> Adaptation | None: ...
     @property
     def w_in(self) -> Tensor: ...
     @property
@@ -176,21 +178,45 @@ def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor
 
 
 def layer_spikes(
-    x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
+    x: Tensor,
+    w: Tensor,
+    v: Tensor | None,
+    alpha: Decay,
+    beta: Decay,
+    threshold: Decay,
+    neuron: CubaLIF,
+    scale: float,
+    adaptation: Adaptation | None = None,
 ) -> Tensor:
     """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`."""
-    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, counted=False)
+    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=False)
 
 
 def layer_counts(
-    x: Tensor, w: Tensor, v: Tensor | None, alpha: Decay, beta: Decay, threshold: Decay, neuron: CubaLIF, scale: float
+    x: Tensor,
+    w: Tensor,
+    v: Tensor | None,
+    alpha: Decay,
+    beta: Decay,
+    threshold: Decay,
+    neuron: CubaLIF,
+    scale: float,
+    adaptation: Adaptation | None = None,
 ) -> Tensor:
     """Spike counts of one layer over the window, `(trial, postsynaptic)`; otherwise as `layer_spikes`."""
-    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, counted=True)
+    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=True)
 
 
 def _layer_sends(
-    x: Tensor, w: Tensor, v: Tensor | None, values: tuple[Decay, ...], neuron: CubaLIF, scale: float, counted: bool
+    x: Tensor,
+    w: Tensor,
+    v: Tensor | None,
+    values: tuple[Decay, ...],
+    neuron: CubaLIF,
+    scale: float,
+    adaptation: Adaptation | None,
+    *,
+    counted: bool,
 ) -> Tensor:
     """The raster of a layer or, where they are `counted`, its spikes per window."""
     w, *rest = _same_kind(w) if v is None else _same_kind(w, v)
@@ -203,7 +229,8 @@ def _layer_sends(
     learns = [t.requires_grad for t in (x, *dynamics)]
     training = torch.is_grad_enabled() and (any(learns) or any(t.requires_grad for t in (w, *rest)))
     shape = _shape(
-        w.shape[0], w.shape[1], 0, neuron, scale, scale, is_double=w.dtype is torch.float64, recurrent=v is not None,
+        w.shape[0], w.shape[1], 0, neuron, adaptation, scale, scale, is_double=w.dtype is torch.float64,
+        recurrent=v is not None,
         per_neuron=per_neuron, keep_currents=training and any(learns[1:]), with_inputs=training and learns[0],
         with_raster=not counted,
     )  # fmt: skip
@@ -269,7 +296,7 @@ def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> An
     how = network.integration
     decay, peak = (None, False) if how is None or not how.leaks else (how.decay, how.peak)
     return _shape(
-        *network.w_in.shape, network.n_classes, network.neuron,
+        *network.w_in.shape, network.n_classes, network.neuron, network.adaptation,
         spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale, decay, peak,
         is_double=network.w_in.dtype is torch.float64, recurrent=network.w_rec is not None, per_neuron=False,
         keep_currents=keep_currents, with_inputs=with_inputs, with_raster=False,
@@ -301,6 +328,7 @@ def _shape(
     n_hidden: int,
     n_classes: int,
     neuron: CubaLIF,
+    adaptation: Adaptation | None,
     scale: float,
     readout_scale: float,
     decay: float | None = None,
@@ -310,7 +338,9 @@ def _shape(
     return native.make_shape(
         inputs=n_inputs, hidden=n_hidden, classes=n_classes,
         membrane=get_args(Membrane).index(neuron.membrane), reset=get_args(Reset).index(neuron.reset),
-        recurrent_delay=neuron.recurrent_delay_steps, scale=scale, readout_scale=readout_scale,
+        recurrent_delay=neuron.recurrent_delay_steps,
+        adaptation=0.0 if adaptation is None else adaptation.strength,
+        adaptation_decay=0.0 if adaptation is None else adaptation.decay, scale=scale, readout_scale=readout_scale,
         leaks=decay is not None, peak=peak, decay=1.0 if decay is None else decay, **more,
     )  # fmt: skip
 

@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from neurotact.neurons import (
+    Adaptation,
     CubaLIF,
     CubaLIFState,
     Decay,
@@ -24,6 +25,7 @@ def cuba_lif_layer(
     threshold: Decay,
     neuron: CubaLIF,
     spike: SpikeFunction,
+    adaptation: Adaptation | None = None,
     state: CubaLIFState | None = None,
     ordered: bool = False,
 ) -> tuple[Tensor, CubaLIFState]:
@@ -32,7 +34,7 @@ def cuba_lif_layer(
     x: spikes into the layer, `(trial, time, presynaptic)`, of the weights' float type.
     w, v: weights `(presynaptic, postsynaptic)`; no `v`, no recurrence.
     alpha, beta, threshold: numbers or tensors that broadcast over `(postsynaptic,)`.
-    neuron: membrane, reset and d, the recurrent delay.
+    neuron: membrane, reset and d, the recurrent delay. adaptation: of the thresholds; none where absent.
     ordered: add decay, then inputs, then recurrence in ascending order, as the native kernels do. A matrix
         product changes its last bits with the batch; this does not.
 
@@ -51,7 +53,7 @@ def cuba_lif_layer(
         else:
             current = current + arriving
             current = current if v is None else torch.addmm(current, returning, v)
-        spikes, state = cuba_lif_step(neuron, current, state, beta, threshold, spike)
+        spikes, state = cuba_lif_step(neuron, current, state, beta, threshold, spike, adaptation)
         transmitted.append(spikes)
     if not transmitted:
         return x.new_zeros(n_trials, 0, w.shape[1]), state

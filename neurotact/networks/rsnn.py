@@ -22,7 +22,7 @@ from neurotact.networks.kernels import Backend
 from neurotact.networks.readouts import Integration
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.surrogate import FastSigmoid
-from neurotact.neurons import CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
+from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
 from neurotact.spec import build, override
 
 RASTER_VALUES = 2**25
@@ -108,6 +108,10 @@ class RSNN(nn.Module):
         self.sampling_rate_Hz = sampling_rate_Hz
         self.backend: Backend = backend
         self.neuron = CubaLIF(spec.membrane, spec.reset, spec.recurrent_delay_steps)
+        self.adaptation: Adaptation | None = None
+        if spec.threshold_adaptation:
+            decay = decay_per_step(spec.tau_adaptation_ms, sampling_rate_Hz)
+            self.adaptation = Adaptation(spec.threshold_adaptation, decay)
         self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
 
         def normal(rows: int, columns: int, deviation: float) -> nn.Parameter:
@@ -128,10 +132,15 @@ class RSNN(nn.Module):
     def __repr__(self) -> str:
         kind = "recurrent" if self.spec.recurrent else "feed-forward"
         n_weights = sum(weights.numel() for weights in self.weights)
+        adapts = ""
+        if self.adaptation is not None:
+            adapts = (
+                f"threshold_adaptation {self.spec.threshold_adaptation:g} over {self.spec.tau_adaptation_ms:g} ms, "
+            )
         return (
             f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
             f"clock {self.sampling_rate_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
-            f"tau_syn {self.spec.tau_syn_ms:g} ms, {n_weights:,} weights)"
+            f"tau_syn {self.spec.tau_syn_ms:g} ms, {adapts}{n_weights:,} weights)"
         )
 
     @property
@@ -146,6 +155,10 @@ class RSNN(nn.Module):
     @property
     def n_classes(self) -> int:
         return self.w_out.shape[1]
+
+    def adaptation_of(self, layer: int) -> Adaptation | None:
+        """How the thresholds of the hidden layer (0) adapt; those of the readout (1) do not."""
+        return self.adaptation if layer == 0 else None
 
     def spike_of(self, layer: int) -> SpikeFunction:
         """The spike function of the hidden layer (0) or of the readout (1), with its surrogate.
@@ -196,7 +209,9 @@ class RSNN(nn.Module):
     def _hidden_counts(self, spikes: Tensor) -> Tensor:
         if self._native():
             dynamics = (self.alpha[0], self.beta[0], self.threshold[0])
-            return native.layer_counts(spikes, self.w_in, self.w_rec, *dynamics, self.neuron, self.spec.surrogate_scale)
+            return native.layer_counts(
+                spikes, self.w_in, self.w_rec, *dynamics, self.neuron, self.spec.surrogate_scale, self.adaptation
+            )
         return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
 
     def sums(self, hidden: Tensor) -> Tensor:
@@ -289,14 +304,15 @@ class RSNN(nn.Module):
     def _layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int, ordered: bool, state=None):
         return reference.cuba_lif_layer(
             x, w, v, alpha=self.alpha[layer], beta=self.beta[layer], threshold=self.threshold[layer],
-            neuron=self.neuron, spike=self.spike_of(layer), state=state, ordered=ordered,
+            neuron=self.neuron, spike=self.spike_of(layer), adaptation=self.adaptation_of(layer), state=state,
+            ordered=ordered,
         )  # fmt: skip
 
     def _native_layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int) -> Tensor:
         dynamics = (self.alpha[layer], self.beta[layer], self.threshold[layer])
         spike = self.spike_of(layer)
         assert isinstance(spike, FastSigmoid)
-        return native.layer_spikes(x, w, v, *dynamics, self.neuron, spike.scale)
+        return native.layer_spikes(x, w, v, *dynamics, self.neuron, spike.scale, self.adaptation_of(layer))
 
     def _native(self) -> bool:
         # The kernels know the fast sigmoid alone; any other surrogate runs in the reference.

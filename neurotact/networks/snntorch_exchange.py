@@ -100,7 +100,8 @@ class SnnTorchNetwork(nn.Module):
 def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
-    Raises InputError unless the network is float32, reset `zero` or `subtract`, alpha and beta in [0, 1].
+    Raises InputError unless the network is float32, reset `zero` or `subtract`, alpha and beta in [0, 1], and its
+    thresholds do not adapt.
     `snntorch.export_nir.export_to_nir(net, torch.ones(1, 9, afferents), ignore_dims=[0, 1])` writes its layers where
     nothing in `spec.learn` is learned, without the steps by which the wrapper delays them; `nt.to_nir` writes all.
     In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
@@ -112,6 +113,10 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """
     if network.spec.reset not in RESETS:
         raise InputError(f"reset: snnTorch has 'zero' and 'subtract' alone; got '{network.spec.reset}'")
+    if network.adaptation is not None:
+        raise InputError(
+            "threshold_adaptation: snnTorch's Synaptic has fixed thresholds; train with threshold_adaptation = 0"
+        )
     if network.w_in.dtype != torch.float32:
         raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
     _check_decays(network.alpha, network.beta)

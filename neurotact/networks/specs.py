@@ -10,6 +10,7 @@ from neurotact.spec import Spec, without_defaults
 Keep = Literal["loss", "accuracy", "both"]
 LATER_KEYS = (
     "recurrent_delay_steps", "readout_surrogate_scale", "readout", "readout_tau_ms", "input_deviation", "recipe",
+    "threshold_adaptation", "tau_adaptation_ms",
 )  # fmt: skip
 """Keys that came after networks had been trained: without them a spec is written as it was then."""
 
@@ -76,14 +77,19 @@ class RSNNSpec(Spec):
     """How current enters the membrane: `eq4` b(U[t] + I[t]), `delayed` b U[t] + I[t], `immediate` b U[t] + I[t+1],
     with b = exp(-dt / tau_mem)."""
     reset: Reset = "zero"
-    """After a spike: `zero` makes the next membrane potential 0, `subtract` takes the threshold off it, `hard` sets
-    U[t] to 0 before the next one is formed."""
+    """After a spike: `zero` makes the next membrane potential 0, `subtract` takes the threshold off it (with what
+    raises it, where thresholds adapt), `hard` sets U[t] to 0 before the next one is formed."""
     recurrent_delay_steps: int = Field(default=0, ge=0, le=1, strict=True)
     """d of `I[t+1] = alpha I[t] + W x[t] + V s[t-d]`: by how many steps a hidden spike comes back later."""
     tau_mem_ms: float = Field(default=20.0, gt=0)
     """Time constant of the membranes."""
     tau_syn_ms: float = Field(default=10.0, gt=0)
     """Time constant of the synaptic currents."""
+    threshold_adaptation: float = Field(default=0.0, ge=0)
+    """k: by how much each spike of a hidden neuron raises its threshold, which is 1 at rest. 0: thresholds stay as they
+    are. The readout has none."""
+    tau_adaptation_ms: float = Field(default=100.0, gt=0)
+    """Time constant with which a raised threshold comes down."""
     surrogate_scale: float = Field(default=10.0, gt=0)
     """lambda of the fast sigmoid."""
     readout_surrogate_scale: float | None = Field(default=None, gt=0)
@@ -127,6 +133,12 @@ class RSNNSpec(Spec):
     def _leak_has_a_readout(self) -> "RSNNSpec":
         if self.readout_tau_ms is not None and self.readout == "count" and self.recipe is None:
             raise ValueError("readout_tau_ms needs readout = 'integrator' or 'max'; set that, or drop the key")
+        return self
+
+    @model_validator(mode="after")
+    def _decay_has_an_adaptation(self) -> "RSNNSpec":
+        if "tau_adaptation_ms" in self.model_fields_set and not self.threshold_adaptation:
+            raise ValueError("tau_adaptation_ms needs threshold_adaptation above 0; set that, or drop the key")
         return self
 
     @model_serializer(mode="wrap")

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 from compiled import chosen, compare, spikes_of
-from made_chains import make_chain, make_encoder, make_signal
+from made_chains import ADAPTING, make_chain, make_encoder, make_signal
 
 from neurotact.deploy import c_export, proof
 from neurotact.deploy.chain import chain_of
@@ -31,6 +31,12 @@ KINDS = {
     "max": ({"offset": (1.0, 1.2)}, {"readout": "max", "margin": 1.5, "membrane": "immediate"}),
     "margin": ({"ema_cutoff_Hz": 30.0}, {"margin": 2.0}),
     "margin of an integrator": ({"scale": (0.5, 0.7)}, {"readout": "integrator", "margin": 3.0}),
+    "adapting": ({"ema_cutoff_Hz": 30.0}, {**ADAPTING, "patience": 5}),
+    "adapting, delayed": (
+        {"scale": (0.5, 0.7)},
+        {**ADAPTING, "membrane": "delayed", "reset": "subtract", "recurrent_delay_steps": 1, "readout": "integrator"},
+    ),
+    "adapting, immediate": ({}, {**ADAPTING, "membrane": "immediate", "reset": "hard", "model": "snn", "margin": 2.0}),
     "contact": ({}, {"windows": {"length_ms": 25, "contact": True, "quiet_ms": 4, "start_ms": 11}, "patience": 2}),
     "faster": ({"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}, {"rate_Hz": 370.0, "reset": "hard"}),
     "slower": ({"resample_Hz": 1000.0}, {"rate_Hz": 1700.0, "membrane": "delayed", "recurrent_delay_steps": 1}),
@@ -49,6 +55,12 @@ def made(kind: str):
 def test_c_says_what_its_twin_says(kind, variant, tmp_path):
     chain = made(kind)
     signals = [make_signal(150, chain.n_taxels, seed=k) for k in range(3)]
+    if variant == "integer" and chain.network.adaptation is not None:
+        with pytest.raises(
+            InputError, match="threshold_adaptation: has no form in whole numbers; export it with --var"
+        ):
+            chosen(chain, signals, state_bits=16)
+        return
     if variant == "integer" and chain.network.leaks:
         with pytest.raises(InputError, match="no form in whole numbers; export it with --variant float, or train"):
             chosen(chain, signals, state_bits=16)
@@ -57,6 +69,16 @@ def test_c_says_what_its_twin_says(kind, variant, tmp_path):
     difference, expected = compare(chain, tmp_path, formats)
     assert difference is None
     assert all(n > 0 for n in spikes_of(expected))
+
+
+@needs_compiler
+@pytest.mark.parametrize("membrane", ["eq4", "immediate"])
+def test_c_adapts_from_what_was_sent_where_a_threshold_is_negative(membrane, tmp_path):
+    chain = make_chain({}, **ADAPTING, membrane=membrane)
+    chain.network.threshold.data[0] = -0.1
+    difference, expected = compare(chain, tmp_path, None)
+    assert difference is None
+    assert spikes_of(expected)[1] > 0
 
 
 @needs_compiler
@@ -72,6 +94,7 @@ def test_c_keeps_to_its_twin_where_states_saturate(bits, tmp_path):
 
 @needs_compiler
 def test_the_sanitizers_find_nothing(tmp_path):
+    assert compare(made("adapting"), tmp_path / "adapting", None, flags=proof.SANITIZERS)[0] is None
     chain = made("slower")._replace(windows=made("contact").windows)
     assert compare(chain, tmp_path / "float", None, flags=proof.SANITIZERS)[0] is None
     formats = chosen(chain, [make_signal(150)], state_bits=24)

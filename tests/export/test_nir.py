@@ -77,6 +77,14 @@ def test_a_maximum_over_time_is_refused_but_for_the_plain_form():
     assert "with a decay of 20 ms, from the bias on, and take the largest value over time" in said.differences[-1]
 
 
+@pytest.mark.parametrize("plain", [False, True])
+def test_thresholds_that_adapt_are_refused(plain):
+    with pytest.raises(
+        InputError, match=r"threshold_adaptation: NIR has no neuron .*train with threshold_adaptation = 0"
+    ):
+        nt.to_nir(network(threshold_adaptation=0.3), plain=plain)
+
+
 def test_the_note_carries_a_margin(tmp_path):
     rule = ExitRule(from_first_spike=True, margin=1.5)
     net = network()

@@ -36,6 +36,7 @@ def test_a_network_made_for_xylo_fits_but_for_the_front_end():
         ("classes", {"n_classes": 9, "hidden": 23}),
         ("membrane", {"membrane": "eq4"}),
         ("reset", {"reset": "zero"}),
+        ("threshold adaptation", {"threshold_adaptation": 0.3}),
         ("readout", {"readout": "integrator"}),
         ("recurrent delay", {"recurrent_delay_steps": 1}),
         ("decay of the current", {"tau_syn_ms": 5.0}),
@@ -57,6 +58,7 @@ def test_loihi_wants_its_own_membrane_and_reset():
     assert "refractory steps of sa1" in broken("loihi2", encoder=encoder)
     assert "decay of the membrane" in broken("loihi2", tau_mem_ms=9000.0)
     assert "recurrent delay" in broken("loihi2", recurrent_delay_steps=1)
+    assert "microcode" in broken("loihi2", threshold_adaptation=0.3)["threshold adaptation"]
     assert "recurrent delay" not in broken("loihi2", recurrent_delay_steps=1, model="snn")
 
 
@@ -80,6 +82,9 @@ def test_a_weight_that_dwarfs_the_others_does_not_fit_eight_bits(target, project
 def test_spinnaker_holds_what_fits_a_processor():
     assert broken("spinnaker2", rule=ExitRule(5)) == {}
     assert list(broken("spinnaker2", hidden=300)) == ["bytes of one processor"]
+    # 376 bytes below the limit, where thresholds that adapt take 4 bytes a hidden neuron.
+    assert broken("spinnaker2", hidden=161, n_classes=9) == {}
+    assert list(broken("spinnaker2", hidden=161, n_classes=9, threshold_adaptation=0.3)) == ["bytes of one processor"]
     for encoder in ({"model": "izhikevich"}, {"conditioning": {"baseline": "mean"}}):
         assert list(broken("spinnaker2", encoder=encoder)) == ["conditioning and afferents"]
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline, told
+from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
 
 from neurotact.backend import native
 from neurotact.data.sources import simulator
@@ -59,11 +59,12 @@ def fitting(decisions, n_steps: int, length: int) -> list:
     delay=st.integers(0, 1),
     readout=st.sampled_from([*READOUTS]),
     model=st.sampled_from(["rsnn", "snn"]),
+    adapting=st.sampled_from([{}, ADAPTING]),
     backend=st.sampled_from(BACKENDS),
 )
 @settings(max_examples=60, deadline=None)
 def test_a_stream_decides_what_the_whole_trial_decides(
-    seed, n_samples, sizes, conditioning, rate_Hz, windows, rule, kind, delay, readout, model, backend
+    seed, n_samples, sizes, conditioning, rate_Hz, windows, rule, kind, delay, readout, model, adapting, backend
 ):
     if rate_Hz:
         high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
@@ -71,7 +72,7 @@ def test_a_stream_decides_what_the_whole_trial_decides(
     n_samples = min(n_samples, 20) if rate_Hz == 35.6 else n_samples
     chain = make_chain(
         conditioning, rate_Hz=rate_Hz or 1000.0, **rule, windows=windows, seed=seed,
-        membrane=kind[0], reset=kind[1], recurrent_delay_steps=delay, readout=readout, model=model,
+        membrane=kind[0], reset=kind[1], recurrent_delay_steps=delay, readout=readout, model=model, **adapting,
     )  # fmt: skip
     signal = make_signal(n_samples, seed=seed)
     raster, expected = offline(chain, signal)
@@ -316,11 +317,14 @@ def test_finish_counts_what_it_cuts_off():
     cuts=st.lists(st.integers(0, 250), max_size=3),
     n_taxels=st.sampled_from([1, 3, 8, 9]),
     conditioning=st.sampled_from([{}, {"baseline": "start", "start_ms": 15.0}, {"baseline": "first"}]),
+    adapting=st.sampled_from([{}, ADAPTING]),
 )
 @settings(max_examples=30, deadline=None)
-def test_the_compiled_step_remembers_and_counts_what_the_reference_does(seed, sizes, cuts, n_taxels, conditioning):
+def test_the_compiled_step_remembers_and_counts_what_the_reference_does(
+    seed, sizes, cuts, n_taxels, conditioning, adapting
+):
     """Spoilt samples, gaps and trials' ends in between: every decision, count and state is the same."""
-    chain = make_chain(conditioning, n_taxels=n_taxels, windows=WINDOWS[1], patience=3, seed=seed)
+    chain = make_chain(conditioning, n_taxels=n_taxels, windows=WINDOWS[1], patience=3, seed=seed, **adapting)
     signal = make_signal(260, n_taxels, seed)
     for cut in cuts:
         signal[cut : cut + 1 + cut % 9] = np.nan

@@ -7,7 +7,7 @@ import pytest
 import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_chains import READOUTS, make_chain, make_signal
+from made_chains import ADAPTING, READOUTS, make_chain, make_signal
 from safetensors import safe_open
 from test_stream import CONDITIONINGS, MEMBRANES, WINDOWS
 
@@ -26,15 +26,16 @@ BACKENDS = ["reference", *(["native"] if native else [])]
     windows=st.sampled_from(WINDOWS),
     kind=st.sampled_from(MEMBRANES),
     readout=st.sampled_from([*READOUTS]),
+    adapting=st.sampled_from([{}, ADAPTING]),
     backends=st.tuples(st.sampled_from(BACKENDS), st.sampled_from(BACKENDS)),
 )
 @settings(max_examples=25)
 def test_a_saved_stream_goes_on_as_if_nothing_had_happened(
-    tmp_path, seed, at, conditioning, rate_Hz, windows, kind, readout, backends
+    tmp_path, seed, at, conditioning, rate_Hz, windows, kind, readout, adapting, backends
 ):
     conditioning = conditioning | ({} if rate_Hz is None else {"resample_Hz": 1000.0})
     settings = {"rate_Hz": rate_Hz or 1000.0, "windows": windows, "patience": 4, "seed": seed}
-    chain = make_chain(conditioning, membrane=kind[0], reset=kind[1], readout=readout, **settings)
+    chain = make_chain(conditioning, membrane=kind[0], reset=kind[1], readout=readout, **adapting, **settings)
     signal = make_signal(260, seed=seed)
     signal[at // 2] = np.nan
     whole = Stream(chain, backend="reference")
@@ -47,6 +48,17 @@ def test_a_saved_stream_goes_on_as_if_nothing_had_happened(
     told += [*second.push(signal[at:]), *second.finish()]
     assert told == due
     assert second.tally == whole.tally
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_how_far_thresholds_are_raised_is_saved_where_they_adapt(tmp_path, backend):
+    for adapting, names in (({}, []), (ADAPTING, ["window0.hidden.adaptation"])):
+        stream = Stream(make_chain({"baseline": "start"}, **adapting), backend=backend)
+        stream.push(make_signal(30))
+        stream.save(tmp_path / "state", force=True)
+        with safe_open(tmp_path / "state", "numpy") as file:
+            assert [name for name in file.keys() if "adaptation" in name] == names  # noqa: SIM118
+            assert all(file.get_tensor(name).any() for name in names)
 
 
 @pytest.fixture

@@ -79,6 +79,10 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
 
     plain: each layer as CubaLIF and Linear alone, which snnTorch and Norse load; `differences` says what is lost.
     """
+    if network.adaptation is not None:
+        raise InputError(
+            "threshold_adaptation: NIR has no neuron whose threshold adapts; train with threshold_adaptation = 0"
+        )
     hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
     nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in))}
     edges: Edges = []

@@ -79,6 +79,11 @@ def check(network: RSNN) -> None:
     other = f"readout = '{spec.readout}'" if spec.readout != "count" else "learned dynamics" if spec.learn else None
     if other is None and (network.w_in.dtype != torch.float32 or not isinstance(network.spike, FastSigmoid)):
         other = "float64 or a surrogate of its own"
+    if network.adaptation is not None:
+        raise InputError(
+            "--device cuda: trains thresholds that do not adapt (threshold_adaptation = 0); leave --device out to "
+            "train the network on the CPU"
+        )
     if other:
         raise InputError(
             f"--device cuda: trains spiking readouts with fixed dynamics (readout = 'count', learn = []), not {other}; "
