@@ -74,9 +74,10 @@ template const Kernels<double>& kernels<double>();
 
 // The register kernel takes a network whose layers fit; the figures that drew this line are in docs/kernels.md. In
 // float64, which checks gradients, it is compiled for fewer widths.
-Layout layout_of(const Sizes& n, const Neuron& neuron, bool is_double, bool wants_more) {
+Layout layout_of(const Sizes& n, const Neuron& neuron, bool is_double, bool adapts, bool wants_more) {
     const int most_hidden = is_double ? 32 : 64, most_classes = is_double ? 16 : n.hidden <= 32 ? 64 : 32;
-    const bool small = !wants_more && n.hidden <= most_hidden && n.classes <= most_classes &&
+    const bool is_compiled = !adapts || (!is_double && n.classes <= kAdaptingReadout);
+    const bool small = !wants_more && is_compiled && n.hidden <= most_hidden && n.classes <= most_classes &&
                        !(neuron.emits_at_once() && neuron.recurrent_delay);
     const int of_small = n.classes <= 8 ? 8 : n.classes <= 16 ? 16 : n.classes <= 32 ? 32 : 64;
     const int readout = small && n.classes ? of_small : round_up(n.classes, kPitch);

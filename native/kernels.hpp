@@ -102,9 +102,13 @@ struct Layout {
     int hidden_pitch, readout_pitch;
     bool small;  // the register kernel of small_net.cpp; else wide_net.cpp
 };
-// What a caller wants of a network that the register kernel does not do: the window itself, dL/d(input), or dynamics
-// of every neuron's own.
-Layout layout_of(const Sizes& sizes, const Neuron& neuron, bool is_double, bool wants_more);
+// The register kernel takes thresholds that adapt in float32, beside so many readout neurons: each form more is compiled
+// for every instruction set, and these forms alone would be a third of the build.
+constexpr int kAdaptingReadout = 16;
+
+// `wants_more`: what a caller wants of a network that the register kernel does not do: the window itself, dL/d(input), or
+// dynamics of every neuron's own.
+Layout layout_of(const Sizes& sizes, const Neuron& neuron, bool is_double, bool adapts, bool wants_more);
 
 // Exit when the leading class has stood for more than `patience` steps or, where `margin` is positive, when it leads by
 // as much. Negative: never.

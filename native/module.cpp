@@ -115,7 +115,8 @@ void add_network(nb::module_& m) {
              bool with_raster, bool leaks, bool peak, double decay) -> Shape {
               const Sizes sizes{0, 0, inputs, hidden, classes};
               const Neuron neuron{Membrane(membrane), Reset(reset), recurrent_delay};
-              const Layout layout = layout_of(sizes, neuron, is_double, with_inputs || with_raster || per_neuron);
+              const Layout layout = layout_of(sizes, neuron, is_double, adaptation > 0,
+                                               with_inputs || with_raster || per_neuron);
               return {sizes, neuron, scale, readout_scale, adaptation, adaptation_decay, is_double, recurrent,
                       per_neuron, keep_currents, layout, {leaks, peak, decay}};
           },

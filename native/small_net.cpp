@@ -570,7 +570,9 @@ template <class T, class Run>
 NT_INLINE void with_form(const Layout& layout, bool adapts, const Run& run_form) {
     constexpr bool all_forms = sizeof(T) == sizeof(float);
     const auto run = [&](auto HP, auto OP) __attribute__((always_inline)) {
-        adapts ? run_form(HP, OP, std::true_type()) : run_form(HP, OP, std::false_type());
+        if constexpr (all_forms && OP.value <= kAdaptingReadout)
+            if (adapts) return run_form(HP, OP, std::true_type());
+        run_form(HP, OP, std::false_type());
     };
     const auto with_readout = [&](auto HP) __attribute__((always_inline)) {
         const int lanes = readout_lanes(layout);

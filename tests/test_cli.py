@@ -786,7 +786,6 @@ def test_a_single_class_is_refused(neurotact, refused, tmp_path, command):
     refused(words, "spikes: the training trials hold too few classes (felt); give at least two")
 
 
-@pytest.mark.filterwarnings("default")
 def test_thresholds_that_adapt_are_trained_and_refused_where_they_mean_nothing(neurotact, refused, made, tmp_path):
     run = tmp_path / "run"
     train = ("train", made / "spikes.h5", "-o", run, *QUICK)
@@ -798,6 +797,7 @@ def test_thresholds_that_adapt_are_trained_and_refused_where_they_mean_nothing(n
     refused(("export", run, "--to", "nir", "-o", tmp_path / "a.nir"), "threshold_adaptation: NIR has no neuron")
 
 
+@pytest.mark.filterwarnings("default")
 def test_training_without_a_spike_is_said_in_one_line(neurotact, made, tmp_path):
     words = ("encode", made / "touch.h5", "--set", "sa1.gain=0.001", "--set", "ra1.gain=0.001")
     assert neurotact(*words, "-o", tmp_path / "silent.h5")[0] == 0

@@ -5,7 +5,7 @@ recipe. What is chosen (gains, taxels, weights, patience) is chosen on training 
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -37,10 +37,13 @@ AFTERWARDS = ("prune", "train_on", "exit_tolerance")
 class Setting(Spec):
     """What is saved, and how much; by default nothing."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("adaptation",)
     t_ref_steps: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
     """Refractory periods of RA-I and SA-I in steps of the set's clock; events have one, the first."""
     rate_penalty: float | None = Field(default=None, ge=0)
     """`training.rate_penalty`, on the spikes of a hidden neuron in a window."""
+    adaptation: float = Field(default=0.0, ge=0)
+    """`threshold_adaptation`: by how much each spike of a hidden neuron raises its threshold."""
     time_constants: float = Field(default=1.0, gt=0)
     """Times the time constants that the network has otherwise."""
     taxels: Share = 1.0
@@ -186,6 +189,8 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
         "model": whole.model if setting.recurrence else "snn",
         "surrogate_scale": whole.surrogate_scale,
     }
+    if setting.adaptation:
+        update["threshold_adaptation"] = setting.adaptation
     table = {**spec.model_dump(mode="json"), **update}
     if setting.rate_penalty is not None:
         table["training"] = {**table["training"], "rate_penalty": setting.rate_penalty}

@@ -13,9 +13,10 @@ from neurotact.figures.style import INK, MUTED, add_legend, new_figure, printed,
 from neurotact.papers.comparison.fronts import COSTS, NOTHING
 
 COLOURS = (
-    "#E06C00", "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#CC79A7", "#882255", "#332288", "#c4a000"
+    "#E06C00", "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#CC79A7", "#882255", "#332288", "#c4a000",
+    "#8c510a",
 )  # fmt: skip
-MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">")
+MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">", "p")
 """Of each way, in turn."""
 SOPS = "sops_total"
 

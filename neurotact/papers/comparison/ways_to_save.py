@@ -1,4 +1,4 @@
-"""Is a refractory period the cheapest way to save? Ten ways on one axis of accuracy over SOPs, for several sets.
+"""Is a refractory period the cheapest way to save? Eleven ways on one axis of accuracy over SOPs, for several sets.
 
 A way is a list of settings (`saving.Setting`); all of them share recordings, split, seeds and the network's recipe.
 The sets stand in `sets.py`, and what a user's own file becomes in `own_set.py`.
@@ -122,6 +122,8 @@ def named(setting: Setting, step_ms: float, events: bool) -> str:
         parts.append(" & ".join(f"{n * step_ms:g}" for n in periods) + " ms")
     if setting.rate_penalty is not None:
         parts.append(f"penalty {setting.rate_penalty:g}")
+    if setting.adaptation:
+        parts.append(f"raised by {setting.adaptation:g} per spike")
     if setting.time_constants != 1:
         parts.append(f"{setting.time_constants:g} times")
     for what in ("taxels", "window", "hidden"):

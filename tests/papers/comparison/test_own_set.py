@@ -88,7 +88,7 @@ def test_window_clock_seeds_and_baseline_are_those_of_own_recordings(tmp_path):
     assert chosen["conditioning"]["resample_Hz"] == theirs.encoder.conditioning.resample_Hz
     assert chosen["choose_baseline"]
     assert chosen["unit"] == "count"
-    assert ours.sweep["seed"] == theirs.sweep["seed"] == [0, 1, 2]
+    assert ours.sweep["seed"] == [0, 1, 2]  # each has a split of its own; own-recordings divides few trials into folds
     assert set(ours.notes) == set(theirs.notes)
     assert not ours.as_shipped
     assert ours.title != loading.resolve("ways-to-save").title

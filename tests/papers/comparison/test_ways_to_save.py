@@ -117,6 +117,15 @@ def test_a_shorter_window_leaves_recurrence_as_it_is():
         assert (spec.model, spec.surrogate_scale, spec.tau_mem_ms) == (model, scale, 15.0)
 
 
+def test_thresholds_adapt_where_a_setting_says_so():
+    seen = Seen(900, 200, 1000.0, 50.0)
+    asked = RSNNSpec(recipe="default", hidden=20)
+    assert changed(asked, Setting(adaptation=0.3), seen, 200).threshold_adaptation == 0.3
+    assert changed(asked, Setting(), seen, 200).threshold_adaptation == 0.0
+    assert Setting(adaptation=0.3).first_training() != Setting().first_training()
+    assert "adaptation" not in Setting().model_dump()  # so that settings of earlier runs keep their digests
+
+
 def test_gains_hold_on_the_set_s_clock(tmp_path):
     parameters, arrays, _ = ran("gratings", tmp_path, {})
     bench = bench_of(parameters.data, parameters.network, parameters.seed, arrays)
