@@ -52,6 +52,10 @@ const Kernels<T>& kernels() {
     {ISA::wide_forward<T>, ISA::wide_backward<T>, ISA::small_forward<T>, ISA::small_backward<T>, ISA::infer<T>, \
      ISA::encode<T>}
 #if defined(NT_X86_KERNELS)
+    if constexpr (sizeof(T) == sizeof(double)) {  // it checks gradients: half the vector does, and is a build less
+        static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx2)};
+        return tables[static_cast<int>(chosen())];
+    }
     static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx512)};
 #else
     static const Kernels<T> tables[] = {NT_TABLE(plain)};
@@ -81,7 +85,7 @@ Layout layout_of(const Sizes& n, const Neuron& neuron, bool is_double, bool adap
                        !(neuron.emits_at_once() && neuron.recurrent_delay);
     const int of_small = n.classes <= 8 ? 8 : n.classes <= 16 ? 16 : n.classes <= 32 ? 32 : 64;
     const int readout = small && n.classes ? of_small : round_up(n.classes, kPitch);
-    return {round_up(n.hidden, kPitch), readout, small};
+    return {round_up(n.hidden, small && (adapts || n.classes > 16) ? kRarePitch : kPitch), readout, small};
 }
 
 }  // namespace neurotact

@@ -102,9 +102,9 @@ struct Layout {
     int hidden_pitch, readout_pitch;
     bool small;  // the register kernel of small_net.cpp; else wide_net.cpp
 };
-// The register kernel takes thresholds that adapt in float32, beside so many readout neurons: each form more is compiled
-// for every instruction set, and these forms alone would be a third of the build.
-constexpr int kAdaptingReadout = 16;
+// Each form of the register kernel is compiled for every instruction set. So it takes thresholds that adapt in float32
+// alone, beside so many readout neurons, and for these, as for more than 16 readout neurons, it knows fewer widths.
+constexpr int kAdaptingReadout = 16, kRarePitch = 32;
 
 // `wants_more`: what a caller wants of a network that the register kernel does not do: the window itself, dL/d(input), or
 // dynamics of every neuron's own.

@@ -569,19 +569,18 @@ void backward_trials(const Net<T>& net, const Tables<T>& tables, const Tape<T>& 
 template <class T, class Run>
 NT_INLINE void with_form(const Layout& layout, bool adapts, const Run& run_form) {
     constexpr bool all_forms = sizeof(T) == sizeof(float);
-    const auto run = [&](auto HP, auto OP) __attribute__((always_inline)) {
-        if constexpr (all_forms && OP.value <= kAdaptingReadout)
-            if (adapts) return run_form(HP, OP, std::true_type());
-        run_form(HP, OP, std::false_type());
-    };
     const auto with_readout = [&](auto HP) __attribute__((always_inline)) {
+        const auto run = [&](auto OP) __attribute__((always_inline)) {
+            constexpr bool rare = all_forms && HP.value % kRarePitch == 0, adapting = rare && OP.value <= kAdaptingReadout;
+            if constexpr (adapting)
+                if (adapts) return run_form(HP, OP, std::true_type());
+            if constexpr (OP.value <= 16 || rare) run_form(HP, OP, std::false_type());
+        };
         const int lanes = readout_lanes(layout);
-        if (lanes == 8) return run(HP, std::integral_constant<int, 8>());
-        if (lanes == 16) return run(HP, std::integral_constant<int, 16>());
-        if constexpr (all_forms) {
-            if (lanes == 32) return run(HP, std::integral_constant<int, 32>());
-            if constexpr (HP.value <= 32) return run(HP, std::integral_constant<int, 64>());
-        }
+        if (lanes == 8) return run(std::integral_constant<int, 8>());
+        if (lanes == 16) return run(std::integral_constant<int, 16>());
+        if (lanes == 32) return run(std::integral_constant<int, 32>());
+        if constexpr (HP.value <= 32) run(std::integral_constant<int, 64>());
     };
     if (layout.hidden_pitch == 16) return with_readout(std::integral_constant<int, 16>());
     if (layout.hidden_pitch == 32) return with_readout(std::integral_constant<int, 32>());
