@@ -30,6 +30,9 @@ OTHER_UNIT = 100.0
 SLOWEST_HZ = 1.0
 """A slower sampling rate causes a warning."""
 
+LEAST_RISING = 20
+"""Samples of a trial from which on a channel that never falls causes a warning."""
+
 log = logging.getLogger("neurotact")
 
 
@@ -80,12 +83,13 @@ def read(
     names, table = build(NamingSpec, naming or {}, "import folder"), build(LayoutSpec, layout or {}, "import folder")
     if sampling_rate_Hz is not None:
         check_sampling_rate(sampling_rate_Hz, str(folder))
-    elif table.time_column is None:
-        raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     if not unit.strip():
         raise InputError(f"{folder}: the unit of the signals is empty; give one, such as mV")
     paths = _data_files(folder, names)
     files = [path.relative_to(folder).as_posix() for path in paths]
+    if sampling_rate_Hz is None and table.time_column is None:
+        _trials_of(paths[0], files[0], table)  # a column whose name is that of time stamps is the better message
+        raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     of_files = conditions_of(files, names, folder)
     trials: list[_Trial] = []
     row_of = []
@@ -98,7 +102,7 @@ def read(
         check_size(folder, n_bytes)
     _check_same_channels({trial.file: trial.signal for trial in trials}, folder)
     channels = _same_names({trial.file: trial.names for trial in trials if trial.names}, folder)
-    _warn_of_constant_channels(trials, channels, folder)
+    _warn_of_other_columns(trials, channels, folder)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, folder)
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [trial.file for trial in trials]
@@ -125,19 +129,37 @@ def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
     return _Trial(file, table.names, table.signal[stamps.keep], stamps)
 
 
-def _warn_of_constant_channels(trials: Sequence[_Trial], channels: Sequence[str], folder: Path) -> None:
-    """Warn of a constant column, which is rarely a taxel: a temperature of the board, a counter of the device."""
+def _warn_of_other_columns(trials: Sequence[_Trial], channels: Sequence[str], folder: Path) -> None:
+    """Warn of columns that are rarely taxels: a constant one (a temperature of the board), and one that rises
+    throughout every trial (time stamps without a name, a counter of samples).
+    """
     first = trials[0].signal[0]
     constant = np.logical_and.reduce([(trial.signal == first).all(axis=0) for trial in trials])
     if constant.any() and not constant.all():
-        names = [
-            channels[at] if channels else f"column {at + 1} of the taxels" for at in np.flatnonzero(constant).tolist()
-        ]
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         log.warning(
-            "%s: every sample has the same value in %s%s; select the taxels with --columns",
-            folder, ", ".join(names[:MOST_NAMED]), more,
+            "%s: every sample has the same value in %s; select the taxels with --columns",
+            folder, _named_taxels(constant, channels),
         )  # fmt: skip
+    rising = np.logical_and.reduce([_rises(trial.signal) for trial in trials])
+    if rising.any():
+        log.warning(
+            "%s: %s rises throughout every trial, as time stamps or a counter do; give --time-column, or select the "
+            "taxels with --columns",
+            folder, _named_taxels(rising, channels),
+        )  # fmt: skip
+
+
+def _rises(signal: np.ndarray) -> np.ndarray:
+    """Of each channel of `(time, channel)`, whether it rises and never falls over enough samples to be no chance."""
+    if len(signal) < LEAST_RISING:
+        return np.zeros(signal.shape[1], bool)
+    return (signal[1:] >= signal[:-1]).all(axis=0) & (signal[-1] > signal[0])
+
+
+def _named_taxels(chosen: np.ndarray, channels: Sequence[str]) -> str:
+    names = [channels[at] if channels else f"column {at + 1} of the taxels" for at in np.flatnonzero(chosen).tolist()]
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
 
 
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path) -> tuple[float, list[np.ndarray]]:

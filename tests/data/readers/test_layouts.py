@@ -182,6 +182,39 @@ def test_a_column_that_never_changes_is_named(tmp_path, caplog):
     assert "same value" not in caplog.text
 
 
+def counted(n_samples: int, last: int) -> str:
+    """A table without names: a counter that ends in `last`, and two taxels, one that falls once."""
+    rows = [f"{row},{row % 7},{row if row else 5}" for row in range(n_samples - 1)]
+    return "\n".join([*rows, f"{last},0,99"]) + "\n"
+
+
+def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
+    """A column of time stamps without a name is no taxel; a single trial that falls, or short trials, show a signal."""
+    write(tmp_path / "felt" / "a.csv", counted(20, 19))
+    write(tmp_path / "silk" / "b.csv", counted(30, 29))
+    nt.read_folder(tmp_path, 100, "mV")
+    expected = "column 1 of the taxels rises throughout every trial, as time stamps or a counter do; give --time-column"
+    assert expected in caplog.text
+    for text in (counted(30, 27), counted(19, 18)):
+        write(tmp_path / "silk" / "b.csv", text)
+        caplog.clear()
+        nt.read_folder(tmp_path, 100, "mV")
+        assert "rises" not in caplog.text
+    write(tmp_path / "silk" / "b.csv", counted(30, 29))
+    caplog.clear()
+    nt.read_folder(tmp_path, 100, "mV", columns="2-3")
+    assert "rises" not in caplog.text
+
+
+def test_without_a_rate_a_column_of_time_stamps_is_named_first(tmp_path):
+    write(tmp_path / "felt" / "a.csv", "t,p\n0.00,1\n0.01,2\n")
+    with pytest.raises(InputError, match="column 1 is 't', but every column is a taxel; pass --time-column t"):
+        nt.read_folder(tmp_path, unit="mV")
+    write(tmp_path / "felt" / "a.csv", "q,p\n0.00,1\n0.01,2\n")
+    with pytest.raises(InputError, match="the sampling rate is not known; give --sampling-rate-Hz, or --time-column"):
+        nt.read_folder(tmp_path, unit="mV")
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
