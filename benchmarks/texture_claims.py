@@ -4,8 +4,8 @@
 
 --at: run folders of the studies at the default start. --over: runs of the same studies that sweep `start_mm`, and of
 start-position; the first one that holds a measure is averaged over starts and seeds before a rule is applied.
---before: a page with the same table, whose column of random starts is copied, and whose mean over starts with its
-verdict where no run here has one. Claims and rules are those of `studies/*.toml` today, found by a run's title.
+--before: a page with the same table, whose column of random starts is copied, and each other column with its verdict
+where no run here has one. Claims and rules are those of `studies/*.toml` today, found by a run's title.
 A claim that both kinds of run hold is judged by the mean over starts; one on signals, spikes or costs alone does not
 hang on the start.
 """
@@ -46,12 +46,11 @@ HEADS = ("study", "claim", "source", "published", "repeated start", "mean over s
 
 class Run(NamedTuple):
     study: str
-    claims: list[Claim]
     tables: dict[str, pd.DataFrame]
 
 
 def read(folder: Path) -> Run:
-    """A run folder's tables, with the claims that its study makes today."""
+    """A run folder's tables, under the name of its study."""
     title = tomllib.loads((folder / "study.toml").read_text())["title"]
     specs = {path.stem: tomllib.loads(path.read_text()) for path in sorted(STUDIES.glob("*.toml"))}
     (name,) = (name for name, spec in specs.items() if spec["title"] == title)
@@ -64,7 +63,11 @@ def read(folder: Path) -> Run:
     if "encoder.sa1.gain" in tables["results"]:
         gains = {"gain_sa": "encoder.sa1.gain", "gain_ra": "encoder.ra1.gain"}
         tables["results"] = tables["results"].assign(**{new: tables["results"][old] for new, old in gains.items()})
-    return Run(name, [Claim(**claim) for claim in specs[name].get("claims", [])], tables)
+    return Run(name, tables)
+
+
+def claims_of(study: str) -> list[Claim]:
+    return [Claim(**claim) for claim in tomllib.loads((STUDIES / f"{study}.toml").read_text()).get("claims", [])]
 
 
 def averaged(table: pd.DataFrame) -> pd.DataFrame:
@@ -110,14 +113,19 @@ def rows(at: list[Run], over: list[Run], before: dict[tuple[str, str], dict[str,
     over = [run._replace(tables={name: averaged(table) for name, table in run.tables.items()}) for run in over]
     for study in ORDER:
         here = next((run for run in at if run.study == study), None)
-        for claim in here.claims if here else []:
+        for claim in claims_of(study):
             one = judge(claim, here.tables) if here else None
             there = [run for run in over if serves(run, study, claim)]
             means = [judge(claim, run.tables) for run in there]
             mean = next((found for found in means if found.reproduced is not None), None)
+            earlier = before.get((study, claim.name), {})
+            if here is None and mean is None and not earlier:
+                continue
             ours = ["-" if found is None or found.reproduced is None else found.ours for found in (one, mean)]
-            judged, earlier = verdict(one, mean), before.get((study, claim.name), {})
-            if mean is None and earlier.get("mean over starts", "-") not in ("", "-"):
+            judged = verdict(one, mean)
+            if here is None:
+                ours[0] = earlier.get("repeated start", "-")
+            if mean is None and (here is None or earlier.get("mean over starts", "-") != "-"):
                 ours[1], judged = earlier["mean over starts"], earlier["verdict"]
             shown = earlier.get("random start", "-")
             yield f"`{study}`", claim.name, claim.source, claim.published, *ours, shown, judged
