@@ -1,6 +1,6 @@
-"""A chain as C99: one header, one source, an example and a README; in float, or in whole numbers.
+"""A chain as C99: one header, one source, an example and a README; in float or in integers.
 
-The float variant computes as `stream` does, the integer variant as `integer` does; both to the last spike.
+The float variant gives the same spikes as `stream`, the integer variant the same as `integer`.
 """
 
 from collections.abc import Iterable, Sequence
@@ -34,7 +34,7 @@ class Table(NamedTuple):
 
 EXPORTED = (("chain.h", "{}.h"), ("chain.c", "{}.c"), ("example.c", "example.c"), ("README.md", "README.md"))
 HARNESS = (*EXPORTED[:2], ("harness.h", "harness.h"), ("harness.c", "harness.c"))
-"""What `proof` compiles."""
+"""The files that `proof` compiles."""
 RESERVED = ("example", "harness", "stub")
 
 
@@ -46,11 +46,11 @@ def write(
     name: str = "touch",
     parts: Sequence[tuple[str, str]] = EXPORTED,
 ) -> list[Path]:
-    """Write `NAME.h`, `NAME.c`, `example.c` and `README.md` into a folder; their paths.
+    """Write `NAME.h`, `NAME.c`, `example.c` and `README.md` into a folder, and return their paths.
 
-    formats: of the integer variant; the float variant without.
-    name: prefix of every name in C. parts: templates, and the files that they become.
-    Raises InputError for what C cannot hold.
+    formats: of the integer variant; None: the float variant.
+    name: prefix of every name in C. parts: pairs of a template and its file.
+    Raises InputError for what C cannot represent.
     """
     paths(folder, name)
     context = context_of(chain, formats, name)
@@ -68,13 +68,13 @@ def write(
 
 
 def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, Any]:
-    """What the templates are filled with."""
+    """The variables of the templates."""
     chain.require_pairs("C")
     network, plan, encoder = chain.network, chain.windows, chain.encoder
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None
     if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
-        raise InputError("windows: are longer than 31 bits count; shorten them")
+        raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
@@ -92,12 +92,12 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "margin_words": chain.rule.margin and f"{chain.rule.margin:g}",
         "resampled": chain.sampling_rate_Hz != chain.clock_Hz, "baseline": conditioning.baseline,
         "rectify": conditioning.rectify,
-        **(_in_float(chain) if formats is None else _in_whole_numbers(chain, formats)),
+        **(_in_float(chain) if formats is None else _in_integers(chain, formats)),
     }  # fmt: skip
 
 
 def paths(folder: Path, name: str) -> list[Path]:
-    """The files that `write` writes; InputError for a name that C or the other files cannot bear."""
+    """The files that `write` writes; InputError for a name that is not valid in C or is reserved."""
     if not (name.isidentifier() and name.isascii()) or name in RESERVED:
         raise InputError(f"--name {name}: must be a C name (letters, digits, underscores), not {' or '.join(RESERVED)}")
     return [folder / file.format(name) for _, file in EXPORTED]
@@ -135,8 +135,8 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "margin": margin if margin is None or integration is None else margin.hex(),
         "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1),
         "silent_sa1": sa1.refractory_steps, "silent_ra1": ra1.refractory_steps,
-        "smoothing": _both(conditioner.smoothing)[0], "smoothing_keep": _both(conditioner.smoothing)[1],
-        "baseline_weight": _both(high_pass)[0], "baseline_keep": _both(high_pass)[1],
+        "smoothing": _ema_weights(conditioner.smoothing)[0], "smoothing_keep": _ema_weights(conditioner.smoothing)[1],
+        "baseline_weight": _ema_weights(high_pass)[0], "baseline_keep": _ema_weights(high_pass)[1],
         "baseline_steps": f"{conditioner.past.n_start}u",
         "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(),
         "offset": offset, "scale": scale, "leak": _float(sa1.decay),
@@ -149,20 +149,20 @@ def _in_float(chain: Chain) -> dict[str, Any]:
 
 def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, threshold: np.ndarray) -> dict:
     decay = _float(beta[index])
-    after = {
+    next_membrane = {
         "eq4": f"{decay} * (carried + before)",
         "delayed": f"{decay} * carried + before",
         "immediate": f"{decay} * carried + now",
     }[chain.network.spec.membrane]
-    found = _layer(chain, index) | {
-        "alpha": _float(alpha[index]), "threshold": _float(threshold[index]), "next": after
+    layer = _layer(chain, index) | {
+        "alpha": _float(alpha[index]), "threshold": _float(threshold[index]), "next": next_membrane
     }  # fmt: skip
-    if (how := chain.network.adaptation_of(index)) is None:
-        return found
-    return found | {"adapts": True, "strength": _float(how.strength), "adaptation_decay": _float(how.decay)}
+    if (adapted := chain.network.adaptation_of(index)) is None:
+        return layer
+    return layer | {"adapts": True, "strength": _float(adapted.strength), "adaptation_decay": _float(adapted.decay)}
 
 
-def _in_whole_numbers(chain: Chain, formats: Formats) -> dict[str, Any]:
+def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
     front, raw, hidden, readout = formats.front, formats.raw, formats.hidden, formats.readout
     tables = [_integers("w_in", hidden.w, "int8_t")]
     tables += [] if hidden.v is None else [_integers("w_rec", hidden.v, "int8_t")]
@@ -173,8 +173,8 @@ def _in_whole_numbers(chain: Chain, formats: Formats) -> dict[str, Any]:
     tables += [_integers("offset", front.offset, "int32_t")] if has_offset else []
     if isinstance(readout, Integrator):
         tables.append(_integers("bias", readout.bias, "int32_t"))
-    layers = [_whole_layer(chain, 0, hidden)]
-    layers += [] if isinstance(readout, Integrator) else [_whole_layer(chain, 1, readout)]
+    layers = [_integer_layer(chain, 0, hidden)]
+    layers += [] if isinstance(readout, Integrator) else [_integer_layer(chain, 1, readout)]
     stride = front.stride or (0, 0)
     return {
         "value": "int32_t", "sum": "int64_t", "wide": "int32_t",
@@ -194,19 +194,19 @@ def _in_whole_numbers(chain: Chain, formats: Formats) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _whole_layer(chain: Chain, index: int, layer: whole.Layer) -> dict[str, Any]:
+def _integer_layer(chain: Chain, index: int, layer: whole.Layer) -> dict[str, Any]:
     def decayed(what: str, factor: int) -> str:
         if layer.state_bits <= 16:
             return f"{what} * {factor} / {2**layer.decay_bits}"
         return f"(int32_t)((int64_t){what} * {factor} / {2**layer.decay_bits})"
 
-    after = {
+    next_membrane = {
         "eq4": decayed("(carried + before)", layer.beta),
         "delayed": decayed("carried", layer.beta) + " + before",
         "immediate": decayed("carried", layer.beta) + " + now",
     }[chain.network.spec.membrane]
     return _layer(chain, index) | {
-        "decay_current": decayed("before", layer.alpha), "threshold": layer.threshold, "next": after,
+        "decay_current": decayed("before", layer.alpha), "threshold": layer.threshold, "next": next_membrane,
         "shift": layer.shift, "shift_rec": layer.shift_rec,
     }  # fmt: skip
 
@@ -225,16 +225,16 @@ def _layer(chain: Chain, index: int) -> dict[str, Any]:
 
 
 ABOUT = {
-    "w_in": "Weights from afferents, a row each, to hidden neurons.",
-    "w_rec": "Weights from hidden neurons, a row each, to hidden neurons.",
-    "w_out": "Weights from hidden neurons, a row each, to classes.",
-    "bias": "Where the readout begins.",
-    "offset": "Taken off each taxel's signal.",
-    "scale": "By which each taxel's signal is divided.",
-    "threshold_sa1": "Thresholds of SA-I afferents over rest, divided by their gains.",
-    "threshold_ra1": "Thresholds of RA-I afferents over rest, divided by their gains.",
-    "reset_sa1": "To which SA-I afferents are reset, in the same unit.",
-    "reset_ra1": "To which RA-I afferents are reset, in the same unit.",
+    "w_in": "Weights from afferents to hidden neurons, one row per afferent.",
+    "w_rec": "Weights from hidden neurons to hidden neurons, one row per presynaptic neuron.",
+    "w_out": "Weights from hidden neurons to classes, one row per hidden neuron.",
+    "bias": "Initial values of the readout.",
+    "offset": "Subtracted from each taxel's signal.",
+    "scale": "Divisors of each taxel's signal.",
+    "threshold_sa1": "Thresholds of SA-I afferents above rest, divided by their gains.",
+    "threshold_ra1": "Thresholds of RA-I afferents above rest, divided by their gains.",
+    "reset_sa1": "Reset values of SA-I afferents, in the same unit.",
+    "reset_ra1": "Reset values of RA-I afferents, in the same unit.",
 }
 
 
@@ -269,8 +269,8 @@ def _float(value: float | np.floating) -> str:
     return f"{np.format_float_scientific(np.float32(value), unique=True)}f"
 
 
-def _both(weight: float | None) -> tuple[str | None, str | None]:
-    """A moving average's weights of the newest sample and of what was before."""
+def _ema_weights(weight: float | None) -> tuple[str | None, str | None]:
+    """The weights of a moving average: of the newest sample, and of the average before."""
     return (None, None) if weight is None else (_float(weight), _float(1.0 - weight))
 
 
@@ -288,6 +288,6 @@ def _count(chain: Chain) -> str:
 
 
 def _text(text: str) -> str:
-    """A C string; what is not ASCII in octal, which ends after three digits."""
+    """A C string; characters other than ASCII are octal escapes, which end after three digits."""
     plain = "".join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f"\\{b:03o}" for b in text.encode())
     return f'"{plain}"'

@@ -1,4 +1,4 @@
-"""What is deployed: an encoder with causal conditioning, a network and its exit rule."""
+"""The deployed chain: an encoder with causal conditioning, a network and its exit rule."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +21,7 @@ PAIR = 2
 class Chain(NamedTuple):
     """Conditioning and encoder, network, exit rule and windows.
 
-    sampling_rate_Hz: of the samples that come in; the network's clock unless the encoder resamples.
+    sampling_rate_Hz: of the input samples; equals the network's clock unless the encoder resamples.
     """
 
     encoder: AfferentSpec
@@ -41,12 +41,12 @@ class Chain(NamedTuple):
         return self.network.n_inputs // self.encoder.n_per_taxel
 
     def require_pairs(self, what: str) -> None:
-        """InputError for an encoder of more than one SA-I and one RA-I under each taxel; `what` cannot take it."""
+        """InputError, with `what` in it, for an encoder with more than one SA-I and one RA-I under each taxel."""
         n = self.encoder.n_per_taxel
         if n != PAIR:
             raise InputError(
-                f"encoder: {what} holds one SA-I and one RA-I under each taxel, not {n} afferents; stream it or export "
-                "it to nir, or train without sa1.grades, sa1.opposite and ra1.grades"
+                f"encoder: {what} supports one SA-I and one RA-I under each taxel, not {n} afferents; stream it or "
+                "export it to nir, or train without sa1.grades, sa1.opposite and ra1.grades"
             )
 
 
@@ -63,10 +63,10 @@ def chain_of(
 ) -> Chain:
     """The chain of a run folder that `train` wrote, or of an encoder and a network.
 
-    sampling_rate_Hz: of the samples; needed where the encoder resamples, else its clock.
+    sampling_rate_Hz: of the samples; required if the encoder resamples, otherwise equal to its clock.
     early_exit: decide as soon as the run's validated patience allows; otherwise at the end of a window.
-    length_ms, start_ms, hop_ms, contact, quiet_ms: as for `WindowPlan`; those that are absent are those of training.
-    Raises InputError, which names the fix, for what cannot be carried from sample to sample.
+    length_ms, start_ms, hop_ms, contact, quiet_ms: as for `WindowPlan`; None: as in training.
+    Raises InputError, which names the fix, for what cannot run sample by sample.
     """
     rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
     if isinstance(source, tuple):
@@ -77,9 +77,9 @@ def chain_of(
             raise InputError(f"{source}: was saved without its encoder; train the network again")
         encoder, network, classes = build_encoder(restored, source), restored.network, restored.classes
         rule = restored.rule if early_exit else FULL_WINDOW
-        learned = restored.task.window
+        trained_window = restored.task.window
         for key in settings:
-            settings[key] = getattr(learned, key) if settings[key] is None else settings[key]
+            settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
     encoder = _checked(encoder, network)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
@@ -109,7 +109,7 @@ def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
     if network.n_inputs % encoder.n_per_taxel:
         under = "an SA-I and an RA-I" if encoder.n_per_taxel == PAIR else f"{encoder.n_per_taxel}"
         raise InputError(
-            f"network: hears {network.n_inputs} afferents, not {under} under each taxel; train it on spikes of this "
+            f"network: receives {network.n_inputs} afferents, not {under} under each taxel; train it on spikes of this "
             "encoder"
         )
     n_taxels = network.n_inputs // encoder.n_per_taxel
@@ -117,8 +117,8 @@ def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
         values = getattr(encoder.conditioning, key)
         if values is not None and len(values) != n_taxels:
             raise InputError(
-                f"encoder: conditioning.{key} has {len(values)} values but the network hears {n_taxels} taxels; "
-                "take the encoder that the network was trained with"
+                f"encoder: conditioning.{key} has {len(values)} values but the network receives {n_taxels} taxels; "
+                "give the encoder that the network was trained with"
             )
     return encoder
 
@@ -129,12 +129,12 @@ def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) 
         if given_Hz is not None and given_Hz != clock_Hz:
             raise InputError(
                 f"sampling_rate_Hz: samples come at {given_Hz:g} Hz but the chain was trained at {clock_Hz:g} Hz; "
-                "train with conditioning.resample_Hz to take other rates"
+                "train with conditioning.resample_Hz to use other rates"
             )
         return clock_Hz
     if resampled_Hz != clock_Hz:
         raise InputError(
-            f"encoder: resamples to {resampled_Hz:g} Hz but the network was trained at {clock_Hz:g} Hz; take the "
+            f"encoder: resamples to {resampled_Hz:g} Hz but the network was trained at {clock_Hz:g} Hz; give the "
             "encoder that it was trained with"
         )
     if given_Hz is None:

@@ -1,4 +1,4 @@
-"""From a run folder to an export: the chain, and for whole numbers its formats from the training trials."""
+"""From a run folder to an export: the chain, and for integers its formats from the training trials."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,20 +13,20 @@ from neurotact.errors import InputError
 from neurotact.networks import tasks, trained
 
 WEIGHT_BITS = 8
-"""Of a network that was not fine-tuned for others."""
+"""Default of a network that was not fine-tuned for other bits."""
 MOST_TRIALS = 256
-"""Of the training trials, as many are looked at for the range of samples."""
+"""Maximum number of training trials from which the range of samples is taken."""
 
 
 class Exported(NamedTuple):
-    """A chain, and its formats where it computes in whole numbers."""
+    """A chain, and its formats if it computes in integers."""
 
     chain: Chain
     formats: Formats | None
 
 
 class Recorded(NamedTuple):
-    """What ranges are taken from, and what an export is tried on: signals of trials and their classes.
+    """The trials that give the ranges, and those on which an export is tested: signals and classes.
 
     training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials.
     """
@@ -48,9 +48,9 @@ def prepared(
 ) -> Exported:
     """The chain of a run folder, ready to be written as C; options as for `chain_of`.
 
-    integer: in whole numbers. recordings: that the run was trained on, where they moved since.
-    weight_bits, state_bits, lsb: as for `formats.choose`; absent, weights of a fine-tuned run have the bits and steps
-    that it was fine-tuned for, others 8 bits.
+    integer: computed in integers. recordings: those that the run was trained on, if they were moved.
+    weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
+    steps of its fine-tuning, others 8 bits.
     """
     if not integer:
         return Exported(chain_of(run, **options), None)
@@ -60,20 +60,20 @@ def prepared(
         options["sampling_rate_Hz"] = _rate(restored, recordings)
     chain = chain_of(run, **options)
     ranges = ranges_of(restored, chain, signals.training)
-    return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_whole(restored, weight_bits, state_bits)))
+    return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
 
 
-def _whole(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
-    """Bits and steps of the weights and bits of the states, as asked for or as the run was fine-tuned for.
+def _bits_and_steps(restored: trained.Restored, weight_bits: int | None, state_bits: int | None) -> dict[str, Any]:
+    """Bits and steps of the weights and bits of the states, as given or as in the fine-tuning of the run.
 
-    With other weight bits, or fewer state bits, its weights are rounded again.
+    With other weight bits, or with fewer state bits, the weights are rounded again.
     """
     tuned = fine_tuning.tuned_of(restored)
     if tuned is None:
         return {"weight_bits": weight_bits or WEIGHT_BITS, "state_bits": state_bits}
     bits = {"weight_bits": weight_bits or tuned.weight_bits, "state_bits": state_bits or tuned.state_bits}
-    keeps = bits["weight_bits"] == tuned.weight_bits and bits["state_bits"] >= tuned.state_bits
-    return {**bits, "steps": Steps(*tuned.steps) if keeps else None}
+    same_grid = bits["weight_bits"] == tuned.weight_bits and bits["state_bits"] >= tuned.state_bits
+    return {**bits, "steps": Steps(*tuned.steps) if same_grid else None}
 
 
 def ranges_of(restored: trained.Restored, chain: Chain, training: list[np.ndarray]) -> Ranges:
@@ -85,27 +85,27 @@ def ranges_of(restored: trained.Restored, chain: Chain, training: list[np.ndarra
 def recorded(restored: trained.Restored, recordings: str | Path | None = None) -> Recorded:
     """The signals of a run's training and test trials, in the encoder's unit.
 
-    Raises InputError where the recordings are not those that the run's spikes were encoded from.
+    Raises InputError if the run's spikes were not encoded from these recordings.
     """
     trains = trained.load_spikes_of(restored)
     path = Path(recordings or trains.source)
     if recordings is None and not path.is_file():
         raise InputError(
-            f"recordings: {trains.source or 'those of the run'} is not there; ranges are taken from what the run was "
-            "trained on: name it with --recordings"
+            f"recordings: {trains.source or 'those of the run'} cannot be found; the ranges are taken from the "
+            "recordings that the run was trained on; give them with --recordings"
         )
     unit = str((restored.encoder or {}).get("unit", "mV"))
     split = tasks.trials_of(trains, restored.task)
-    seen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
+    chosen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
     with hdf5.open_recordings(path) as stored:
         if len(stored) != len(trains) or list(stored.labels) != list(trains.labels):
-            raise InputError(f"{path}: is not what the run's spikes were encoded from; name that with --recordings")
-        parts = [list(stored.select(each).loaded().to_unit(unit).signals) for each in (seen, split.test)]
+            raise InputError(f"{path}: is not what the run's spikes were encoded from; give that with --recordings")
+        parts = [list(stored.select(each).loaded().to_unit(unit).signals) for each in (chosen, split.test)]
     return Recorded(parts[0], parts[1], trains.labels[split.test])
 
 
 def _rate(restored: trained.Restored, recordings: str | Path | None) -> float | None:
-    """Of samples, where the encoder resamples: that of the recordings."""
+    """The sampling rate of the recordings, if the encoder resamples; else None."""
     resampled = ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz")
     if resampled is None:
         return None
@@ -114,5 +114,5 @@ def _rate(restored: trained.Restored, recordings: str | Path | None) -> float | 
 
 
 def rate_of(restored: trained.Restored, recordings: str | Path | None = None) -> float:
-    """Samples per second of what a run was trained on."""
+    """Samples per second of the recordings that a run was trained on."""
     return _rate(restored, recordings) or restored.network.sampling_rate_Hz

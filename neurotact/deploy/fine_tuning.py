@@ -1,9 +1,9 @@
-"""Training on with rounded weights, so that a network loses less in whole numbers.
+"""Continued training with rounded weights, so that a network loses less accuracy in integers.
 
-The forward pass sees the weights as the integer variant of the C export will hold them: the steps are those that
-`formats` chooses for the network as it was trained, and stay. The gradients of the rounded weights reach the fine ones
-(`networks.rounding`). What is saved are the rounded weights with their steps, from which an export makes the same whole
-numbers. States and decays are not rounded while training. Training and validation windows are used, no test window.
+The forward pass uses the weights of the integer variant of the C export. Their steps are those that `formats` chooses
+for the original network, and are constant. The gradients of the rounded weights reach the full-precision ones
+(`networks.rounding`). The rounded weights are saved with their steps, from which an export gets the same integers.
+States and decays are not rounded during training. Test windows are not used.
 """
 
 import copy
@@ -37,36 +37,36 @@ KEY = "fine_tuned"
 
 
 class FineTuned(Spec):
-    """What a fine-tuned network remembers (`network.json`, under `extra.fine_tuned`)."""
+    """What is saved with a fine-tuned network (`network.json`, under `extra.fine_tuned`)."""
 
     network: str
-    """The folder of the network that it was made from, from its own."""
+    """The folder of the original network, relative to its own folder."""
     weights_sha256: str
-    """Of the weights that it was made from."""
+    """Of the original weights."""
     weight_bits: int = Field(ge=2, le=8)
     state_bits: int = Field(ge=8, le=24)
     steps: tuple[PositiveFloat, PositiveFloat | None, PositiveFloat]
-    """What 1 of a whole weight stands for: into, among and out of the hidden neurons."""
+    """The value of 1 of an integer weight: into, among and out of the hidden neurons."""
     epochs: int = Field(ge=0)
     seed: int = Field(ge=0)
 
 
 class Done(NamedTuple):
-    """What a fine-tuning came to, and how it went; epoch 0 is rounding alone."""
+    """The result of a fine-tuning, and its epochs; epoch 0 is rounding alone."""
 
     outcome: Outcome
     training: Training
 
 
 def tuned_of(restored: Restored) -> FineTuned | None:
-    """What a network that was read back remembers; None of one that was not fine-tuned."""
+    """The fine-tuning that is saved with a network; None if it was not fine-tuned."""
     if restored.fine_tuned is None:
         return None
     return build(FineTuned, restored.fine_tuned, source=f"{checkpoint.NETWORK}, {KEY}")
 
 
 def grids_of(network: RSNN, steps: Steps, weight_bits: int) -> dict[str, Grid]:
-    """What each of a network's weights may be; an integrator's bias has the steps of its weights, and 32 bits."""
+    """The possible values of each matrix of weights; an integrator's bias has the steps of its weights, and 32 bits."""
     most = 2 ** (weight_bits - 1) - 1
     grids = {name: Grid(step, most) for name, step in steps._asdict().items() if step is not None}
     return grids if network.bias is None else {**grids, "bias": Grid(steps.w_out, formats.LARGEST)}
@@ -82,14 +82,14 @@ def fine_tune(
     epochs: int = EPOCHS,
     progress: Callable[[Epoch], None] | None = None,
 ) -> Training:
-    """Train a network on in place, with weights that are seen on their grids, and leave it with those.
+    """Continue the training of a network in place, with weights rounded to their grids; it ends with rounded weights.
 
-    grids: by the name of the weights (`grids_of`); those without one are not rounded. generator: orders the windows.
-    The network's own settings of training hold, with rates that fall to 0 over `epochs`. Epoch 0 is rounding alone; it
-    stays if no epoch is better on the validation windows.
+    grids: by name of the weights (`grids_of`); weights without a grid are not rounded. generator: orders the windows.
+    The network's own training settings are used, with learning rates that fall to 0 over `epochs`. Epoch 0 is rounding
+    alone; it is the result if no epoch is better on the validation windows.
     """
     settings = network.spec.training
-    if settings.keep == "both":  # training accuracy is of disturbed windows, but that of epoch 0 is not
+    if settings.keep == "both":  # training accuracy is that of disturbed windows, except in epoch 0
         settings = settings.model_copy(update={"keep": "accuracy"})
     if epochs:
         update = {"epochs": epochs, "patience": epochs, "schedule": "cosine"}
@@ -116,11 +116,11 @@ def run(
     seed: int = 0,
     force: bool = False,
 ) -> Done:
-    """Fine-tune the network in the run folder `source` for whole weights, and leave it in `folder` as a run of its own.
+    """Fine-tune the network in the run folder `source` for integer weights, and save it in `folder` as a new run.
 
     weight_bits, state_bits: as for `formats.choose`. epochs, seed: of training; 0 epochs: rounding alone.
-    force: replace a training that is in `folder`.
-    Raises InputError for a folder that is not free, and for spikes that are no longer those of the run.
+    force: replace an existing training in `folder`.
+    Raises InputError for a folder that is not empty, and for spikes that are no longer those of the run.
     """
     source, folder = Path(source), Path(folder)
     if not 0 <= epochs <= 100_000:
@@ -149,7 +149,7 @@ def run(
 
 
 def layers_of(restored: Restored, sides: Sides, **options: Any) -> Layers:
-    """The network in whole numbers, as an export will choose them; options as for `formats.layers_of`."""
+    """The network in integers, as an export chooses them; options as for `formats.layers_of`."""
     network = restored.network
     n_steps, _, _ = steps_of(restored.task.window, network.sampling_rate_Hz)
     seen = formats.record_states(network, sides.train.spikes)
@@ -166,15 +166,15 @@ def _trained_on(
             generator=torch.Generator().manual_seed(seed), epochs=epochs,
             progress=lambda epoch: advance(1, train_run.line_of(epoch)),
         )  # fmt: skip
-    # What an export would refuse is refused here, before anything is saved.
+    # Refuse what an export refuses, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
     return fitting.finished(network, training, sides, restored.task)
 
 
 def _check_trials(source: Path, restored: Restored, trains: SpikeTrains) -> None:
-    """Refuse spikes whose sides hold other trials than in training: test trials may be among them."""
+    """Refuse spikes with another split of trials than in training: test trials may be among the training trials."""
     known = restored.provenance
     if known is not None and provenance_of(trains, tasks.trials_of(trains, restored.task)).trials != known.trials:
         raise InputError(
-            f"{source}: {restored.spikes_path} no longer holds the trials that it was trained on; train it again"
+            f"{source}: {restored.spikes_path} no longer contains the trials that it was trained on; train it again"
         )

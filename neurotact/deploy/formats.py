@@ -1,8 +1,8 @@
-"""Whole-number formats of a chain, chosen from what was recorded.
+"""Integer formats of a chain, chosen from recorded ranges.
 
-Samples are `zero + lsb x` with x in 16 bits. Filters and afferents keep `FRACTION` bits more than a sample in 32 bits.
-Afferents need no gains: their thresholds are divided by them. A layer's currents and membranes share one unit, so that
-the largest value seen on training windows, times `HEADROOM`, fills its bits; weights are `step 2^shift` of that unit.
+Samples are `zero + lsb x` with x in 16 bits. Filters and afferents have `FRACTION` bits more than a sample, in 32 bits.
+Afferents need no gains: their thresholds are divided by them. A layer's currents and membranes have one unit: the
+largest value on training windows, times `HEADROOM`, fills its bits. Weights are `step 2^shift` of that unit.
 """
 
 import math
@@ -21,29 +21,29 @@ from neurotact.networks.rsnn import RSNN
 from neurotact.neurons import LIF, cuba_lif_start
 
 FRACTION = 12
-"""Bits behind the binary point of a conditioned sample: 16 + 12 bits, and two more for differences, fit 32."""
+"""Bits after the binary point of a conditioned sample: 16 + 12 bits, and two more for differences, fit in 32."""
 MANTISSA = 15
-"""Bits of a filter's or an afferent's weight of the newest value, from its first one on."""
+"""Significant bits of a filter's or an afferent's weight of the newest value."""
 DECAY, FINE_DECAY = 15, 24
-"""Bits of the network's decays: a state of 16 bits times the one fits 32; wider states take the other."""
+"""Bits of the network's decays: a state of 16 bits times `DECAY` bits fits in 32; wider states use `FINE_DECAY`."""
 HEADROOM = 1.25
-"""Of the ranges: by how much later windows may exceed what was recorded before they saturate."""
+"""Factor by which later windows may exceed the recorded ranges before they saturate."""
 MOST_LEAK = 0.05
-"""Below this share of the threshold, rounding may leak as fast as the time constants do."""
+"""Share of the threshold below which rounding may leak as fast as the time constants."""
 LARGEST = 2**31 - 1
 MOST_OFFSET = 2**28
 WINDOWS = 256
-"""Training windows whose states are recorded, at most."""
+"""Maximum number of training windows whose states are recorded."""
 
 
 class Raw(NamedTuple):
-    """A sample is `zero + lsb x`, x a whole number of 16 bits, in the encoder's unit."""
+    """A sample is `zero + lsb x` in the encoder's unit, with an integer x of 16 bits."""
 
     lsb: float
     zero: float
 
     def samples(self, signal: np.ndarray) -> np.ndarray:
-        """`x` of a signal, rounded and limited to 16 bits, int16.
+        """`x` of a signal, rounded and clipped to int16.
 
         >>> Raw(0.5, 1.0).samples(np.array([1.0, 2.2, 1e9])).tolist()
         [0, 2, 32767]
@@ -59,7 +59,7 @@ class Weight(NamedTuple):
 
     @staticmethod
     def of(value: float) -> "Weight":
-        """The nearest; 1 becomes the largest below it.
+        """The nearest one; 1 becomes the largest weight below 1.
 
         >>> Weight.of(0.0899), Weight.of(0.00157)
         (Weight(mantissa=23567, bits=18), Weight(mantissa=26340, bits=24))
@@ -69,12 +69,12 @@ class Weight(NamedTuple):
 
 
 class FrontEnd(NamedTuple):
-    """Conditioning and afferents in whole numbers.
+    """Conditioning and afferents in integers.
 
     smoothing: weight of the newest sample; None without a moving average.
-    stride: samples from one step to the next, whole ones and 2^-32ths; None where there is a step a sample.
+    stride: samples from one step to the next, as an integer and 2^-32ths; None for one step per sample.
     baseline: as in the encoder; baseline_steps: of `start`; baseline_weight: of `high-pass`.
-    offset, and the thresholds and resets of SA-I and RA-I, `(taxel,)`, in units of 2^-FRACTION of a raw step.
+    offset, thresholds and resets of SA-I and RA-I: `(taxel,)`, in units of 2^-FRACTION of a raw step.
     leak: of both populations; silent: their refractory steps.
     """
 
@@ -95,9 +95,9 @@ class FrontEnd(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """CUBA-LIF neurons in whole numbers: `I <- I alpha / 2^decay_bits + (x w) 2^shift + (s v) 2^shift_rec`, and so on.
+    """CUBA-LIF neurons in integers: `I <- I alpha / 2^decay_bits + (x w) 2^shift + (s v) 2^shift_rec`, and so on.
 
-    unit: what 1 of a state means. state_bits: to which states saturate.
+    unit: the value of 1 of a state. state_bits: bits at which states saturate.
     """
 
     unit: float
@@ -116,18 +116,18 @@ class Layer(NamedTuple):
 
     @property
     def rounding_leak(self) -> float:
-        """The largest state, in thresholds, that rounding towards zero takes off each step as much as its decay."""
+        """The largest state, in thresholds, at which rounding towards zero subtracts as much per step as the decay."""
         slowest = max(self.alpha, self.beta) / 2**self.decay_bits
         return math.inf if slowest >= 1 else 1 / (1 - slowest) / self.threshold
 
 
 def decay_bits(state_bits: int) -> int:
-    """Bits of a decay, beside states of so many."""
+    """Bits of a decay, for states of `state_bits`."""
     return DECAY if state_bits <= 16 else FINE_DECAY
 
 
 class Integrator(NamedTuple):
-    """A readout that adds up: weights `(hidden, class)` and where it begins, in one unit."""
+    """A readout that integrates: weights `(hidden, class)` and initial values, in one unit."""
 
     unit: float
     w: np.ndarray
@@ -135,7 +135,7 @@ class Integrator(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """What 1 of a whole weight stands for, in each matrix; `w_out` also in an integrator's bias.
+    """The value of 1 of an integer weight, in each matrix; `w_out` also of an integrator's bias.
 
     w_rec: None without recurrence.
     """
@@ -146,14 +146,14 @@ class Steps(NamedTuple):
 
 
 class Layers(NamedTuple):
-    """A network in whole numbers."""
+    """A network in integers."""
 
     hidden: Layer
     readout: Layer | Integrator
 
     @property
     def steps(self) -> Steps:
-        """Of its weights.
+        """The steps of its weights.
 
         >>> network = RSNN(2, 2, hidden=3, model="snn", sampling_rate_Hz=1000.0)
         >>> layers = layers_of(network, (4.0, 2.0), weight_bits=4, state_bits=16, n_steps=50)
@@ -171,7 +171,7 @@ class Layers(NamedTuple):
 
 
 class Formats(NamedTuple):
-    """Everything whole about a chain; `weight_bits` as asked for."""
+    """All integers of a chain; `weight_bits` as given."""
 
     raw: Raw
     front: FrontEnd
@@ -182,7 +182,7 @@ class Formats(NamedTuple):
 
 
 class Ranges(NamedTuple):
-    """What was recorded: the samples' extremes, and the largest |I| or |U| of the hidden layer and of the readout."""
+    """Recorded ranges: extremes of the samples, and the largest |I| or |U| of the hidden layer and of the readout."""
 
     low: float
     high: float
@@ -199,13 +199,13 @@ def choose(
     lsb: float | None = None,
     steps: Steps | None = None,
 ) -> Formats:
-    """Formats of a chain; InputError where a value does not fit.
+    """Formats of a chain; InputError if a value does not fit.
 
-    weight_bits, state_bits, steps: as for `layers_of`. lsb: of the samples; absent, the recorded range fills 16 bits.
+    weight_bits, state_bits, steps: as for `layers_of`. lsb: of the samples; None: the recorded range fills 16 bits.
     """
-    seen, n_steps = (ranges.hidden, ranges.readout), chain.windows.length
+    largest, n_steps = (ranges.hidden, ranges.readout), chain.windows.length
     hidden, readout = layers_of(
-        chain.network, seen, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps
+        chain.network, largest, weight_bits=weight_bits, state_bits=state_bits, n_steps=n_steps, steps=steps
     )
     raw = _raw(ranges, lsb)
     return Formats(raw, _front_end(chain, raw), hidden, readout, weight_bits, hidden.state_bits)
@@ -220,12 +220,12 @@ def layers_of(
     n_steps: int,
     steps: Steps | None = None,
 ) -> Layers:
-    """The layers of a network in whole numbers; InputError where a value does not fit.
+    """The layers of a network in integers; InputError if a value does not fit.
 
     seen: the largest |I| or |U| of the hidden layer and of the readout (`record_states`).
-    weight_bits: 2 to 8. state_bits: 8 to 16, or 24; absent, 16 where rounding leaks little beside the time constants
+    weight_bits: 2 to 8. state_bits: 8 to 16, or 24; None: 16 if rounding leaks little compared with the time constants
     (`MOST_LEAK`), else 24. n_steps: of a window.
-    steps: of the weights, as fine-tuning left them; absent, the largest weight of a layer fills its bits.
+    steps: of the weights, from fine-tuning; None: the largest weight of a layer fills its bits.
     """
     options = {"weight_bits": weight_bits, "n_steps": n_steps, "steps": steps}
     if state_bits is None:
@@ -234,12 +234,12 @@ def layers_of(
         return layers if max(leaks) <= MOST_LEAK else layers_of(network, seen, state_bits=24, **options)
     if network.leaks:
         raise InputError(
-            f"readout: '{network.spec.readout}' with a leak has no form in whole numbers; export it with "
+            f"readout: '{network.spec.readout}' with a leak has no integer form; export it with "
             "--variant float, or train with readout = 'integrator' and no readout_tau_ms"
         )
     if network.adaptation is not None:
         raise InputError(
-            "threshold_adaptation: has no form in whole numbers; export it with --variant float, or train with "
+            "threshold_adaptation: has no integer form; export it with --variant float, or train with "
             "threshold_adaptation = 0"
         )
     if not 2 <= weight_bits <= 8:
@@ -255,7 +255,7 @@ def layers_of(
 
 
 def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ranges:
-    """Ranges over training windows `(window, time, afferent)` and over the samples of their trials."""
+    """Ranges of states over training windows `(window, time, afferent)`, and of the samples of their trials."""
     low, high = min(float(s.min()) for s in signals), max(float(s.max()) for s in signals)
     return Ranges(low, high, *record_states(network, rasters))
 
@@ -263,16 +263,16 @@ def record(network: RSNN, rasters: Tensor, signals: Sequence[np.ndarray]) -> Ran
 @torch.no_grad()
 def record_states(network: RSNN, rasters: Tensor) -> tuple[float, float]:
     """The largest |I| or |U| of the hidden layer and of the readout over windows `(window, time, afferent)`."""
-    seen = torch.linspace(0, len(rasters) - 1, min(len(rasters), WINDOWS)).long()
-    spikes = rasters[seen].to(network.w_in.dtype)
+    chosen = torch.linspace(0, len(rasters) - 1, min(len(rasters), WINDOWS)).long()
+    spikes = rasters[chosen].to(network.w_in.dtype)
     states = [cuba_lif_start(len(spikes), n, network.w_in) for n in (network.spec.hidden, network.n_classes)]
     largest = [0.0, 0.0]
     layers = ((network.w_in, network.w_rec), (network.w_out, None))
     for t in range(spikes.shape[1]):
-        sent = spikes[:, t : t + 1]
+        inputs = spikes[:, t : t + 1]
         for index, (w, v) in enumerate(layers if network.bias is None else layers[:1]):
-            sent, states[index] = reference.cuba_lif_layer(
-                sent, w, v, alpha=network.alpha[index], beta=network.beta[index], threshold=network.threshold[index],
+            inputs, states[index] = reference.cuba_lif_layer(
+                inputs, w, v, alpha=network.alpha[index], beta=network.beta[index], threshold=network.threshold[index],
                 neuron=network.neuron, spike=network.spike, adaptation=network.adaptation_of(index),
                 state=states[index],
             )  # fmt: skip
@@ -292,7 +292,7 @@ def _raw(ranges: Ranges, lsb: float | None) -> Raw:
 
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
-    chain.require_pairs("a chain in whole numbers")
+    chain.require_pairs("an integer chain")
     encoder, clock_Hz = chain.encoder, chain.clock_Hz
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
@@ -303,21 +303,21 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     scale = np.ones(chain.n_taxels) if conditioning.scale is None else np.array(conditioning.scale)
     shifted = np.rint((offset - zero) * fine)
     if (np.abs(shifted) > MOST_OFFSET).any():
-        raise InputError("lsb: the encoder's offsets do not fit 28 bits of it; give a coarser one")
+        raise InputError("lsb: the encoder's offsets do not fit in 28 bits; give a coarser one")
     gains = encoder.sa1.gain, encoder.ra1.gain * clock_Hz * 1e-3
     stride = None
     if conditioner.clock_Hz != conditioner.rate_Hz:
-        whole, rest = divmod(round(conditioner.rate_Hz / conditioner.clock_Hz * 2**32), 2**32)
-        stride = (whole, rest)
+        whole, part = divmod(round(conditioner.rate_Hz / conditioner.clock_Hz * 2**32), 2**32)
+        stride = (whole, part)
     past = conditioner.past
-    high_pass = conditioning.baseline == "high-pass"
+    is_high_pass = conditioning.baseline == "high-pass"
     levels = [_levels(neuron, gain, scale * fine) for neuron, gain in zip((sa1, ra1), gains, strict=True)]
     return FrontEnd(
         smoothing=None if conditioner.smoothing is None else Weight.of(conditioner.smoothing),
         stride=stride,
         baseline=conditioning.baseline,
         baseline_steps=past.n_start,
-        baseline_weight=Weight.of(past.smoothing) if high_pass else None,
+        baseline_weight=Weight.of(past.smoothing) if is_high_pass else None,
         offset=shifted.astype(np.int64),
         rectify=conditioning.rectify,
         leak=Weight.of(1.0 - sa1.decay),
@@ -328,11 +328,11 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
 
 
 def _levels(neuron: LIF, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Threshold and reset above rest, in the signal's unit: divided by the gain."""
+    """Threshold and reset above rest, divided by the gain: in the signal's unit."""
     threshold = np.rint((neuron.v_threshold_mV - neuron.v_rest_mV) / gain * fine)
     reset = np.rint((neuron.v_reset_mV - neuron.v_rest_mV) / gain * fine)
     if (threshold < 1).any():
-        raise InputError("lsb: a threshold is less than a step of it; give a finer one")
+        raise InputError("lsb: a threshold is less than one lsb; give a finer one")
     return tuple(np.clip(each, -MOST_OFFSET, MOST_OFFSET * 8 - 1).astype(np.int64) for each in (threshold, reset))  # pyright: ignore
 
 
@@ -340,16 +340,16 @@ def _layer(
     network: RSNN,
     index: int,
     matrices: tuple[Tensor, Tensor | None],
-    seen: float,
+    largest: float,
     bits: tuple[int, int],
     given: tuple[float | None, float | None],
 ) -> Layer:
-    """bits: of weights and of states. given: the steps of the matrices, or None for those that are to be chosen."""
+    """bits: of weights and of states. given: the steps of the matrices; None: chosen here."""
     alpha, beta, threshold = _dynamics(network, index)
     weights = [np.asarray(each.detach().double()) for each in matrices if each is not None]
     top, most = (2 ** (n - 1) - 1 for n in bits)
-    least_unit = HEADROOM * max(seen, threshold) / most
-    # Sums of all weights stay below 2^30, beside a state of at most 2^23.
+    least_unit = HEADROOM * max(largest, threshold) / most
+    # Sums of all weights stay below 2^30, and a state is at most 2^23.
     most_shift = 29 - math.ceil(math.log2(top * sum(len(each) for each in weights)))
     steps = [step for step in given if step is not None]
     if steps:
@@ -357,16 +357,16 @@ def _layer(
     else:
         unit, steps = _unit_and_steps(weights, top, least_unit, most_shift)
     shifts = [round(math.log2(step / unit)) for step in steps]
-    whole = [_whole(each, step, top) for each, step in zip(weights, steps, strict=True)]
+    integers = [_integers(each, step, top) for each, step in zip(weights, steps, strict=True)]
     if threshold > most * unit:
-        raise InputError(f"state_bits: {bits[1]} bits do not hold the threshold beside these weights; give more")
-    v, shift_rec = (whole[1], shifts[1]) if len(whole) > 1 else (None, 0)
+        raise InputError(f"state_bits: {bits[1]} bits do not hold the threshold with these weights; give more")
+    v, shift_rec = (integers[1], shifts[1]) if len(integers) > 1 else (None, 0)
     alpha, beta = (round(decay * 2 ** decay_bits(bits[1])) for decay in (alpha, beta))
-    return Layer(unit, bits[1], whole[0], shifts[0], v, shift_rec, alpha, beta, max(1, round(threshold / unit)))
+    return Layer(unit, bits[1], integers[0], shifts[0], v, shift_rec, alpha, beta, max(1, round(threshold / unit)))
 
 
 def _dynamics(network: RSNN, index: int) -> list[float]:
-    """Decays and threshold of a layer; InputError where they have no integer form."""
+    """Decays and threshold of a layer; InputError if they have no integer form."""
     alpha, beta, threshold = (float(part[index].detach()) for part in (network.alpha, network.beta, network.threshold))
     for name, value in (("alpha", alpha), ("beta", beta)):
         if not 0 <= value <= 1:
@@ -376,23 +376,23 @@ def _dynamics(network: RSNN, index: int) -> list[float]:
     return [alpha, beta, threshold]
 
 
-def _whole(weights: np.ndarray, step: float, top: int) -> np.ndarray:
+def _integers(weights: np.ndarray, step: float, top: int) -> np.ndarray:
     return np.rint(weights / step).clip(-top, top).astype(np.int64)
 
 
 def _unit_and_steps(
     weights: Sequence[np.ndarray], top: int, least_unit: float, most_shift: int
 ) -> tuple[float, list[float]]:
-    """The unit of a layer's states, and the step of each matrix: the unit times a power of two, by its largest."""
+    """The unit of a layer's states, and the step of each matrix: the unit times a power of two, from its largest."""
     sizes = [float(np.abs(each).max()) for each in weights]
     largest = max((max(sizes) or 1.0) / top, least_unit)
     unit = largest / 2 ** _shift(largest, least_unit, most_shift)
-    own = [max(0, math.ceil(math.log2(max(size, 1e-300) / (top * unit)) - 1e-9)) for size in sizes]
-    return unit, [unit * 2.0**each for each in own]
+    shifts = [max(0, math.ceil(math.log2(max(size, 1e-300) / (top * unit)) - 1e-9)) for size in sizes]
+    return unit, [unit * 2.0**each for each in shifts]
 
 
 def _unit_of(steps: Sequence[float], least_unit: float, most_shift: int) -> float:
-    """The unit of a layer's states beside weights whose steps are given."""
+    """The unit of a layer's states, for weights with given steps."""
     unit = min(max(steps) / 2 ** _shift(max(steps), least_unit, most_shift), *steps)
     shifts = [math.frexp(step / unit) for step in steps]
     if any(mantissa != 0.5 or not 1 <= exponent <= most_shift + 1 for mantissa, exponent in shifts):
@@ -409,8 +409,8 @@ def _integrator(network: RSNN, weight_bits: int, n_steps: int, step: float | Non
     w, bias = (np.asarray(each.detach().double()) for each in (network.w_out, network.bias))
     top = 2 ** (weight_bits - 1) - 1
     unit = step or (float(np.abs(w).max()) or 1.0) / top
-    whole = _whole(w, unit, top)
-    begin = np.rint(bias / unit)
-    if np.abs(begin).max() + float(n_steps) * np.abs(whole).sum(axis=0).max() > LARGEST:
-        raise InputError("window: an integrator may pass 32 bits in so many steps; shorten the window")
-    return Integrator(unit, whole, begin.astype(np.int64))
+    integers = _integers(w, unit, top)
+    initial = np.rint(bias / unit)
+    if np.abs(initial).max() + float(n_steps) * np.abs(integers).sum(axis=0).max() > LARGEST:
+        raise InputError("window: an integrator may overflow 32 bits in a window of this length; shorten it")
+    return Integrator(unit, integers, initial.astype(np.int64))

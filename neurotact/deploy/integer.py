@@ -1,8 +1,8 @@
-"""The chain in whole numbers, for many trials or windows at once: what the integer variant of the C export computes.
+"""The chain in integers, for many trials or windows together: what the integer variant of the C export computes.
 
-Arithmetic: products are divided by a power of two and rounded towards zero, as C99's `/` does, so that what decays
-reaches zero; states saturate to their bits once a step. NumPy computes in 64 bits, in which nothing here overflows; the
-formats see to it that nothing overflows in 32 bits in C either.
+Arithmetic: products are divided by a power of two and rounded towards zero, as C99's `/` does, so that decaying values
+reach zero. States saturate to their bits once per step. NumPy computes in 64 bits, in which nothing here overflows; the
+formats are chosen so that nothing overflows in 32 bits in C.
 """
 
 import math
@@ -17,9 +17,9 @@ from neurotact.neurons import CubaLIF
 
 
 class Decided(NamedTuple):
-    """What the integer network decided, `(window,)` int64 each, as `networks.rsnn.Inference`.
+    """Decisions of the integer network, `(window,)` int64 each, as `networks.rsnn.Inference`.
 
-    heard: whether the readout moved. hidden: spikes of the hidden layer in the simulated steps,
+    heard: whether the readout changed. hidden: spikes of the hidden layer in the simulated steps,
     `(window, time, hidden)` uint8.
     """
 
@@ -48,7 +48,7 @@ def follow(state: np.ndarray, target: np.ndarray, weight: Weight) -> np.ndarray:
 def encode(raw: np.ndarray, front: FrontEnd) -> np.ndarray:
     """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, 2 taxel)` uint8, SA-I first.
 
-    A step that resampling would still hold back at the end of a trial is not given.
+    A step that resampling has not yet completed at the end of a trial is left out.
     """
     raw = np.asarray(raw, np.int64)
     n_trials, _, n_taxels = raw.shape
@@ -69,11 +69,11 @@ def encode(raw: np.ndarray, front: FrontEnd) -> np.ndarray:
 def _afferent(
     target: np.ndarray, state: list[np.ndarray], leak: Weight, threshold: np.ndarray, reset: np.ndarray, silent: int
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    membrane, left = state
-    awake = left == 0
-    membrane = np.where(awake, follow(membrane, target, leak), reset)
-    fired = awake & (membrane >= threshold)
-    return fired, [np.where(fired, reset, membrane), np.where(fired, silent, np.maximum(left - 1, 0))]
+    membrane, remaining = state
+    is_active = remaining == 0
+    membrane = np.where(is_active, follow(membrane, target, leak), reset)
+    fired = is_active & (membrane >= threshold)
+    return fired, [np.where(fired, reset, membrane), np.where(fired, silent, np.maximum(remaining - 1, 0))]
 
 
 def _conditioned(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
@@ -102,7 +102,7 @@ def _smoothed(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
 
 
 def _on_the_clock(signal: Iterator[np.ndarray], front: FrontEnd) -> Iterator[np.ndarray]:
-    """Linear interpolation; `wait` samples and `part` 2^-32ths lie between the sample before and the next step."""
+    """Linear interpolation; the next step is `wait` samples and `part` 2^-32ths after the previous sample."""
     if front.stride is None:
         yield from signal
         return
@@ -116,7 +116,7 @@ def _on_the_clock(signal: Iterator[np.ndarray], front: FrontEnd) -> Iterator[np.
 
 
 def n_steps(n_samples: int, front: FrontEnd) -> int:
-    """Steps that so many samples give.
+    """Number of steps of `n_samples`.
 
     >>> from types import SimpleNamespace
     >>> n_steps(4, SimpleNamespace(stride=(0, 2**31)))  # twice as many steps as samples
@@ -134,39 +134,39 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
     if isinstance(readout, Integrator):
         counts = counts + readout.bias
     margin = whole_margin(rule, readout)
-    race = _Race(counts, *(np.zeros(n_windows, np.int64) for _ in range(4)))
+    leader = _Leader(counts, *(np.zeros(n_windows, np.int64) for _ in range(4)))
     running = np.full(n_windows, n_steps > 0)
-    sent_all = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
-    labels, steps, sent_in, sent_hidden, heard = (np.zeros(n_windows, np.int64) for _ in range(5))
-    found = Decided(labels, steps, sent_in, sent_hidden, heard, sent_all)
+    hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
+    labels, steps, input_spikes, hidden_spikes, heard = (np.zeros(n_windows, np.int64) for _ in range(5))
+    decided = Decided(labels, steps, input_spikes, hidden_spikes, heard, hidden_raster)
     for t in range(n_steps):
-        arriving = windows[:, t].astype(np.int64)
-        sent, state = _step(hidden, neuron, arriving, state)
+        inputs = windows[:, t].astype(np.int64)
+        spikes, state = _step(hidden, neuron, inputs, state)
         if isinstance(readout, Integrator):
-            gained = sent @ readout.w
+            increments = spikes @ readout.w
         else:
-            gained, out = _step(readout, neuron, sent, out)
-        found.steps[running] += 1
-        found.input_spikes[running] += arriving[running].sum(axis=1)
-        found.hidden_spikes[running] += sent[running].sum(axis=1)
-        sent_all[running, t] = sent[running]
-        race = race.after(gained)
-        found.labels[running], found.heard[running] = race.index[running], race.heard[running]
-        running = running & ~race.exits(rule, margin)
+            increments, out = _step(readout, neuron, spikes, out)
+        decided.steps[running] += 1
+        decided.input_spikes[running] += inputs[running].sum(axis=1)
+        decided.hidden_spikes[running] += spikes[running].sum(axis=1)
+        hidden_raster[running, t] = spikes[running]
+        leader = leader.after(increments)
+        decided.labels[running], decided.heard[running] = leader.index[running], leader.heard[running]
+        running = running & ~leader.exits(rule, margin)
         if not running.any():
             break
-    return found
+    return decided
 
 
 def whole_margin(rule: ExitRule, readout: Layer | Integrator) -> int | None:
-    """The margin of a rule in what the readout counts: spikes, or the unit of an integrator's weights; rounded up."""
+    """The margin of a rule in the readout's unit, rounded up: spikes, or the unit of an integrator's weights."""
     if rule.margin is None:
         return None
     return math.ceil(rule.margin / (readout.unit if isinstance(readout, Integrator) else 1.0))
 
 
 class _Neurons(NamedTuple):
-    """Current, membrane, spikes and the spikes before them, `(window, neuron)` int64 each."""
+    """Current, membrane, spikes and the spikes of the step before, `(window, neuron)` int64 each."""
 
     current: np.ndarray
     membrane: np.ndarray
@@ -178,12 +178,12 @@ class _Neurons(NamedTuple):
         return _Neurons(*(np.zeros((n_windows, w.shape[1]), np.int64) for _ in range(4)))
 
 
-def _step(layer: Layer, neuron: CubaLIF, arriving: np.ndarray, state: _Neurons) -> tuple[np.ndarray, _Neurons]:
-    """What `neurons.cuba_lif_step` does, in whole numbers."""
-    current = over(state.current * layer.alpha, layer.decay_bits) + (arriving @ layer.w) * 2**layer.shift
+def _step(layer: Layer, neuron: CubaLIF, inputs: np.ndarray, state: _Neurons) -> tuple[np.ndarray, _Neurons]:
+    """`neurons.cuba_lif_step` in integers."""
+    current = over(state.current * layer.alpha, layer.decay_bits) + (inputs @ layer.w) * 2**layer.shift
     if layer.v is not None:
-        returning = state.spikes_before if neuron.recurrent_delay_steps else state.spikes
-        current = current + (returning @ layer.v) * 2**layer.shift_rec
+        recurrent = state.spikes_before if neuron.recurrent_delay_steps else state.spikes
+        current = current + (recurrent @ layer.v) * 2**layer.shift_rec
     current = _saturated(current, layer.state_bits)
     fired = state.membrane > layer.threshold
     carried = np.where(fired, 0, state.membrane) if neuron.reset == "hard" else state.membrane
@@ -197,8 +197,8 @@ def _step(layer: Layer, neuron: CubaLIF, arriving: np.ndarray, state: _Neurons) 
     elif neuron.reset == "subtract":
         membrane = membrane - layer.threshold * fired
     membrane = _saturated(membrane, layer.state_bits)
-    following = _Neurons(current, membrane, (membrane > layer.threshold).astype(np.int64), state.spikes)
-    return (following if neuron.membrane == "immediate" else state).spikes, following
+    after = _Neurons(current, membrane, (membrane > layer.threshold).astype(np.int64), state.spikes)
+    return (after if neuron.membrane == "immediate" else state).spikes, after
 
 
 def _saturated(state: np.ndarray, bits: int) -> np.ndarray:
@@ -206,8 +206,8 @@ def _saturated(state: np.ndarray, bits: int) -> np.ndarray:
     return np.clip(state, -most, most)
 
 
-class _Race(NamedTuple):
-    """The race of the classes in whole numbers: `networks.early_exit.Leader`, one row per window."""
+class _Leader(NamedTuple):
+    """`networks.early_exit.Leader` in integers, one row per window."""
 
     counts: np.ndarray
     index: np.ndarray
@@ -215,13 +215,13 @@ class _Race(NamedTuple):
     standing_since_spike: np.ndarray
     heard: np.ndarray
 
-    def after(self, gained: np.ndarray) -> "_Race":
+    def after(self, gained: np.ndarray) -> "_Leader":
         counts = self.counts + gained
         index = counts.argmax(axis=1)
         same = index == self.index
         heard = self.heard | (gained != 0).any(axis=1)
         since = np.where(same & (heard > 0), self.standing_since_spike + 1, heard)
-        return _Race(counts, index, np.where(same, self.standing + 1, 1), since, heard)
+        return _Leader(counts, index, np.where(same, self.standing + 1, 1), since, heard)
 
     def exits(self, rule: ExitRule, margin: int | None) -> np.ndarray:
         if margin is not None:

@@ -1,4 +1,4 @@
-"""The compiled step of a stream; what it computes is defined in `stream.py` and what that calls."""
+"""The compiled step of a stream; its computation is defined in `stream.py` and the functions called there."""
 
 import math
 from collections.abc import Iterator
@@ -21,13 +21,13 @@ from neurotact.neurons import CubaLIFState, LIFState
 BASELINES = ("none", "first", "start", "running", "high-pass")
 COUNTERS = ("samples", "steps", "silent", "free_at", "n_windows", "under_way")
 Decided = tuple[int, int, int, int, int, int, int, bool]
-"""Of a window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
+"""A decided window: its number, start, steps, label, input spikes, hidden spikes, held, heard."""
 LANES = 8
-"""Taxels that are computed side by side; arrays are filled up to a multiple."""
+"""Number of taxels that are computed together; arrays are padded to a multiple of it."""
 
 
 class Remembered(NamedTuple):
-    """What the compiled step remembers, as the reference does."""
+    """The state of the compiled step, in the format of the reference."""
 
     opening: Opening
     conditioned: Conditioned
@@ -39,29 +39,29 @@ class Remembered(NamedTuple):
 class CompiledStream:
     """Conditioning, afferents, windows, network and exit of a chain, one sample after the other.
 
-    most_samples: that one `push` takes.
+    most_samples: maximum number of samples of one `push`.
     """
 
     def __init__(self, chain: Chain, conditioner: Conditioner, most_samples: int) -> None:
         self.chain, self.conditioner = chain, conditioner
         self._most_steps = math.ceil(most_samples * max(1.0, chain.clock_Hz / chain.sampling_rate_Hz)) + 1
         network, encoder, plan = chain.network, chain.encoder, chain.windows
-        how, n_taxels = conditioner.how, chain.n_taxels
+        spec, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
-        smooth, past = conditioner.smoothing, conditioner.past
-        base = past.smoothing if how.baseline == "high-pass" else 0.0
-        standard = (how.offset or (0.0,) * n_taxels, how.scale or (1.0,) * n_taxels)
+        smoothing, past = conditioner.smoothing, conditioner.past
+        level = past.smoothing if spec.baseline == "high-pass" else 0.0
+        standard = (spec.offset or (0.0,) * n_taxels, spec.scale or (1.0,) * n_taxels)
         offset, scale = (np.array(values, np.float32) for values in standard)
-        is_standard = how.offset is not None or how.scale is not None
+        is_standard = spec.offset is not None or spec.scale is not None
         bias = None if network.bias is None else network.bias.detach().double().numpy()
         self._stream = native.Stream(  # pyright: ignore[reportOptionalMemberAccess]
             networks.shape_of(network), taxels=n_taxels, factor=float(conditioner.factor),
-            smooth=smooth is not None, smooth_new=smooth or 0.0, smooth_kept=1.0 - (smooth or 0.0),
+            smooth=smoothing is not None, smooth_new=smoothing or 0.0, smooth_kept=1.0 - (smoothing or 0.0),
             resampled=conditioner.clock_Hz != conditioner.rate_Hz,
             samples_per_step=conditioner.rate_Hz / conditioner.clock_Hz,
-            baseline=BASELINES.index(how.baseline), start_steps=past.n_start, base_new=base, base_kept=1.0 - base,
+            baseline=BASELINES.index(spec.baseline), start_steps=past.n_start, base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
-            rectify=how.rectify, sa_gain=encoder.sa1.gain, ra_gain=encoder.ra1.gain * chain.clock_Hz * 1e-3,
+            rectify=spec.rectify, sa_gain=encoder.sa1.gain, ra_gain=encoder.ra1.gain * chain.clock_Hz * 1e-3,
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
             sa_silent=sa1.refractory_steps, ra_silent=ra1.refractory_steps, length=plan.length, start=plan.start,
             hop=plan.hop, quiet=plan.quiet, at_once=plan.at_once,
@@ -70,17 +70,17 @@ class CompiledStream:
             most_decisions=self._most_steps + plan.at_once + 1,
         )  # fmt: skip
         self.push = self._stream.push
-        """What samples `(sample, taxel)` float32 decide; None, and nothing done, where one is not finite."""
+        """The decisions of samples `(sample, taxel)` float32; None, without any effect, if one is not finite."""
         self.take = self._stream.take
-        """The same of samples as a caller gave them, if float32 in one piece, and counts them; else None."""
+        """The same for the samples of a caller, which are counted; None if they are not contiguous float32."""
 
     def counted(self) -> tuple[int, np.ndarray]:
-        """How many samples `take` took since the last call, and the values of the last one."""
+        """Number of samples that `take` processed since the last call, and the values of the last sample."""
         n_samples, last = self._stream.counted()
         return n_samples, np.frombuffer(last, np.float32)
 
     def watch(self) -> None:
-        """From now on each push notes what spiked in its steps."""
+        """From now on, each push records the spikes of its steps."""
         self._stream.watch(self._most_steps)
 
     def watched(self) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
@@ -92,7 +92,7 @@ class CompiledStream:
         return first, afferents, hidden, window
 
     def remembered(self) -> Remembered:
-        """The state, as the reference holds it."""
+        """The state, in the format of the reference."""
         parts = list(self._stream.state())
         counters: dict[str, int] = dict(zip(COUNTERS, np.frombuffer(parts[0][1], np.int64).tolist(), strict=True))
         taxels = dict(parts[1:5])
@@ -117,21 +117,21 @@ class CompiledStream:
         )  # fmt: skip
 
     def remember(self, state: Remembered) -> None:
-        """Go on from a state."""
-        n, how = self.chain.n_taxels, self.conditioner.how
+        """Continue from a state."""
+        n, spec = self.chain.n_taxels, self.conditioner.how
         done, opening = state.conditioned, state.opening
         counters = (done.n_samples, done.n_steps, opening.silent, opening.free_at, state.n_windows, len(state.windows))
         smoothed = done.smoothed if done.held is None else done.held[-1]
         carried = (None, 0) if done.carried is None else done.carried
-        moving = carried[0] if how.baseline in ("start", "running") else None
-        level = carried[0] if how.baseline == "high-pass" else None if done.level is None else done.level[0]
+        total = carried[0] if spec.baseline in ("start", "running") else None
+        level = carried[0] if spec.baseline == "high-pass" else None if done.level is None else done.level[0]
         encoder = state.encoder
         last = None if encoder is None or encoder.last is None else encoder.last[0]
         parts = [np.array(counters, np.int64).tobytes()]
         parts += [self._lanes(each, np.float32) for each in (smoothed, level, last)]
-        parts.append(self._lanes(moving, np.float64))
-        rest = np.full(n, self.chain.encoder.v_rest_mV, np.float32)
-        membranes = [rest, rest] if encoder is None else [encoder.sa1.membrane_mV[0], encoder.ra1.membrane_mV[0]]
+        parts.append(self._lanes(total, np.float64))
+        at_rest = np.full(n, self.chain.encoder.v_rest_mV, np.float32)
+        membranes = [at_rest, at_rest] if encoder is None else [encoder.sa1.membrane_mV[0], encoder.ra1.membrane_mV[0]]
         silent = [None, None] if encoder is None else [encoder.sa1.silent_steps[0], encoder.ra1.silent_steps[0]]
         four = [self._lanes(each, np.float32) for each in membranes] + [self._lanes(each, np.int32) for each in silent]
         for group in range(-(-n // LANES)):
@@ -150,20 +150,20 @@ class CompiledStream:
         return filled.tobytes()
 
     def _conditioned(self, counters: dict[str, int], values: dict[str, np.ndarray]) -> Conditioned:
-        samples, steps, how = counters["samples"], counters["steps"], self.conditioner.how
+        samples, steps, spec = counters["samples"], counters["steps"], self.conditioner.how
         if not samples:
             return Conditioned()
         carried = None
-        if how.baseline in CAUSAL:
-            is_ema = how.baseline == "high-pass"
-            heard = min(steps, self.conditioner.past.n_start) if how.baseline == "start" else steps
-            carried = (values["level" if is_ema else "total"], heard)
+        if spec.baseline in CAUSAL:
+            is_ema = spec.baseline == "high-pass"
+            n_averaged = min(steps, self.conditioner.past.n_start) if spec.baseline == "start" else steps
+            carried = (values["level" if is_ema else "total"], n_averaged)
         resampled = self.conditioner.clock_Hz != self.conditioner.rate_Hz
         return Conditioned(
             samples, steps,
             smoothed=None if self.conditioner.smoothing is None else values["smoothed"],
             held=values["smoothed"][None] if resampled else None,
-            level=values["level"][None] if how.baseline == "first" else None, carried=carried,
+            level=values["level"][None] if spec.baseline == "first" else None, carried=carried,
         )  # fmt: skip
 
     def _encoder(
@@ -184,22 +184,22 @@ class CompiledStream:
         def row(values: np.ndarray) -> torch.Tensor:
             return torch.from_numpy(values[None])
 
-        window, start, steps, sent, heard, held = read(np.int64).tolist()
+        window, start, steps, input_spikes, hidden_spikes, held = read(np.int64).tolist()
         current, membrane = (row(read(np.float32)) for _ in range(2))
         spikes, before = (row(_bits(read(np.uint64), n_hidden)) for _ in range(2))
-        raised = torch.zeros(1, n_hidden) if network.adaptation is None else row(read(np.float32))
-        hidden = CubaLIFState(current, membrane, spikes, before, raised)
+        adaptation = torch.zeros(1, n_hidden) if network.adaptation is None else row(read(np.float32))
+        hidden = CubaLIFState(current, membrane, spikes, before, adaptation)
         readout = None
         if spiking:
             current, membrane = (row(read(np.float32)) for _ in range(2))
             spikes = row(_bits(read(np.uint64), n_classes))
-            nothing = torch.zeros_like(spikes)
-            readout = CubaLIFState(current, membrane, spikes, nothing, nothing)
+            zeros = torch.zeros_like(spikes)
+            readout = CubaLIFState(current, membrane, spikes, zeros, zeros)
         leaky = row(read(np.float64)) if network.leaks else None
         counts = row(read(np.int64 if spiking else np.float64))
         index, standing, since = (torch.tensor([each]) for each in read(np.int64).tolist())
         leader = Leader(counts, index, standing, since, torch.tensor([bool(next(parts)[1][0])]), leaky)
-        return Running(window, start, steps, hidden, readout, leader, sent, heard, held)
+        return Running(window, start, steps, hidden, readout, leader, input_spikes, hidden_spikes, held)
 
 
 def _parts_of(window: Running, *, adapts: bool) -> list[bytes]:
@@ -213,8 +213,8 @@ def _parts_of(window: Running, *, adapts: bool) -> list[bytes]:
         parts += [_bytes(readout.current), _bytes(readout.membrane), _words(readout.spikes)]
     if leader.leaky is not None:
         parts.append(_bytes(leader.leaky))
-    race = np.array([int(leader.index), int(leader.standing), int(leader.standing_since_spike)], np.int64)
-    return [*parts, _bytes(leader.counts), race.tobytes(), bytes([bool(leader.heard)])]
+    standing = np.array([int(leader.index), int(leader.standing), int(leader.standing_since_spike)], np.int64)
+    return [*parts, _bytes(leader.counts), standing.tobytes(), bytes([bool(leader.heard)])]
 
 
 def _bytes(values: torch.Tensor) -> bytes:
@@ -222,12 +222,12 @@ def _bytes(values: torch.Tensor) -> bytes:
 
 
 def _bits(words: np.ndarray, n: int) -> np.ndarray:
-    """Spikes of `n` neurons as float32, from words of 64, the lowest bit first."""
+    """Spikes of `n` neurons as float32, from words of 64 bits, lowest bit first."""
     return np.unpackbits(words.view(np.uint8), bitorder="little")[:n].astype(np.float32)
 
 
 def _rows(words: bytes, n: int, n_steps: int) -> np.ndarray:
-    """Steps of `n` neurons, a row of words each, as `(step, n)` bool."""
+    """Spikes of `n` neurons as `(step, n)` bool, from one row of words per step."""
     rows = np.frombuffer(words, np.uint8).reshape(n_steps, -(-n // 64) * 8)
     return np.unpackbits(rows, axis=1, count=n, bitorder="little").astype(bool)
 

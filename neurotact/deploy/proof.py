@@ -1,7 +1,7 @@
 """Proof of an export: compiled here and for a Cortex-M, run, and compared with its twin spike by spike.
 
-The processor is emulated by QEMU, where there is no hardware; instructions are counted there, since with `-icount` its
-clock moves a fixed time for each. Whatever tool is absent is named in the reason for which a step is skipped.
+QEMU emulates the processor. It also counts instructions: with `-icount`, its clock advances by a fixed time for each.
+If a tool is not installed, the step is skipped, and the reason names the tool.
 """
 
 import shutil
@@ -23,10 +23,10 @@ LONGEST_S = 600
 
 
 class Spoken(NamedTuple):
-    """What a chain said of one trial.
+    """The output of a chain for one trial.
 
-    afferents: numbers of those that spiked, a tuple a step. hidden: of each window's hidden neurons, a tuple a step.
-    decisions: window, start step, steps, input spikes, hidden spikes, whether the readout was heard, and label of each,
+    afferents: numbers of the afferents that spiked, one tuple per step. hidden: the same for the hidden neurons of each
+    window. decisions: window, start step, steps, input spikes, hidden spikes, whether the readout changed, and label,
     in the order of windows.
     """
 
@@ -36,7 +36,7 @@ class Spoken(NamedTuple):
 
 
 class Ticks(NamedTuple):
-    """Of all samples: their number, and the most and the sum of what they took."""
+    """Number of samples, and the maximum and the sum of their ticks."""
 
     samples: int
     most: int
@@ -44,7 +44,7 @@ class Ticks(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """Bytes of the chain alone, without what starts it: code and tables, state, and the deepest stack frames' sum."""
+    """Bytes of the chain without start-up code: code and tables, state, and the sum of the stack frames."""
 
     flash: int
     ram: int
@@ -52,7 +52,7 @@ class Footprint(NamedTuple):
 
 
 def missing(*tools: str) -> str | None:
-    """Why a step cannot run: the tools that are not on the path; None where all are.
+    """Why a step cannot run: the tools that are not on the path; None if all are.
 
     >>> missing("a-compiler-of-nobody")
     'a-compiler-of-nobody is not installed'
@@ -68,8 +68,8 @@ def on_host(folder: Path, name: str, trials: Sequence[np.ndarray], *, flags: Seq
         ["cc", *WARNINGS, *flags, *_watched(name), f"{name}.c", "harness.c", str(boards.HOST), "-o", str(program)],
         folder,
     )
-    said = _call([str(program)], folder, given=_packed(trials))
-    return _parsed(said, name, folder)[0]
+    output = _call([str(program)], folder, data=_packed(trials))
+    return _parsed(output, name, folder)[0]
 
 
 def on_board(
@@ -77,7 +77,7 @@ def on_board(
 ) -> tuple[list[Spoken], Ticks]:
     """Compile the export for a board and run trials on QEMU's emulation of it.
 
-    counting: without the watching of spikes, and with a clock that counts instructions; ticks are then instructions.
+    counting: without recording spikes, and with a clock that counts instructions; ticks are then instructions.
     """
     image = build(folder, name, board, watched=not counting)
     (folder / "input.bin").write_bytes(_packed(trials))
@@ -86,15 +86,15 @@ def on_board(
         ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
          "-semihosting-config", "enable=on,target=native", "-kernel", image.name], folder,
     )  # fmt: skip
-    spoken, ticks = _parsed((folder / "output.bin").read_bytes(), name, folder)
+    outputs, ticks = _parsed((folder / "output.bin").read_bytes(), name, folder)
     if counting:
         scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
         ticks = Ticks(ticks.samples, round(ticks.most * scale), round(ticks.total * scale))
-    return spoken, ticks
+    return outputs, ticks
 
 
 def build(folder: Path, name: str, board: Board, *, watched: bool) -> Path:
-    """An image for a board."""
+    """Compile an image for a board."""
     image = folder / f"{board.machine}.elf"
     _call(
         ["arm-none-eabi-gcc", *WARNINGS[:-1], *board.flags, "-O2", "-ffreestanding", "-nostdlib",
@@ -107,7 +107,7 @@ def build(folder: Path, name: str, board: Board, *, watched: bool) -> Path:
 
 
 def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -> Footprint:
-    """What the chain takes on a processor: sections of its object, with what it calls of the compiler's library."""
+    """Memory of the chain on a processor: sections of its object, with the functions of the compiler's library."""
     chain, whole = folder / f"{name}.o", folder / f"{name}-whole.o"
     flags = [*WARNINGS, *board.flags, optimise, "-ffreestanding"]
     _call(["arm-none-eabi-gcc", *flags, "-fstack-usage", "-c", f"{name}.c", "-o", chain.name], folder)
@@ -141,7 +141,7 @@ def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -
 
 
 def first_difference(said: Sequence[Spoken], expected: Sequence[Spoken]) -> str | None:
-    """Where two chains first differ: trial, step and neuron; None where every spike and decision is equal."""
+    """Where two chains first differ: trial, step and neuron; None if every spike and decision is equal."""
     if len(said) != len(expected):
         return f"{len(said)} trials where {len(expected)} are expected"
     for trial, (one, other) in enumerate(zip(said, expected, strict=True)):
@@ -182,39 +182,39 @@ def _packed(trials: Sequence[np.ndarray]) -> bytes:
     return b"".join(parts)
 
 
-def _parsed(said: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
+def _parsed(output: bytes, name: str, folder: Path) -> tuple[list[Spoken], Ticks]:
     afferent, neuron = (_size_of(kind, name, folder) for kind in ("afferents", "neurons"))
     trials, at = [], 0
     afferents: list[tuple[int, ...]] = []
     hidden: dict[int, list[tuple[int, ...]]] = {}
     decisions: list[tuple[int, ...]] = []
-    while at < len(said):
-        letter, at = said[at : at + 1], at + 1
-        if letter == b"S":
-            numbers, at = _numbers(said, at, afferent)
+    while at < len(output):
+        tag, at = output[at : at + 1], at + 1
+        if tag == b"S":
+            numbers, at = _numbers(output, at, afferent)
             afferents.append(numbers)
-        elif letter == b"H":
-            window = int.from_bytes(said[at : at + 4], "little")
-            numbers, at = _numbers(said, at + 4, neuron)
+        elif tag == b"H":
+            window = int.from_bytes(output[at : at + 4], "little")
+            numbers, at = _numbers(output, at + 4, neuron)
             hidden.setdefault(window, []).append(numbers)
-        elif letter == b"D":
-            decisions.append(struct.unpack_from("<7I", said, at))
+        elif tag == b"D":
+            decisions.append(struct.unpack_from("<7I", output, at))
             at += 28
-        elif letter == b"E":
+        elif tag == b"E":
             trials.append(Spoken(afferents, hidden, sorted(decisions)))
             afferents, hidden, decisions = [], {}, []
-        elif letter == b"T":
-            samples, most, low, high = struct.unpack_from("<4I", said, at)
+        elif tag == b"T":
+            samples, most, low, high = struct.unpack_from("<4I", output, at)
             return trials, Ticks(samples, most, low + (high << 32))
         else:
             break
     raise InputError(f"{folder}: the harness stopped in the middle; compile and run it by hand")
 
 
-def _numbers(said: bytes, at: int, size: int) -> tuple[tuple[int, ...], int]:
-    n = int.from_bytes(said[at : at + 4], "little")
+def _numbers(output: bytes, at: int, size: int) -> tuple[tuple[int, ...], int]:
+    n = int.from_bytes(output[at : at + 4], "little")
     end = at + 4 + n * size
-    return tuple(np.frombuffer(said[at + 4 : end], f"<u{size}").tolist()), end
+    return tuple(np.frombuffer(output[at + 4 : end], f"<u{size}").tolist()), end
 
 
 def _size_of(what: str, name: str, folder: Path) -> int:
@@ -225,11 +225,11 @@ def _size_of(what: str, name: str, folder: Path) -> int:
     )
 
 
-def _call(command: list[str], folder: Path, given: bytes = b"") -> bytes:
+def _call(command: list[str], folder: Path, data: bytes = b"") -> bytes:
     try:
-        done = subprocess.run(command, cwd=folder, input=given, capture_output=True, timeout=LONGEST_S, check=False)
+        done = subprocess.run(command, cwd=folder, input=data, capture_output=True, timeout=LONGEST_S, check=False)
     except subprocess.TimeoutExpired as error:
-        raise InputError(f"{command[0]}: ran for more than {LONGEST_S} s; give it fewer trials") from error
+        raise InputError(f"{command[0]}: ran for more than {LONGEST_S} s; use fewer trials") from error
     if done.returncode:
         last = done.stderr.decode(errors="replace").strip().splitlines() or ["no message"]
         raise InputError(f"{command[0]}: failed with code {done.returncode}: {last[0][:300]}")
@@ -237,23 +237,23 @@ def _call(command: list[str], folder: Path, given: bytes = b"") -> bytes:
 
 
 def spoken_of(rasters: np.ndarray, starts: np.ndarray, hidden: np.ndarray, decided: np.ndarray) -> Spoken:
-    """What a twin says of a trial, as a chain in C does.
+    """The output of a twin for a trial, in the format of a chain in C.
 
-    rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, step, hidden)`; decided: of each window
-    label, steps, input spikes, hidden spikes and whether the readout was heard.
+    rasters: afferents `(step, afferent)`; starts: of windows; hidden: `(window, step, hidden)`; decided: label, steps,
+    input spikes, hidden spikes and whether the readout changed, of each window.
     """
     rows = [tuple(np.flatnonzero(row).tolist()) for row in rasters]
     windows = {}
     decisions = []
-    for window, (start, sent, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
-        label, steps, sent_in, sent_hidden, heard = row
-        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in sent[:steps]]
-        decisions.append((window, start, steps, sent_in, sent_hidden, heard, label))
+    for window, (start, raster, row) in enumerate(zip(starts.tolist(), hidden, decided.tolist(), strict=True)):
+        label, steps, input_spikes, hidden_spikes, heard = row
+        windows[window] = [tuple(np.flatnonzero(step).tolist()) for step in raster[:steps]]
+        decisions.append((window, start, steps, input_spikes, hidden_spikes, heard, label))
     return Spoken(rows, windows, decisions)
 
 
 def cut_off(said: list[Spoken], expected: Sequence[Spoken]) -> Iterator[Spoken]:
-    """What was said without the windows that the trial's end cuts off, of which twins know nothing."""
+    """The output without the windows that the trial's end cuts off, which twins do not have."""
     for one, other in zip(said, expected, strict=True):
         n = len(other.decisions)
         hidden = {window: steps for window, steps in one.hidden.items() if window < n}

@@ -1,4 +1,4 @@
-"""An export proved on the test trials of its run: equality, accuracy, bytes, instructions, time and energy."""
+"""The proof of an export on the test trials of its run: equality, accuracy, bytes, instructions, time and energy."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -18,13 +18,13 @@ from neurotact.networks import trained
 
 NAME = "touch"
 COUNTED = 5
-"""Trials on which instructions are counted: they are the same each time."""
+"""Number of trials on which instructions are counted; the counts are the same each time."""
 
 
 class Trials(NamedTuple):
-    """What a chain in C is given and must say.
+    """The input of a chain in C, and its expected output.
 
-    learned: windows of a trial that the network was trained on, the first ones; None: all.
+    learned: number of windows of a trial, from the first, that the network was trained on; None: all.
     """
 
     given: list[np.ndarray]
@@ -37,10 +37,10 @@ def prove(
     run: str | Path, chain: Chain, formats: Formats | None, n_trials: int, recordings: str | Path | None = None, *,
     say: Callable[[str], None] = print, emulate: int | None = None,
 ) -> pd.DataFrame:  # fmt: skip
-    """Rows `what`, `value` of the proof; steps whose tools are absent are said and left out.
+    """Rows `what`, `value` of the proof; steps without their tools are reported and skipped.
 
-    n_trials: test trials. emulate: of them, how many also run in the emulator; all when absent.
-    Raises InputError where a spike or a decision differs.
+    n_trials: number of test trials. emulate: how many of them also run in the emulator; None: all.
+    Raises InputError if a spike or a decision differs.
     """
     trials = trials_of(run, chain, formats, n_trials, recordings)
     rows = [("windows", sum(len(each.decisions) for each in trials.expected))]
@@ -48,7 +48,7 @@ def prove(
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
-        rows += [*_here(folder, trials, say)]
+        rows += [*_on_this_machine(folder, trials, say)]
         for name, board in boards.BOARDS.items():
             absent = proof.missing("arm-none-eabi-gcc", "qemu-system-arm")
             if absent:
@@ -61,7 +61,7 @@ def prove(
 def trials_of(
     run: str | Path, chain: Chain, formats: Formats | None, n_trials: int, recordings: str | Path | None = None
 ) -> Trials:
-    """Test trials of a run as a chain in C takes them, and what its twin says of them."""
+    """Test trials of a run as input of a chain in C, and the output of its twin."""
     restored = trained.restore(run)
     found, learned = export.recorded(restored, recordings), restored.task.window.per_trial
     signals = [np.asarray(signal, np.float32) for signal in found.test[:n_trials]]
@@ -71,46 +71,46 @@ def trials_of(
     return Trials(given, twin.said_in_whole_numbers(chain, formats, given), found.labels, learned)
 
 
-def _here(folder: Path, trials: Trials, say: Callable[[str], None]) -> Iterator[tuple[str, Any]]:
+def _on_this_machine(folder: Path, trials: Trials, say: Callable[[str], None]) -> Iterator[tuple[str, Any]]:
     absent = proof.missing("cc")
     if absent:
         say(f"this machine: skipped, {absent}")
         return
     for what, flags in (("-O2", ("-O2",)), ("sanitizers", proof.SANITIZERS)):
-        _same(proof.on_host(folder, NAME, trials.given, flags=flags), trials.expected, f"this machine, {what}")
+        _require_equal(proof.on_host(folder, NAME, trials.given, flags=flags), trials.expected, f"this machine, {what}")
         yield f"this machine, {what}", "every spike and decision equal"
 
 
 def _emulated(folder: Path, trials: Trials, board: Board, chain: Chain, n_trials: int) -> Iterator[tuple[str, Any]]:
     name, chip = board.processor, board.chip
-    said, _ = proof.on_board(folder, NAME, trials.given[:n_trials], board)
-    windows = _same(said, trials.expected[:n_trials], name)
+    output, _ = proof.on_board(folder, NAME, trials.given[:n_trials], board)
+    windows = _require_equal(output, trials.expected[:n_trials], name)
     yield f"{name}, emulated", f"every spike and decision of {windows} windows equal"
-    used = proof.footprint(folder, NAME, board)
-    yield f"{name}, flash", f"{used.flash} bytes"
-    yield f"{name}, RAM", f"{used.ram} bytes, and {used.stack} of stack at most"
+    size = proof.footprint(folder, NAME, board)
+    yield f"{name}, flash", f"{size.flash} bytes"
+    yield f"{name}, RAM", f"{size.ram} bytes, and at most {size.stack} of stack"
     _, ticks = proof.on_board(folder, NAME, trials.given[:COUNTED], board, counting=True)
     mean = ticks.total / ticks.samples
-    yield f"{name}, instructions a sample", f"{mean:.0f}, at most {ticks.most}"
+    yield f"{name}, instructions per sample", f"{mean:.0f}, at most {ticks.most}"
     ms = 1e3 * mean * board.cycles_per_instruction / chip.clock_Hz
-    yield f"{name}, ms a sample on {chip.name} (estimate)", f"{ms:.3f} of {1e3 / chain.sampling_rate_Hz:.3f}"
+    yield f"{name}, ms per sample on {chip.name} (estimate)", f"{ms:.3f} of {1e3 / chain.sampling_rate_Hz:.3f}"
     samples = np.mean([row[2] for each in trials.expected for row in each.decisions]) * chain.sampling_rate_Hz
     energy_uJ = 1e3 * ms * 1e-3 * chip.watts * samples / chain.clock_Hz * 1e3
-    yield f"{name}, energy a decision on {chip.name} (estimate)", f"{energy_uJ:.0f} µJ"
+    yield f"{name}, energy per decision on {chip.name} (estimate)", f"{energy_uJ:.0f} µJ"
 
 
-def _same(said: list[Spoken], expected: Sequence[Spoken], where: str) -> int:
-    difference = proof.first_difference(list(proof.cut_off(said, expected)), expected)
+def _require_equal(output: list[Spoken], expected: Sequence[Spoken], where: str) -> int:
+    difference = proof.first_difference(list(proof.cut_off(output, expected)), expected)
     if difference:
         raise InputError(f"{where}: differs from its twin: {difference}; report it")
     return sum(len(each.decisions) for each in expected)
 
 
 def _accuracy(trials: Trials) -> float:
-    """The share of windows decided right, of those that were decided."""
-    right = [
+    """The share of correct decisions among the decided windows."""
+    is_correct = [
         row[-1] == label
         for each, label in zip(trials.expected, trials.labels, strict=False)
         for row in each.decisions[: trials.learned]
     ]
-    return float(np.mean(right)) if right else float("nan")
+    return float(np.mean(is_correct)) if is_correct else float("nan")

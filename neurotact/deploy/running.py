@@ -1,4 +1,4 @@
-"""A network that hears one window, a step at a time."""
+"""A network on one window, one step at a time."""
 
 from typing import NamedTuple
 
@@ -12,9 +12,9 @@ from neurotact.neurons import CubaLIFState, cuba_lif_start, cuba_lif_step, recur
 
 
 class Running(NamedTuple):
-    """A window under way: the state of both layers, the race of the classes, and what was counted so far.
+    """An open window: the state of both layers, the leading class, and the counts so far.
 
-    window: its number. start: its first step. readout: None of an integrator.
+    window: its number. start: its first step. readout: None for an integrator.
     """
 
     window: int
@@ -29,39 +29,39 @@ class Running(NamedTuple):
 
 
 def begin(network: RSNN, window: int, start: int) -> Running:
-    """Before a window's first step."""
+    """The state before a window's first step."""
     readout = None if network.bias is not None else cuba_lif_start(1, network.n_classes, network.w_out)
     leader = Leader.start(1, network.n_classes, network.w_in.device, network.integration)
     return Running(window, start, 0, cuba_lif_start(1, network.spec.hidden, network.w_in), readout, leader)
 
 
 def step(network: RSNN, arriving: np.ndarray, state: Running) -> Running:
-    """One step, `arriving` being the numbers of the afferents that spike, ascending.
+    """One step; `arriving` contains the numbers of the afferents that spike, in ascending order.
 
-    The current adds decay, then inputs, then recurrence in ascending order, as the native kernels do and the reference
-    does in its `ordered` mode, so that spikes are equal to the last bit.
+    The current adds decay, then inputs, then recurrence in ascending order, as the native kernels and the `ordered`
+    mode of the reference do. Spikes are therefore equal to the last bit.
     """
-    returning = _spiking(recurrent_spikes(network.neuron, state.hidden))
-    sent, hidden = _layer(network, 0, network.w_in, arriving, network.w_rec, returning, state.hidden)
-    heard = _spiking(sent)
+    recurrent = _spiking(recurrent_spikes(network.neuron, state.hidden))
+    spikes, hidden = _layer(network, 0, network.w_in, arriving, network.w_rec, recurrent, state.hidden)
+    hidden_spikes = _spiking(spikes)
     readout = state.readout
     if readout is None:
-        gained = network.added(sent)
+        increments = network.added(spikes)
     else:
-        decided, readout = _layer(network, 1, network.w_out, heard, None, heard, readout)
-        gained = decided.to(torch.int64)
+        readout_spikes, readout = _layer(network, 1, network.w_out, hidden_spikes, None, hidden_spikes, readout)
+        increments = readout_spikes.to(torch.int64)
     return state._replace(
         steps=state.steps + 1,
         hidden=hidden,
         readout=readout,
-        leader=state.leader.after(gained, network.integration),
+        leader=state.leader.after(increments, network.integration),
         input_spikes=state.input_spikes + len(arriving),
-        hidden_spikes=state.hidden_spikes + len(heard),
+        hidden_spikes=state.hidden_spikes + len(hidden_spikes),
     )
 
 
 def sent(network: RSNN, state: Running) -> np.ndarray:
-    """What the hidden layer sent to the readout in the last step, `(hidden,)` bool."""
+    """Spikes that the hidden layer sent to the readout in the last step, `(hidden,)` bool."""
     return transmitted_spikes(network.neuron, state.hidden)[0].numpy() != 0
 
 
@@ -74,16 +74,16 @@ def _layer(
     network: RSNN,
     layer: int,
     w: Tensor,
-    arriving: np.ndarray,
+    inputs: np.ndarray,
     v: Tensor | None,
-    returning: np.ndarray,
+    recurrent: np.ndarray,
     state: CubaLIFState,
 ) -> tuple[Tensor, CubaLIFState]:
     current = network.alpha[layer] * state.current
-    for presynaptic in arriving:
+    for presynaptic in inputs:
         current = current + w[presynaptic]
     if v is not None:
-        for presynaptic in returning:
+        for presynaptic in recurrent:
             current = current + v[presynaptic]
     dynamics = (network.beta[layer], network.threshold[layer])
     return cuba_lif_step(network.neuron, current, state, *dynamics, _above, network.adaptation_of(layer))

@@ -1,8 +1,8 @@
-"""Where samples come from: a pipe, a device, a table or a file of recordings, as blocks and as what went wrong.
+"""Sources of samples: a pipe, a device, a table or a file of recordings, as blocks and with counts of errors.
 
-A pipe is read as it is filled: what a chain does not take in time waits in the pipe, and then its writer does. Rows
-that are no samples (too few values, text, a time that does not advance) are counted and stand for one missing sample
-each.
+A pipe is read as data arrive: samples that a chain does not read in time wait in the pipe, and then the writer waits.
+Rows that are not samples (too few values, text, a time that does not advance) are counted, and each is one missing
+sample.
 """
 
 import os
@@ -29,19 +29,19 @@ LONGEST_ROW = 1 << 20
 FORMATS = ("csv", "float32", "int16")
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 SERIAL = "serial:"
-"""Stands before the device of a serial port."""
+"""Prefix of the device of a serial port."""
 DEFAULT_BAUD = 115_200
 LATE_S = 0.01
-"""A block that comes later than this, and than it lasts, is late."""
+"""A block is late if its delay exceeds this and its own duration."""
 HOPELESS_S = 0.5
-"""A replay that is later than this does not catch up, but goes on at its rate from there."""
+"""A replay with a longer delay does not catch up, but continues at its rate."""
 SEPARATOR = re.compile(r"\s*[,;\t]\s*|\s+")
 
 
 class Arrived(NamedTuple):
-    """A block of samples `(sample, taxel)` float32; or `missing` ones; or a stall; or the end of a trial; or nothing.
+    """A block of samples `(sample, taxel)` float32, a number of missing ones, a stall, the end of a trial, or nothing.
 
-    trial: number of the trial in its file, where the source is one.
+    trial: number of the trial in its file; None if the source is not a file of recordings.
     """
 
     samples: np.ndarray | None = None
@@ -53,7 +53,7 @@ class Arrived(NamedTuple):
 
 @dataclass
 class Noted:
-    """What a source met: rows that are no samples, a row or frame that was cut off at the end, stalls."""
+    """Counts of errors in a source: rows that are not samples, an incomplete end, stalls, late blocks."""
 
     bad_rows: int = 0
     cut_off: int = 0
@@ -62,19 +62,19 @@ class Noted:
     late_ms: float = 0.0
 
     def trouble(self) -> str:
-        """What is not zero, in words."""
+        """The counts that are not zero, in words."""
         words = ((self.bad_rows, "bad rows"), (self.cut_off, "cut off at the end"), (self.stalls, "stalls"))
-        told = [f"{what} {n}" for n, what in words if n]
+        counts = [f"{what} {n}" for n, what in words if n]
         late = [f"late blocks {self.late_blocks} (by up to {self.late_ms:.1f} ms)"] if self.late_blocks else []
-        return ", ".join(told + late)
+        return ", ".join(counts + late)
 
 
 class Rows:
-    """Text to samples, a row each: values between commas, semicolons, tabs or spaces.
+    """Text to samples, one row each: values separated by commas, semicolons, tabs or spaces.
 
-    time_unit_s: of a first column that holds the time, 1 or 0.001; None where there is none. By it, rows that were lost
-    or come twice are found.
-    joins: the source was under way before; what stands before the first end of a line may be cut, and is not used.
+    time_unit_s: of a first column that contains the time, 1 or 0.001; None without one. With it, lost and repeated rows
+    are found.
+    joins: the source was already running; text before the first end of a line may be incomplete, and is ignored.
 
     >>> rows = Rows("-", 2, 1000.0, Noted())
     >>> [arrived.samples.tolist() for arrived in rows.take(b"left,right\\n1,2\\n3,nan\\n")]
@@ -99,7 +99,7 @@ class Rows:
         self.place = -1
 
     def take(self, text: bytes) -> Iterator[Arrived]:
-        """What these bytes complete."""
+        """The samples that these bytes complete."""
         if self.joins:
             _, ended, text = text.partition(b"\n")
             self.joins = not ended
@@ -123,13 +123,13 @@ class Rows:
             yield Arrived(np.array(block, np.float32))
 
     def finish(self) -> None:
-        """The source is over: a row without its end may lack digits, and is not used."""
+        """The source has ended: a row without its end may lack digits, and is ignored."""
         self.noted.cut_off += bool(self.left.strip())
         if not self.n_good:
-            raise InputError(f"{self.where}: holds no sample; give {self.n_taxels} values a row")
+            raise InputError(f"{self.where}: has no sample; give {self.n_taxels} values per row")
 
     def _row(self, line: bytes) -> tuple[int, list[float] | None]:
-        """Samples lost before a row, and its values; None of a row that is no sample."""
+        """Number of samples lost before a row, and its values; None if the row is not a sample."""
         text = line.decode("utf-8", errors="replace").strip()
         if not text or text.startswith("#"):
             return 0, None
@@ -144,10 +144,10 @@ class Rows:
                 return 0, None  # a header
             raise InputError(
                 f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
-                "expected; give one row a sample and one column a taxel"
+                "expected; give one row per sample and one column per taxel"
             )
         self.noted.bad_rows += 1
-        return (0 if self.time_unit_s else 1), None  # by the time, the next good row tells what was lost
+        return (0 if self.time_unit_s else 1), None  # with a time column, the next valid row shows how many were lost
 
     def _placed(self, values: list[float]) -> tuple[int, list[float] | None]:
         if self.time_unit_s is None:
@@ -167,7 +167,7 @@ class Rows:
 
 
 class Frames:
-    """Bytes to samples: little-endian `float32` or `int16`, a value each taxel; int16 stands for `zero + lsb x`."""
+    """Bytes to samples: little-endian `float32` or `int16`, one value per taxel; an int16 x means `zero + lsb x`."""
 
     def __init__(self, where: str, n_taxels: int, kind: str, noted: Noted, lsb: float = 1.0, zero: float = 0.0) -> None:
         self.where, self.n_taxels, self.noted, self.lsb, self.zero = where, n_taxels, noted, lsb, zero
@@ -175,9 +175,9 @@ class Frames:
         self.left, self.n_good = b"", 0
 
     def take(self, data: bytes) -> Iterator[Arrived]:
-        """What these bytes complete."""
+        """The samples that these bytes complete."""
         if not self.n_good and data and not self.left and _is_text(data):
-            raise InputError(f"{self.where}: holds text where {self.kind.name} frames are expected; pass --format csv")
+            raise InputError(f"{self.where}: has text where {self.kind.name} frames are expected; pass --format csv")
         data = self.left + data
         size = self.kind.itemsize * self.n_taxels
         whole = len(data) // size * size
@@ -190,10 +190,10 @@ class Frames:
             yield Arrived(values.astype(np.float32))
 
     def finish(self) -> None:
-        """The source is over: what is left of a frame is not used."""
+        """The source has ended: an incomplete frame is ignored."""
         self.noted.cut_off += bool(self.left)
         if not self.n_good:
-            raise InputError(f"{self.where}: holds no sample; give frames of {self.n_taxels} {self.kind.name} values")
+            raise InputError(f"{self.where}: has no sample; give frames of {self.n_taxels} {self.kind.name} values")
 
 
 def is_recorded(path: str) -> bool:
@@ -206,15 +206,14 @@ def is_recorded(path: str) -> bool:
 
 
 def trouble_of(tally: Tally, noted: Noted) -> str:
-    """What was wrong with the samples, in a stream and in its source; empty where nothing was."""
+    """The errors in the samples, in words, of a stream and of its source; empty without errors."""
     return ", ".join(filter(None, (tally.trouble(), noted.trouble())))
 
 
 class Layout(NamedTuple):
-    """How samples lie in text or bytes.
+    """The format of samples in text or bytes.
 
-    format: csv, float32 or int16. time_column: s or ms, where the first column of a csv is the time. lsb, zero: of
-    int16.
+    format: csv, float32 or int16. time_column: s or ms, if the first column of a csv is the time. lsb, zero: of int16.
     """
 
     format: str = "csv"
@@ -223,7 +222,7 @@ class Layout(NamedTuple):
     zero: float = 0.0
 
     def parser(self, where: str, n_taxels: int, rate_Hz: float, noted: Noted) -> Rows | Frames:
-        """What reads them; InputError for a format or a unit that is unknown."""
+        """The parser of the format; InputError for an unknown format or unit."""
         if self.format not in FORMATS:
             raise InputError(f"--format {self.format}: is unknown; choose one of {', '.join(FORMATS)}")
         if self.time_column is not None and self.time_column not in TIME_UNITS:
@@ -243,27 +242,27 @@ def live(
     tick_s: float | None = None,
     baud: int = DEFAULT_BAUD,
 ) -> Iterator[Arrived]:
-    """A pipe, a device file or a file, as it is filled; `-` is standard input, `serial:/dev/...` a serial port.
+    """A pipe, a device file or a file, read as data arrive; `-` is standard input, `serial:/dev/...` a serial port.
 
-    stall_s: seconds without a byte after which the source stalls; what comes then follows a gap of unknown length.
-    tick_s: where nothing came for so long, `Arrived()` is given, so that whoever waits may do something else.
+    stall_s: seconds without a byte after which the source stalls; later samples follow a gap of unknown length.
+    tick_s: after this time without data, `Arrived()` is yielded, so that the caller can do other work.
     baud: of a serial port.
     """
     with _opened(path, baud) as descriptor:
-        is_stalled, heard_s = False, time.monotonic()
+        is_stalled, received_s = False, time.monotonic()
         while True:
-            left_s = None if is_stalled else max(0.0, heard_s + stall_s - time.monotonic())
+            left_s = None if is_stalled else max(0.0, received_s + stall_s - time.monotonic())
             wait_s = tick_s if left_s is None else left_s if tick_s is None else min(left_s, tick_s)
             ready, _, _ = select.select([descriptor], [], [], wait_s)
             if not ready:
-                stalls = not is_stalled and time.monotonic() - heard_s >= stall_s
+                stalls = not is_stalled and time.monotonic() - received_s >= stall_s
                 is_stalled |= stalls
                 noted.stalls += stalls
                 if stalls or tick_s is not None:
                     yield Arrived(stalled=stalls)
                 continue
             data = _read(path, descriptor)
-            is_stalled, heard_s = False, time.monotonic()
+            is_stalled, received_s = False, time.monotonic()
             if not data:
                 break
             yield from parser.take(data)
@@ -276,7 +275,7 @@ def recorded(path: Path, n_taxels: int, block: int) -> Iterator[Arrived]:
     with hdf5.open_recordings(path) as stored:
         if stored.n_channels != n_taxels:
             raise InputError(
-                f"{path}: has {stored.n_channels} taxels but the chain feels {n_taxels}; record with the same taxels"
+                f"{path}: has {stored.n_channels} taxels but the chain receives {n_taxels}; record with the same taxels"
             )
         for trial, length in enumerate(stored.lengths.tolist()):
             for start in range(0, length, block):
@@ -293,10 +292,10 @@ def at_its_rate(
     speed: Callable[[], float] = lambda: 1.0,
     tick_s: float | None = None,
 ) -> Iterator[Arrived]:
-    """A source replayed at its own rate: a block is given when its last sample would have been recorded.
+    """A source replayed at its own rate: a block is yielded at the time at which its last sample would be recorded.
 
-    speed: asked before each block: 2 replays it twice as fast.
-    tick_s: while a block is waited for, `Arrived()` is given so often, so that whoever waits may do something else.
+    speed: called before each block; 2 replays it twice as fast.
+    tick_s: interval at which `Arrived()` is yielded before a block is due, so that the caller can do other work.
     """
     due = time.monotonic()
     for arrived in source:
@@ -318,7 +317,7 @@ def at_its_rate(
 
 
 def waiting(wait_s: float, tick_s: float | None) -> Iterator[Arrived]:
-    """For so long, with nothing arriving every `tick_s`."""
+    """Wait for `wait_s`, and yield an empty `Arrived()` every `tick_s`."""
     due = time.monotonic() + wait_s
     while (left_s := due - time.monotonic()) > 0:
         time.sleep(left_s if tick_s is None else min(left_s, tick_s))
@@ -359,7 +358,7 @@ def _opened(path: str, baud: int) -> Iterator[int]:
 
 
 def _serial_port(path: str, baud: int) -> Any:
-    """An open serial port in raw mode, which no other program reads; what waited in it is dropped."""
+    """An open serial port in raw mode and exclusive use; data that arrived before are dropped."""
     try:
         import serial
     except ImportError as error:
@@ -378,11 +377,11 @@ def _read(path: str, descriptor: int) -> bytes:
     try:
         return os.read(descriptor, READ_BYTES)
     except OSError as error:
-        raise InputError(f"{path}: was lost ({error.strerror}); connect it and start again") from error
+        raise InputError(f"{path}: was lost ({error.strerror}); reconnect it and start again") from error
 
 
 def _value(cell: str) -> float | None:
-    """The number in a cell; NaN where it is empty or not finite; None where it holds something else."""
+    """The number in a cell; NaN if it is empty or not finite; None if it contains other text."""
     if NUMBER.fullmatch(cell):
         return float(cell)
     return float("nan") if not cell or NOT_FINITE.fullmatch(cell) else None

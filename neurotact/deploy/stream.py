@@ -1,9 +1,9 @@
-"""Streaming: samples go in as they come, decisions come out as soon as the rule allows.
+"""Streaming: samples are processed as they arrive, and windows are decided as soon as the rule allows.
 
-What the samples may be: a NaN or infinite value is replaced by the taxel's last good one and counted (`held`); a
-decision says how many of its steps rest on such values. More of them in a row than `hold_ms`, or as many missing
-samples, are a gap: windows under way are dropped and the chain begins anew, as with a new trial. So no decision rests
-on samples that nobody recorded without saying so.
+A NaN or infinite value is replaced by the taxel's last valid one and counted (`held`); a decision contains the number
+of its steps that use such values. More of them in a row than `hold_ms`, or as many missing samples, are a gap: open
+windows are dropped and the chain restarts, as with a new trial. A decision therefore
+shows whether it uses values that were not recorded.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -30,21 +30,21 @@ from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 
 MOST_STEPS_AT_ONCE = 10_000
-"""Of the encoder's clock: longer blocks are taken in parts, so that a fine clock needs no more memory."""
+"""Of the encoder's clock: longer blocks are processed in parts, so that a fine clock needs no more memory."""
 
 
 class Stream:
-    """A trained chain that takes samples as they come.
+    """A trained chain that processes samples as they arrive.
 
-    source: a run folder as `train` writes it, a `Chain`, or an encoder and a network.
-    unit: of the samples; the encoder's own when absent.
-    hold_ms: for how long a missing value is replaced by the last good one; at least one sample.
+    source: a run folder that `train` wrote, a `Chain`, or an encoder and a network.
+    unit: of the samples; None: that of the encoder.
+    hold_ms: for how long a missing value is replaced by the last valid one; at least one sample.
     backend: the compiled step or the reference, which decide the same.
-    watch: called with a `Trace` of the steps that were taken, block by block; the decisions are the same.
+    watch: called with a `Trace` of the processed steps, block by block; the decisions are the same.
     options: of `chain_of`: sampling_rate_Hz, early_exit, and the windows.
 
-    Decisions equal, spike for spike, those of `encode` and `infer` on the whole trial, whatever the blocks.
-    InputError for an encoder whose baseline knows the whole trial, and for samples of another number of taxels.
+    Decisions equal those of `encode` and `infer` on the whole trial, spike for spike, for any blocks.
+    InputError for an encoder with a baseline of the whole trial, and for samples with another number of taxels.
 
     >>> from neurotact.encoders import specs
     >>> encoder = specs.load("sa1-ra1-lif", {"conditioning.baseline": "first"})
@@ -65,20 +65,20 @@ class Stream:
     ) -> None:
         if isinstance(source, Chain):
             if options:
-                raise InputError(f"{next(iter(options))}: belongs to chain_of; give it there")
+                raise InputError(f"{next(iter(options))}: is an option of chain_of; give it there")
             self.chain = source
         else:
             self.chain = chain_of(source, **options)
-        self._given: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
+        self._options: dict[str, Any] = {"unit": unit, "hold_ms": hold_ms, "backend": backend, "watch": watch}
         encoder, rate_Hz = self.chain.encoder, self.chain.sampling_rate_Hz
         factor = unit_factor(unit or encoder.unit, encoder.unit, "samples")
         self.conditioner = Conditioner(rate_Hz, encoder.conditioning, factor=factor)
         if not 0 <= hold_ms < 1e9:
             raise InputError(f"hold_ms: must be from 0 to 1e9 ms; got {hold_ms:g}")
-        self._at_once = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
+        self._most_samples = max(1, int(MOST_STEPS_AT_ONCE * min(1.0, rate_Hz / self.chain.clock_Hz)))
         self.hold_samples = max(1, int(hold_ms * 1e-3 * rate_Hz))
         self._state = StreamState(self.chain.windows.begin())
-        # Synaptic operations are linear in the spikes: those of one input spike, and of one hidden spike.
+        # Synaptic operations are linear in the spikes: the cost of one input spike, and of one hidden spike.
         each = synops.of_network(self.chain.network, np.array([1, 0]), np.array([0, 1])).total
         self._sops = tuple(int(cost) for cost in each)
         self._rates_Hz = rate_Hz, self.chain.clock_Hz
@@ -86,44 +86,44 @@ class Stream:
         self._compiled: CompiledStream | None = None
         compilable = self.chain.network.w_in.device.type == "cpu" and encoder.n_per_taxel == PAIR
         if use_native(backend, compilable, "a network on the CPU, and one SA-I and one RA-I under each taxel"):
-            self._compiled = CompiledStream(self.chain, self.conditioner, self._at_once)
+            self._compiled = CompiledStream(self.chain, self.conditioner, self._most_samples)
         self._watch = watch
         if watch is not None and self._compiled is not None:
             self._compiled.watch()
 
     @property
     def tally(self) -> Tally:
-        """What the stream has met so far."""
-        self._count()
+        """The counts so far."""
+        self._count_samples()
         return replace(self._state.tally)
 
     def push(self, samples: np.ndarray) -> list[Decision]:
         """Decisions of the windows that these samples complete or let exit.
 
-        samples: `(sample, taxel)`, or `(taxel,)` for one, in the unit given; NaN where a value is missing.
+        samples: `(sample, taxel)`, or `(taxel,)` for one, in the given unit; NaN for a missing value.
         """
         decided = self._take(samples)
         if decided is None:
             samples = self._checked(samples)
             decided = self._take(samples)
         if decided is not None:
-            return self._told(decided)
-        self._count()
+            return self._from_compiled(decided)
+        self._count_samples()
         is_good = np.isfinite(samples)
         if is_good.all() and self._state.bad_in_a_row == 0:
             self._state.tally.samples += len(samples)
             self._state.good = samples[-1].copy() if len(samples) else self._state.good
             return self._condition(samples, held=False)
-        found: list[Decision] = []
+        decisions: list[Decision] = []
         for sample, good in zip(samples, is_good, strict=True):
-            found += self._push_one(sample, good)
-        return found
+            decisions += self._push_one(sample, good)
+        return decisions
 
     def missing(self, n_samples: int) -> list[Decision]:
-        """As many samples were lost at the source: up to `hold_ms` of them repeat the last one, more are a gap."""
+        """The source lost `n_samples`: up to `hold_ms` of them are replaced by the last one, more are a gap."""
         if n_samples < 0:
             raise InputError(f"missing: counts samples; got {n_samples}")
-        self._count()
+        self._count_samples()
         self._state.tally.missing += n_samples
         self._state.bad_in_a_row += n_samples
         good = self._state.good
@@ -135,94 +135,94 @@ class Stream:
         return [each for _ in range(n_samples) for each in self._condition(good[None], held=True)]
 
     def gap(self) -> None:
-        """Nobody knows how many samples were lost: the chain begins anew with the next."""
-        self._count()
+        """An unknown number of samples was lost: the chain restarts with the next sample."""
+        self._count_samples()
         if self._state.good is not None:
             self._gap()
 
     def finish(self) -> list[Decision]:
-        """The trial is over: the step that resampling held back, then a new beginning; the tally goes on.
+        """End the trial: process the step that resampling delayed, then restart; the counts continue.
 
-        A window that the trial's end cuts off is decided if the rule had let it exit, and else counted as unfinished.
+        A window that the trial's end cuts off is decided if it exited before, and is otherwise counted as unfinished.
         """
-        self._recall()
+        self._copy_state()
         signal, _ = self.conditioner.finish(self._state.conditioned)
-        found = self._encode(signal, held=False) if len(signal) else []
+        decisions = self._encode(signal, held=False) if len(signal) else []
         state = self._state
         state.tally.unfinished += len(state.windows)
         state.bad_in_a_row = 0
-        self._begin_anew()
-        return found
+        self._restart()
+        return decisions
 
     def reset(self) -> None:
-        """As before the first sample; the tally too."""
-        self._replace(StreamState(self.chain.windows.begin()))
+        """Return to the state before the first sample; the counts too."""
+        self._set_state(StreamState(self.chain.windows.begin()))
 
     def state(self) -> StreamState:
-        """A copy of all that the stream remembers."""
-        self._recall()
+        """A copy of the whole state."""
+        self._copy_state()
         return copied(self._state)
 
     def restore(self, state: StreamState) -> None:
-        """Go on from a state of a stream of the same chain."""
+        """Continue from a state of a stream of the same chain."""
         n_taxels = None if state.good is None else len(state.good)
         if n_taxels not in (None, self.chain.n_taxels) or state.opening.plan != self.chain.windows:
             raise InputError("state: belongs to a stream of another chain; restore one of this chain")
-        self._replace(copied(state))
+        self._set_state(copied(state))
 
     def changed(self, *, encoder: AfferentSpec | None = None, rule: ExitRule | None = None) -> "Stream":
-        """A stream of this chain with other afferents or another exit rule, which goes on where this one is.
+        """A stream of this chain with other afferents or another exit rule, which continues from the current state.
 
-        From the next sample on the new values hold, for windows under way too. Membranes and what is left of refractory
-        periods are carried over, so that the spikes are those of `encode` called with the first encoder up to here and,
-        with the state that it returned, with the other from here on. This stream stays as it is.
-        InputError for another conditioning: what was smoothed and averaged so far would mean something else.
+        The new values apply from the next sample on, also to open windows. Membranes and remaining refractory periods
+        are carried over: the spikes are those of `encode` with the first encoder until now, and then, with the state
+        that it returned, with the other. This stream is not changed.
+        InputError for another conditioning: the smoothed and averaged values so far would have another meaning.
         """
         if encoder is not None and (encoder.conditioning, encoder.unit) != (
             self.chain.encoder.conditioning, self.chain.encoder.unit,
         ):  # fmt: skip
-            raise InputError("encoder: has another conditioning or unit; a running stream takes other afferents alone")
+            raise InputError("encoder: has another conditioning or unit; a running stream can change only afferents")
         chain = self.chain._replace(encoder=encoder or self.chain.encoder, rule=rule or self.chain.rule)
-        stream = Stream(chain, **self._given)
+        stream = Stream(chain, **self._options)
         stream.restore(self.state())
         return stream
 
     def save(self, path: str | Path, *, force: bool = False) -> None:
-        """Write all that the stream remembers; an existing file is refused unless `force`."""
+        """Save the whole state; an existing file is refused unless `force`."""
         stream_file.save(self.chain, self.state(), path, force=force)
 
     def load(self, path: str | Path) -> None:
-        """Go on from a file that `save` wrote; InputError for one that is damaged or of another chain."""
+        """Continue from a file that `save` wrote; InputError if it is damaged or of another chain."""
         self.restore(stream_file.load(self.chain, path))
 
     def decide(self, blocks: Iterable[np.ndarray]) -> Iterator[Decision]:
-        """Decisions of a source of blocks, one after the other, and of its end."""
+        """Decisions of a sequence of blocks, and of its end."""
         for block in blocks:
             yield from self.push(block)
         yield from self.finish()
 
-    def _recall(self) -> None:
-        """Take over what the compiled step remembers."""
-        self._count()
+    def _copy_state(self) -> None:
+        """Copy the state of the compiled step."""
+        self._count_samples()
         if self._compiled is not None:
             self._state = replace(self._state, **self._compiled.remembered()._asdict())
 
     def _take(self, samples: np.ndarray) -> list[Decided] | None:
-        """What the samples decide in the compiled step; None where it cannot take them as they are."""
+        """The decisions of the compiled step; None if it cannot process the samples as they are."""
         if self._compiled is None or self._state.bad_in_a_row:
             return None
         return self._compiled.take(samples)
 
-    def _count(self) -> None:
-        """Take over the samples that the compiled step has taken by itself."""
+    def _count_samples(self) -> None:
+        """Count the samples that the compiled step has processed since the last call."""
         if self._compiled is not None:
             n_samples, last = self._compiled.counted()
             if n_samples:
                 self._state.tally.samples += n_samples
                 self._state.good = last
 
-    def _replace(self, state: StreamState) -> None:
-        """Go on from a state, in the compiled step too."""
+    def _set_state(self, state: StreamState) -> None:
+        """Set the state, also in the compiled step."""
         self._state = state
         if self._compiled is not None:
             self._compiled.remember(Remembered(*(getattr(state, name) for name in Remembered._fields)))
@@ -261,14 +261,14 @@ class Stream:
         return self._condition(sample[None], held=not all_good)
 
     def _gap(self) -> None:
-        self._recall()
+        self._copy_state()
         self._state.tally.gaps += 1
         self._state.tally.dropped += len(self._state.windows)
-        self._begin_anew()
+        self._restart()
 
-    def _begin_anew(self) -> None:
+    def _restart(self) -> None:
         old = self._state
-        self._replace(StreamState(
+        self._set_state(StreamState(
             self.chain.windows.begin(),
             n_windows=old.n_windows,
             bad_in_a_row=old.bad_in_a_row,
@@ -277,84 +277,84 @@ class Stream:
         ))  # fmt: skip
 
     def _condition(self, samples: np.ndarray, *, held: bool) -> list[Decision]:
-        found: list[Decision] = []
-        for at in range(0, len(samples), self._at_once):
-            block = samples[at : at + self._at_once]
+        decisions: list[Decision] = []
+        for at in range(0, len(samples), self._most_samples):
+            block = samples[at : at + self._most_samples]
             if self._compiled is not None:
                 decided = self._compiled.push(samples=block, held=held)
                 assert decided is not None  # all are finite by now
-                found += self._told(decided)
+                decisions += self._from_compiled(decided)
                 continue
             signal, self._state.conditioned = self.conditioner.push(block, self._state.conditioned)
-            found += self._encode(signal, held=held) if len(signal) else []
-        return found
+            decisions += self._encode(signal, held=held) if len(signal) else []
+        return decisions
 
     def _encode(self, signal: np.ndarray, *, held: bool) -> list[Decision]:
         state, chain = self._state, self.chain
         spikes, state.encoder = afferents.encode(signal[None], chain.clock_Hz, chain.encoder, state.encoder)
-        found: list[Decision] = []
-        first, seen = state.opening.step, []
+        decisions: list[Decision] = []
+        first, oldest = state.opening.step, []
         with torch.inference_mode():
             for row in spikes[0]:
-                found += self._step(np.flatnonzero(row), held, seen)
+                decisions += self._step(np.flatnonzero(row), held, oldest)
         if self._watch is not None:
-            hidden, window = (np.array(each) for each in zip(*seen, strict=True))
-            self._show(first, spikes[0] != 0, hidden, window)
-        return found
+            hidden, window = (np.array(each) for each in zip(*oldest, strict=True))
+            self._report(first, spikes[0] != 0, hidden, window)
+        return decisions
 
-    def _show(self, first: int, afferents: np.ndarray, hidden: np.ndarray, window: np.ndarray) -> None:
+    def _report(self, first: int, afferents: np.ndarray, hidden: np.ndarray, window: np.ndarray) -> None:
         assert self._watch is not None
         rate_Hz, clock_Hz = self.chain.sampling_rate_Hz, self.chain.clock_Hz
         self._watch(Trace(self._state.origin / rate_Hz + first / clock_Hz, 1 / clock_Hz, afferents, hidden, window))
 
-    def _step(self, arriving: np.ndarray, held: bool, seen: list[tuple[np.ndarray, int]]) -> list[Decision]:
-        """One step; what the oldest window sent, and its number, go to `seen` if anyone watches."""
+    def _step(self, inputs: np.ndarray, held: bool, oldest: list[tuple[np.ndarray, int]]) -> list[Decision]:
+        """One step; with `watch`, the hidden spikes of the oldest window, and its number, are added to `oldest`."""
         state, chain = self._state, self.chain
         at = state.opening.step
-        opens, state.opening = state.opening.after(len(arriving) > 0)
+        opens, state.opening = state.opening.after(len(inputs) > 0)
         windows = state.windows
         if opens:
             windows = (*windows, running.begin(chain.network, state.n_windows, at))
             state.n_windows += 1
-        found, left = [], []
+        decisions, still_open = [], []
         for window in windows:
-            after = running.step(chain.network, arriving, window)
+            after = running.step(chain.network, inputs, window)
             after = after._replace(held=after.held + 1) if held else after
             if running.has_decided(after, chain.rule, chain.windows.length):
-                race = after.leader
-                found.append(
+                leader = after.leader
+                decisions.append(
                     self._decision(
-                        after.window, after.start, after.steps, int(race.index[0]), after.input_spikes,
-                        after.hidden_spikes, after.held, bool(race.heard[0]),
+                        after.window, after.start, after.steps, int(leader.index[0]), after.input_spikes,
+                        after.hidden_spikes, after.held, bool(leader.heard[0]),
                     )
                 )  # fmt: skip
             else:
-                left.append(after)
+                still_open.append(after)
             if self._watch is not None and window is windows[0]:
-                seen.append((running.sent(chain.network, after), after.window))
+                oldest.append((running.sent(chain.network, after), after.window))
         if self._watch is not None and not windows:
-            seen.append((np.zeros(chain.network.spec.hidden, bool), -1))
-        state.windows = tuple(left)
-        state.tally.decisions += len(found)
-        return found
+            oldest.append((np.zeros(chain.network.spec.hidden, bool), -1))
+        state.windows = tuple(still_open)
+        state.tally.decisions += len(decisions)
+        return decisions
 
-    def _told(self, decided: list[Decided]) -> list[Decision]:
-        """The decisions that the compiled step has just made; it is shown to whoever watches."""
+    def _from_compiled(self, decided: list[Decided]) -> list[Decision]:
+        """The decisions of the last compiled step, whose spikes are passed to `watch`."""
         if self._watch is not None:
             assert self._compiled is not None
             first, afferents, hidden, window = self._compiled.watched()
             if len(window):
-                self._show(first, afferents, hidden, window)
+                self._report(first, afferents, hidden, window)
         if not decided:
             return []
         self._state.tally.decisions += len(decided)
         return [self._decision(*each) for each in decided]
 
     def _decision(
-        self, window: int, start: int, steps: int, index: int, sent: int, hidden: int, held: int, heard: bool
+        self, window: int, start: int, steps: int, index: int, inputs: int, hidden: int, held: int, heard: bool
     ) -> Decision:
         rate_Hz, clock_Hz = self._rates_Hz
         time_s = self._state.origin / rate_Hz + (start + steps) / clock_Hz
-        sops = self._sops[0] * sent + self._sops[1] * hidden
+        sops = self._sops[0] * inputs + self._sops[1] * hidden
         label, ms = self._classes[index], 1e3 * steps / clock_Hz
-        return Decision(window, time_s, start, label, index, steps, ms, sent, hidden, sops, held, heard)
+        return Decision(window, time_s, start, label, index, steps, ms, inputs, hidden, sops, held, heard)

@@ -1,7 +1,7 @@
-"""A stream's state in a file: safetensors, with a table in JSON in its header and the content's SHA-256.
+"""The state of a stream in a file: safetensors, with a JSON table and the SHA-256 of the content in its header.
 
-The file is written whole and then renamed. What is read back is checked before it is used: the hash, the chain that it
-belongs to, and the name, shape and type of each array.
+The file is written completely and then renamed. On reading, these are checked before use: the hash, the chain of the
+state, and the name, shape and type of each array.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ Arrays = dict[str, np.ndarray]
 
 
 def fingerprint(chain: Chain) -> str:
-    """SHA-256 of all that decides what a state means: encoder, network, exit rule, windows and rate."""
+    """SHA-256 of all that gives a state its meaning: encoder, network, exit rule, windows and rates."""
     table = {
         "encoder": chain.encoder.model_dump(mode="json"), "network": chain.network.spec.model_dump(mode="json"),
         "rule": {key: value for key, value in asdict(chain.rule).items() if (key, value) != ("margin", None)},
@@ -45,7 +45,7 @@ def fingerprint(chain: Chain) -> str:
 
 
 def save(chain: Chain, state: StreamState, path: str | Path, *, force: bool = False) -> None:
-    """Write what a stream of a chain remembers; an existing file is refused unless `force`."""
+    """Save the state of a stream of a chain; an existing file is refused unless `force`."""
     check_new(path, force=force)
     table, arrays = _parts(chain, state)
     table["chain"] = fingerprint(chain)
@@ -57,9 +57,9 @@ def save(chain: Chain, state: StreamState, path: str | Path, *, force: bool = Fa
 
 
 def load(chain: Chain, path: str | Path) -> StreamState:
-    """What `save` wrote of a stream of the same chain.
+    """The state that `save` wrote for a stream of the same chain.
 
-    Raises InputError, which names the file, for one that is damaged or of another chain.
+    Raises InputError, which names the file, if it is damaged or of another chain.
     """
     path = existing(path)
     check_size(path, path.stat().st_size)
@@ -70,7 +70,7 @@ def load(chain: Chain, path: str | Path) -> StreamState:
         text = metadata["stream"]
         table = json.loads(text)
     except (SafetensorError, OSError, KeyError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is no stream's state ({type(error).__name__}); {FIX}") from error
+        raise InputError(f"{path}: is not the state of a stream ({type(error).__name__}); {FIX}") from error
     if metadata.get("sha256") != _hash(text, arrays):
         raise InputError(f"{path}: is damaged; {FIX}")
     if not isinstance(table, dict) or table.get("chain") != fingerprint(chain):
@@ -80,7 +80,7 @@ def load(chain: Chain, path: str | Path) -> StreamState:
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"{path}: is no stream's state of this version ({error}); {FIX}") from error
+        raise InputError(f"{path}: is not a state of this version ({error}); {FIX}") from error
 
 
 def _hash(text: str, arrays: Arrays) -> str:
@@ -124,28 +124,28 @@ def _parts(chain: Chain, state: StreamState) -> tuple[dict[str, Any], Arrays]:
 
 
 def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
-    """The state of a table and arrays, each of the shape and type that the chain calls for."""
-    left = dict(arrays)
+    """The state from a table and arrays; each array must have the shape and type that the chain requires."""
+    remaining = dict(arrays)
     n, f32 = chain.n_taxels, np.float32
 
     def take(name: str, shape: tuple[int, ...], kind: Any) -> np.ndarray:
-        values = left.pop(name)
+        values = remaining.pop(name)
         if values.shape != shape or values.dtype != kind:
             raise ValueError(f"'{name}' is {values.shape} {values.dtype} where {shape} {np.dtype(kind)} is expected")
         return values
 
     def maybe(name: str, shape: tuple[int, ...], kind: Any = f32) -> np.ndarray | None:
-        return take(name, shape, kind) if name in left else None
+        return take(name, shape, kind) if name in remaining else None
 
-    moving = chain.encoder.conditioning.baseline
-    carried = maybe("conditioned.carried", (n,), f32 if moving == "high-pass" else np.float64)
+    baseline = chain.encoder.conditioning.baseline
+    carried = maybe("conditioned.carried", (n,), f32 if baseline == "high-pass" else np.float64)
     conditioned = Conditioned(
         int(table["n_samples"]), int(table["n_steps"]), maybe("conditioned.smoothed", (n,)),
         maybe("conditioned.held", (1, n)), maybe("conditioned.level", (1, n)),
         None if carried is None else (carried, int(table["n_carried"])),
     )  # fmt: skip
     encoder = None
-    if "encoder.last" in left:
+    if "encoder.last" in remaining:
         sa1, ra1 = (
             LIFState(
                 take(f"encoder.{name}.membrane_mV", (1, n * copies), f32),
@@ -162,13 +162,13 @@ def _state(chain: Chain, table: dict[str, Any], arrays: Arrays) -> StreamState:
         int(table["n_windows"]), maybe("good", (n,)), int(table["bad_in_a_row"]), int(table["origin"]),
         Tally(**{key: int(value) for key, value in table["tally"].items()}),
     )  # fmt: skip
-    if left:
-        raise ValueError(f"'{next(iter(left))}' is unknown")
+    if remaining:
+        raise ValueError(f"'{next(iter(remaining))}' is unknown")
     return state
 
 
 def _fields(chain: Chain, layer: str) -> tuple[str, ...]:
-    """Which parts of a layer's state are written: the adaptation only where thresholds adapt."""
+    """The saved parts of a layer's state: the adaptation only if thresholds adapt."""
     adapts = chain.network.adaptation_of(("hidden", "readout").index(layer)) is not None
     return tuple(key for key in CubaLIFState._fields if key != "adaptation" or adapts)
 
@@ -184,14 +184,14 @@ def _window(chain: Chain, numbers: dict[str, int], prefix: str, take: Any) -> Ru
 
     kinds = {"counts": np.float64 if integrates else np.int64, "heard": np.bool_, "leaky": np.float64}
     sizes = {"counts": (1, network.n_classes), "leaky": (1, network.n_classes)}
-    race = {
+    standing = {
         key: torch.from_numpy(take(f"{prefix}leader.{key}", sizes.get(key, (1,)), kinds.get(key, np.int64)))
         for key in Leader._fields
         if key != "leaky" or network.leaks
     }
-    leader = Leader(**race)
+    leader = Leader(**standing)
     if not 0 <= int(leader.index) < network.n_classes:
-        raise ValueError("a window is led by a class that is unknown")
+        raise ValueError("the leading class of a window is unknown")
     return Running(
         hidden=layer("hidden", network.spec.hidden),
         readout=None if integrates else layer("readout", network.n_classes),

@@ -1,4 +1,4 @@
-"""What a stream tells and what it remembers."""
+"""The decisions and the state of a stream."""
 
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
@@ -12,14 +12,14 @@ from neurotact.encoders.afferents import EncoderState
 
 
 class Decision(NamedTuple):
-    """What the network decided of one window, and what it did for it.
+    """The decision of a network about one window, and its cost.
 
-    window: number of the window in the stream. time_s: when it was decided, from the first sample on.
-    start_step: the window's first step on the encoder's clock, since the stream or its last gap began.
-    label, index: the class. steps: steps that were simulated. ms: the same in time.
+    window: number of the window in the stream. time_s: time of the decision, from the first sample on.
+    start_step: the window's first step on the encoder's clock, since the start of the stream or its last gap.
+    label, index: the class. steps: number of simulated steps. ms: the same in time.
     input_spikes, hidden_spikes: in those steps. sops: synaptic operations in them, in total.
-    held: steps that rest on repeated values, since their own were missing or not finite.
-    heard: whether the readout moved at all; where it did not, nothing speaks for the class but its place.
+    held: number of steps that use repeated values, because their own were missing or not finite.
+    heard: whether the readout changed; if not, the class was chosen by its index alone.
     """
 
     window: int
@@ -37,11 +37,11 @@ class Decision(NamedTuple):
 
 
 class Trace(NamedTuple):
-    """What spiked in successive steps of a stream, for whoever watches it.
+    """The spikes in successive steps of a stream, for `watch`.
 
-    begin_s: when the first of them began, from the first sample on. step_s: of the encoder's clock.
-    afferents: `(step, afferent)` bool. hidden: `(step, hidden)` bool, what the hidden layer of the oldest window under
-    way sent to the readout. window: the number of that window, `(step,)` int64; -1 where none heard the step.
+    begin_s: start of the first step, from the first sample on. step_s: of the encoder's clock.
+    afferents: `(step, afferent)` bool. hidden: `(step, hidden)` bool, spikes that the hidden layer of the oldest open
+    window sent to the readout. window: number of that window, `(step,)` int64; -1 if no window was open.
     """
 
     begin_s: float
@@ -53,10 +53,10 @@ class Trace(NamedTuple):
 
 @dataclass
 class Tally:
-    """What a stream has met so far.
+    """The counts of a stream.
 
-    samples: taken, missing ones not counted; held: samples with a value that was repeated; missing: samples that never
-    came; gaps: times that the chain began anew; skipped: samples before the first good one, or inside a gap;
+    samples: processed, without missing ones; held: samples with a repeated value; missing: samples that did not arrive;
+    gaps: how often the chain restarted; skipped: samples before the first valid one, or inside a gap;
     dropped: windows that a gap cut off; decisions; unfinished: windows that a trial's end cut off.
     """
 
@@ -70,14 +70,14 @@ class Tally:
     unfinished: int = 0
 
     def trouble(self) -> str:
-        """What is not zero of all but samples and decisions, in words; empty where nothing was amiss."""
+        """The counts that are not zero, except samples and decisions, in words; empty without errors."""
         counted = ((each.name, getattr(self, each.name)) for each in fields(self))
         return ", ".join(f"{name} {n}" for name, n in counted if n and name not in ("samples", "decisions"))
 
 
 @dataclass
 class StreamState:
-    """Everything that a stream remembers: `Stream.state` gives it, `Stream.restore` takes it."""
+    """The whole state of a stream: `Stream.state` returns it, `Stream.restore` sets it."""
 
     opening: Opening
     conditioned: Conditioned = field(default_factory=Conditioned)
@@ -91,5 +91,5 @@ class StreamState:
 
 
 def copied(state: StreamState) -> StreamState:
-    """A state apart: all in it is replaced, never written to, but for the tally."""
+    """A copy of a state; only the tally is copied, since all other parts are replaced and never changed."""
     return replace(state, tally=replace(state.tally))

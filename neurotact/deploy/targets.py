@@ -1,6 +1,6 @@
-"""Which networks fit a neuromorphic chip: what its published limits stand against, and what removing it costs.
+"""Which networks fit a neuromorphic chip: the published limits that they exceed, and the cost of a change.
 
-The limits are those of the chips' public simulators and data sheets, named in `SOURCES`; nothing was run on the chips.
+The limits are from the chips' public simulators and data sheets, named in `SOURCES`; nothing was run on the chips.
 """
 
 import math
@@ -18,19 +18,19 @@ SOURCES = {
     "xyloaudio2": "rockpool.ai/devices/xylo-overview.html (16 inputs, 1000 hidden and 8 output neurons, 8-bit "
     "weights, bit-shift decays, subtractive reset, fan-out of 32 on average) and Rockpool's syns61201/xylo_mapper.py",
     "loihi2": "the bit-accurate LIF of Lava (lava-nc/lava, proc/lif/models.py: 12-bit decays, reset to 0 after a "
-    "spike) and the emulator brian2-loihi (refractory period of 1 to 64 steps); neurons a core and 8-bit weights after "
-    "Davies et al. 2018 (doi 10.1109/MM.2018.112130359), unverified; Loihi 2 also takes microcode",
+    "spike) and the emulator brian2-loihi (refractory period of 1 to 64 steps); neurons per core and 8-bit weights "
+    "from Davies et al. 2018 (doi 10.1109/MM.2018.112130359), unverified; Loihi 2 also supports microcode",
     "spinnaker2": "SpiNNaker2 data sheet 0.03 of 2021 (SpiNNakerManchester/SpiNNMachine/files/14848134 on GitHub): 152 "
     "Cortex-M4F processors with 128 kB of local memory each, programmed in C: any membrane, reset and exit fits",
 }
-"""Each source was looked up; what was not found there is called unverified."""
+"""Each source was checked; limits that were not found there are marked unverified."""
 PROCESSOR_BYTES = 128 * 1024
 MOST_ROUNDING = 0.05
-"""Of weights, r.m.s. of what rounding changes over their mean magnitude, up to which they count as fitting."""
+"""Weights fit up to this r.m.s. change by rounding, relative to their mean magnitude."""
 
 
 class Finding(NamedTuple):
-    """One thing that a chip asks of a network: whether it is so, and what it costs to make it so."""
+    """One requirement of a chip: whether a network meets it, and the cost of meeting it."""
 
     what: str
     here: str
@@ -40,7 +40,7 @@ class Finding(NamedTuple):
 
 
 class Asked(NamedTuple):
-    """What is checked: a network, its encoder as a table, and its exit rule."""
+    """The input of a check: a network, its encoder as a table, and its exit rule."""
 
     network: RSNN
     encoder: Mapping[str, Any] | None
@@ -48,7 +48,7 @@ class Asked(NamedTuple):
 
 
 def check(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, target: str) -> pd.DataFrame:
-    """A row for each limit of a chip: what, here, limit, fits, cost of making it fit; empty where it fits.
+    """One row per limit of a chip: what, here, limit, fits, and the cost of making it fit; empty if it fits.
 
     >>> found = check(RSNN(16, 8, hidden=30, sampling_rate_Hz=2000.0), None, ExitRule(), "xyloaudio2")
     >>> found[~found.fits]["what"].tolist()[:4]
@@ -63,7 +63,7 @@ def check(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, targ
 
 
 def title(target: str) -> str:
-    """One line above a check: where its limits come from."""
+    """The heading of a check, with the source of its limits."""
     return f"Limits of {target}, from {SOURCES[target]}"
 
 
@@ -84,13 +84,13 @@ def _xylo(asked: Asked) -> Iterator[Finding]:
     yield from _weights(network, 8)
     fan_out = (spec.hidden if spec.recurrent else 0) + network.n_classes
     yield _at_most("fan-out of a hidden neuron, on average", fan_out, 32, "prune the recurrent weights")
-    yield _front_end("on a microcontroller beside the chip: the first half of the C export")
+    yield _front_end("on a microcontroller next to the chip: the first half of the C export")
     yield _exit(asked.rule, "the microcontroller that reads the output spikes counts them and resets the chip")
 
 
 def _loihi(asked: Asked) -> Iterator[Finding]:
     network, spec = asked.network, asked.network.spec
-    yield _at_most("neurons", spec.hidden + network.n_classes, 1024, "spread over more than one core")
+    yield _at_most("neurons", spec.hidden + network.n_classes, 1024, "use more than one core")
     yield _is(
         "membrane", spec.membrane, "immediate", "train again with --set membrane=immediate, or microcode on Loihi 2"
     )
@@ -101,9 +101,9 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
     yield _is("recurrent delay", str(delay), "0", "a projection with delays, or train again without a recurrent delay")
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
         steps = tau_ms * 1e-3 * network.sampling_rate_Hz
-        off = abs(round(4096 * (1 - math.exp(-1 / steps))) / 4096 / (1 - math.exp(-1 / steps)) - 1)
-        cost = f"12 bits change the time constant by {100 * off:.1f} %: train again with a shorter one"
-        yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", off <= 0.05, cost)
+        change = abs(round(4096 * (1 - math.exp(-1 / steps))) / 4096 / (1 - math.exp(-1 / steps)) - 1)
+        cost = f"12 bits change the time constant by {100 * change:.1f} %: train again with a shorter one"
+        yield Finding(f"decay of the {name}", f"{steps:.1f} steps", "12 bits, to within 5 %", change <= 0.05, cost)
     yield from _weights(network, 8)
     yield from _refractory(asked, 64)
     yield _front_end("SA-I and RA-I as Loihi neurons with graded input, or on the embedded processor")
@@ -121,7 +121,7 @@ def _spinnaker(asked: Asked) -> Iterator[Finding]:
     yield Finding(
         "conditioning and afferents",
         f"{model}, baseline {baseline}",
-        "what the C export takes: lif, a baseline of the past",
+        "as in the C export: lif, a causal baseline",
         model == "lif" and baseline not in ACAUSAL,
         "encode and train again with LIF afferents and a causal baseline",
     )
@@ -131,7 +131,7 @@ CHECKS = {"xyloaudio2": _xylo, "loihi2": _loihi, "spinnaker2": _spinnaker}
 
 
 def _at_most(what: str, here: int, limit: int, cost: str) -> Finding:
-    return Finding(what, str(here), f"{limit} at most", here <= limit, cost)
+    return Finding(what, str(here), f"at most {limit}", here <= limit, cost)
 
 
 def _is(what: str, here: str, limit: str, cost: str) -> Finding:
@@ -143,32 +143,32 @@ def _fixed_thresholds(network: RSNN, cost: str) -> Finding:
 
 
 def _shift(name: str, tau_ms: float, clock_Hz: float) -> Finding:
-    """A decay by x -> x - x / 2^k: the time constants that it knows are -1 / log(1 - 2^-k) steps."""
+    """A decay by x -> x - x / 2^k: its possible time constants are -1 / log(1 - 2^-k) steps."""
     steps = tau_ms * 1e-3 * clock_Hz
-    known = {k: -1 / math.log(1 - 2.0**-k) for k in range(1, 16)}
-    k, nearest_one = min(known.items(), key=lambda each: abs(math.log(each[1] / steps)))
-    off = nearest_one / steps - 1
+    possible = {k: -1 / math.log(1 - 2.0**-k) for k in range(1, 16)}
+    k, nearest_one = min(possible.items(), key=lambda each: abs(math.log(each[1] / steps)))
+    change = nearest_one / steps - 1
     tau = 1e3 * nearest_one / clock_Hz
     return Finding(
         f"decay of the {name}",
         f"tau {tau_ms:g} ms",
         f"x - x / 2^k: {tau:.3g} ms (k = {k})",
-        abs(off) <= 0.05,
-        f"time constant changes by {100 * off:+.0f} %: train again with tau = {tau:.3g} ms",
+        abs(change) <= 0.05,
+        f"time constant changes by {100 * change:+.0f} %: train again with tau = {tau:.3g} ms",
     )
 
 
 def _weights(network: RSNN, bits: int) -> Iterator[Finding]:
-    """Each projection in `bits` with a step of its own, the largest weight filling them."""
+    """Each projection in `bits`, with its own step: the largest weight fills the bits."""
     for name, w in (("input", network.w_in), ("recurrent", network.w_rec), ("readout", network.w_out)):
         if w is None:
             continue
         step = float(w.detach().abs().max()) / (2 ** (bits - 1) - 1) or 1.0
-        lost = (w.detach() - (w.detach() / step).round() * step).double().square().mean().sqrt()
-        off = float(lost / w.detach().double().abs().mean().clamp_min(1e-300))
-        cost = "a few weights dwarf the rest: train again with weights clipped, or with rounded weights"
+        rounding = (w.detach() - (w.detach() / step).round() * step).double().square().mean().sqrt()
+        change = float(rounding / w.detach().double().abs().mean().clamp_min(1e-300))
+        cost = "a few weights are much larger than the rest: train again with clipped or rounded weights"
         limit = f"{bits} bits, to within {100 * MOST_ROUNDING:g} %"
-        yield Finding(f"{name} weights", f"rounding changes {100 * off:.2g} %", limit, off <= MOST_ROUNDING, cost)
+        yield Finding(f"{name} weights", f"rounding changes {100 * change:.2g} %", limit, change <= MOST_ROUNDING, cost)
 
 
 def _refractory(asked: Asked, most: int) -> Iterator[Finding]:
@@ -185,10 +185,10 @@ def _front_end(cost: str) -> Finding:
 
 
 def _exit(rule: ExitRule, cost: str) -> Finding:
-    return Finding("early exit", _waits_for(rule), "whole windows", rule.never, cost)
+    return Finding("early exit", _exit_words(rule), "whole windows", rule.never, cost)
 
 
-def _waits_for(rule: ExitRule) -> str:
+def _exit_words(rule: ExitRule) -> str:
     if rule.margin is not None:
         return f"margin {rule.margin:g}"
     return "none" if rule.patience is None else f"patience {rule.patience} steps"

@@ -1,4 +1,4 @@
-"""What a chain in C must say of a trial: every spike and decision, from the twin in Python."""
+"""The expected output of a chain in C for a trial: every spike and decision, from the twin in Python."""
 
 from collections.abc import Sequence
 
@@ -14,34 +14,34 @@ from neurotact.encoders import afferents
 
 
 def said_in_whole_numbers(chain: Chain, formats: Formats, trials: Sequence[np.ndarray]) -> list[Spoken]:
-    """Of trials of raw samples `(sample, taxel)` int16 each, side by side: the shorter ones are filled up and cut."""
+    """The output for trials of raw samples `(sample, taxel)` int16, together: shorter ones are padded and cut."""
     longest = max(len(trial) for trial in trials)
-    filled = np.stack(
+    padded = np.stack(
         [np.concatenate([trial, np.repeat(trial[-1:], longest - len(trial), axis=0)]) for trial in trials]
     )
-    rasters = integer.encode(filled, formats.front)
-    whole = [
+    rasters = integer.encode(padded, formats.front)
+    spikes = [
         raster[: integer.n_steps(len(trial), formats.front)] for raster, trial in zip(rasters, trials, strict=True)
     ]
-    cut = [_windows(chain, raster) for raster in whole]
+    cut = [_windows(chain, raster) for raster in spikes]
     found = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule)
     decided = np.stack([found.labels, found.steps, found.input_spikes, found.hidden_spikes, found.heard], axis=1)
     ends = np.cumsum([len(starts) for starts, _ in cut])[:-1]
-    parts = zip(whole, cut, np.split(found.hidden, ends), np.split(decided, ends), strict=True)
+    parts = zip(spikes, cut, np.split(found.hidden, ends), np.split(decided, ends), strict=True)
     return [spoken_of(raster, starts, hidden, rows) for raster, (starts, _), hidden, rows in parts]
 
 
 @torch.no_grad()
 def said_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
-    """Of a trial of samples `(sample, taxel)` float32, in the encoder's unit: what the whole trial gives."""
+    """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
     signal, _ = conditioner.push(trial, Conditioned())
     raster = afferents.encode(signal[None], chain.clock_Hz, chain.encoder)[0][0]
     starts, windows = _windows(chain, raster)
-    given = torch.from_numpy(windows)
-    found, (hidden, readout) = chain.network.infer(given, chain.rule), chain.network.simulate(given)
-    ran = torch.arange(given.shape[1]) < found.steps[:, None]
-    heard = ((readout != 0).any(dim=2) & ran).any(dim=1).long()
+    inputs = torch.from_numpy(windows)
+    found, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)
+    is_simulated = torch.arange(inputs.shape[1]) < found.steps[:, None]
+    heard = ((readout != 0).any(dim=2) & is_simulated).any(dim=1).long()
     decided = torch.stack([found.labels, found.steps, found.input_spikes, found.hidden_spikes, heard], dim=1)
     return spoken_of(raster, starts, hidden.numpy(), decided.numpy())
 

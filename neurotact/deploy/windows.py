@@ -1,4 +1,4 @@
-"""Where windows start in a signal that has no end: back to back, hop by hop, or at each contact."""
+"""Where windows start in a signal without an end: back to back, hop by hop, or at each contact."""
 
 from dataclasses import dataclass
 
@@ -9,16 +9,16 @@ from neurotact.errors import InputError
 from neurotact.spec import build
 
 MOST_AT_ONCE = 64
-"""Windows that overlap; each is a network by itself."""
+"""Maximum number of windows that overlap; each is a separate network."""
 
 
 @dataclass(frozen=True)
 class WindowPlan:
     """Windows on the encoder's clock, in steps.
 
-    length: of a window. start: skipped at the beginning, so that filters and membranes have settled.
-    hop: from one window's start to the next; 0: a window starts at a contact, which is the first step at which an
-        afferent spikes after `quiet` steps without any spike, no other window being under way.
+    length: of a window. start: steps skipped at the beginning, until filters and membranes have settled.
+    hop: from one window's start to the next; 0: a window starts at a contact, if no other window is open. A contact is
+        the first step at which an afferent spikes after `quiet` steps without any spike.
     """
 
     length: int
@@ -36,7 +36,7 @@ class WindowPlan:
         contact: bool = False,
         quiet_ms: float = 50.0,
     ) -> "WindowPlan":
-        """A plan from milliseconds; absent values are those of `WindowSpec`.
+        """A plan from milliseconds; values that are None are those of `WindowSpec`.
 
         >>> WindowPlan.of(2000.0, length_ms=150, hop_ms=50)
         WindowPlan(length=300, start=0, hop=100, quiet=0)
@@ -52,16 +52,16 @@ class WindowPlan:
             return WindowPlan(length, start, hop)
         quiet = round(quiet_ms * 1e-3 * clock_Hz)
         if not 1 <= quiet < 2**31:
-            raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than a step at {clock_Hz:g} Hz, or too long")
+            raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long")
         return WindowPlan(length, start, 0, quiet)
 
     @property
     def at_once(self) -> int:
-        """Windows that overlap at most."""
+        """Maximum number of windows that overlap."""
         return -(-self.length // self.hop) if self.hop else 1
 
     def begin(self) -> "Opening":
-        """Before the first step; as if nothing had spiked for long."""
+        """The state before the first step, after `quiet` steps without a spike."""
         return Opening(self, 0, self.quiet, 0)
 
     def starts(self, raster: np.ndarray) -> np.ndarray:
@@ -82,7 +82,7 @@ class WindowPlan:
 
 @dataclass(frozen=True)
 class Opening:
-    """Which step comes next, for how many steps no afferent has spiked, and before which step no window may start."""
+    """The next step, the number of steps without a spike, and the first step at which a window may start."""
 
     plan: WindowPlan
     step: int
@@ -90,7 +90,7 @@ class Opening:
     free_at: int
 
     def after(self, has_spike: bool) -> tuple[bool, "Opening"]:
-        """Whether a window starts at this step, and what holds after it."""
+        """Whether a window starts at this step, and the state after it."""
         plan, step = self.plan, self.step
         if plan.hop:
             opens = step >= plan.start and (step - plan.start) % plan.hop == 0

@@ -1,7 +1,7 @@
 """The data that a page draws: frames of signals and spikes, and a mailbox for each page.
 
 A frame is `length of the header (uint32) | header (JSON) | zeros to a multiple of 4 | arrays`, little-endian. Its
-arrays, in order: least and greatest value of each taxel in each bucket, `(bucket, taxel, 2)` float32; spikes of
+arrays, in order: minimum and maximum of each taxel in each bucket, `(bucket, taxel, 2)` float32; spikes of
 afferents and spikes of hidden neurons, each `(event, 2)`: seconds after `t0_s` as float32, and the neuron as uint32.
 """
 

@@ -16,7 +16,7 @@ MOST_WINDOWS = 1_000
 RECENT = 200
 """Number of past decisions shown to a page that opens later."""
 ONE_CHANGE_S = 2.0
-"""Changes within this time are one, as while a slider is moved."""
+"""Changes within this time count as one, for example while a slider moves."""
 
 
 class Scored(NamedTuple):
@@ -75,7 +75,7 @@ class Scores:
     """All decisions so far.
 
     classes: of the network. A window counts for a class only if that was the same throughout it; the same holds for
-    settings. So a change of either names the first window with the new value.
+    settings. A change of either therefore contains the number of the first window with the new value.
     """
 
     def __init__(self, classes: Sequence[str]) -> None:

@@ -140,7 +140,7 @@ async def _attend(session: Session, websocket: WebSocket) -> None:
 
     box = Mailbox(ring)
     session.audience.join(box)
-    tasks = [asyncio.create_task(_bring(box, bell, websocket)), asyncio.create_task(_hear(session, box, websocket))]
+    tasks = [asyncio.create_task(_send(box, bell, websocket)), asyncio.create_task(_receive(session, box, websocket))]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in done:
@@ -154,7 +154,7 @@ async def _attend(session: Session, websocket: WebSocket) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _bring(box: Mailbox, bell: asyncio.Event, websocket: WebSocket) -> None:
+async def _send(box: Mailbox, bell: asyncio.Event, websocket: WebSocket) -> None:
     """Sending waits for a slow page; meanwhile new frames replace old ones in its mailbox."""
     while True:
         await bell.wait()
@@ -166,7 +166,7 @@ async def _bring(box: Mailbox, bell: asyncio.Event, websocket: WebSocket) -> Non
                 await websocket.send_bytes(mail)
 
 
-async def _hear(session: Session, box: Mailbox, websocket: WebSocket) -> None:
+async def _receive(session: Session, box: Mailbox, websocket: WebSocket) -> None:
     allowance, dropped = Allowance(), 0
     while dropped <= MOST_DROPPED:
         received = await websocket.receive()

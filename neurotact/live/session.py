@@ -72,11 +72,11 @@ class Session:
         self.stream = Stream(chain, unit=feed.unit, hold_ms=hold_ms, backend=backend, watch=self._watch)
         self._start = self._settings()
         self.scores, self.noted, self.audience = Scores(chain.classes), Noted(), Audience()
-        self._sent, self._hidden = np.zeros(chain.network.n_inputs, np.int64), 0
-        self._asked: Queue[tuple[Mailbox, messages.Message]] = Queue(MOST_WAITING)
+        self._afferent_spikes, self._hidden = np.zeros(chain.network.n_inputs, np.int64), 0
+        self._requests: Queue[tuple[Mailbox, messages.Message]] = Queue(MOST_WAITING)
         self._label: str | None = None
         self._framed_s = self._stated_s = -np.inf
-        self._is_news = True
+        self._has_news = True
         self.waits = feed.kind != "device"
         self.refused = 0
         self.ended = self._again = False
@@ -90,7 +90,7 @@ class Session:
     def ask(self, box: Mailbox, message: messages.Message) -> bool:
         """Whether a request was accepted; its answer, if any, goes to the page's mailbox."""
         try:
-            self._asked.put_nowait((box, message))
+            self._requests.put_nowait((box, message))
         except Full:
             return False
         return True
@@ -98,7 +98,7 @@ class Session:
     def refuse(self) -> None:
         """Count a dropped message of a page."""
         self.refused += 1
-        self._is_news = True
+        self._has_news = True
 
     def stop(self) -> None:
         """End the thread soon."""
@@ -136,33 +136,33 @@ class Session:
     def run(self) -> None:
         """Feed the stream; after the feed has ended or failed, answer pages until `stop` is called."""
         if self.waits:
-            self._attend(lambda: len(self.audience) > 0)
+            self._serve_pages(lambda: len(self.audience) > 0)
         while not self._stopped.is_set():
             self._again = self.ended = False
             try:
-                self._feed_on()
+                self._run_feed()
             except InputError as error:
                 self.failure = error
             except Exception as error:  # raised by the thread that started this one
                 self.fault = error
-            self.ended = self._is_news = True
+            self.ended = self._has_news = True
             if self.on_end is not None:
                 self.on_end()
-            self._attend(lambda: self._again)
+            self._serve_pages(lambda: self._again)
 
-    def _feed_on(self) -> None:
+    def _run_feed(self) -> None:
         for arrived in self.feed.pieces(self.noted):
-            self._obey()
+            self._handle_requests()
             if self._stopped.is_set():
                 return
             self.take(arrived)
-            self._tell()
+            self._report()
 
-    def _attend(self, is_over: Callable[[], bool]) -> None:
+    def _serve_pages(self, is_over: Callable[[], bool]) -> None:
         """Answer pages while there is no input."""
         while not (is_over() or self._stopped.wait(TICK_S)):
-            self._obey()
-            self._tell()
+            self._handle_requests()
+            self._report()
 
     def take(self, arrived: Arrived) -> list[Scored]:
         """Push a piece into the stream, and count its decisions."""
@@ -175,14 +175,14 @@ class Session:
             self._frames.samples(arrived.samples, tally.samples + tally.missing)
         found = self.scores.take(self.stream.chain, sources.decide(self.stream, (arrived,)))
         if found:
-            self._is_news = True
+            self._has_news = True
             rows = [scored.row() for scored in found]
             for box in (box for box in self.audience.each() if box.is_greeted):
                 box.decisions(rows)
         return found
 
     def _watch(self, trace: Trace) -> None:
-        self._sent += trace.afferents.sum(axis=0)
+        self._afferent_spikes += trace.afferents.sum(axis=0)
         self._hidden += int(trace.hidden.sum())
         self._frames.trace(trace)
 
@@ -200,10 +200,10 @@ class Session:
 
     # --- requests of pages ------------------------------------------------------------------------
 
-    def _obey(self) -> None:
+    def _handle_requests(self) -> None:
         while True:
             try:
-                box, message = self._asked.get_nowait()
+                box, message = self._requests.get_nowait()
             except Empty:
                 return
             try:
@@ -212,7 +212,7 @@ class Session:
                 answer = {"kind": "refused", "why": str(error)}
             if answer:
                 box.note(_json(answer))
-            self._is_news = True
+            self._has_news = True
 
     def do(self, message: messages.Message) -> dict[str, Any] | None:
         """Handle a request between two samples. Raises InputError, whose text the page shows, if that is impossible."""
@@ -280,7 +280,7 @@ class Session:
             self._again = isinstance(self.feed, Replay) and self.ended
             return
         self.scores.clear()
-        self._sent[:], self._hidden = 0, 0
+        self._afferent_spikes[:], self._hidden = 0, 0
         for box in self.audience.each():
             box.note(_json({"kind": "cleared"}))
 
@@ -302,14 +302,14 @@ class Session:
 
     # --- messages to the pages --------------------------------------------------------------------
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         now_s = time.monotonic()
         boxes = self.audience.each()
         if not boxes:
             self._frames.clear()
             return
         for box in (box for box in boxes if not box.is_greeted):
-            box.is_greeted = self._is_news = True
+            box.is_greeted = self._has_news = True
             box.note(_json(self.hello()))
             box.decisions([scored.row() for scored in self.scores.recent])
         if now_s - self._framed_s >= FRAME_S:
@@ -317,15 +317,15 @@ class Session:
             frame = self._frames.frame({"now_s": self._now_s(), "race": self._race(), **self._counted()})
             for box in boxes:
                 box.frame(frame)
-        if self._is_news and (now_s - self._stated_s >= STATE_S):
-            self._stated_s, self._is_news = now_s, False
+        if self._has_news and (now_s - self._stated_s >= STATE_S):
+            self._stated_s, self._has_news = now_s, False
             state = _json(self.state())
             for box in boxes:
                 box.state(state)
 
     def _counted(self) -> dict[str, Any]:
         sums = self.scores.sums
-        spikes = [int(self._sent[its].sum()) for its in populations_of(self.afferents).values()]
+        spikes = [int(self._afferent_spikes[its].sum()) for its in populations_of(self.afferents).values()]
         totals = {"spikes": spikes, "hidden": self._hidden, "sops": sums["sops"], "nJ": sums["nJ"], "ms": sums["ms"]}
         return {"totals": {**totals, "decisions": sums["decisions"]}}
 

@@ -191,7 +191,7 @@ def test_spikes_with_other_trials_are_refused(tmp_path):
     run = make_run(tmp_path / "a")
     make_run(tmp_path / "b", shown=0)
     shutil.copy(tmp_path / "b" / "spikes.h5", tmp_path / "a" / "spikes.h5")
-    with pytest.raises(InputError, match="no longer holds the trials"):
+    with pytest.raises(InputError, match="no longer contains the trials"):
         nt.fine_tune(run, tmp_path / "tuned", epochs=0)
     assert not (tmp_path / "tuned").exists()
 

@@ -249,7 +249,7 @@ def test_what_is_too_much_to_draw_is_counted_and_the_counts_are_right(monkeypatc
     assert len(columns) <= 3
     assert len(sent) + len(hidden) <= 5
     assert header["thinned"] > 0
-    assert session._sent.sum() == offline(chain, signal)[0].sum()
+    assert session._afferent_spikes.sum() == offline(chain, signal)[0].sum()
 
 
 def test_missing_samples_leave_a_gap_in_what_is_drawn():
@@ -307,4 +307,4 @@ def test_spikes_are_those_of_encode(tmp_path):
     session = session_of(chain, Given([signal]))
     session.take(Arrived(signal))
     trains = encode_recordings(Recordings([signal], 1000.0, "mV", pd.DataFrame({"label": ["a"]})), chain.encoder)
-    assert session._sent.tolist() == np.bincount(trains.units[0], minlength=4).tolist()
+    assert session._afferent_spikes.tolist() == np.bincount(trains.units[0], minlength=4).tolist()

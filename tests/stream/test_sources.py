@@ -78,7 +78,7 @@ def test_text_that_is_no_table_is_refused(data, message):
 
 @pytest.mark.parametrize("parser", [Rows("-", 2, 1000.0, Noted()), Frames("-", 2, "int16", Noted())])
 def test_a_source_without_a_sample_is_refused(parser):
-    with pytest.raises(InputError, match="holds no sample"):
+    with pytest.raises(InputError, match="has no sample"):
         parser.finish()
 
 
@@ -136,7 +136,7 @@ def test_recordings_are_streamed_trial_by_trial(tmp_path):
     hdf5.save_recordings(skin, tmp_path / "skin.h5")
     found = list(sources.decide(Stream(chain), sources.recorded(tmp_path / "skin.h5", 2, 7)))
     assert told(found) == [row for signal in signals for row in told(Stream(chain).push(signal))]
-    with pytest.raises(InputError, match="has 2 taxels but the chain feels 3"):
+    with pytest.raises(InputError, match="has 2 taxels but the chain receives 3"):
         next(sources.recorded(tmp_path / "skin.h5", 3, 7))
 
 

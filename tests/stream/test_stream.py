@@ -169,8 +169,8 @@ def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
     ("encoder", "n_inputs", "options", "message"),
     [
         (specs.load("izhikevich"), 4, {}, "with LIF afferents"),
-        (make_encoder(), 3, {}, "hears 3 afferents, not an SA-I and an RA-I under each taxel"),
-        (make_encoder({"sa1.grades": [0.5, 1.0]}), 4, {}, "hears 4 afferents, not 3 under each taxel"),
+        (make_encoder(), 3, {}, "receives 3 afferents, not an SA-I and an RA-I under each taxel"),
+        (make_encoder({"sa1.grades": [0.5, 1.0]}), 4, {}, "receives 4 afferents, not 3 under each taxel"),
         (make_encoder(offset=(1.0, 2.0, 3.0)), 4, {}, "offset has 3 values"),
         (make_encoder(), 4, {"sampling_rate_Hz": 500.0}, "come at 500 Hz but"),
         (make_encoder(resample_Hz=1000.0), 4, {}, "rate of the samples must be given"),

@@ -74,7 +74,7 @@ def test_recordings_become_decisions_in_words(run, neurotact):
     ("words", "given", "message"),
     [
         ([], b"1,2,3\n", "line 1 has 3 values"),
-        ([], b"", "samples: holds no sample"),
+        ([], b"", "samples: has no sample"),
         (["--format", "int16"], b"1,2\n3,4\n", "pass --format csv"),
         (["--format", "wav"], b"", "--format wav: is unknown"),
         (["--rate", "slow"], b"", "--rate slow: is unknown"),
@@ -143,7 +143,7 @@ def test_a_check_names_what_stands_in_the_way(run, neurotact):
     done = neurotact("export", run / "run", "--check", "xyloaudio2")
     assert done.code == 0, done.err
     assert any(line.startswith("NOT  membrane: eq4; immediate; train again") for line in done.out)
-    assert any(line.startswith("fits  inputs: 4; 16 at most") for line in done.out)
+    assert any(line.startswith("fits  inputs: 4; at most 16") for line in done.out)
 
 
 def test_the_recordings_must_be_those_of_the_run(run, tmp_path):

@@ -91,7 +91,7 @@ def test_a_changed_byte_is_noticed_and_the_stream_stays(saved, at):
     content[int(at * len(content))] ^= 1
     path.write_bytes(content)
     before = stream.push(make_signal(40, seed=3))
-    with pytest.raises(InputError, match=r"is damaged|is no stream's state"):
+    with pytest.raises(InputError, match=r"is damaged|is not the state of a stream"):
         stream.load(path)
     twin = Stream(stream.chain)
     twin.push(make_signal(100))
@@ -125,7 +125,7 @@ def test_a_state_that_does_not_fit_is_refused_whole(saved, change, tmp_path):
 def test_other_files_are_refused(saved, tmp_path):
     stream, _ = saved
     (tmp_path / "text").write_text("no state")
-    with pytest.raises(InputError, match="is no stream's state"):
+    with pytest.raises(InputError, match="is not the state of a stream"):
         stream.load(tmp_path / "text")
     with pytest.raises(InputError, match="there is no such file"):
         stream.load(tmp_path / "nothing")

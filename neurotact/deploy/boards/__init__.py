@@ -1,4 +1,4 @@
-"""Processors that an export is tried on, and what a chip of their kind draws."""
+"""Processors on which an export is tested, and the power of a chip of each kind."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -6,11 +6,11 @@ from typing import NamedTuple
 HERE = Path(__file__).parent
 HOST, CORTEX_M, SCRIPT = HERE / "host.c", HERE / "cortex_m.c", HERE / "cortex_m.ld"
 SHIFT = 10
-"""QEMU's clock moves 2^SHIFT ns an instruction, several ticks of SysTick: so ticks count instructions."""
+"""QEMU's clock advances by 2^SHIFT ns per instruction, several ticks of SysTick, so ticks count instructions."""
 
 
 class Chip(NamedTuple):
-    """A chip with such a processor: what it draws while it computes, from its data sheet."""
+    """A chip with such a processor, and its power while it computes, from its data sheet."""
 
     name: str
     clock_Hz: float
@@ -19,11 +19,11 @@ class Chip(NamedTuple):
 
 
 class Board(NamedTuple):
-    """A machine of QEMU, its processor, the frequency of its SysTick there, and a chip of the kind.
+    """A machine of QEMU, its processor, the frequency of its SysTick in QEMU, and a chip of this kind.
 
-    cycles_per_instruction: of the exports. On Cortex-M0 1.37, found by adding up Arm's cycles (Cortex-M0 Technical
-    Reference Manual, Table 3-1) over a trace of 2.7 million instructions of the integer variant; on Cortex-M4 taken to
-    be 1.3, which nobody measured.
+    cycles_per_instruction: of the exports. On Cortex-M0 1.37, the sum of Arm's cycles (Cortex-M0 Technical Reference
+    Manual, Table 3-1) over a trace of 2.7 million instructions of the integer variant; on Cortex-M4 1.3, an assumption
+    without a measurement.
     """
 
     machine: str
@@ -40,13 +40,13 @@ NRF51 = Chip(
     "nRF51822",
     16e6,
     4.71e-3 * 2.957,
-    "4.71 mA at 2.957 V on an nRF51 DK, after devzone.nordicsemi.com/blogs/756 (unverified)",
+    "4.71 mA at 2.957 V on an nRF51 DK, from devzone.nordicsemi.com/blogs/756 (unverified)",
 )
 NRF52 = Chip(
     "nRF52832",
     64e6,
     3.7e-3 * 3.0,
-    "58 µA/MHz from flash with DC/DC at 3 V, as others quote the nRF52832 Product Specification (unverified)",
+    "58 µA/MHz from flash with DC/DC at 3 V, as quoted elsewhere from the nRF52832 Product Specification (unverified)",
 )
 BOARDS = {
     "cortex-m0": Board(

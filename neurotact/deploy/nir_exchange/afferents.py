@@ -1,10 +1,10 @@
-"""SA-I and RA-I afferents as a graph of NIR's nodes, from the drives' signals to spikes.
+"""SA-I and RA-I afferents as a graph of NIR's nodes, from their input signals to spikes.
 
-The graph hears `(2 taxel)` values a step: the conditioned signal of each taxel, then its absolute change per ms. NIR
-has no node for a magnitude, a moving baseline or a filter that starts at its first sample, so conditioning stays
-outside. Membranes are in mV above rest. NIR's neurons have no refractory period; lowered, it is made of `Threshold`,
-`Delay` and `Scale`: `silent[t]` holds from the step after a spike for as many steps as the neuron rests, forces the
-membrane to fire and so to its reset, and takes those spikes out.
+The graph receives `(2 taxel)` values per step: the conditioned signal of each taxel, then its absolute change per ms.
+NIR has no node for a magnitude, a moving baseline or a filter that starts at its first sample, so conditioning is not
+part of the graph. Membranes are in mV above rest. NIR's neurons have no refractory period; lowered, it consists of
+`Threshold`, `Delay` and `Scale`: `silent[t]` is 1 during the refractory steps, from the step after a spike. It forces
+the membrane to fire, which resets it, and removes those spikes.
 """
 
 from typing import Any
@@ -25,7 +25,7 @@ def of_encoder(
     n_each = [n_taxels * len(kind.gains) for kind in (encoder.sa1, encoder.ra1)]
     n = sum(n_each)
     tau = clock.tau(sa1.decay, "tau_mem_ms")
-    # A neuron here spikes at its threshold, NIR's above it.
+    # A neuron of neurotact spikes at its threshold, one of NIR above it.
     level = np.nextafter(np.float32(sa1.v_threshold_mV - sa1.v_rest_mV), np.float32(-np.inf))
     lif = nir().LIF(
         tau=np.full(n, tau), r=np.ones(n), v_leak=np.zeros(n), v_threshold=np.full(n, np.float64(level)),
@@ -42,8 +42,8 @@ def of_encoder(
 def _refractory(lif: Any, silent: np.ndarray, clock: Clock) -> Any:
     """Neurons that stay at their reset for `silent` steps after a spike.
 
-    `silent[t] = silent[t-1] or spike[t-1]`, until a spike is as old as that: the `Threshold` of
-    `silent[t-1] + spike[t-1] - spike[t-1-n]` above 1/2.
+    `silent[t] = silent[t-1] or spike[t-1]`, for n steps after the spike: a `Threshold` of 1/2 on
+    `silent[t-1] + spike[t-1] - spike[t-1-n]`.
     """
     n = len(silent)
     nodes = {

@@ -22,16 +22,16 @@ COLUMNS = (
     "simulator", "layer", "first_trial", "first_step", "first_neuron", "reference", "other", "spikes", "differing",
 )  # fmt: skip
 STEP_OF_SNNTORCH_S = 1e-4
-"""Which snnTorch's import takes, whatever the file says."""
+"""The step that snnTorch's import uses, for any `dt` in the file."""
 Layers = Mapping[str, np.ndarray]
 """Rasters `(trial, time, neuron)` by the name of their layer."""
 
 
 def first_differences(reference: Layers, others: Mapping[str, Layers]) -> pd.DataFrame:
-    """A row for each layer of each simulator.
+    """One row per layer and simulator.
 
-    Columns: simulator, layer; first_trial, first_step, first_neuron and both values there, of the first trial that
-    differs and in it of the first step (none where all is equal); spikes of the reference; values that differ.
+    Columns: simulator, layer; first_trial, first_step, first_neuron and both values there, for the first step of the
+    first trial that differs (None if all are equal); spikes of the reference; number of values that differ.
 
     >>> ours, theirs = np.zeros((1, 3, 2)), np.zeros((1, 3, 2))
     >>> theirs[0, 1, 1] = 1.0
@@ -42,13 +42,13 @@ def first_differences(reference: Layers, others: Mapping[str, Layers]) -> pd.Dat
     rows = []
     for simulator, layers in others.items():
         for layer, found in layers.items():
-            due = reference[layer]
-            if found.shape != due.shape:
-                raise InputError(f"{simulator}: '{layer}' is {found.shape} where {due.shape} is expected")
-            places = np.argwhere(found != due)
+            expected = reference[layer]
+            if found.shape != expected.shape:
+                raise InputError(f"{simulator}: '{layer}' is {found.shape} where {expected.shape} is expected")
+            places = np.argwhere(found != expected)
             first = tuple(int(index) for index in places[0]) if len(places) else (None, None, None)
-            values = (float(due[first]), float(found[first])) if len(places) else (None, None)
-            rows.append((simulator, layer, *first, *values, int((due != 0).sum()), len(places)))
+            values = (float(expected[first]), float(found[first])) if len(places) else (None, None)
+            rows.append((simulator, layer, *first, *values, int((expected != 0).sum()), len(places)))
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
@@ -62,11 +62,11 @@ def report(
     conditioned: np.ndarray | None = None,
     encoder: afferents.AfferentSpec | None = None,
 ) -> pd.DataFrame:
-    """The spikes of a network beside those of its graph, run by some simulators; columns as `first_differences`.
+    """The spikes of a network compared with those of its graph in some simulators; columns as `first_differences`.
 
-    graph: without afferents it hears `spikes` `(trial, time, afferent)`; with them, `conditioned` signals
-        `(trial, time, taxel)`, and `spikes` are what `encoder` makes of these.
-    simulators: "graph" (the interpreter), "snntorch", "norse"; these two load the plain form alone.
+    graph: without afferents it receives `spikes` `(trial, time, afferent)`; with afferents, `conditioned` signals
+        `(trial, time, taxel)`, which `encoder` encodes as `spikes`.
+    simulators: "graph" (the interpreter), "snntorch", "norse"; the last two load only the plain form.
     """
     found = network.simulate(torch.from_numpy(np.ascontiguousarray(spikes)))
     readout = found.readout.numpy()
@@ -74,16 +74,16 @@ def report(
     if network.integration is not None and written is not None and written.form == "exact":
         readout = torch.stack([*network.integration.detach().over(found.readout.detach())], dim=1).numpy()
     reference = {"hidden": found.hidden.numpy(), "readout": readout}
-    heard = np.asarray(spikes, np.float64)
+    inputs = np.asarray(spikes, np.float64)
     if conditioned is not None:
         assert encoder is not None
         reference = {"afferents": np.asarray(spikes, np.float64), **reference}
-        heard = writing.signals(conditioned.astype(np.float64), network.sampling_rate_Hz)
+        inputs = writing.signals(conditioned.astype(np.float64), network.sampling_rate_Hz)
     others = {}
     for name in simulators:
         if name not in SIMULATORS:
             raise InputError(f"simulator: '{name}' is unknown; {nearest(name, [*SIMULATORS])}")
-        layers = SIMULATORS[name](graph, heard, list(reference))
+        layers = SIMULATORS[name](graph, inputs, list(reference))
         if network.bias is not None:
             layers["readout"] = _settled(layers["readout"], reference["readout"])
         others[name] = layers
@@ -91,46 +91,46 @@ def report(
 
 
 def conditioned_trial(signal: np.ndarray, encoder: afferents.AfferentSpec, rate_Hz: float) -> np.ndarray:
-    """What the afferents of a trial `(sample, taxel)` feel, `(1, time, taxel)`."""
+    """The conditioned signal of a trial `(sample, taxel)`, which the afferents receive, `(1, time, taxel)`."""
     steps, _ = Conditioner(rate_Hz, encoder.conditioning).push(np.asarray(signal, np.float32), Conditioned())
     return steps[None]
 
 
-def _settled(sums: np.ndarray, due: np.ndarray) -> np.ndarray:
-    """Sums that are those of the reference but for rounding."""
-    return np.where(np.isclose(sums, due, rtol=1e-5, atol=1e-5), due, sums)
+def _settled(sums: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """The sums, with those of the reference where they differ only by rounding."""
+    return np.where(np.isclose(sums, expected, rtol=1e-5, atol=1e-5), expected, sums)
 
 
-def _interpreted(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+def _interpreted(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
     written = of(graph, "graph")
     dt_s = float(graph.metadata["dt"]) if written is None else written.dt_s
     names = {layer: "output" if layer == "readout" else layer for layer in layers}
-    found = Interpreter(graph, dt_s).run(heard, tuple(names.values()))
+    found = Interpreter(graph, dt_s).run(inputs, tuple(names.values()))
     return {layer: found[name] for layer, name in names.items()}
 
 
-def _by_snntorch(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+def _by_snntorch(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
     try:
         from snntorch.import_nir import import_from_nir
     except ImportError as error:
         raise InputError(f"snntorch: its import cannot be loaded ({error}); pip install nirtorch") from error
     written = _loadable(graph, "snntorch")
     if written is not None and not np.isclose(written.dt_s, STEP_OF_SNNTORCH_S):
-        raise InputError("snntorch: takes steps of 1e-4 s whatever a file says; write it with dt_s=1e-4 (--dt-s 1e-4)")
-    with redirect_stdout(StringIO()):  # it prints what it does
+        raise InputError("snntorch: uses steps of 1e-4 s for any file; write it with dt_s=1e-4 (--dt-s 1e-4)")
+    with redirect_stdout(StringIO()):  # it prints its progress
         model = import_from_nir(graph)
-    return _stepped(model, heard, layers)
+    return _stepped(model, inputs, layers)
 
 
-def _by_norse(graph: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+def _by_norse(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of calls that are deprecated, as it is imported and as it imports
+        warnings.simplefilter("ignore")  # deprecated calls, on its own import and on that of a graph
         try:
             import norse.torch as norse  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             raise InputError(f"norse: cannot be imported ({error}); pip install --no-deps norse nirtorch") from error
         _loadable(graph, "norse")
-        return _stepped(norse.from_nir(graph, dt=float(graph.metadata["dt"])), heard, layers)
+        return _stepped(norse.from_nir(graph, dt=float(graph.metadata["dt"])), inputs, layers)
 
 
 def _loadable(graph: Any, simulator: str) -> Note | None:
@@ -142,21 +142,21 @@ def _loadable(graph: Any, simulator: str) -> Note | None:
 
 
 @torch.no_grad()
-def _stepped(model: Any, heard: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
-    """Rasters of a torch module that takes a step and its state, trial by trial in one batch."""
-    sent: dict[str, list[np.ndarray]] = {layer: [] for layer in layers}
+def _stepped(model: Any, spikes: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
+    """Rasters of a torch module that computes one step from its state; the trials are one batch."""
+    outputs: dict[str, list[np.ndarray]] = {layer: [] for layer in layers}
 
-    def keep(layer: str) -> Callable[..., None]:
-        return lambda module, inputs, output: sent[layer].append(_first(output))
+    def record(layer: str) -> Callable[..., None]:
+        return lambda module, inputs, output: outputs[layer].append(_first(output))
 
-    hooks = [getattr(model, layer).register_forward_hook(keep(layer)) for layer in layers if layer != "readout"]
+    hooks = [getattr(model, layer).register_forward_hook(record(layer)) for layer in layers if layer != "readout"]
     state = None
-    for step in torch.from_numpy(heard.astype(np.float32)).unbind(dim=1):
+    for step in torch.from_numpy(spikes.astype(np.float32)).unbind(dim=1):
         output, state = model(step, state)
-        sent["readout"].append(_first(output))
+        outputs["readout"].append(_first(output))
     for hook in hooks:
         hook.remove()
-    return {layer: np.stack(rows, axis=1) for layer, rows in sent.items()}
+    return {layer: np.stack(rows, axis=1) for layer, rows in outputs.items()}
 
 
 def _first(output: Any) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""To NIR and back, for users: `nt.to_nir`, `nt.from_nir`, and the proof of an export."""
+"""Exchange with NIR, for users: `nt.to_nir`, `nt.from_nir`, and the proof of an export."""
 
 import math
 from collections.abc import Callable
@@ -36,11 +36,11 @@ def to_nir(
 
     source: a run folder that `train` wrote (its encoder included unless `network_only`), a network, or an encoder and
         a network. path: a file to write (HDF5); an existing one is refused unless `force`.
-    plain: CubaLIF and Linear alone, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`,
-        and for any other the graph's note says what it does otherwise. lower_refractory: afferents' refractory periods
-        as nodes; NIR's neurons have none, and otherwise they stand in the note alone.
-    dt_s: seconds a step; 1 / clock when None. snnTorch needs 1e-4: time constants are scaled with it.
-    Raises InputError for what no graph can hold: decays of 1, encoders other than LIF afferents.
+    plain: only CubaLIF and Linear, which snnTorch and Norse load; exact for membrane `immediate` with reset `hard`.
+        For any other, the graph's note contains the differences. lower_refractory: afferents' refractory periods as
+        nodes; by default they are only in the note, since NIR's neurons have none.
+    dt_s: seconds per step; None: 1 / clock. snnTorch requires 1e-4: time constants are scaled with it.
+    Raises InputError for what a graph cannot represent: decays of 1, encoders other than LIF afferents.
 
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0)
     >>> sorted(to_nir(net).nodes)  # doctest: +SKIP
@@ -57,13 +57,13 @@ def to_nir(
         encoder = build_encoder(restored, source) if restored.encoder is not None else None
     encoder = None if network_only else encoder
     if encoder is not None and not isinstance(encoder, AfferentSpec):
-        raise InputError(f"encoder: '{encoder.model}' has no NIR nodes here; export the network alone (--network-only)")
-    made = graph.of(
+        raise InputError(f"encoder: '{encoder.model}' has no NIR nodes here; export only the network (--network-only)")
+    exported = graph.of(
         network, encoder, rule=rule, classes=classes, dt_s=dt_s, plain=plain, lower_refractory=lower_refractory
     )
     if path is not None:
-        file.write(made, path, force=force)
-    return made
+        file.write(exported, path, force=force)
+    return exported
 
 
 def from_nir(
@@ -73,12 +73,12 @@ def from_nir(
     sampling_rate_Hz: float | None = None,
     backend: Backend = "auto",
 ) -> FromNIR:
-    """The network in a NIR file or graph; of neurotact's own also the encoder, the exit rule and the classes.
+    """The network in a NIR file or graph; from neurotact's own files also the encoder, the exit rule and the classes.
 
-    dt_s: a step, of files that do not say it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, where a step of
-    another program's file stands for another time than `dt_s`; 1 / dt_s when None.
-    Raises InputError for files that are damaged or hostile, and for graphs that are not Linear, CubaLIF (recurrent or
-    not), Linear, CubaLIF, or hold what neurotact's networks lack.
+    dt_s: seconds per step, for files without it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, if a step in
+    another program's file means another time than `dt_s`; None: 1 / dt_s.
+    Raises InputError for files that are damaged or hostile, for graphs that are not Linear, CubaLIF (recurrent or not),
+    Linear, CubaLIF, and for features that neurotact's networks do not have.
     """
     if sampling_rate_Hz is not None and not (math.isfinite(sampling_rate_Hz) and sampling_rate_Hz > 0):
         raise InputError(f"sampling_rate_Hz: must be a positive number; got {sampling_rate_Hz}")
@@ -94,23 +94,23 @@ def proved(
     recordings: str | Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
-    """The run's network beside its graph on test trials, by the interpreter and by snnTorch and Norse where they can.
+    """The run's network compared with its graph on test trials, in the interpreter, snnTorch and Norse.
 
-    Columns as `compare.first_differences`. What cannot run it is said, with the reason.
+    Columns as `compare.first_differences`. A simulator that cannot run the graph is reported, with the reason.
     """
     restored = trained.restore(run)
     encoder = build_encoder(restored, run)
     if not isinstance(encoder, AfferentSpec):
-        raise InputError(f"encoder: '{encoder.model}' cannot be compared; --prove takes LIF afferents")
+        raise InputError(f"encoder: '{encoder.model}' cannot be compared; --prove requires LIF afferents")
     written = note.of(made, "graph")
-    begins_with_afferents = written is not None and written.encoder is not None
+    has_afferents = written is not None and written.encoder is not None
     rate_Hz, signals = export.rate_of(restored, recordings), export.recorded(restored, recordings).test[:n_trials]
     tables: list[pd.DataFrame] = []
     for simulator in compare.SIMULATORS:
         for trial, signal in enumerate(signals):
             conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
             spikes = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
-            more = {"conditioned": conditioned, "encoder": encoder} if begins_with_afferents else {}
+            more = {"conditioned": conditioned, "encoder": encoder} if has_afferents else {}
             try:
                 found = compare.report(restored.network, made, spikes, (simulator,), **more)
             except InputError as error:
@@ -122,7 +122,7 @@ def proved(
 
 
 def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:
-    """One row for each simulator and layer: the first trial that differs, and the sums."""
+    """One row per simulator and layer: the first trial that differs, and the sums."""
     rows = pd.concat(tables, ignore_index=True)
     found = []
     for _, group in rows.groupby(["simulator", "layer"], sort=False):
@@ -134,7 +134,7 @@ def _joined(tables: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def summary(table: pd.DataFrame) -> list[str]:
-    """A line for each row of a proof.
+    """One line per row of a proof.
 
     >>> empty = {"first_trial": None, "first_step": None, "first_neuron": None, "reference": None, "other": None}
     >>> summary(pd.DataFrame([{"simulator": "graph", "layer": "hidden", **empty, "spikes": 7, "differing": 0}]))

@@ -1,7 +1,7 @@
-"""A small interpreter of NIR graphs: what a graph means, step by step, apart from every simulator.
+"""A small interpreter of NIR graphs, step by step, independent of every simulator.
 
-Float64 and forward Euler, as `nodes` says. A `Delay` gives what it heard its own time ago and nothing before. An edge
-that closes a cycle without a `Delay` gives what its node sent one step before.
+Float64 and forward Euler, as in `nodes`. A `Delay` returns its input after its own time, and zeros before. An edge that
+closes a cycle without a `Delay` returns the output of its node one step before.
 """
 
 from collections import deque
@@ -13,13 +13,13 @@ import numpy as np
 from neurotact.errors import InputError
 
 LONGEST = 100_000
-"""Steps that a `Delay` may hold back, at most."""
+"""Maximum number of steps of a `Delay`."""
 Step = Callable[[np.ndarray], np.ndarray]
 Flat = tuple[dict[str, Any], list[tuple[str, str]]]
 
 
 def flat(graph: Any, prefix: str = "") -> Flat:
-    """Nodes and edges without graphs inside: the nodes of `hidden` are `hidden/lif` and so on."""
+    """Nodes and edges without inner graphs: the nodes of `hidden` are `hidden/lif` and so on."""
     nodes: dict[str, Any] = {}
     edges = [(prefix + a, prefix + b) for a, b in graph.edges]
     for name, node in graph.nodes.items():
@@ -46,9 +46,9 @@ def _end(nodes: dict[str, Any], name: str, kind: str) -> str:
 
 
 class Interpreter:
-    """A graph that is ready to run, on a clock of `dt_s` seconds a step.
+    """A graph that is ready to run, on a clock of `dt_s` seconds per step.
 
-    InputError for a node without a meaning here, a delay that is no whole number of steps, sizes that do not fit.
+    InputError for an unknown node, a delay that is not a whole number of steps, and sizes that do not fit.
     """
 
     def __init__(self, graph: Any, dt_s: float) -> None:
@@ -58,18 +58,18 @@ class Interpreter:
             if type(node).__name__ not in KINDS:
                 raise InputError(f"graph: '{name}' is a {type(node).__name__}, which is not interpreted")
         self.inputs = {name: [a for a, b in self.edges if b == name] for name in self.nodes}
-        self.delays = {name: self._delayed(name) for name in self.nodes if type(self.nodes[name]).__name__ == "Delay"}
+        self.delays = {name: self._steps_of(name) for name in self.nodes if type(self.nodes[name]).__name__ == "Delay"}
         self.order = self._order()
 
     def run(self, signal: np.ndarray, record: Sequence[str] = ("output",)) -> dict[str, np.ndarray]:
-        """What nodes send, `(trial, time, value)` each, for an input `(trial, time, value)` of float.
+        """The outputs of nodes, `(trial, time, value)` each, for an input `(trial, time, value)` of float.
 
         record: names of nodes; an inner graph's own name means its output.
         """
         n_trials, n_steps, _ = signal.shape
-        wanted = {name: name if name in self.nodes else _end(self.nodes, name, "Output") for name in record}
+        recorded = {name: name if name in self.nodes else _end(self.nodes, name, "Output") for name in record}
         before: dict[str, np.ndarray] = {}
-        heard = {
+        histories = {
             name: deque([np.zeros((n_trials, len(steps)))] * int(steps.max()), maxlen=int(steps.max()))
             for name, steps in self.delays.items()
         }  # fmt: skip
@@ -77,35 +77,35 @@ class Interpreter:
             name: KINDS[type(node).__name__](node, self.dt_s, n_trials) for name, node in self.nodes.items()
             if name not in self.delays
         }  # fmt: skip
-        sent: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+        outputs: dict[str, list[np.ndarray]] = {name: [] for name in recorded}
         for t in range(n_steps):
-            now = {name: _held_back(heard[name], steps) for name, steps in self.delays.items()}
+            now = {name: _delayed_output(histories[name], steps) for name, steps in self.delays.items()}
             for name in self.order:
-                arriving = [now.get(a, before.get(a)) for a in self.inputs[name]] or [signal[:, t]]
-                now[name] = state[name](_sum(arriving, n_trials, self.nodes[name], name))
+                inputs = [now.get(a, before.get(a)) for a in self.inputs[name]] or [signal[:, t]]
+                now[name] = state[name](_sum(inputs, n_trials, self.nodes[name], name))
             for name in self.delays:
-                arriving = [now[a] for a in self.inputs[name]]
-                heard[name].append(_sum(arriving, n_trials, self.nodes[name], name))
-            for name, node in wanted.items():
-                sent[name].append(now[node])
+                inputs = [now[a] for a in self.inputs[name]]
+                histories[name].append(_sum(inputs, n_trials, self.nodes[name], name))
+            for name, node in recorded.items():
+                outputs[name].append(now[node])
             before = now
-        shape = {name: _width(self.nodes[node]) for name, node in wanted.items()}
+        shape = {name: _width(self.nodes[node]) for name, node in recorded.items()}
         return {
             name: np.stack(rows, axis=1) if rows else np.zeros((n_trials, 0, shape[name]))
-            for name, rows in sent.items()
+            for name, rows in outputs.items()
         }
 
-    def _delayed(self, name: str) -> np.ndarray:
+    def _steps_of(self, name: str) -> np.ndarray:
         steps = np.asarray(self.nodes[name].delay, np.float64) / self.dt_s
         whole = np.rint(steps)
         if not (np.isfinite(steps).all() and (np.abs(steps - whole) < 1e-6).all() and (whole >= 1).all()):
-            raise InputError(f"graph: the delay of '{name}' is no whole number of steps of {self.dt_s:g} s, from 1 on")
+            raise InputError(f"graph: the delay of '{name}' is not a whole number of {self.dt_s:g} s steps, from 1 on")
         if (whole > LONGEST).any():
-            raise InputError(f"graph: the delay of '{name}' is {whole.max():g} steps; {LONGEST:,} are held at most")
+            raise InputError(f"graph: the delay of '{name}' is {whole.max():g} steps; at most {LONGEST:,} are possible")
         return whole.astype(np.int64)
 
     def _order(self) -> list[str]:
-        """Nodes in the order in which a step computes them: depth first from the inputs, cycles being cut."""
+        """Nodes in the order of computation in a step: depth first from the inputs, with cycles cut."""
         following = {name: [b for a, b in self.edges if a == name] for name in self.nodes}
         begins = [name for name in self.nodes if not self.inputs[name]] + [*self.delays]
         seen: set[str] = set()
@@ -127,22 +127,22 @@ class Interpreter:
         return [name for name in reversed(finished) if name not in self.delays]
 
 
-def _held_back(heard: Sequence[np.ndarray], steps: np.ndarray) -> np.ndarray:
-    """What a delay gives now, each value so many steps after it was heard; `heard` ends with the last step."""
-    now = np.empty_like(heard[-1])
+def _delayed_output(history: Sequence[np.ndarray], steps: np.ndarray) -> np.ndarray:
+    """The present output of a delay of `steps`, one for each value; `history` ends with the last step."""
+    now = np.empty_like(history[-1])
     for n in np.unique(steps):
-        now[:, steps == n] = heard[-n][:, steps == n]
+        now[:, steps == n] = history[-n][:, steps == n]
     return now
 
 
-def _sum(arriving: Sequence[np.ndarray | None], n_trials: int, node: Any, name: str) -> np.ndarray:
+def _sum(inputs: Sequence[np.ndarray | None], n_trials: int, node: Any, name: str) -> np.ndarray:
     width = int(np.prod(next(iter(node.input_type.values()))))
     total = np.zeros((n_trials, width))
-    for each in arriving:
+    for each in inputs:
         if each is None:  # a cycle, before its first step
             continue
         if each.shape[1] != width:
-            raise InputError(f"graph: '{name}' takes {width} values and hears {each.shape[1]}")
+            raise InputError(f"graph: '{name}' takes {width} values and receives {each.shape[1]}")
         total = total + each
     return total
 
@@ -215,4 +215,4 @@ KINDS: dict[str, Callable[[Any, float, int], Step]] = {
     "Delay": _same, "LI": _leak, "LIF": _leak, "CubaLI": _current_based, "CubaLIF": _current_based, "I": _integrate,
     "IF": _integrate,
 }  # fmt: skip
-"""Nodes that are interpreted."""
+"""The supported nodes."""

@@ -1,4 +1,4 @@
-"""NIR files (HDF5): written whole, and read with every declared size, link and type checked first."""
+"""NIR files (HDF5): written completely, and read after a check of every declared size, link and type."""
 
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,9 @@ from neurotact.deploy.nir_exchange.package import nir
 from neurotact.errors import InputError
 
 MOST_NODES = 1000
-"""Nodes and edges of a graph, at most: checking the types of more takes the square of their number."""
+"""Maximum number of nodes and edges of a graph: the time to check types grows with its square."""
 DEEPEST = 3
-"""Graphs within graphs."""
+"""Maximum depth of graphs within graphs."""
 
 
 def write(graph: Any, path: str | Path, *, force: bool = False) -> None:
@@ -25,7 +25,7 @@ def write(graph: Any, path: str | Path, *, force: bool = False) -> None:
 
 
 def read(path: str | Path) -> Any:
-    """The graph in a file; InputError, in one line, for a file that is damaged, hostile or of nodes unknown here."""
+    """The graph in a file; InputError, in one line, for a file that is damaged, hostile or has unknown nodes."""
     package = nir()
     with reading(path, "NIR", "neurotact export --to nir, or what wrote it") as file:
         declared = Declared(file, path)
@@ -35,13 +35,13 @@ def read(path: str | Path) -> Any:
         except AssertionError as error:
             raise ValueError(str(error) or "its nodes do not fit together") from error
         except RecursionError as error:
-            raise ValueError("its graphs lie too deep in one another") from error
+            raise ValueError("its graphs are nested too deeply") from error
 
 
 def _graph(declared: Declared, name: str, depth: int, left: list[int]) -> dict[str, Any]:
     """A graph as a table; `left` counts down the nodes and edges that a file may have."""
     if depth > DEEPEST:
-        raise ValueError(f"{name} lies deeper than {DEEPEST} graphs")
+        raise ValueError(f"{name} is nested deeper than {DEEPEST} graphs")
     found = _table(declared, name, left)
     if found.get("type") != "NIRGraph":
         raise ValueError(f"{name} is not a graph")
@@ -55,7 +55,7 @@ def _graph(declared: Declared, name: str, depth: int, left: list[int]) -> dict[s
         kind = declared.value(f"{name}/nodes/{key}/type")
         if kind != "NIRGraph" and kind not in KINDS:
             raise InputError(
-                f"{declared.path}: '{key}' is a {str(kind)[:40]!a}, which has no equal here; known: {', '.join(KINDS)}"
+                f"{declared.path}: '{key}' is a {str(kind)[:40]!a}, which is not supported; known: {', '.join(KINDS)}"
             )
         inner = f"{name}/nodes/{key}"
         found["nodes"][key] = (
@@ -65,10 +65,10 @@ def _graph(declared: Declared, name: str, depth: int, left: list[int]) -> dict[s
 
 
 def _table(declared: Declared, name: str, left: list[int]) -> dict[str, Any]:
-    """A node's fields, and its metadata; a graph's nodes and edges are left out."""
+    """A node's fields and metadata, without a graph's nodes and edges."""
     left[0] -= 1
     if left[0] < 0:
-        raise InputError(f"{declared.path}: has more than {MOST_NODES} nodes and edges, more than is read")
+        raise InputError(f"{declared.path}: has more than {MOST_NODES} nodes and edges, which is not supported")
     group = declared.group(name)
     if len(group) > 20:
         raise ValueError(f"{name} has {len(group)} fields")

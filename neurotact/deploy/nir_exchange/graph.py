@@ -1,4 +1,4 @@
-"""A network, with its encoder or without, as one NIR graph."""
+"""A network, with or without its encoder, as one NIR graph."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ def of(
 ) -> Any:
     """The graph, from afferents' spikes or, with an encoder, from their signals, to the readout.
 
-    dt_s: seconds a step in the file; 1 / clock when None. snnTorch takes 1e-4 whatever the file says.
+    dt_s: seconds per step in the file; None: 1 / clock. snnTorch uses 1e-4 for any file.
     plain, lower_refractory: see `layers` and `afferents`.
     """
     rate_Hz = network.sampling_rate_Hz
@@ -38,7 +38,7 @@ def of(
     n_inputs, silent = network.n_inputs, None
     if encoder is not None:
         if n_inputs % encoder.n_per_taxel:
-            raise InputError(f"network: hears {n_inputs} afferents, not {encoder.n_per_taxel} under each taxel")
+            raise InputError(f"network: receives {n_inputs} afferents, not {encoder.n_per_taxel} under each taxel")
         n_taxels = n_inputs // encoder.n_per_taxel
         front, links = afferents.of_encoder(encoder, n_taxels, rate_Hz, clock, lower_refractory=lower_refractory)
         n_inputs = 2 * n_taxels
@@ -47,7 +47,7 @@ def of(
         silent = {key: encoder.neuron(getattr(encoder, key), rate_Hz).refractory_steps for key in ("sa1", "ra1")}
     elif lower_refractory:
         raise InputError("lower_refractory: the graph has no afferents; export it with its encoder")
-    said = Note(
+    note = Note(
         dt_s=clock.dt_s,
         sampling_rate_Hz=rate_Hz,
         form="plain" if plain else "exact",
@@ -63,19 +63,19 @@ def of(
         exit_margin=rule.margin,
         exit_from_first_spike=rule.from_first_spike,
     )
-    return graph(nodes, edges, n_inputs, network.n_classes, said.metadata())
+    return graph(nodes, edges, n_inputs, network.n_classes, note.metadata())
 
 
 def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, lowered: bool) -> list[str]:
     found = layers.differences(network) if plain else []
     if silent is not None and not lowered and any(silent.values()):
         steps = " and ".join(f"{n} steps of {name}" for name, n in silent.items())
-        found.append(f"afferents have no refractory period ({steps}); --lower-refractory makes them of nodes")
+        found.append(f"afferents have no refractory period ({steps}); --lower-refractory adds them as nodes")
     return found
 
 
 def signals(conditioned: np.ndarray, clock_Hz: float) -> np.ndarray:
-    """What a graph with afferents hears, `(trial, time, 2 taxel)`: the conditioned signal, then its change per ms.
+    """The input of a graph with afferents, `(trial, time, 2 taxel)`: the conditioned signal, then its change per ms.
 
     >>> signals(np.array([[[1.0], [3.0]]]), 1000.0).tolist()
     [[[1.0, 0.0], [3.0, 2.0]]]

@@ -1,14 +1,14 @@
-"""The layers of a network as graphs of NIR's nodes: as they are where NIR knows them, else lowered to equal sub-graphs.
+"""The layers of a network as graphs of NIR's nodes: unchanged if NIR has them, else lowered to equal sub-graphs.
 
-What NIR's CubaLIF computes step by step is membrane `immediate` with reset `hard`. The rest is lowered:
+NIR's CubaLIF computes membrane `immediate` with reset `hard`, step by step. Others are lowered:
 
-- `delayed` and `eq4` are the same neuron fed two steps later (see `snntorch_exchange`), `eq4` with its current times
-  beta: a `Delay` in front of every layer and in the recurrence.
-- reset `subtract`: a leaky integrator and a `Threshold`, whose spike comes back one step later, times -threshold.
-- reset `zero`: a spike comes back one step later with such a force that the membrane fires again, whatever it hears:
-  this sets it to zero once more, and a `Threshold` takes the second spike out.
+- `delayed` and `eq4` are the same neuron with its input two steps later (see `snntorch_exchange`), `eq4` with its
+  current times beta: a `Delay` before every layer and in the recurrence.
+- reset `subtract`: a leaky integrator and a `Threshold`, whose spike returns one step later, times -threshold.
+- reset `zero`: a spike returns one step later with a force that makes the membrane fire again, for any input. This
+  resets it to zero once more, and a `Threshold` removes the second spike.
 
-A `Delay` holds back for its own time. A cycle without one comes back in the next step, as in snnTorch and Norse; only
+A `Delay` delays by its own time. A cycle without a `Delay` returns in the next step, as in snnTorch and Norse; only
 `immediate`, `hard` without a recurrent delay has such a cycle.
 """
 
@@ -27,7 +27,7 @@ Layered = tuple[dict[str, Any], Edges]
 
 
 class Neuron(NamedTuple):
-    """A layer's decays and threshold, how its neurons work, and by how many steps they hear late."""
+    """A layer's decays and threshold, its kind of reset, the delay of its input in steps, and the input's scale."""
 
     alpha: float
     beta: float
@@ -38,7 +38,7 @@ class Neuron(NamedTuple):
 
     @staticmethod
     def of(network: RSNN, layer: int, *, plain: bool) -> "Neuron":
-        """The neuron of the hidden layer (0) or of the readout (1); `plain` as CubaLIF has it."""
+        """The neuron of the hidden layer (0) or of the readout (1); plain: as in CubaLIF."""
         alpha, beta, level = (float(each[layer].detach()) for each in (network.alpha, network.beta, network.threshold))
         spec = network.spec
         late = 0 if plain or spec.membrane == "immediate" else 2
@@ -47,7 +47,7 @@ class Neuron(NamedTuple):
         )
 
     def nodes(self, clock: Clock, n: int) -> tuple[dict[str, Any], Edges, str, str]:
-        """Nodes and edges of `n` neurons, the node that hears and the node that spikes."""
+        """Nodes and edges of `n` neurons, the node that receives the input and the node that spikes."""
         if self.reset == "hard":
             return {"lif": clock.cuba(self.alpha, self.beta, self.threshold, n, self.scale)}, [], "lif", "lif"
         nodes = {"synapse": clock.leak(self.alpha, n, "alpha", self.scale)}
@@ -77,7 +77,7 @@ class Neuron(NamedTuple):
 def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
     """Nodes and edges from `input` (afferents) to `output`: readout spikes, or the running values of an integrator.
 
-    plain: each layer as CubaLIF and Linear alone, which snnTorch and Norse load; `differences` says what is lost.
+    plain: each layer as only CubaLIF and Linear, which snnTorch and Norse load; see `differences` for what is lost.
     """
     if network.adaptation is not None:
         raise InputError(
@@ -99,10 +99,10 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
     readout = Neuron.of(network, 1, plain=plain)
     if readout.late:
         nodes["late_out"] = clock.delay(readout.late, n_hidden)
-    parts, inner, hears, spikes = readout.nodes(clock, network.n_classes)
+    parts, inner, receives, spikes = readout.nodes(clock, network.n_classes)
     if inner:
         nodes["readout"] = graph(
-            parts, [("input", hears), *inner, (spikes, "output")], network.n_classes, network.n_classes
+            parts, [("input", receives), *inner, (spikes, "output")], network.n_classes, network.n_classes
         )
     else:
         nodes["readout"] = parts["lif"]
@@ -111,20 +111,20 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
 
 
 def _hidden(network: RSNN, neuron: Neuron, clock: Clock, *, plain: bool) -> Any:
-    """The hidden layer: one node, or a graph where it is recurrent or lowered."""
+    """The hidden layer: one node, or a graph if it is recurrent or lowered."""
     n = network.spec.hidden
-    nodes, edges, hears, spikes = neuron.nodes(clock, n)
-    edges = [("input", hears), *edges]
+    nodes, edges, receives, spikes = neuron.nodes(clock, n)
+    edges = [("input", receives), *edges]
     if network.w_rec is not None:
         nodes["w_rec"] = linear(_array(network.w_rec))
         spec = network.spec
-        # What came one step later is a cycle that simulators know; more, or a lowered neuron, has its own delay.
+        # Simulators support a cycle of one step; a longer one, or a lowered neuron, has its own delay.
         steps = 1 if plain else max(1, neuron.late) + spec.recurrent_delay_steps
-        back = [spikes, "w_rec", hears]
+        feedback = [spikes, "w_rec", receives]
         if steps > 1 or neuron.reset != "hard":
             nodes["back"] = clock.delay(steps, n)
-            back.insert(1, "back")
-        edges += _chained(back)
+            feedback.insert(1, "back")
+        edges += _chained(feedback)
     elif not edges[1:]:
         return nodes["lif"]
     return graph(nodes, [*edges, (spikes, "output")], n, n)
@@ -140,28 +140,28 @@ def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
             "readout = 'integrator'"
         )
     bias = _array(network.bias)
-    adds = clock.leak(how.decay, len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
-    return {"sum": adds, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
+    adder = clock.leak(how.decay, len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
+    return {"sum": adder, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
 
 
 def differences(network: RSNN) -> list[str]:
-    """What the plain form does otherwise than the network, in words; empty where nothing."""
+    """The differences between the plain form and the network, in words; empty if there are none."""
     spec, found = network.spec, []
     if spec.reset == "zero":
         found.append("reset zero is written as hard: a neuron may spike again in the step after its spike")
     if spec.reset == "subtract":
-        found.append("reset subtract is written as hard: a membrane loses what it had above its threshold")
+        found.append("reset subtract is written as hard: a membrane loses its value above the threshold")
     if spec.membrane != "immediate":
-        back = " and its recurrent spikes come back one step earlier" if spec.recurrent else ""
-        found.append(f"membrane {spec.membrane} is written as immediate: each layer answers two steps earlier{back}")
+        back = " and its recurrent spikes return one step earlier" if spec.recurrent else ""
+        found.append(f"membrane {spec.membrane} is written as immediate: each layer responds two steps earlier{back}")
     if spec.recurrent and spec.recurrent_delay_steps:
-        found.append("the recurrent delay of a step is left out")
+        found.append("the recurrent delay of one step is left out")
     if network.bias is not None:
         leak_ms = spec.readout_leak_ms
         decays = "" if leak_ms is None else f" with a decay of {leak_ms:g} ms"
         largest = ", and take the largest value over time" if spec.readout == "max" else ""
         found.append(
-            f"the output is what an integrator adds in each step; add it up{decays}, from the bias on{largest}"
+            f"the output is the increment of an integrator in each step; sum it{decays}, from the bias on{largest}"
         )
     return found
 

@@ -1,8 +1,8 @@
-"""NIR's nodes as neurotact writes them, on a clock of steps of `dt_s`.
+"""NIR's nodes as neurotact writes them, on a clock with steps of `dt_s`.
 
-NIR states differential equations and leaves the step to the simulator. snnTorch, Norse and others take forward Euler,
+NIR defines differential equations without a time step. snnTorch, Norse and others use forward Euler,
 `I += dt/tau_syn (w_in x - I)`, then `U += dt/tau_mem (v_leak - U + r I)`, then `U > v_threshold` spikes and sets
-`U = v_reset`. So a decay a per step is written as tau = dt / (1 - a), with w_in and r the inverse of 1 - a: then
+`U = v_reset`. So a decay of a per step is written as tau = dt / (1 - a), with w_in and r as 1 / (1 - a): then
 `I <- alpha I + x` and `U <- beta U + I`, to the last bit of a float64.
 """
 
@@ -15,20 +15,20 @@ from neurotact.deploy.nir_exchange.package import nir
 from neurotact.errors import InputError
 
 FORCE = 2.0**60
-"""What makes any membrane fire: more than any drive, and far from the largest float32."""
+"""An input that makes any membrane fire: larger than any other input, and far below the largest float32."""
 Edges = list[tuple[str, str]]
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Seconds a step."""
+    """Seconds per step."""
 
     dt_s: float
 
     def tau(self, decay: float, name: str) -> float:
-        """The time constant whose Euler step decays by `decay`."""
+        """The time constant for which an Euler step multiplies by `decay`."""
         if not 0 <= decay < 1:
-            raise InputError(f"{name}: is {decay:g}, and NIR's time constants know decays from 0 to below 1 alone")
+            raise InputError(f"{name}: is {decay:g}, and NIR's time constants represent only decays from 0 to below 1")
         return self.dt_s / (1.0 - decay)
 
     def delay(self, steps: np.ndarray | int, n: int) -> Any:
@@ -61,7 +61,7 @@ class Clock:
 
 
 def linear(weight: np.ndarray) -> Any:
-    """Weights `(presynaptic, postsynaptic)`; NIR keeps them as `(postsynaptic, presynaptic)`."""
+    """Weights `(presynaptic, postsynaptic)`; NIR stores them as `(postsynaptic, presynaptic)`."""
     return nir().Linear(weight=np.ascontiguousarray(weight.T))
 
 
@@ -76,7 +76,7 @@ def scale(factor: float, n: int) -> Any:
 
 
 def graph(nodes: dict[str, Any], edges: Edges, n_in: int, n_out: int, metadata: dict[str, Any] | None = None) -> Any:
-    """A graph of these nodes between an `input` and an `output`, which the edges name."""
+    """A graph of these nodes with the nodes `input` and `output`, which the edges name."""
     package = nir()
     begin, end = package.Input({"input": np.array([n_in])}), package.Output({"output": np.array([n_out])})
     return package.NIRGraph({"input": begin, **nodes, "output": end}, edges, metadata or {})

@@ -1,4 +1,4 @@
-"""What neurotact writes beside the nodes: the step, the clock, the specs, the exit rule, and what is left out."""
+"""The metadata that neurotact writes with the nodes: step, clock, specs, exit rule, and what is left out."""
 
 import json
 import math
@@ -19,31 +19,31 @@ class Note(Spec):
     """`metadata/neurotact` of a file, as JSON."""
 
     dt_s: float = Field(gt=0)
-    """Of a step in the file; time constants and delays are in its units."""
+    """Seconds per step in the file, for time constants and delays."""
     sampling_rate_Hz: float = Field(gt=0)
-    """Of the network's clock, which `dt_s` need not be the inverse of."""
+    """Of the network's clock; `dt_s` may differ from its inverse."""
     form: str
-    """exact, or plain: CubaLIF and Linear alone."""
+    """exact, or plain: only CubaLIF and Linear."""
     differences: tuple[str, ...] = ()
-    """What the plain form does otherwise."""
+    """Differences of the plain form."""
     discretisation: str = DISCRETISATION
     network: dict[str, Any]
     unused: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """alpha, beta and threshold that an integrator's readout has and does not use."""
+    """alpha, beta and threshold of an integrator's readout, which it does not use."""
     bias: tuple[float, ...] | None = None
-    """Of an integrator, from which its sums begin."""
+    """Initial values of an integrator."""
     classes: tuple[str, ...]
     encoder: dict[str, Any] | None = None
-    """Of a graph that begins with afferents: its input is what `conditioning` makes of a recording."""
+    """Of a graph that begins with afferents: its input is a recording after `conditioning`."""
     refractory_steps: dict[str, int] | None = None
-    """Of sa1 and ra1, which NIR's neurons lack."""
+    """Of sa1 and ra1; NIR's neurons have none."""
     lowered: bool = False
-    """Whether the refractory periods are made of nodes."""
+    """Whether the refractory periods are written as nodes."""
     exit_patience: int | None = Field(default=None, ge=1)
-    """Early exit: decide when the leading class has stood for more steps than this, counted from the first readout
-    spike; NIR has no word for it."""
+    """Early exit: decide when the same class has led for more steps than this, counted from the first readout spike;
+    NIR does not define it."""
     exit_margin: float | None = Field(default=None, gt=0)
-    """In place of a patience: decide when the leading class is ahead by this."""
+    """Instead of a patience: decide when the lead of a class reaches this."""
     exit_from_first_spike: bool = True
     neurotact: str = __version__
 
@@ -69,5 +69,5 @@ def of(graph: Any, source: str) -> Note | None:
         raise InputError(f"{source}: its note 'neurotact' is not a table; write it again with neurotact export")
     found = build(Note, table, source=f"{source}, neurotact")
     if not math.isclose(float(metadata.get("dt", math.nan)), found.dt_s, rel_tol=1e-12):
-        raise InputError(f"{source}: its dt is not that of its note; write it again with neurotact export")
+        raise InputError(f"{source}: its dt differs from that of its note; write it again with neurotact export")
     return found

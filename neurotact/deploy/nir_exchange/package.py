@@ -1,4 +1,4 @@
-"""The optional package `nir`, which holds the node classes."""
+"""The optional package `nir`, which contains the node classes."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from neurotact.errors import InputError
 
 
 def nir() -> Any:
-    """The package; InputError where it is not installed."""
+    """The package; InputError if it is not installed."""
     try:
         import nir as package  # pyright: ignore[reportMissingImports]
     except ImportError as error:

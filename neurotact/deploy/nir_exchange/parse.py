@@ -1,7 +1,7 @@
-"""From a NIR graph to a network: one that neurotact wrote, or one of another simulator's.
+"""From a NIR graph to a network: a graph of neurotact, or of another simulator.
 
-What neurotact wrote says so in its metadata. The network is built from the nodes' values, written to a graph again, and
-the two are compared node by node: metadata never overrule the nodes.
+A graph of neurotact is marked in its metadata. The network is built from the nodes' values and written to a graph
+again, and both graphs are compared node by node: metadata never override the nodes.
 """
 
 from typing import Any, NamedTuple
@@ -24,11 +24,11 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.spec import build
 
 CLOSE = 1e-9
-"""Relative: how far a value that neurotact wrote may lie from what it would write, having been rounded."""
+"""Relative tolerance, for rounding, between a value in a file of neurotact and the value that it writes again."""
 
 
 class FromNIR(NamedTuple):
-    """What a NIR file holds: a network, and of neurotact's own files the encoder, the exit rule and the classes."""
+    """The content of a NIR file: a network; in files of neurotact also the encoder, the exit rule and the classes."""
 
     network: RSNN
     encoder: AfferentSpec | None
@@ -43,50 +43,50 @@ def parsed(
     sampling_rate_Hz: float | None = None,
     backend: Backend = "auto",
 ) -> FromNIR:
-    """The network of a graph; `dt_s` is its step where its metadata name none. `source` is for messages."""
+    """The network of a graph; `dt_s`: its step, if its metadata have none. `source`: for messages."""
     try:
         written = note.of(graph, source)
         if written is not None:
-            return _own(graph, written, source, backend)
+            return _from_neurotact(graph, written, source, backend)
         step_s = _step(graph, dt_s, source)
-        network = _foreign(graph, step_s, sampling_rate_Hz or 1.0 / step_s, source, backend)
+        network = _from_other(graph, step_s, sampling_rate_Hz or 1.0 / step_s, source, backend)
     except (KeyError, AttributeError, IndexError, TypeError, ValueError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{source}: is no network of neurotact's kind ({reason[:200]!a})") from error
+        raise InputError(f"{source}: is not a network of neurotact's kind ({reason[:200]!a})") from error
     return FromNIR(network, None, ExitRule(), tuple(str(index) for index in range(network.n_classes)))
 
 
 def _step(graph: Any, dt_s: float | None, source: str) -> float:
-    said = graph.metadata.get("dt") if isinstance(graph.metadata, dict) else None
-    found = dt_s if said is None else float(said)
+    stated = graph.metadata.get("dt") if isinstance(graph.metadata, dict) else None
+    found = dt_s if stated is None else float(stated)
     if found is None:
         raise InputError(
-            f"{source}: does not say its step, on which the decays depend; give dt_s (snnTorch's files have 1e-4)"
+            f"{source}: does not contain its step, on which the decays depend; give dt_s (snnTorch's files have 1e-4)"
         )
     if not 1e-12 < found < 1e6:
-        raise InputError(f"{source}: a step of {found:g} s is no step; give dt_s")
+        raise InputError(f"{source}: a step of {found:g} s is not possible; give dt_s")
     return found
 
 
 # --- neurotact's own --------------------------------------------------------------------------------
 
 
-def _own(graph: Any, written: Note, source: str, backend: Backend) -> FromNIR:
+def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) -> FromNIR:
     from neurotact.deploy.nir_exchange import graph as writing
 
     if written.form != "exact":
         raise InputError(
-            f"{source}: is the plain form of a network, which lost {len(written.differences)} of its ways; read "
-            "a file without --plain, or remove the note 'neurotact' from its metadata to read what is left"
+            f"{source}: is the plain form of a network, with {len(written.differences)} differences from it; read "
+            "a file without --plain, or remove the note 'neurotact' from its metadata to read the plain network"
         )
     spec = build(RSNNSpec, written.network, source=f"{source}, network")
     nodes, _ = flat(graph)
     dtype = torch.float64 if nodes["w_in"].weight.dtype == np.float64 else torch.float32
     n_inputs, n_classes = nodes["w_in"].weight.shape[1], nodes["w_out"].weight.shape[0]
     if (spec.hidden, n_classes) != (nodes["w_in"].weight.shape[0], len(written.classes)):
-        raise InputError(f"{source}: its weights do not fit its note; write it again")
+        raise InputError(f"{source}: its weights do not match its note; write it again")
     clock = Clock(written.dt_s)
     hidden, readout = _dynamics(nodes, "hidden", clock, spec), _dynamics(nodes, "readout", clock, spec)
     values = {
@@ -111,7 +111,7 @@ def _own(graph: Any, written: Note, source: str, backend: Backend) -> FromNIR:
 
 
 def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -> tuple[Any, Any, Any]:
-    """alpha, beta and threshold of a layer; None of an integrator."""
+    """alpha, beta and threshold of a layer; None for an integrator."""
     if layer == "readout" and spec.integrates:
         return None, None, None
     found = {name.rsplit("/", 1)[-1] if "/" in name else "lif": node for name, node in nodes.items()
@@ -125,20 +125,20 @@ def _dynamics(nodes: dict[str, Any], layer: str, clock: Clock, spec: RSNNSpec) -
     return 1 - clock.dt_s / float(synapse.tau[0]), 1 - clock.dt_s / float(membrane.tau[0]), float(level[0])
 
 
-def _check_same(found: Any, due: Any, source: str) -> None:
-    """Refuse a graph that is not what neurotact writes of the network in it."""
-    (nodes, edges), (expected, expected_edges) = flat(found), flat(due)
+def _check_same(found: Any, rewritten: Any, source: str) -> None:
+    """Refuse a graph that differs from the one that neurotact writes for its network."""
+    (nodes, edges), (expected, expected_edges) = flat(found), flat(rewritten)
     changed = sorted(set(nodes) ^ set(expected)) or sorted({str(e) for e in set(edges) ^ set(expected_edges)})
     for name in [] if changed else expected:
-        mine, other = expected[name].to_dict(), nodes[name].to_dict()
-        for key, value in mine.items():
+        wanted, read = expected[name].to_dict(), nodes[name].to_dict()
+        for key, value in wanted.items():
             if key == "metadata":
                 continue
-            changed += [] if _is_same(value, other.get(key)) else [f"{name}.{key}"]
+            changed += [] if _is_same(value, read.get(key)) else [f"{name}.{key}"]
     if changed:
         raise InputError(
             f"{source}: was changed since neurotact wrote it ({changed[0][:80]!a}); remove the note 'neurotact' from "
-            "its metadata to read it as another simulator's"
+            "its metadata to read it as a graph of another simulator"
         )
 
 
@@ -152,11 +152,11 @@ def _is_same(value: Any, other: Any) -> bool:
 # --- others' ----------------------------------------------------------------------------------------
 
 
-def _foreign(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: Backend) -> RSNN:
+def _from_other(graph: Any, dt_s: float, rate_Hz: float, source: str, backend: Backend) -> RSNN:
     """Input, Linear, CubaLIF (or a graph of it with a recurrent Linear), Linear, CubaLIF, Output."""
     nodes, edges = flat(graph)
-    dull = {name for name, node in nodes.items() if type(node).__name__ in ("Input", "Output")}
-    path = _path(nodes, edges, dull, source)
+    endpoints = {name for name, node in nodes.items() if type(node).__name__ in ("Input", "Output")}
+    path = _path(nodes, edges, endpoints, source)
     if len(path.chain) != 4:
         kinds = ", ".join(type(nodes[name]).__name__ for name in path.chain)
         raise InputError(f"{source}: must be Linear, CubaLIF, Linear, CubaLIF; found {kinds or 'nothing'}")
@@ -190,8 +190,8 @@ class _Path(NamedTuple):
     recurrent: str | None
 
 
-def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], dull: set[str], source: str) -> _Path:
-    """The computing nodes from input to output, and the one that leads back to the first neurons."""
+def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], endpoints: set[str], source: str) -> _Path:
+    """The computing nodes from input to output, and the recurrent one of the first neurons."""
     following: dict[str, list[str]] = {name: [b for a, b in edges if a == name] for name in nodes}
     at, chain, recurrent = (
         next(name for name in nodes if type(nodes[name]).__name__ == "Input" and "/" not in name),
@@ -204,18 +204,18 @@ def _path(nodes: dict[str, Any], edges: list[tuple[str, str]], dull: set[str], s
         if back and recurrent is None and type(nodes[at]).__name__ == "CubaLIF":
             recurrent = back[0]
             if following[recurrent] != [at]:
-                raise InputError(f"{source}: '{recurrent}' leads to more than one node, which is no layer's recurrence")
+                raise InputError(f"{source}: '{recurrent}' leads to more than one node, which is not a recurrence")
         after = [each for each in after if each != recurrent]
         if not after:
             break
         if len(after) != 1 or len(chain) > 8:
             raise InputError(f"{source}: '{at}' leads to {len(after)} nodes where a chain of layers is expected")
         at = after[0]
-        chain += [] if at in dull else [at]
-    if len(nodes) != len(chain) + len(dull) + (recurrent is not None):
-        raise InputError(f"{source}: has nodes that its chain of layers leaves out")
+        chain += [] if at in endpoints else [at]
+    if len(nodes) != len(chain) + len(endpoints) + (recurrent is not None):
+        raise InputError(f"{source}: has nodes outside its chain of layers")
     if recurrent is not None and recurrent in chain[2:]:
-        raise InputError(f"{source}: the readout is recurrent, which neurotact's is not")
+        raise InputError(f"{source}: the readout is recurrent, which is not supported")
     return _Path(chain, recurrent)
 
 
@@ -226,7 +226,7 @@ class _Layer(NamedTuple):
 
 
 def _layer(node: Any, name: str, dt_s: float, source: str) -> _Layer:
-    """Decays, and by what the weights into each neuron are multiplied so that its threshold is 1."""
+    """Decays, and the factor of the weights into each neuron that makes its threshold 1."""
     if type(node).__name__ != "CubaLIF":
         raise InputError(f"{source}: '{name}' is a {type(node).__name__} where a CubaLIF is expected")
     values = {
@@ -235,10 +235,10 @@ def _layer(node: Any, name: str, dt_s: float, source: str) -> _Layer:
     }
     for key in ("v_leak", "v_reset"):
         if values[key].any():
-            raise InputError(f"{source}: '{name}' has a {key} other than 0, which neurotact's neurons lack")
+            raise InputError(f"{source}: '{name}' has a {key} other than 0, which is not supported")
     for key in ("tau_syn", "tau_mem"):
         if (values[key] != values[key][0]).any():
-            raise InputError(f"{source}: '{name}' has {key} of each neuron's own; neurotact's layers have one")
+            raise InputError(f"{source}: '{name}' has a different {key} for each neuron; neurotact's layers have one")
     if not all((values[key] > 0).all() for key in ("tau_syn", "tau_mem", "v_threshold")):
         raise InputError(f"{source}: '{name}' has a time constant or threshold that is not positive")
     alpha, beta = (1.0 - dt_s / values[key][0] for key in ("tau_syn", "tau_mem"))
@@ -252,7 +252,7 @@ def _weights(node: Any, source: str) -> np.ndarray:
     if type(node).__name__ not in ("Linear", "Affine") or node.weight.ndim != 2:
         raise InputError(f"{source}: has a {type(node).__name__} where a Linear is expected")
     if np.any(getattr(node, "bias", 0)):
-        raise InputError(f"{source}: a projection has a bias that is not zero, for which neurotact's have no place")
+        raise InputError(f"{source}: a projection has a bias that is not zero, which is not supported")
     return np.asarray(node.weight, np.float64)
 
 
