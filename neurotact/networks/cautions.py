@@ -1,4 +1,4 @@
-"""What may be wrong with a training or its test, one line each, with the fix; nothing where nothing is."""
+"""Cautions about a training or its test: one line each, with the fix."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -9,9 +9,9 @@ from neurotact.networks.comparison import Comparison
 from neurotact.networks.specs import TrainingSpec
 
 FEW_PER_CLASS = 5
-"""Test trials of a class below which its accuracy says little."""
+"""With fewer test trials, the accuracy of a class says little."""
 FEW_VALIDATION = 30
-"""Validation trials below which an early exit, or an epoch, is chosen by a handful of them."""
+"""With fewer validation trials, the choice of an early exit or an epoch depends on a handful of them."""
 
 
 def not_learned(accuracy: float, low: float, guess: float) -> Iterator[str]:
@@ -28,7 +28,7 @@ def not_learned(accuracy: float, low: float, guess: float) -> Iterator[str]:
 
 
 def worse_than_linear(found: Comparison) -> Iterator[str]:
-    """Where logistic regression on the same spikes is clearly better than the network."""
+    """Whether logistic regression on the same spikes is clearly better than the network."""
     if found.linear > found.high:
         yield (
             f"logistic regression on the spike counts of the same windows is better, "
@@ -65,19 +65,19 @@ def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
     """n_validation: validation trials. tolerance: accuracy that early exit may lose on them.
 
     >>> print(*few_for_exit(20, 0.01))
-    early exit was chosen on 20 validation trials, where one is 5 points and 1 may be lost; record more, or test it anew
+    early exit was chosen on 20 validation trials; one is 5 points, and 1 may be lost; record more, or test it again
     """
     if 0 < n_validation < FEW_VALIDATION:
         yield (
-            f"early exit was chosen on {n_validation} validation trials, where one is {100 / n_validation:.3g} points "
-            f"and {100 * tolerance:.3g} may be lost; record more, or test it anew"
+            f"early exit was chosen on {n_validation} validation trials; one is {100 / n_validation:.3g} points, "
+            f"and {100 * tolerance:.3g} may be lost; record more, or test it again"
         )
 
 
 def training(log: pd.DataFrame, spec: TrainingSpec) -> Iterator[str]:
-    """Whether a training diverged, or stopped at the cap of its epochs.
+    """Whether a training diverged, or stopped at its largest number of epochs.
 
-    log: a row an epoch (`training.csv`). With rates that fall to 0 all epochs run, which is no cap.
+    log: one row per epoch (`training.csv`). If the learning rates fall to 0, all epochs always run: no caution.
     """
     losses = log["train_loss"].to_numpy(float)
     if not len(losses):
@@ -90,17 +90,17 @@ def training(log: pd.DataFrame, spec: TrainingSpec) -> Iterator[str]:
             "(--set training.relative_learning_rate=0.02)"
         )
     elif spec.schedule == "constant" and len(losses) >= spec.epochs and log["epoch"].max() + 1 >= spec.epochs:
-        yield f"training stopped after epoch {spec.epochs}, its last, before it had settled; raise training.epochs"
+        yield f"training stopped after epoch {spec.epochs}, its last, before it converged; raise training.epochs"
 
 
 def together(found: Sequence[Sequence[str]]) -> list[str]:
-    """Each caution of several networks once, with how many it concerns, in the order of the first.
+    """Each caution of several networks once, with its number of networks, in the order of first occurrence.
 
     >>> together([["it diverged"], [], ["it diverged"]])
     ['2 of 3 networks: it diverged']
     """
     counts: dict[str, int] = {}
-    for words in found:
-        for word in words:
-            counts[word] = counts.get(word, 0) + 1
-    return [f"{n} of {len(found)} networks: {word}" for word, n in counts.items()]
+    for cautions in found:
+        for caution in cautions:
+            counts[caution] = counts.get(caution, 0) + 1
+    return [f"{n} of {len(found)} networks: {caution}" for caution, n in counts.items()]

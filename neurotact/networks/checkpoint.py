@@ -1,7 +1,7 @@
 """Checkpoints: `weights.safetensors` and `network.json` in a folder, never pickle.
 
-The JSON names the weights by their SHA-256, so that a save that was cut off between the two files, a truncated
-file and a foreign one are all noticed on loading.
+The JSON contains the SHA-256 of the weights. Loading thus detects a save that was interrupted between the two files, a
+truncated file, and a file of another network.
 """
 
 import hashlib
@@ -32,11 +32,11 @@ KEYS = ("spec", "n_inputs", "n_classes", "sampling_rate_Hz", "dtype", "neurotact
 
 
 def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = None) -> None:
-    """Write a network into `folder`, each file whole and then renamed.
+    """Write a network into `folder`; each file is written in full and then renamed.
 
-    extra: what else belongs to it, as JSON holds it: class names, training history, encoder spec.
-    Raises InputError for what JSON cannot hold, for a surrogate that the spec does not describe and for weights that
-    are NaN or infinite.
+    extra: further JSON values of the network: class names, training history, encoder spec.
+    Raises InputError for values that JSON cannot hold, for a surrogate that the spec does not describe, and for
+    weights that are NaN or infinite.
 
     >>> import tempfile
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
@@ -51,7 +51,7 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
         raise InputError(f"network: weights are {network.w_in.dtype}; convert it to one of {', '.join(DTYPES)}")
     if network.spike != FastSigmoid(network.spec.surrogate_scale):
         raise InputError(
-            "network: its surrogate is not the one that its spec describes, so that a checkpoint would lose it; "
+            "network: its surrogate is not the one that its spec describes, and a checkpoint would lose it; "
             "set network.spike = FastSigmoid(network.spec.surrogate_scale) before saving"
         )
     for name, tensor in network.state_dict().items():
@@ -75,9 +75,9 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
 
 
 def load(folder: str | Path, *, backend: Backend = "auto") -> tuple[RSNN, dict[str, Any]]:
-    """The network in `folder`, and all that `network.json` says; what `save` was given stands under `extra`.
+    """The network in `folder`, and the content of `network.json`; its `extra` is that of `save`.
 
-    Raises InputError, which names the file, for what is absent, truncated, altered or does not fit together.
+    Raises InputError, which names the file, if a file is missing, truncated or altered, or if the two do not match.
     """
     folder = existing(folder, "folder")
     metadata = _metadata(folder / NETWORK)
@@ -89,7 +89,7 @@ def load(folder: str | Path, *, backend: Backend = "auto") -> tuple[RSNN, dict[s
         spec,
         metadata["sampling_rate_Hz"],
         backend=backend,
-        generator=torch.Generator(),  # the weights are replaced: leave the global generator alone
+        generator=torch.Generator(),  # the weights are replaced: do not advance the global generator
         dtype=DTYPES[metadata["dtype"]],
     )
     network.load_state_dict(weights)
@@ -118,7 +118,7 @@ def _metadata(path: Path) -> dict[str, Any]:
 
 
 def _weights(path: Path, metadata: dict[str, Any], spec: RSNNSpec) -> dict[str, Tensor]:
-    """The tensors, checked against the shapes that the metadata call for before anything is built."""
+    """The tensors; their shapes are checked against the metadata before a network is built."""
     content = read_bytes(path)
     if hashlib.sha256(content).hexdigest() != metadata["weights_sha256"]:
         raise InputError(f"{path}: is damaged, or not the file that {NETWORK} was saved with; save the network again")
@@ -145,7 +145,7 @@ def shapes_of(spec: RSNNSpec, n_inputs: int, n_classes: int) -> dict[str, tuple[
 
 
 Expected = Mapping[str, tuple[tuple[int, ...], torch.dtype]]
-"""Shape and type of each tensor that a file must hold."""
+"""Shape and type of each tensor that a file must contain."""
 
 
 def check(tensors: Mapping[str, Tensor], expected: Expected, path: Path, fix: str) -> None:

@@ -40,17 +40,17 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
     recurrent : whether hidden neurons are connected to one another.
     tau_mem_ms, tau_syn_ms : time constants.
     learning_rate, batch, epochs, patience : of the training.
-    network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`, which holds every value that is None
+    network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`; it gives every value that is None
         here. The default chooses them from the training windows (docs/default-recipe.md); "rsnn" is the network of the
         texture paper.
     settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
     validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
     exit_tolerance : accuracy on validation windows that early exit may lose.
-    exit_by : "stability", so that a window exits when its leading class has stood for long enough, or "margin", when it
-        leads by far enough.
-    sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` leave it.
-    random_state : random seed of the initial weights, of the order of the windows and of those that are held out: a
-        whole number, a `numpy.random.RandomState`, or None for another one at each fit.
+    exit_by : "stability": a window exits when its leading class is unchanged for long enough; "margin": when it leads
+        by enough.
+    sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` store it.
+    random_state : random seed of the initial weights, the order of the windows and the windows that are held out: a
+        whole number, a `numpy.random.RandomState`, or None for a new seed at each fit.
     device : a torch device.
 
     Attributes
@@ -151,7 +151,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         return self
 
     def spec(self) -> RSNNSpec:
-        """The network spec that the parameters describe; what a recipe chooses is in `network_.spec`."""
+        """The network spec that the parameters describe; `network_.spec` has the choices of a recipe."""
         given = {name: getattr(self, name) for name in ("hidden", "tau_mem_ms", "tau_syn_ms")}
         given |= {f"training.{name}": getattr(self, name) for name in TRAINING}
         if self.recurrent is not None:
@@ -176,7 +176,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         return synops_of(self._infer(X, self._rule(early_exit)), self.network_)
 
     def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
-        """What is decided for each window, when, and at what cost: one row per window.
+        """The decision for each window, its time and its cost: one row per window.
 
         Columns: predicted, steps, ms (until the decision), input_spikes, hidden_spikes, and sops_* as in a SOP report.
         """
@@ -216,7 +216,7 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
         return self.network_.infer(torch.from_numpy(spikes).to(self.device), rule)
 
     def _check_parameters(self) -> None:
-        """Refuse what a training would trip over at its end, or on its way; the network's spec is checked with it."""
+        """Refuse values that would fail only during or after a training; the spec checks its own keys."""
         one_of("exit_by", self.exit_by, get_args(ExitBy))
         fraction("exit_tolerance", self.exit_tolerance)
         fraction("validation_fraction", self.validation_fraction, above=True)
@@ -299,7 +299,7 @@ def _validation(validation: tuple[ArrayLike, ArrayLike], classes: np.ndarray, sh
         raise InputError("validation: must be a pair (X, y)") from error
     spikes = spike_windows(X, n_afferents=shape[1])
     if spikes.shape[1] != shape[0]:
-        raise InputError(f"validation: windows have {spikes.shape[1]} steps where those of training have {shape[0]}")
+        raise InputError(f"validation: windows have {spikes.shape[1]} steps, but training windows have {shape[0]}")
     labels = class_labels(y, len(spikes), "validation")
     unknown = labels[~np.isin(labels, classes)]
     if len(unknown):

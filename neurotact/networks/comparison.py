@@ -12,12 +12,12 @@ from neurotact.networks.training import Examples
 
 
 class Comparison(NamedTuple):
-    """A network's test accuracy beside what it should be measured against; all are shares of windows.
+    """A network's test accuracy and what it is compared with; all are shares of windows.
 
     low, high: the 95 % interval of `accuracy`, over `trials` test trials.
-    chance: of guessing one of the classes, each as often.
-    commonest: of always answering the class that is commonest in training.
-    linear: of logistic regression on the spike counts of the same windows, trained on the same side.
+    chance: of guessing each class equally often.
+    commonest: of always choosing the most frequent class of training.
+    linear: of logistic regression on the spike counts of the same windows, trained on the same training windows.
     """
 
     accuracy: float
@@ -32,7 +32,7 @@ class Comparison(NamedTuple):
 def compare(accuracy: float, sides: Sides, n_trials: int, n_classes: int) -> Comparison:
     """Measure chance and the linear classifier on the windows on which `accuracy` was measured.
 
-    n_trials: test trials: windows of one trial are not independent, so that the interval counts trials.
+    n_trials: test trials; the interval counts trials, because windows of one trial are not independent.
     """
     commonest = int(sides.train.labels.bincount().argmax())
     return Comparison(
@@ -52,19 +52,19 @@ def linear_accuracy(training: Examples, test: Examples) -> float:
 
 
 def lines(found: Comparison) -> tuple[str, str]:
-    """The accuracy, and what it should be measured against, in words."""
+    """The accuracy, and what it is compared with, in words."""
     accuracy, low, high, chance, commonest, linear = (
         f"{100 * share:.1f} %"
         for share in (found.accuracy, found.low, found.high, found.chance, found.commonest, found.linear)
     )
     return (
         f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials)",
-        f"beside it: chance {chance}, always the commonest class {commonest}, logistic regression on counts {linear}",
+        f"baselines: chance {chance}, always the commonest class {commonest}, logistic regression on counts {linear}",
     )
 
 
 def costs(row: Mapping[str, Any], step_ms: float) -> str:
-    """What a decision of a result's row costs, with and without early exit, in words.
+    """The cost of a decision with and without early exit, in words, from a row of results.
 
     step_ms: a step of the encoder's clock.
 
@@ -73,9 +73,9 @@ def costs(row: Mapping[str, Any], step_ms: float) -> str:
     >>> print(costs(row, 1.0))
     a decision costs 1,200 SOPs, 42 input spikes and 1,000 ms; with early exit 600 SOPs and 420 ms, at 90.0 %
     """
-    sent = sum(value for key, value in row.items() if key.startswith("spikes_"))  # a column for each population
+    spikes = sum(value for key, value in row.items() if key.startswith("spikes_"))  # a column for each population
     return (
-        f"a decision costs {row['sops_total']:,.0f} SOPs, {sent:,.0f} input spikes and "
+        f"a decision costs {row['sops_total']:,.0f} SOPs, {spikes:,.0f} input spikes and "
         f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {row['exit_sops_total']:,.0f} SOPs and "
         f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %"
     )

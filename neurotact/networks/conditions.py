@@ -1,4 +1,4 @@
-"""What a trained network does under each condition of a data set, those that it was not trained on too."""
+"""Results of a trained network under each condition of a data set, also those that it was not trained on."""
 
 from typing import Any
 
@@ -18,8 +18,8 @@ def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[st
     """Accuracy and mean SOPs on the test trials of each combination of the conditions in `task.stratify`.
 
     Columns: those conditions, known (whether the network was trained on such trials), n_test (windows),
-    accuracy_test, sops_* and spikes_sa, spikes_ra as in results.csv. The test side of the split is that of the whole
-    data set, so that each condition is tested on the same trials whatever a network was trained on.
+    accuracy_test, sops_* and spikes_sa, spikes_ra as in results.csv. The test side is that of the whole data set's
+    split: each condition is tested on the same trials, whatever a network was trained on.
     """
     table = trains.conditions
     known = select_conditions(table, task.subset)

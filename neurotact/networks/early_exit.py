@@ -1,4 +1,4 @@
-"""Early exit: stop a trial when its leading class has stood for long (texture paper, Algorithm 1), or leads by far."""
+"""Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1), or leads by a margin."""
 
 import math
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from neurotact.networks.readouts import Integration
 class ExitRule:
     """Exit when the leading class is unchanged for `patience` + 1 consecutive steps, or when it leads by a `margin`.
 
-    The class that leads has the largest count of readout spikes so far or, where the readout is an integrator, the
-    largest value.
+    The leading class has the largest count of readout spikes so far or, if the readout is an integrator, the largest
+    value.
 
-    patience: steps. from_first_spike: count from the first step at which the trial's readout moves (`validated`): its
-        first spike, or the first hidden spike that an integrator adds; not from its first step (the paper's
-        Algorithm 1, where a silent readout is led by class 0).
-    margin: by how much the leader's count or value exceeds that of every other class, in place of a patience.
+    patience: steps. from_first_spike: count from the first step at which the trial's readout changes (`validated`): its
+        first spike, or the first hidden spike that an integrator adds. Otherwise count from the first step, as in the
+        paper's Algorithm 1, where class 0 leads a silent readout.
+    margin: by how much the leading class exceeds every other class in count or value; it replaces the patience.
     Without patience and margin no trial exits: the full window is simulated.
     """
 
@@ -35,7 +35,7 @@ class ExitRule:
         if self.margin is not None and not 0 < self.margin < math.inf:
             raise InputError(f"margin: must be a positive number; got {self.margin}")
         if self.patience is not None and self.margin is not None:
-            raise InputError("margin: stands in place of a patience; give one of the two")
+            raise InputError("margin: replaces the patience; give one of the two")
 
     @property
     def never(self) -> bool:
@@ -47,10 +47,10 @@ FULL_WINDOW = ExitRule()
 
 
 class Leader(NamedTuple):
-    """The race of the classes: counts or values `(trial, class)`, who leads and for how many steps it has stood.
+    """Counts or values of the classes `(trial, class)`, the leading class, and for how many steps it has led.
 
-    `standing` is 0 before the first step, and 1 at the step where a leader is first seen. `heard` says whether the
-    readout has moved. `leaky` is y of an integrator that leaks, `(trial, class)`; else None.
+    `standing` is 0 before the first step, and 1 at the step where a class first leads. `heard`: whether the readout has
+    changed. `leaky`: y of an integrator that leaks, `(trial, class)`; else None.
     """
 
     counts: Tensor
@@ -73,7 +73,7 @@ class Leader(NamedTuple):
         return Leader(counts, zero, zero, zero, zero.to(torch.bool), leaky)
 
     def after(self, gained: Tensor, integration: Integration | None = None) -> "Leader":
-        """The race one step later, `gained` being spikes or what an integrator hears; ties go to the lowest index."""
+        """The state one step later; `gained`: spikes, or the input of an integrator. Ties go to the lowest index."""
         leaky = self.leaky
         if integration is None or leaky is None:
             counts = self.counts + gained
@@ -82,12 +82,12 @@ class Leader(NamedTuple):
         index = counts.argmax(dim=1)
         same = index == self.index
         standing = torch.where(same, self.standing + 1, 1)
-        heard = self.heard | gained.any(dim=1)
-        since = torch.where(same & heard, self.standing_since_spike + 1, heard.to(torch.int64))
-        return Leader(counts, index, standing, since, heard, leaky)
+        changed = self.heard | gained.any(dim=1)
+        since = torch.where(same & changed, self.standing_since_spike + 1, changed.to(torch.int64))
+        return Leader(counts, index, standing, since, changed, leaky)
 
     def lead(self) -> Tensor:
-        """By how much the leader exceeds every other class, `(trial,)` float64; infinite where there is no other."""
+        """By how much the leading class exceeds every other, `(trial,)` float64; infinite if there is no other."""
         if self.counts.shape[1] < 2:
             return torch.full(self.index.shape, math.inf, dtype=torch.float64, device=self.index.device)
         first, second = self.counts.topk(2, dim=1).values.unbind(dim=1)
@@ -96,12 +96,12 @@ class Leader(NamedTuple):
     def exits(self, rule: ExitRule) -> Tensor:
         """Which trials stop now, `(trial,)` boolean."""
         if rule.margin is not None:
-            far = self.lead() >= rule.margin
-            return far & self.heard if rule.from_first_spike else far
+            reached = self.lead() >= rule.margin
+            return reached & self.heard if rule.from_first_spike else reached
         if rule.patience is None:
             return torch.zeros_like(self.index, dtype=torch.bool)
         return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience
 
     def select(self, keep: Tensor) -> "Leader":
-        """The race of some trials."""
+        """The state of some trials."""
         return Leader(*(None if part is None else part[keep] for part in self))  # pyright: ignore[reportArgumentType]

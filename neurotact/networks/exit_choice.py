@@ -1,9 +1,9 @@
-"""Choosing when to stop: the patience or the margin of a network, from readout rasters of whole windows.
+"""The choice of an exit rule: the patience or the margin of a network, from readout rasters of full windows.
 
-`least` picks one patience or margin per network on validation trials and never sees a test label; `steady` also looks
-at the training trials, so that few validation trials do not mislead it; `oracle_exit` reproduces the texture paper's
-Algorithm 1, which knows the true label. All patiences are judged at once: a trial exits at the first step at
-which its leader has stood for patience + 1 steps. So are margins: at the first step at which it leads by as much.
+`least` chooses one patience or margin per network on validation trials and uses no test label. `steady` also uses the
+training trials, because few validation trials may mislead. `oracle_exit` reproduces the texture paper's Algorithm 1,
+which knows the true label. All patiences are evaluated together: a trial exits at the first step at which its leading
+class has led for patience + 1 steps. So are all margins: it exits at the first step at which its lead is large enough.
 """
 
 from collections.abc import Iterator
@@ -18,14 +18,14 @@ from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
 from neurotact.networks.readouts import Integration
 
 MARGINS = 200
-"""Margins that are tried, evenly up to the largest lead of validation windows."""
+"""Margins that are tried, evenly spaced up to the largest lead on validation windows."""
 
 
 class Exits(NamedTuple):
-    """Where each trial stops by each of many rules, `(trial, rule)` int64 each.
+    """Exit step and label of each trial by each of many rules, `(trial, rule)` int64 each.
 
-    steps: simulated steps, the window's length T where there is no exit; labels: the class that leads then.
-    Of patiences, column p - 1 belongs to patience p, from 1 to T; of margins, the last column never exits.
+    steps: simulated steps, the window's length T without an exit; labels: the class that leads then.
+    For patiences, column p - 1 belongs to patience p, from 1 to T. For margins, the last column never exits.
     """
 
     steps: Tensor
@@ -43,10 +43,10 @@ class OracleExit(NamedTuple):
 def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, integration: Integration | None = None) -> Exits:
     """Exit step and label of every trial for every patience.
 
-    rasters: readout spikes of whole windows, `(trial, time, class)`, zeros and ones (not cumulated), as
-        `RSNN.simulate` gives them; of an integrator what it hears at each step.
+    rasters: readout spikes of full windows, `(trial, time, class)`, zeros and ones (not cumulated), as
+        `RSNN.simulate` returns them; for an integrator, its input at each step.
     from_first_spike: as in ExitRule.
-    integration: how an integrator adds up, `RSNN.integration`; absent, spikes are counted.
+    integration: of an integrator, `RSNN.integration`; if absent, spikes are counted.
 
     >>> exits(torch.tensor([[[0, 1], [0, 0], [0, 0]]])).steps.tolist()
     [[2, 3, 3]]
@@ -55,24 +55,24 @@ def exits(rasters: Tensor | np.ndarray, from_first_spike: bool = True, integrati
     n_trials, n_steps, _ = spikes.shape
     first = torch.full((n_trials, n_steps + 1), n_steps, dtype=torch.int64, device=spikes.device)
     leading = torch.empty(n_trials, n_steps, dtype=torch.int64, device=spikes.device)
-    for t, leader in enumerate(_race(spikes, integration)):
+    for t, leader in enumerate(_leaders(spikes, integration)):
         leading[:, t] = leader.index
         standing = leader.standing_since_spike if from_first_spike else leader.standing
-        # A leader that has stood s steps stood s - 1 a step before: the first s is the first of at least s.
+        # A class that has led for s steps led for s - 1 a step before: the first s is the first of at least s.
         first.scatter_reduce_(1, standing[:, None], torch.full_like(standing[:, None], t + 1), "amin")
-    # Patience p exits at standing p + 1; none stands T + 1 steps, so that patience T is the full window.
+    # Patience p exits at standing p + 1. No class leads for T + 1 steps: patience T is the full window.
     steps = torch.cat([first[:, 2:], first.new_full((n_trials, 1), n_steps)], dim=1)
     return Exits(steps, leading.gather(1, steps - 1))
 
 
 def largest_lead(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> float:
-    """By how much any leader ever exceeds every other class, once the readout moves; 0 where it never does."""
-    race = _race(_checked(rasters, integration), integration)
-    return max(float(torch.where(leader.heard, leader.lead(), 0.0).max()) for leader in race)
+    """The largest lead of a class over every other, once the readout changes; 0 if it never changes."""
+    leaders = _leaders(_checked(rasters, integration), integration)
+    return max(float(torch.where(leader.heard, leader.lead(), 0.0).max()) for leader in leaders)
 
 
 def margins_up_to(largest: float, integration: Integration | None = None) -> Tensor:
-    """The margins to try, ascending, of at most `MARGINS`; whole numbers where spikes are counted.
+    """The margins to try, ascending, at most `MARGINS`; whole numbers if spikes are counted.
 
     >>> margins_up_to(3.0).tolist(), len(margins_up_to(3.0, Integration(torch.zeros(2))))
     ([1.0, 2.0, 3.0], 200)
@@ -84,25 +84,25 @@ def margins_up_to(largest: float, integration: Integration | None = None) -> Ten
 
 
 def margin_exits(rasters: Tensor | np.ndarray, margins: Tensor, integration: Integration | None = None) -> Exits:
-    """Exit step and label of every trial for every margin, ascending, and for none; arguments as for `exits`.
+    """Exit step and label of every trial for every margin, ascending, and without one; arguments as for `exits`.
 
-    No trial exits before its readout moves.
+    No trial exits before its readout changes.
 
     >>> margin_exits(torch.tensor([[[0, 1], [0, 0], [0, 1]]]), torch.tensor([1.0, 2.0, 3.0])).steps.tolist()
     [[1, 3, 3, 3]]
     """
     spikes = _checked(rasters, integration)
     n_steps = spikes.shape[1]
-    race = [(torch.where(each.heard, each.lead(), -1.0), each.index) for each in _race(spikes, integration)]
-    leads, leading = (torch.stack(part, dim=1) for part in zip(*race, strict=True))
+    per_step = [(torch.where(each.heard, each.lead(), -1.0), each.index) for each in _leaders(spikes, integration)]
+    leads, leading = (torch.stack(part, dim=1) for part in zip(*per_step, strict=True))
     wanted = margins.to(leads).expand(len(leads), -1).contiguous()
     reached = torch.searchsorted(leads.cummax(dim=1).values.contiguous(), wanted)
     steps = torch.cat([(reached + 1).clamp(max=n_steps), reached.new_full((len(leads), 1), n_steps)], dim=1)
     return Exits(steps, leading.gather(1, steps - 1))
 
 
-def _race(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
-    """The race after each step."""
+def _leaders(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
+    """The leading classes after each step."""
     integration = None if integration is None else integration.detach()
     leader = Leader.start(spikes.shape[0], spikes.shape[2], spikes.device, integration)
     for t in range(spikes.shape[1]):
@@ -111,7 +111,7 @@ def _race(spikes: Tensor, integration: Integration | None) -> Iterator[Leader]:
 
 
 def right_of(found: Exits, labels: Tensor | np.ndarray) -> Tensor:
-    """How many trials are right by each rule, `(rule,)`.
+    """How many trials each rule decides correctly, `(rule,)`.
 
     >>> right_of(exits(torch.tensor([[[1, 0], [0, 1], [0, 1]]])), torch.tensor([1])).tolist()
     [0, 1, 1]
@@ -120,9 +120,9 @@ def right_of(found: Exits, labels: Tensor | np.ndarray) -> Tensor:
 
 
 def least(right: Tensor, n_trials: int, tolerance: float) -> int:
-    """The first of ascending rules whose accuracy is within `tolerance` of the full window's, the last one's.
+    """The first of ascending rules whose accuracy is within `tolerance` of the last rule's, the full window's.
 
-    right: of *validation* trials, how many are right by each rule, as of `right_of`.
+    right: how many *validation* trials each rule decides correctly, from `right_of`.
     tolerance: accuracy that may be lost, such as 0.01 for one point; a rule may also be more accurate.
 
     >>> least(torch.tensor([0, 1, 1]), 1, tolerance=0.0)
@@ -132,12 +132,12 @@ def least(right: Tensor, n_trials: int, tolerance: float) -> int:
 
 
 def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: int, tolerance: float) -> int:
-    """The first of ascending rules from which on none loses more than `tolerance`, on both kinds of trials.
+    """The first of ascending rules from which on every rule loses at most `tolerance`, on both kinds of trials.
 
-    validation, training: trials that are right by each rule, as of `right_of`, of so many trials. The loss is
-    measured on validation trials, and on all trials together. With 20 validation trials one is 5 points, and a
-    patience that is lucky on them is often not on others: on real presses (20 validation trials, 6 networks) `least`
-    lost 7.6 points of test accuracy on average, and this one 1.5.
+    validation, training: how many of the trials each rule decides correctly, from `right_of`. The loss is measured on
+    validation trials, and on all trials together. With 20 validation trials, one is 5 points, and a patience that
+    does well on them by chance often does not on others: on real presses (20 validation trials, 6 networks) `least`
+    lost 7.6 points of test accuracy on average, and `steady` 1.5.
 
     >>> steady(torch.tensor([3, 2, 3]), 3, torch.tensor([9, 9, 9]), 9, tolerance=0.1)
     2
@@ -149,12 +149,12 @@ def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: 
 
 
 def patience_rule(place: int) -> ExitRule:
-    """The rule at a place of the columns of `exits`, counted from the first step at which the readout moves."""
+    """The rule of a column of `exits`, counted from the first step at which the readout changes."""
     return ExitRule(place + 1, from_first_spike=True)
 
 
 def margin_rule(margins: Tensor, place: int) -> ExitRule:
-    """The rule at a place of the columns of `margin_exits`, the last of which is the full window.
+    """The rule of a column of `margin_exits`; the last column is the full window.
 
     >>> margin_rule(torch.tensor([0.5, 1.0]), 1).margin, margin_rule(torch.tensor([0.5, 1.0]), 2).never
     (1.0, True)
@@ -163,7 +163,7 @@ def margin_rule(margins: Tensor, place: int) -> ExitRule:
 
 
 def _within(accuracy: Tensor, tolerance: float) -> Tensor:
-    """Whether the accuracy by each rule is within `tolerance` of the full window's, its last."""
+    """Whether the accuracy of each rule is within `tolerance` of the last one's, the full window's."""
     if not 0 <= tolerance <= 1:
         raise InputError(f"tolerance: is an accuracy from 0 to 1; got {tolerance}")
     # Accuracies are multiples of 1 / trials: a rounding error of the tolerance must not decide.
@@ -173,12 +173,12 @@ def _within(accuracy: Tensor, tolerance: float) -> Tensor:
 def oracle_exit(
     rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patience: int, integration: Integration | None = None
 ) -> OracleExit:
-    """The texture paper's Algorithm 1, line 17 read as count = 0: knows the true label, so reproduces, not predicts.
+    """The texture paper's Algorithm 1, line 17 read as count = 0; it knows the true label, so it is no prediction.
 
     Each trial starts with `patience`. While its exit label is wrong, patience is raised by one (the paper says
     "adjusting the Patience"); a patience without an exit gives the full window. A trial that is never right runs
-    the full window, with that label and patience T. Counts from the first step, where a silent readout is led
-    by class 0.
+    the full window, with that label and patience T. Steps count from the first one, where class 0 leads a silent
+    readout.
 
     >>> oracle_exit(torch.tensor([[[1, 0], [0, 1], [0, 1]]]), torch.tensor([1]), patience=1)._asdict()
     {'steps': tensor([3]), 'labels': tensor([1]), 'patience': tensor([2])}
@@ -188,7 +188,7 @@ def oracle_exit(
     n_steps = found.steps.shape[1]
     start = min(patience, n_steps) - 1
     right = found.labels[:, start:] == _labels(labels, found)[:, None]
-    # argmax finds the first true; the last column stands in where none is.
+    # argmax finds the first true; without one, the last column is used.
     at = torch.where(right.any(dim=1), start + right.to(torch.uint8).argmax(dim=1), n_steps - 1)[:, None]
     return OracleExit(found.steps.gather(1, at)[:, 0], found.labels.gather(1, at)[:, 0], at[:, 0] + 1)
 

@@ -1,4 +1,4 @@
-"""From spike trains to a trained network: new weights, training, and the exit rule that validation windows choose."""
+"""From spike trains to a trained network: new weights, training, and the exit rule chosen on validation windows."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -22,7 +22,7 @@ AT_ONCE = 256
 
 
 class Trained(NamedTuple):
-    """A network, how its training went, and the exit rule that its validation trials chose."""
+    """A network, the log of its training, and the exit rule chosen on its validation trials."""
 
     network: RSNN
     training: Training
@@ -42,11 +42,11 @@ def fit(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> tuple[Trained, Sides]:
-    """Train a network; the two seeds (initial weights, order of trials) fix every number.
+    """Train a network; the two seeds (initial weights, order of trials) determine every number.
 
-    split: sides of trials in place of those that the task draws.
-    start, keep: where to go on, and what is called after each epoch with what `start` takes (see `training.train`).
-    Warns where no training window holds a spike: the network then learns nothing.
+    split: replaces the split that the task draws.
+    start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `training.train`).
+    Warns if no training window holds a spike: the network then learns nothing.
     """
     sides = sides_of(trains, task, split)
     warn_of_silence(sides.train)
@@ -60,25 +60,25 @@ def warn_of_silence(training: Examples) -> None:
     """Warn of training windows without a spike."""
     if not training.spikes.any():
         warnings.warn(
-            f"training: none of the {len(training.labels)} training windows holds a spike, so that nothing is "
+            f"training: none of the {len(training.labels)} training windows holds a spike, so nothing is "
             "learned; raise the encoder's gains (neurotact calibrate) or move the window",
             stacklevel=3,
         )
 
 
 def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
-    """A network whose training is over, with the exit rule that its validation windows choose."""
-    known = sides.train if task.exit_choice == "steady" else None
-    rule = exit_rule(network, sides.validation, task.exit_tolerance, known, task.exit_by)
+    """A trained network, with the exit rule chosen on its validation windows."""
+    training_side = sides.train if task.exit_choice == "steady" else None
+    rule = exit_rule(network, sides.validation, task.exit_tolerance, training_side, task.exit_by)
     return Trained(network, training, rule)
 
 
 def new_network(
     trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, *, backend: Backend = "auto"
 ) -> tuple[RSNN, torch.Generator]:
-    """An untrained network for the afferents and classes of some spike trains, and what draws the order of trials.
+    """An untrained network for the afferents and classes of some spike trains, and the generator of the trials' order.
 
-    training: spikes of the training windows, from which a recipe chooses and on which weights are scaled.
+    training: spikes of the training windows; a recipe chooses from them, and weights are scaled on them.
     """
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
     return begin(training, len(trains.classes), spec, trains.sampling_rate_Hz, weights, backend=backend), order
@@ -93,7 +93,7 @@ def begin(
     *,
     backend: Backend = "auto",
 ) -> RSNN:
-    """An untrained network for training windows `(window, time, afferent)`, with what its recipe chooses for them."""
+    """An untrained network for training windows `(window, time, afferent)`, with the choices of its recipe for them."""
     chosen = recipe.resolve(spec, recipe.Seen.of(training, sampling_rate_Hz))
     network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
     recipe.start(network, training, generator)
@@ -108,27 +108,27 @@ def exit_rule(
     training: Examples | None = None,
     by: ExitBy = "stability",
 ) -> ExitRule:
-    """Early exit that keeps the accuracy on validation windows within `tolerance`, with the least patience or margin.
+    """The early exit of least patience or margin whose accuracy on validation windows is within `tolerance`.
 
-    training: windows that are judged beside those of validation, by `steady`; without them `least`.
-    by: what a window exits by.
+    training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
+    by: whether a window exits by stability or by margin.
     """
     integration = network.integration
     margins = None
     if by == "margin":
         leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
         margins = exit_choice.margins_up_to(max(leads), integration)
-    known = _right(network, validation, margins)
+    right = _right(network, validation, margins)
     if training is None:
-        place = exit_choice.least(known, len(validation.labels), tolerance)
+        place = exit_choice.least(right, len(validation.labels), tolerance)
     else:
-        more = _right(network, training, margins)
-        place = exit_choice.steady(known, len(validation.labels), more, len(training.labels), tolerance)
+        right_in_training = _right(network, training, margins)
+        place = exit_choice.steady(right, len(validation.labels), right_in_training, len(training.labels), tolerance)
     return exit_choice.patience_rule(place) if margins is None else exit_choice.margin_rule(margins, place)
 
 
 def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
-    """Windows that are right with each patience or margin."""
+    """How many windows are decided correctly with each patience or margin."""
     integration = network.integration
     found = (
         exit_choice.right_of(

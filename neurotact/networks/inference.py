@@ -1,4 +1,4 @@
-"""Decisions of a trained network on spike trains that it may or may not have met, window by window."""
+"""Decisions of a trained network, window by window, on spike trains of its training or on others."""
 
 import warnings
 
@@ -24,11 +24,11 @@ def infer(
 ) -> pd.DataFrame:
     """Decide every window of some spike trains: the SOP report, one row per window.
 
-    Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, on which the network
-    met the window's trial: training, validation or test, else unseen; "unknown" for a network saved without its trials.
+    Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, the side of the split
+    that had the window's trial: training, validation, test or unseen; "unknown" if a network was saved without them.
 
     test_only: leave out all trials but the network's own test trials.
-    allow_other_encoder: warn of spikes that are encoded otherwise than in training, rather than refuse them.
+    allow_other_encoder: warn of spikes with another encoder than in training, instead of refusing them.
     Raises InputError for spikes of another encoder, other afferents, another clock or unknown classes.
     """
     unknown = sorted(set(trains.classes) - set(restored.classes))
@@ -47,13 +47,13 @@ def infer(
     examples, windows = examples_of(trains, trials, restored.task.window)
     network = restored.network
     result = network.infer(examples.spikes.to(network.w_in.device), restored.rule if early_exit else FULL_WINDOW)
-    labels, steps, sent, heard = (part.cpu().numpy() for part in result[:4])
+    labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
     table = synops.to_table(
         labels=np.array(trains.classes)[trains.labels[windows.trial]],
         predicted=np.array(restored.classes)[labels],
         steps=steps,
-        input_spikes=sent,
-        hidden_spikes=heard,
+        input_spikes=input_spikes,
+        hidden_spikes=hidden_spikes,
         n_hidden=network.spec.hidden,
         n_readout=network.n_classes,
         recurrent=network.spec.recurrent,
@@ -83,11 +83,11 @@ def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -
 
 
 def _tested(trains: SpikeTrains, known: Provenance | None) -> np.ndarray:
-    """The network's test trials among any, by their content."""
+    """The network's test trials among some trials, identified by their content."""
     found = np.array([], np.int64) if known is None else known.tested(trains)
     if not len(found):
         raise InputError(
-            "spikes: hold none of the network's test trials; name the spikes that it was trained on, or use "
+            "spikes: hold none of the network's test trials; give the spikes that it was trained on, or use "
             "neurotact infer"
         )
     return found

@@ -1,4 +1,4 @@
-"""One layer of current-based LIF neurons, to build deeper networks from; native where it can, else the reference."""
+"""One layer of current-based LIF neurons, to build deeper networks from; native if possible, else the reference."""
 
 from torch import Tensor
 
@@ -26,11 +26,11 @@ def cuba_lif_layer(
 
     x: spikes into the layer, `(trial, time, presynaptic)`, 0 and 1 (`backend="reference"` takes any value).
     w: weights `(presynaptic, postsynaptic)`, float32 or float64.
-    v: recurrent weights `(postsynaptic, postsynaptic)`; none, no recurrence.
-    alpha, beta, threshold: synaptic and membrane decay a step and the threshold, one value or one a neuron.
-    neuron: membrane, reset and recurrent delay. adaptation: of the thresholds; none where absent.
+    v: recurrent weights `(postsynaptic, postsynaptic)`; None: no recurrence.
+    alpha, beta, threshold: synaptic and membrane decay per step, and the threshold; one value, or one per neuron.
+    neuron: membrane, reset and recurrent delay. adaptation: of the thresholds; None: they are fixed.
 
-    Differentiable in x, w, v, alpha, beta and threshold, so that layers stack:
+    Differentiable in x, w, v, alpha, beta and threshold, so layers stack:
 
     >>> import torch
     >>> generator = torch.Generator().manual_seed(0)

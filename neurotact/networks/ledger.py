@@ -1,4 +1,4 @@
-"""What a decision of a spiking chain costs, from what was measured of it, beside the linear baseline.
+"""The cost of a decision of a spiking chain, from measured numbers, compared with the linear baseline.
 
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
@@ -37,20 +37,20 @@ SOPS = ("sops_input", "sops_recurrent", "sops_readout")
 MODEL = "network.model"
 ABOUT = (
     "Conditioning and encoding are counted for both populations of every taxel, on every step of the window. "
-    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ a MAC and 0.9 pJ any other operation, "
+    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
     "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
 )
 
 
 def encoding_cost(n_taxels: int, steps: float, signal_ms: float, encoder: Mapping[str, Any]) -> Cost:
-    """What an encoder does over a window, from the recording to the spikes: conditioning and both populations.
+    """The cost of an encoder over a window, from the recording to the spikes: conditioning and both populations.
 
-    encoder: its spec, as spike trains carry it; LIF without conditioning where it says neither.
+    encoder: its spec, as spike trains hold it; by default LIF without conditioning.
 
-    Every step of the encoder's clock counts, the moving average too where a slower recording is resampled after it.
-    Parameters are what a sensor's calibration fits: one gain per population (one per grade and polarity), an offset and
-    a scale per taxel. Constants all afferents share (decay, threshold, t_ref, the average's weight) are none, as in
-    every layer of the ledger.
+    Every step of the encoder's clock counts, even for the moving average of a slower recording that is resampled later.
+    Parameters are the values that a sensor's calibration fits: one gain per population (one per grade and polarity), an
+    offset and a scale per taxel. Constants that all afferents share (decay, threshold, t_ref, the average's weight) do
+    not count, as in every layer of the ledger.
 
     >>> lif = {"conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "mean"}}
     >>> encoding_cost(8, 300, 150.0, {}).flops, encoding_cost(8, 300, 150.0, lif).flops
@@ -75,7 +75,7 @@ def _conditioning(spec: Mapping[str, Any], n_taxels: int, steps: int) -> Iterato
     if spec.get("baseline", "none") != "none":
         yield BaselineRemoval(*size, level=spec["baseline"])
     if spec.get("offset") is not None:
-        yield StandardisedSteps(*size)  # an offset with scales of 1, or without any, costs as one with scales
+        yield StandardisedSteps(*size)  # an offset costs the same without scales, or with scales of 1
     elif spec.get("scale") is not None:
         yield ScaledSteps(*size)
     if spec.get("rectify"):
@@ -89,10 +89,10 @@ def _afferents(encoder: Mapping[str, Any], n_taxels: int, steps: int, step_ms: f
 def network_cost(
     spec: RSNNSpec, n_afferents: int, n_classes: int, measured: Mapping[str, Any], *, steps: float, signal_ms: float
 ) -> Cost:
-    """The spiking network of one decision.
+    """The cost of the spiking network for one decision.
 
-    spec: of the network, which says how many hidden neurons it has, whether it is recurrent and what its readout is.
-    measured: mean SOPs of the projections, under the names of `SOPS`.
+    spec: of the network: its hidden neurons, recurrence and readout count.
+    measured: mean SOPs of the projections, with the names of `SOPS`.
     steps: simulated steps of a decision, a mean under early exit.
 
     >>> measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
@@ -155,12 +155,12 @@ def study_ledger(
     rate_Hz: float,
     encoder: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """The ledger of a study: the linear baseline, encoding alone, then one row per network with it (means over seeds).
+    """The ledger of a study: the linear baseline, encoding alone, and encoding with each network (means over seeds).
 
-    spec: of the study's network, by its recipe where it has one; `hidden` and, where it was swept or searched,
-        `network.model` of `results` count.
+    spec: of the study's network, resolved by its recipe if it has one; `hidden` and, if it was swept or searched,
+        `network.model` come from `results`.
     results: a run's `results.csv` with the columns `pair` and `setting`.
-    baseline: its `baseline.csv`, whose column `samples` says what of the signal a window holds; left out where absent.
+    baseline: its `baseline.csv` with the column `samples`, the signal's samples per window; without it, no such row.
     encoder: as for `encoding_cost`.
     """
     n_taxels = taxels_of(n_afferents, encoder)
@@ -191,7 +191,7 @@ def row_cost(
     encoder: Mapping[str, Any],
     early: bool = False,
 ) -> Cost:
-    """What a decision of one row of `results.csv` costs, encoding and network together; a row of means will do.
+    """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
 
     early: with early exit. The other arguments are as for `study_ledger`.
     """

@@ -1,4 +1,4 @@
-"""What a trained network comes to on its test windows: accuracy, synaptic operations, early exit."""
+"""Results of a trained network on its test windows: accuracy, synaptic operations, early exit."""
 
 import re
 from collections.abc import Mapping
@@ -19,9 +19,9 @@ ORACLE_PATIENCE = 120
 
 
 def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarray]) -> dict[str, Any]:
-    """Accuracy, SOPs and early exit on the test windows, the confusion matrix, and whether each window was right.
+    """Accuracy, SOPs and early exit on the test windows, the confusion matrix, and whether each window is right.
 
-    populations: the afferents of each, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
+    populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
     """
     network = trained.network
     spikes = test.spikes.to(network.w_in.device)
@@ -50,11 +50,11 @@ def means(
     inference: Inference, network: RSNN, examples: Examples, populations: Mapping[str, np.ndarray]
 ) -> dict[str, float]:
     """Accuracy, SOPs and spikes of each population, means over windows that were decided."""
-    cost, sent = synops_of(inference, network), examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
+    cost, spikes = synops_of(inference, network), examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
     return {
         "accuracy_test": accuracy_of(inference, examples),
         **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
-        **{spikes_column(name): float(sent[its].sum()) for name, its in populations.items()},
+        **{spikes_column(name): float(spikes[afferents].sum()) for name, afferents in populations.items()},
     }
 
 
@@ -68,7 +68,7 @@ def spikes_column(population: str) -> str:
 
 
 def mean_sops(network: RSNN, examples: Examples) -> float:
-    """Synaptic operations of a window, the mean over all of them."""
+    """Synaptic operations per window, the mean over all windows."""
     return float(synops_of(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
 
 
@@ -82,10 +82,12 @@ def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
         patience = min(ORACLE_PATIENCE, spikes.shape[1])
         found = exit_choice.oracle_exit(rasters.readout.cpu(), labels, patience, integration)
         ran = torch.arange(spikes.shape[1]) < found.steps[:, None]
-        sent, heard = ((part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden))
+        input_spikes, hidden_spikes = (
+            (part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden)
+        )
         steps.append(found.steps)
         right.append(found.labels == labels)
-        sops.append(synops.of_network(network, sent, heard).total)
+        sops.append(synops.of_network(network, input_spikes, hidden_spikes).total)
     return {
         "oracle_steps": float(torch.cat(steps).double().mean()),
         "oracle_accuracy": float(torch.cat(right).double().mean()),
@@ -99,5 +101,5 @@ def synops_of(inference: Inference, network: RSNN) -> synops.Synops:
 
 
 def accuracy_of(inference: Inference, examples: Examples) -> float:
-    """The share of windows that were decided right."""
+    """The share of windows that were decided correctly."""
     return float((inference.labels.cpu() == examples.labels).double().mean())

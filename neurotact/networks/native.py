@@ -1,6 +1,6 @@
 """The native kernels as autograd functions; what they compute is defined in `reference.py`.
 
-Tensors go to the extension as addresses, by name and checked here (`_at`), because handing them over as objects costs
+Tensors are passed to the extension as named addresses, which are checked here (`_at`): passing them as objects costs
 more than a small network's step.
 """
 
@@ -20,7 +20,7 @@ from neurotact.neurons import Adaptation, CubaLIF, Decay, Membrane, Reset
 
 _KINDS = {torch.uint8: 1, torch.bool: 1, torch.float32: 4, torch.float64: 8}
 Weights = tuple[Tensor, Tensor | None, Tensor | None]
-"""Into, among and out of the hidden neurons; a single layer has none out."""
+"""Input, recurrent and readout weights; a single layer has no readout."""
 _GRADED = (
     "spikes: hold values other than 0 and 1, which the native kernels do not take; "
     "use backend='reference' for graded input"
@@ -28,7 +28,7 @@ _GRADED = (
 
 
 class Network(Protocol):
-    """What the kernels need of a network, as `rsnn.RSNN` has it."""
+    """What the kernels require of a network, such as `rsnn.RSNN`."""
 
     @property
     def spec(self) -> RSNNSpec: ...
@@ -57,10 +57,10 @@ class Network(Protocol):
 def rsnn_counts(spikes: Tensor, network: Network, w_out: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Spike counts of a window, `(trial, class)` and `(trial, hidden)`, in the weights' float type.
 
-    Of a readout that leaks the first are its values, without the bias. w_out: in place of the network's own.
+    For a readout that leaks, the first are its values without the bias. w_out: replaces the network's own.
 
-    Differentiable in the three weights, in alpha, beta and threshold where they require it, and in the input spikes
-    where they do. Those hold 0 and 1 only; InputError otherwise.
+    Differentiable in the three weights, and in alpha, beta, threshold and the input spikes if these require a gradient.
+    Raises InputError for input spikes other than 0 and 1.
     """
     weights = _weights(network, w_out)
     dynamics = _same_kind(network.alpha, network.beta, network.threshold, like=network.w_in)
@@ -88,7 +88,7 @@ class _Counts(torch.autograd.Function):
     @staticmethod
     def forward(ctx, spikes, w_in, w_rec, w_out, alpha, beta, threshold, shape):  # pyright: ignore
         n_trials, n_steps, _ = spikes.shape
-        # Saved as a tensor, so that autograd gives the memory back to the pool the moment backward is through.
+        # Saved as a tensor: autograd returns its memory to the pool as soon as backward ends.
         tape = native.new_tape(shape, trials=n_trials, steps=n_steps)
         readout, hidden = _counts(spikes, (w_in, w_rec, w_out), (alpha, beta, threshold), shape, tape)
         ctx.save_for_backward(tape, w_in, w_rec, w_out, alpha, beta, threshold)
@@ -103,7 +103,7 @@ class _Counts(torch.autograd.Function):
         n_trials, _ = ctx.window
         n_hidden, n_classes = w_out.shape
         g_out = torch.empty_like(w_out)
-        g_readout, g_hidden = _dense(g_readout), _dense(g_hidden)  # held here: an address alone keeps no tensor
+        g_readout, g_hidden = _dense(g_readout), _dense(g_hidden)  # kept alive here: an address keeps no tensor
         g_dynamics = w_in.new_empty(3 * (n_hidden + n_classes)) if any(ctx.needs_input_grad[4:7]) else None
         g_spikes, g_in, g_rec = _backward(
             ctx, tape, (w_in, w_rec, w_out), tuple(dynamics),
@@ -135,7 +135,7 @@ def _forward(
 def _backward(
     ctx: Any, tape: Tensor, weights: Weights, dynamics: tuple[Tensor, ...], **gradients: int
 ) -> tuple[Tensor | None, Tensor, Tensor | None]:
-    """dL/d of the spikes, where it is wanted, of w_in and of w_rec; `gradients` are addresses of the others."""
+    """dL/d of the spikes (if required), w_in and w_rec; `gradients` are the addresses of the others."""
     w_in, w_rec, _ = weights
     n_trials, n_steps = ctx.window
     window = {"trials": n_trials, "steps": n_steps}
@@ -150,7 +150,7 @@ def _backward(
 
 
 def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Labels, steps, input spikes, hidden spikes and readout of each trial, as `rsnn.Inference` says.
+    """Labels, steps, input spikes, hidden spikes and readout of each trial, as in `rsnn.Inference`.
 
     A trial stops where `rule` says so; memory does not grow with the window.
     """
@@ -189,7 +189,7 @@ def layer_spikes(
     adaptation: Adaptation | None = None,
 ) -> Tensor:
     """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`."""
-    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=False)
+    return _layer_output(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=False)
 
 
 def layer_counts(
@@ -204,10 +204,10 @@ def layer_counts(
     adaptation: Adaptation | None = None,
 ) -> Tensor:
     """Spike counts of one layer over the window, `(trial, postsynaptic)`; otherwise as `layer_spikes`."""
-    return _layer_sends(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=True)
+    return _layer_output(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=True)
 
 
-def _layer_sends(
+def _layer_output(
     x: Tensor,
     w: Tensor,
     v: Tensor | None,
@@ -218,7 +218,7 @@ def _layer_sends(
     *,
     counted: bool,
 ) -> Tensor:
-    """The raster of a layer or, where they are `counted`, its spikes per window."""
+    """The raster of a layer or, if `counted`, its spikes per window."""
     w, *rest = _same_kind(w) if v is None else _same_kind(w, v)
     v = rest[0] if rest else None
     dynamics = tuple(torch.as_tensor(value, dtype=w.dtype, device=w.device).reshape(-1) for value in values)
@@ -244,10 +244,10 @@ def _layer(
 ) -> Tensor:
     w = weights[0]
     n_trials, n_steps, _ = x.shape
-    sent = w.new_empty(n_trials, w.shape[1]) if counted else w.new_empty(n_trials, n_steps, w.shape[1])
-    hidden, raster = (sent.data_ptr(), 0) if counted else (0, sent.data_ptr())
+    output = w.new_empty(n_trials, w.shape[1]) if counted else w.new_empty(n_trials, n_steps, w.shape[1])
+    hidden, raster = (output.data_ptr(), 0) if counted else (0, output.data_ptr())
     _forward(x, weights, dynamics, shape, tape, readout=0, hidden=hidden, raster=raster)
-    return sent
+    return output
 
 
 class _Layer(torch.autograd.Function):
@@ -255,20 +255,20 @@ class _Layer(torch.autograd.Function):
     def forward(ctx, x, w, v, alpha, beta, threshold, shape, counted):  # pyright: ignore
         n_trials, n_steps, _ = x.shape
         tape = native.new_tape(shape, trials=n_trials, steps=n_steps)
-        sent = _layer(x, (w, v, None), (alpha, beta, threshold), shape, tape, counted)
+        output = _layer(x, (w, v, None), (alpha, beta, threshold), shape, tape, counted)
         ctx.save_for_backward(tape, w, v, alpha, beta, threshold)
         ctx.shape, ctx.window, ctx.counted = shape, (n_trials, n_steps), counted
-        return sent
+        return output
 
     @staticmethod
     @once_differentiable
-    def backward(ctx, g_sent):  # pyright: ignore[reportIncompatibleMethodOverride]
+    def backward(ctx, g_output):  # pyright: ignore[reportIncompatibleMethodOverride]
         tape, w, v, *dynamics = ctx.saved_tensors
         n_hidden = w.shape[1]
         g_dynamics = w.new_empty(3, n_hidden) if any(ctx.needs_input_grad[3:6]) else None
-        g_sent = g_sent.contiguous()
-        at = _at(g_sent, ctx.window[0], *(() if ctx.counted else ctx.window[1:]), n_hidden)
-        g_hidden, g_raster = (at, 0) if ctx.counted else (0, at)
+        g_output = g_output.contiguous()
+        address = _at(g_output, ctx.window[0], *(() if ctx.counted else ctx.window[1:]), n_hidden)
+        g_hidden, g_raster = (address, 0) if ctx.counted else (0, address)
         g_x, g_w, g_v = _backward(
             ctx, tape, (w, v, None), tuple(dynamics),
             g_readout=0, g_hidden=g_hidden, g_raster=g_raster, g_w_out=0, g_dynamics=_at(g_dynamics),
@@ -281,7 +281,7 @@ class _Layer(torch.autograd.Function):
 
 
 def set_isa(name: str) -> None:
-    """Use the kernels compiled for `plain`, `avx2` or `avx512`, for tests; the widest one is the default."""
+    """Use the kernels compiled for `plain`, `avx2` or `avx512`, for tests; the default is the widest one."""
     native.set_isa(name)
 
 
@@ -293,8 +293,8 @@ def isas() -> tuple[str, ...]:
 
 def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> Any:
     spec = network.spec
-    how = network.integration
-    decay, peak = (None, False) if how is None or not how.leaks else (how.decay, how.peak)
+    readout = network.integration
+    decay, peak = (None, False) if readout is None or not readout.leaks else (readout.decay, readout.peak)
     return _shape(
         *network.w_in.shape, network.n_classes, network.neuron, network.adaptation,
         spec.surrogate_scale, spec.readout_surrogate_scale or spec.surrogate_scale, decay, peak,
@@ -304,7 +304,7 @@ def _shape_of(network: Network, *, keep_currents: bool, with_inputs: bool) -> An
 
 
 def exits_at(rule: ExitRule) -> dict[str, Any]:
-    """An exit rule as the kernels take it."""
+    """An exit rule as arguments of the kernels."""
     return {
         "patience": -1 if rule.patience is None else rule.patience, "from_first_spike": rule.from_first_spike,
         "margin": -1.0 if rule.margin is None else rule.margin,
@@ -317,7 +317,7 @@ def shape_of(network: Network) -> Any:
 
 
 def addresses_of(network: Network) -> dict[str, int]:
-    """Where weights and dynamics lie, for as long as the network lives and is not trained on."""
+    """Addresses of weights and dynamics, valid while the network exists and is not trained further."""
     dynamics = (network.alpha.detach(), network.beta.detach(), network.threshold.detach())
     return _parameters(_weights(network), dynamics)
 
@@ -355,10 +355,10 @@ def _spikes_at(spikes: Tensor, weights: Weights) -> dict[str, int]:
 
 
 def _parameters(weights: Weights, dynamics: tuple[Tensor, ...]) -> dict[str, int]:
-    """Addresses of weights and dynamics, their shapes checked against those of `w_in` and `w_out`."""
+    """Addresses of weights and dynamics; shapes are checked against `w_in` and `w_out`."""
     w_in, w_rec, w_out = weights
     n_inputs, n_hidden = w_in.shape
-    # One value a layer in a network; in a single layer one for all its neurons, or one each.
+    # A network has one value per layer; a single layer has one for all its neurons, or one per neuron.
     n_values = 2 if w_out is not None else 1 if len(dynamics[0]) == 1 else n_hidden
     alpha, beta, threshold = (_at(values, n_values) for values in dynamics)
     return {
@@ -369,16 +369,16 @@ def _parameters(weights: Weights, dynamics: tuple[Tensor, ...]) -> dict[str, int
 
 
 def _readable(spikes: Tensor, like: Tensor) -> Tensor:
-    """Spikes of a type that the kernels read, on the CPU, neighbouring neurons side by side."""
+    """Spikes of a type that the kernels read, on the CPU, contiguous over neurons."""
     if spikes.device.type != "cpu":
-        raise InputError(f"spikes: lie on {spikes.device} while the weights lie on the CPU; move one of them")
+        raise InputError(f"spikes: are on {spikes.device} but the weights are on the CPU; move one of them")
     if spikes.dtype not in _KINDS:
         spikes = spikes.to(like.dtype)
     return spikes if spikes.stride(2) == 1 else spikes.contiguous()
 
 
 def _weights(network: Network, w_out: Tensor | None = None) -> Weights:
-    """The three projections, or another `w_out`; none among the hidden neurons of a feed-forward network."""
+    """The three projections, with another `w_out` if given; a feed-forward network has no recurrent one."""
     w_out = network.w_out if w_out is None else w_out
     if network.w_rec is None:
         w_in, w_out = _same_kind(network.w_in, w_out)
@@ -388,11 +388,11 @@ def _weights(network: Network, w_out: Tensor | None = None) -> Weights:
 
 
 def _same_kind(*tensors: Tensor, like: Tensor | None = None) -> tuple[Tensor, ...]:
-    """The tensors without gaps, all of one float type on the CPU."""
+    """The tensors, contiguous; InputError unless all have one float type on one device."""
     like = tensors[0] if like is None else like
     for tensor in tensors:
         if tensor.dtype != like.dtype or tensor.device != like.device:
-            raise InputError(f"weights: are {tensor.dtype} on {tensor.device} beside {like.dtype} on {like.device}")
+            raise InputError(f"weights: are {tensor.dtype} on {tensor.device} and {like.dtype} on {like.device}")
     return tuple(tensor if tensor.is_contiguous() else tensor.contiguous() for tensor in tensors)
 
 
@@ -401,7 +401,7 @@ def _dense(grad: Tensor | None) -> Tensor | None:
 
 
 def _at(tensor: Tensor | None, *shape: int) -> int:
-    """Where a tensor without gaps lies, 0 for none; InputError unless it has the shape that the kernels will read."""
+    """The address of a contiguous tensor, 0 for None; InputError unless it has the shape that the kernels expect."""
     if tensor is None:
         return 0
     if shape and tensor.shape != shape:

@@ -1,4 +1,4 @@
-"""What a training came to: its result, how that compares, and what may be wrong with it."""
+"""The outcome of a training: its result, the comparison of its accuracy, and cautions."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -15,12 +15,12 @@ from neurotact.networks.tasks import Sides, Task
 
 
 class Outcome(NamedTuple):
-    """What a training came to.
+    """The outcome of a training.
 
     row: its numbers. confusion: test windows by true and chosen class, `(class, class)`; classes: their names.
-    compared: how its accuracy compares. cautions: what may be wrong, a line each.
+    compared: its accuracy, and what it is compared with. cautions: what may be wrong, one line each.
     step_ms: a step of the encoder's clock.
-    acausal: what to say of the encoder's baseline; None where windows know the past alone.
+    acausal: a note on the encoder's baseline; None if windows depend only on the past.
     """
 
     row: dict[str, Any]
@@ -32,7 +32,7 @@ class Outcome(NamedTuple):
     acausal: str | None
 
     def as_json(self) -> dict[str, Any]:
-        """As `result.json` holds it."""
+        """The content of `result.json`."""
         return {
             "row": self.row,
             "confusion": self.confusion,
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
 
 
 def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
-    """What `result.json` holds, in one row: the numbers, then `low`, `high`, `trials`, `chance`, `commonest` and
+    """The content of `result.json` in one row: the numbers, then `low`, `high`, `trials`, `chance`, `commonest` and
     `linear` (see `Comparison`), and `cautions`.
     """
     compared = {name: value for name, value in result["compared"].items() if name != "accuracy"}

@@ -1,7 +1,7 @@
-"""What a network was trained on: how its spikes were encoded, and the content of the trials on each side of the split.
+"""What a network was trained on: the encoder of its spikes, and the content of the trials on each side of the split.
 
-Trials are identified by the digest of what was recorded, so that a recording which was encoded again, saved elsewhere
-or stands at another place of another file is still known.
+Trials are identified by the digest of the recording. It stays the same if a recording is encoded again, saved in
+another file, or moved within a file.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -22,9 +22,9 @@ class Trials(Spec):
     """The trials of one side, by their digests (`data.digests`)."""
 
     recorded: tuple[str, ...] = ()
-    """Of what was recorded; none where the spikes file did not know."""
+    """Digests of the recordings; none if the spikes file did not have them."""
     spikes: tuple[str, ...]
-    """Of the spikes, for files that do not know what was recorded."""
+    """Digests of the spikes, for files without digests of the recordings."""
 
 
 class SplitTrials(Spec):
@@ -36,7 +36,7 @@ class SplitTrials(Spec):
 
 
 SIDES = tuple(SplitTrials.model_fields)
-"""From the most seen to the least."""
+"""From the most seen side to the least seen."""
 
 
 class Provenance(Spec):
@@ -47,21 +47,21 @@ class Provenance(Spec):
     trials: SplitTrials
 
     def sides(self, trains: SpikeTrains) -> np.ndarray:
-        """The side that each trial stood on, `(trial,)` text: one of `SIDES`, or `UNSEEN`.
+        """The side that each trial was on, `(trial,)` text: one of `SIDES`, or `UNSEEN`.
 
-        A trial whose content stood on several sides counts as the most seen one: training, then validation.
+        If the content of a trial was on several sides, the most seen one counts: training, then validation.
         """
         digests, known = self._comparable(trains)
         side_of = {digest: side for side in reversed(SIDES) for digest in known[side]}
         return np.array([side_of.get(digest, UNSEEN) for digest in digests])
 
     def tested(self, trains: SpikeTrains) -> np.ndarray:
-        """The trials whose content stood on the test side, ascending; it may stand on another side too."""
+        """The trials with content that was on the test side, ascending; it may have been on another side too."""
         digests, known = self._comparable(trains)
         return np.flatnonzero(np.isin(digests, known[TEST]))
 
     def _comparable(self, trains: SpikeTrains) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-        """The digests of trials, and those of each side, of the same kind: of recordings where both know them."""
+        """The digests of trials and of each side, of the same kind: of recordings if both have them, else of spikes."""
         is_recorded = bool(trains.trial_digests and self.trials.training.recorded)
         kind = "recorded" if is_recorded else "spikes"
         digests = trains.trial_digests if is_recorded else spike_digests(trains)
@@ -69,7 +69,7 @@ class Provenance(Spec):
 
 
 def provenance_of(trains: SpikeTrains, split: Split) -> Provenance:
-    """What a network that is trained on these sides of these spike trains will remember of them."""
+    """The provenance of a network that is trained on these sides of these spike trains."""
     of_spikes, recorded = np.array(spike_digests(trains)), np.array(trains.trial_digests)
     sides = {
         side: Trials(
@@ -81,7 +81,7 @@ def provenance_of(trains: SpikeTrains, split: Split) -> Provenance:
 
 
 class Difference(NamedTuple):
-    """A key that two encodings have different values for; a value is None where it is absent."""
+    """A key with different values in two encodings; a value is None if it is absent."""
 
     key: str
     theirs: Any
@@ -95,15 +95,15 @@ class Difference(NamedTuple):
 def first_difference(
     encoder: Mapping[str, Any], afferents: Iterable[str], trained_encoder: Mapping[str, Any], trained_on: Iterable[str]
 ) -> Difference | None:
-    """The first key of an encoder (with its conditioning), or the first afferent, that is not as in training.
+    """The first key of an encoder (with its conditioning), or the first afferent, that differs from training.
 
-    Defaults count as written out, so that a spec which gains a key stays the encoder that it was.
+    Defaults are filled in: a spec that gains a key stays the same encoder.
 
     >>> str(first_difference({"sa1": {"t_ref_ms": 5}}, ["SA-I a"], {"sa1": {"t_ref_ms": 1}}, ["SA-I a"]))
     'sa1.t_ref_ms is 5 but was 1 in training'
     >>> first_difference({"v_rest_mV": -65}, ["SA-I a"], {"v_rest_mV": -65.0}, ["SA-I a"])
     """
-    theirs, ours = (dict(_flat(_whole(each))) for each in (encoder, trained_encoder))
+    theirs, ours = (dict(_flat(_with_defaults(each))) for each in (encoder, trained_encoder))
     theirs, ours = (
         keys | {f"afferent {number}": name for number, name in enumerate(names, start=1)}
         for keys, names in ((theirs, afferents), (ours, trained_on))
@@ -114,7 +114,7 @@ def first_difference(
     return None
 
 
-def _whole(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
+def _with_defaults(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
     """An encoder's table with its defaults; unchanged if this version does not know the model."""
     model = MODELS.get(str(encoder.get("model", "lif")))
     try:
@@ -124,7 +124,7 @@ def _whole(encoder: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _flat(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and plain values of nested tables and lists; what is absent is left out."""
+    """Dotted keys and plain values of nested tables and lists, without None."""
     if isinstance(value, Mapping):
         pairs = value.items()
     elif isinstance(value, (list, tuple)):

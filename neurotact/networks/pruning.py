@@ -1,4 +1,4 @@
-"""Magnitude pruning: the smallest weights of a trained network become 0, and their synapses do no operation."""
+"""Magnitude pruning: the smallest weights of a trained network become 0, and their synapses need no operation."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,8 +19,8 @@ BATCH = 1024
 def prune(network: RSNN, share: float) -> None:
     """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
 
-    Of equal magnitudes those of lower index go first; an integrator's bias stays. Raises InputError for a share outside
-    0 to 1.
+    Among equal magnitudes, lower indices go first; an integrator's bias is not pruned. Raises InputError for a share
+    outside 0 to 1.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> prune(net, 0.75)
@@ -36,7 +36,7 @@ def prune(network: RSNN, share: float) -> None:
 
 @contextmanager
 def pruned_stay_pruned(network: RSNN) -> Iterator[None]:
-    """Within it weights that are 0 have no gradient, so that an optimiser that begins here leaves them at 0."""
+    """In this context, weights that are 0 have no gradient: an optimiser that starts here leaves them at 0."""
     handles: list[Any] = []
     for weights in network.weights:
         remains = weights.detach() != 0
@@ -50,7 +50,7 @@ def pruned_stay_pruned(network: RSNN) -> Iterator[None]:
 
 @torch.no_grad()
 def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
-    """SOPs of whole windows `(window, time, afferent)`: a spike is one operation at each of its weights that is not 0.
+    """SOPs of whole windows `(window, time, afferent)`: a spike is one operation for each of its nonzero weights.
 
     >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
     >>> spikes = torch.ones(1, 3, 2, dtype=torch.uint8)
@@ -62,7 +62,7 @@ def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
     """
     device = network.w_in.device
     hidden = torch.cat([network(part.to(device)).hidden for part in spikes.split(BATCH)])
-    sent = spikes.sum(dim=1, dtype=torch.int64)
+    inputs = spikes.sum(dim=1, dtype=torch.int64)
     fans = [weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in network.weights]
-    among = fans[1] if network.w_rec is not None else 0 * fans[-1]
-    return synops.of_fans(sent.cpu().numpy(), hidden.round().long().cpu().numpy(), fans[0], among, fans[-1])
+    recurrent = fans[1] if network.w_rec is not None else 0 * fans[-1]
+    return synops.of_fans(inputs.cpu().numpy(), hidden.round().long().cpu().numpy(), fans[0], recurrent, fans[-1])

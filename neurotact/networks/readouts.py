@@ -1,4 +1,4 @@
-"""Readouts that do not spike: how they add up what they hear, and what they decide on."""
+"""Readouts that do not spike: how they add up their input, and the value that they decide on."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ from torch import Tensor
 class Integration:
     """y[t+1] = d y[t] + W s[t] from y[0] = 0, in float64; the class of the largest value decides.
 
-    The value is b + y, that of the last step, or with `peak` b + max over time of y, y[0] included. Both are readouts
+    The value is b + y at the last step or, with `peak`, b + max over time of y, y[0] included. Both are readouts
     of surrogate-gradient learning: "last time step" and "max over time" (Cramer et al. 2020, doi
     10.1109/TNNLS.2020.3044364; the synaptic filter of their readout is left out). With d = 1 it is the sum over the
     window.
 
-    level: b, the bias, `(class,)` float64. decay: d, what is left of y after a step. peak: the maximum over time.
+    level: b, the bias, `(class,)` float64. decay: d, the factor of y per step. peak: the maximum over time.
 
     >>> gained = torch.tensor([[[4.0], [0.0], [1.0]]])
     >>> level = torch.tensor([0.5], dtype=torch.float64)
@@ -30,7 +30,7 @@ class Integration:
 
     @property
     def leaks(self) -> bool:
-        """Whether the value depends on when spikes came, and not on their number alone."""
+        """Whether the value depends on the times of spikes, and not only on their number."""
         return self.decay != 1 or self.peak
 
     def start(self, n_trials: int) -> tuple[Tensor, Tensor]:
@@ -44,7 +44,7 @@ class Integration:
             return y, value + gained
         y = self.decay * y + gained
         now = self.level + y
-        # Of equal values the earliest has the gradient.
+        # Among equal values, the earliest gets the gradient.
         return y, torch.where(now > value, now, value) if self.peak else now
 
     def over(self, gained: Tensor) -> Iterator[Tensor]:
@@ -64,7 +64,7 @@ class Integration:
         return value
 
     def detach(self) -> "Integration":
-        """The same, which no gradient reaches."""
+        """The same, without gradients."""
         return Integration(self.level.detach(), self.decay, self.peak)
 
     def cpu(self) -> "Integration":

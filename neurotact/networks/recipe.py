@@ -1,9 +1,8 @@
-"""How a network is trained by default: rules that look at the training windows alone, never at the set.
+"""The default training of a network: rules that depend only on the training windows, never on the data set.
 
-The time constants follow the window, the weights are scaled on the spikes, the rates follow the weights and fall to 0,
-and the readout adds up hidden spikes. `resolve` writes what the rules choose into the spec, where it can be read,
-changed and saved; keys that are given stay as they are. `start` scales the initial weights and mends a start that
-would not learn.
+Time constants depend on the window, and learning rates on the weights; the rates fall to 0. Initial weights are scaled
+on the spikes, and the readout adds up hidden spikes. `resolve` writes the choices into the spec, where they can be
+read, changed and saved; given keys stay. `start` scales the initial weights and corrects a start that would not learn.
 """
 
 import math
@@ -24,18 +23,18 @@ BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
 RECURRENT_STEPS = 300
 SPARSE = 5.0
 LOOKED_AT = 256
-"""Training windows on which weights are scaled, evenly taken."""
+"""Training windows on which weights are scaled, evenly spaced."""
 ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
-"""Draws of silent neurons; by how much recurrence may raise a gradient; halvings of its weights until it does not."""
+"""Most redraws of silent neurons; largest factor of recurrence on a gradient; most halvings of recurrent weights."""
 NEVER = 1e30
 """A threshold that no membrane reaches."""
 
 
 class Seen(NamedTuple):
-    """What the rules look at.
+    """The properties of training windows that the rules use.
 
-    windows, steps, sampling_rate_Hz: how many training windows there are, their length in steps, and steps per second.
-    spikes: of one afferent in one window, the mean over all.
+    windows, steps, sampling_rate_Hz: number of training windows, their length in steps, and steps per second.
+    spikes: mean number per afferent and window.
     """
 
     windows: int
@@ -55,7 +54,7 @@ class Seen(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A key of a network's spec, what it becomes, and the rule in a few words."""
+    """A key of a network's spec, its value, and the rule in a few words."""
 
     key: str
     value: Any
@@ -63,7 +62,7 @@ class Choice(NamedTuple):
 
 
 def choices(seen: Seen) -> list[Choice]:
-    """What the default recipe chooses for training windows.
+    """The choices of the default recipe for training windows.
 
     >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
     50.0
@@ -74,35 +73,35 @@ def choices(seen: Seen) -> list[Choice]:
     batches = math.ceil(seen.windows / batch)
     epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
     recurrent, sparse = seen.steps <= RECURRENT_STEPS, seen.spikes < SPARSE
-    scarce = f"where an afferent sends fewer than {SPARSE:g} spikes per window, which are learned by heart"
+    scarce = f"against overfitting, if an afferent sends fewer than {SPARSE:g} spikes per window"
     return [
         Choice(
             "model",
             "rsnn" if recurrent else "snn",
-            f"recurrent up to {RECURRENT_STEPS} steps, beyond which its gradients grow too steep",
+            f"recurrent up to {RECURRENT_STEPS} steps; beyond, its gradients become too large",
         ),
-        Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper where recurrence multiplies gradients"),
+        Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
         Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
-        Choice("tau_mem_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
-        Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, one step at least"),
-        Choice("input_deviation", 1.0, "free membranes deviate by one threshold on the training windows"),
-        Choice("training.batch", batch, f"windows per step, {BATCH} or as many as make {MOST_STEPS} steps"),
-        Choice("training.epochs", epochs, f"{EPOCHS}, or as many as make {LEAST_STEPS} steps"),
+        Choice("tau_mem_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, at least one step"),
+        Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, at least one step"),
+        Choice("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds"),
+        Choice("training.batch", batch, f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps"),
+        Choice("training.epochs", epochs, f"{EPOCHS}, or more for at least {LEAST_STEPS} steps"),
         Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
-        Choice("training.relative_learning_rate", 0.05, "of each matrix's standard deviation"),
+        Choice("training.relative_learning_rate", 0.05, "in units of each matrix's standard deviation"),
         Choice("training.schedule", "cosine", "the rates fall to 0"),
         Choice("training.keep", "both", "of the best epoch on training and validation windows"),
         Choice("training.rate_penalty", 0.0, "none"),
         Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
-        Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"W / 130; {scarce}"),
+        Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"window / 130; {scarce}"),
         Choice("training.readout_dropout", 0.2 if sparse else 0.0, f"share of hidden neurons left out; {scarce}"),
     ]
 
 
 def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
-    """The spec with what its recipe chooses for training windows; given keys stay.
+    """The spec with the choices of its recipe for training windows; given keys stay.
 
-    A spec without a recipe is returned as it is.
+    A spec without a recipe is returned unchanged.
 
     >>> asked = RSNNSpec(recipe="default", tau_syn_ms=5.0)
     >>> chosen = resolve(asked, Seen(900, 1000, 1000.0, 50.0))
@@ -120,7 +119,7 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
 
 
 def training_of(spec: RSNNSpec) -> TrainingSpec:
-    """How a network is trained, as far as that does not depend on its windows: `keep`, `schedule`.
+    """The training keys that do not depend on the windows: `keep`, `schedule`.
 
     >>> training_of(RSNNSpec(recipe="default")).keep, training_of(RSNNSpec()).keep
     ('both', 'loss')
@@ -129,7 +128,7 @@ def training_of(spec: RSNNSpec) -> TrainingSpec:
 
 
 def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
-    """What the recipe of a spec chooses, one line per key; what is given is not in it, and nothing without a recipe."""
+    """The choices of a spec's recipe, one line per key, without given keys; nothing without a recipe."""
     if asked.recipe is None:
         return
     given = asked.model_dump(mode="json")
@@ -140,7 +139,7 @@ def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
 
 
 def _short(value: float) -> float:
-    """A number of four digits, as people write one."""
+    """A number rounded to four digits."""
     return float(f"{value:.4g}")
 
 
@@ -148,7 +147,7 @@ def free_moments(spikes: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> 
     """Mean `(afferent,)` and covariance `(afferent, afferent)` of the free membranes that each afferent alone drives.
 
     spikes: `(trial, time, afferent)`; the moments are over trials and time, of weights 1, in float64.
-    A free membrane neither fires nor resets, so that it is linear: with weights w it has mean m w and variance w C w.
+    A free membrane neither fires nor resets, so it is linear: with weights w it has mean m w and variance w C w.
 
     >>> one = torch.tensor([[[0.0], [1.0]]])
     >>> mean, covariance = free_moments(one, CubaLIF("immediate"), 0.5, 0.5)
@@ -170,26 +169,26 @@ def free_moments(spikes: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> 
 
 
 def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
-    """Scale the initial weights of a network with an `input_deviation`, and mend a start that would not learn.
+    """Scale the initial weights of a network with an `input_deviation`, and correct a start that would not learn.
 
-    spikes: of training windows. generator: draws the weights of hidden neurons that would stay silent anew.
-    Warns of what was mended.
+    spikes: of training windows. generator: redraws the weights of silent hidden neurons.
+    Warns of corrections.
     """
     if network.spec.input_deviation is None:
         return
-    some = spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device)
-    scale_weights(network, some)
-    if some.any():
-        _wake(network, some, generator)
-        _calm(network, some)
-        scale_readout(network, some)
+    sample = spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device)
+    scale_weights(network, sample)
+    if sample.any():
+        _redraw_silent(network, sample, generator)
+        _weaken_recurrence(network, sample)
+        scale_readout(network, sample)
 
 
 @torch.no_grad()
 def scale_weights(network: RSNN, spikes: Tensor) -> None:
     """Scale each hidden neuron's input weights so that its free membrane deviates by `input_deviation` thresholds.
 
-    A neuron that hears nothing keeps its weights.
+    A neuron without input keeps its weights.
     """
     assert network.spec.input_deviation is not None
     alpha, beta = float(network.alpha[0]), float(network.beta[0])
@@ -211,8 +210,8 @@ def scale_readout(network: RSNN, spikes: Tensor) -> None:
 
 
 @torch.no_grad()
-def _wake(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
-    """Draw the input weights of hidden neurons that never spike anew, a few times at most."""
+def _redraw_silent(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Redraw the input weights of hidden neurons that never spike, a few times at most."""
     silent = ~network(spikes).hidden.any(dim=0)
     redrawn = int(silent.sum())
     for _ in range(ATTEMPTS):
@@ -224,36 +223,36 @@ def _wake(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
         silent = ~network(spikes).hidden.any(dim=0)
     if redrawn > len(silent) / 2:
         warnings.warn(
-            f"training: {redrawn} of {len(silent)} hidden neurons would have stayed silent; their weights were drawn "
-            f"anew, and {int(silent.sum())} stay silent",
+            f"training: {redrawn} of {len(silent)} hidden neurons were silent; their weights were redrawn, "
+            f"and {int(silent.sum())} are still silent",
             stacklevel=2,
         )
 
 
-def _calm(network: RSNN, spikes: Tensor) -> None:
-    """Halve recurrent weights under which gradients explode at the start."""
+def _weaken_recurrence(network: RSNN, spikes: Tensor) -> None:
+    """Halve the recurrent weights until gradients do not explode at the start."""
     if network.w_rec is None:
         return
     recurrent = network.w_rec.detach().clone()
     with torch.no_grad():
         network.w_rec.zero_()
-    most = EXPLODES * _gradient_norm(network, spikes)
+    limit = EXPLODES * _gradient_norm(network, spikes)
     with torch.no_grad():
         network.w_rec.copy_(recurrent)
     weights, halvings = network.w_rec, 0
-    while not _gradient_norm(network, spikes) <= most and halvings < HALVINGS:
+    while not _gradient_norm(network, spikes) <= limit and halvings < HALVINGS:
         halvings += 1
         with torch.no_grad():
             weights.mul_(0.5)
     if halvings:
         warnings.warn(
-            f"training: gradients would have exploded; the recurrent weights begin {2**halvings} times smaller",
+            f"training: gradients would explode; the initial recurrent weights are {2**halvings} times smaller",
             stacklevel=2,
         )
 
 
 def _gradient_norm(network: RSNN, spikes: Tensor) -> float:
-    """Of the spread of the readout over windows, by the input weights."""
+    """Norm of the gradient of the readout's variance over windows, by the input weights."""
     readout = network(spikes[:BATCH]).readout
     (gradient,) = torch.autograd.grad(readout.var(dim=0, correction=0).sum(), network.w_in)
     return float(gradient.double().norm())

@@ -32,11 +32,11 @@ def cuba_lif_layer(
     """Run one layer over a window: `I[t+1] = alpha I[t] + x[t] w + s[t-d] v` (texture paper, Eq. 5, has d = 0).
 
     x: spikes into the layer, `(trial, time, presynaptic)`, of the weights' float type.
-    w, v: weights `(presynaptic, postsynaptic)`; no `v`, no recurrence.
+    w, v: weights `(presynaptic, postsynaptic)`; v is None without recurrence.
     alpha, beta, threshold: numbers or tensors that broadcast over `(postsynaptic,)`.
-    neuron: membrane, reset and d, the recurrent delay. adaptation: of the thresholds; none where absent.
-    ordered: add decay, then inputs, then recurrence in ascending order, as the native kernels do. A matrix
-        product changes its last bits with the batch; this does not.
+    neuron: membrane, reset and d, the recurrent delay. adaptation: of the thresholds; None: they are fixed.
+    ordered: add decay, then inputs, then recurrence in ascending order, as the native kernels do. The last
+        bits of a matrix product depend on the batch; these do not.
 
     Returns the transmitted spikes `(trial, time, postsynaptic)` and the state after the last step.
     """
@@ -44,7 +44,7 @@ def cuba_lif_layer(
     if state is None:
         state = cuba_lif_start(n_trials, w.shape[1], w)
     transmitted = []
-    # unbind, not indexing: its gradient is one stack, where an index a step would cost steps squared.
+    # unbind, not indexing: its gradient is one stack; an index per step would cost steps squared.
     for arriving in (x if ordered else x @ w).unbind(dim=1):
         current, returning = alpha * state.current, recurrent_spikes(neuron, state)
         if ordered:

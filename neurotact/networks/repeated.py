@@ -15,11 +15,11 @@ from neurotact.networks.tasks import Task
 from neurotact.tables import write_table
 
 TABLE = "splits.csv"
-"""One row a training, in the folder that holds the folders of all."""
+"""One row per training, in the parent of their folders."""
 
 
 class Repeated(NamedTuple):
-    """One row a training, and the mean test accuracy with its 95 % interval, which knows that splits share trials."""
+    """One row per training, and the mean test accuracy with a 95 % interval that considers trials shared by splits."""
 
     table: pd.DataFrame
     accuracy: Interval
@@ -55,21 +55,21 @@ def run(
     tell: Callable[[str], None] = lambda line: None,
     **options: Any,
 ) -> Repeated:
-    """Train one network for each task in a folder of its own below `folder`, and write the table of all.
+    """Train one network for each task in its own folder below `folder`, and write the table of all.
 
-    options: as of `train_run.run`; with `resume`, trainings that are done are not done again.
+    options: of `train_run.run`; with `resume`, finished trainings are not repeated.
     """
-    taken = [name for name in train_run.LEFT if (folder / name).exists()]
-    if taken:
+    single = [name for name in train_run.LEFT if (folder / name).exists()]
+    if single:
         raise InputError(f"{folder}: holds a single training; choose another folder")
     if not (force or resume) and (folder / TABLE).exists():
         raise InputError(f"{folder / TABLE}: already exists; choose another folder, or pass --force or --resume")
     rows = []
     for name, task in tasks.items():
-        place = folder / name
-        train_run.run(spikes, place, network, task, force=force, resume=resume, tell=tell, **options)
-        tell = _silent  # the recipe's choices for the first split
-        result = files.read_json(place / train_run.RESULT)
+        subfolder = folder / name
+        train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
+        tell = _silent  # the recipe's choices are printed only for the first split
+        result = files.read_json(subfolder / train_run.RESULT)
         split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
         rows.append({"folder": name, **split, **result["row"], "linear": result["compared"]["linear"]})
     table = pd.DataFrame(rows)
@@ -95,4 +95,4 @@ def line(found: Repeated) -> str:
 
 
 def _silent(line: str) -> None:
-    """Says nothing."""
+    """Print nothing."""

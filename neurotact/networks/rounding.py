@@ -1,7 +1,7 @@
-"""Weights that are seen rounded: the forward pass sees whole multiples of a step, the gradients pass as they are.
+"""Rounded weights in training: the forward pass uses whole multiples of a step, gradients pass unchanged.
 
-This is the straight-through estimator (Hinton 2012; Bengio, Leonard and Courville 2013, arXiv 1308.3432): the weights
-that are trained stay fine, and take the gradient of the rounded ones.
+This is the straight-through estimator (Hinton 2012; Bengio, Leonard and Courville 2013, arXiv 1308.3432): the trained
+weights stay unrounded and get the gradient of the rounded ones.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,7 +16,7 @@ from neurotact.networks.rsnn import RSNN
 
 
 class Grid(NamedTuple):
-    """What a weight may be: `step k`, k being a whole number from -most to most."""
+    """The values of a weight: `step k`, with a whole number k from -most to most."""
 
     step: float
     most: int
@@ -33,7 +33,7 @@ class Grid(NamedTuple):
 
 
 class SeenRounded(nn.Module):
-    """Weights as a network sees them; their gradient passes as it is.
+    """Weights rounded for the forward pass; their gradient passes unchanged.
 
     >>> weights = torch.tensor([0.2, 0.3], requires_grad=True)
     >>> seen = SeenRounded(Grid(0.5, 3))(weights)
@@ -47,13 +47,13 @@ class SeenRounded(nn.Module):
         self.grid = grid
 
     def forward(self, weights: Tensor) -> Tensor:
-        # The difference is exactly 0, so that the sum is on the grid to the last bit.
+        # The difference is exactly 0: the sum is on the grid to the last bit.
         return self.grid.nearest(weights) + (weights - weights.detach())
 
 
 @contextmanager
 def seen_rounded(network: RSNN, grids: Mapping[str, Grid]) -> Iterator[None]:
-    """Within it the network sees these weights rounded; after it they are the rounded ones.
+    """In this context the network uses these weights rounded; afterwards they stay rounded.
 
     grids: by the name of the weights, such as `w_in`.
 

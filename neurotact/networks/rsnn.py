@@ -3,8 +3,8 @@
 Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading study.
 
 A readout that does not spike adds up a bias and the weights of every hidden spike, with a leak or without one
-(`readouts.Integration`). It does so in float64, where sums of float32 weights are all but always exact, so that neither
-the order of the spikes nor the size of a batch moves a decision.
+(`readouts.Integration`). It does so in float64, where sums of float32 weights are almost always exact: a decision
+depends neither on the order of the spikes nor on the size of a batch.
 """
 
 import math
@@ -26,11 +26,11 @@ from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start
 from neurotact.spec import build, override
 
 RASTER_VALUES = 2**25
-"""Of an integrator's early exit in the reference, spikes and sums that are kept at once."""
+"""Spikes and sums that the reference holds in memory for an integrator's early exit."""
 
 
 class Counts(NamedTuple):
-    """Spikes a window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`.
+    """Spikes per window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`.
 
     `readout` of an integrator is its value at the end of the window.
     """
@@ -40,9 +40,9 @@ class Counts(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """Spikes each step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`.
+    """Spikes per step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`.
 
-    `readout` of an integrator is what it hears at each step, in float64; `RSNN.integration` adds it up.
+    `readout` of an integrator is its input at each step, in float64; `RSNN.integration` adds it up.
     """
 
     hidden: Tensor
@@ -50,10 +50,10 @@ class Rasters(NamedTuple):
 
 
 class Inference(NamedTuple):
-    """What a network decided and what it did for it, one row per trial.
+    """The decisions of a network and their cost, one row per trial.
 
     labels: index of the largest readout count or value, ties to the lowest, `(trial,)` int64.
-    steps: steps that were simulated, `(trial,)` int64.
+    steps: simulated steps, `(trial,)` int64.
     input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64.
     readout: spikes of each readout neuron in those steps, `(trial, class)` int64; values of an integrator, float64.
     """
@@ -69,13 +69,13 @@ class RSNN(nn.Module):
     """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
 
     Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
-    `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, of which an integrator
-    has no use; it has a `bias` `(class,)`, None where the readout spikes. Spikes come in as
-    `(trial, time, afferent)` of any type whose values are 0 and 1; `backend` chooses the implementation (see
+    `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, which an integrator
+    does not use. An integrator has a `bias` `(class,)`; it is None if the readout spikes. Input spikes are
+    `(trial, time, afferent)` of any type with the values 0 and 1; `backend` chooses the implementation (see
     `kernels.use_native`).
 
-    The spec is given whole, or by its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys
-    that are not given have the spec's defaults. InputError names a key that no spec has.
+    Give a complete spec, or its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys that are
+    not given have the spec's defaults. InputError names an unknown key.
 
     >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
     >>> net
@@ -145,7 +145,7 @@ class RSNN(nn.Module):
 
     @property
     def weights(self) -> list[nn.Parameter]:
-        """The weight matrices: into, among and out of the hidden neurons."""
+        """The weight matrices: input, recurrent (if any) and readout."""
         return [weights for weights in (self.w_in, self.w_rec, self.w_out) if weights is not None]
 
     @property
@@ -163,7 +163,7 @@ class RSNN(nn.Module):
     def spike_of(self, layer: int) -> SpikeFunction:
         """The spike function of the hidden layer (0) or of the readout (1), with its surrogate.
 
-        A `spike` that was put in place of the spec's holds for both.
+        A `spike` that replaces the one of the spec is used for both.
         """
         readout_scale = self.spec.readout_surrogate_scale
         if layer == 0 or readout_scale is None or self.spike != FastSigmoid(self.spec.surrogate_scale):
@@ -172,7 +172,7 @@ class RSNN(nn.Module):
 
     @property
     def integration(self) -> Integration | None:
-        """How a readout that does not spike adds up what it hears; None where readout spikes are counted."""
+        """How a readout that does not spike adds up its input; None if readout spikes are counted."""
         if self.bias is None:
             return None
         leak_ms = self.spec.readout_leak_ms
@@ -181,13 +181,13 @@ class RSNN(nn.Module):
 
     @property
     def leaks(self) -> bool:
-        """Whether the readout is an integrator whose value depends on when spikes came."""
+        """Whether the readout is an integrator whose value depends on the times of spikes."""
         return (integration := self.integration) is not None and integration.leaks
 
     def forward(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
         """Spike counts over the whole window, for training.
 
-        heard: factors of what an integrator that leaks hears of each hidden neuron, `(hidden,)`; all 1 where absent.
+        heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
         """
         self._check(spikes)
         integration = self.integration
@@ -215,12 +215,12 @@ class RSNN(nn.Module):
         return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
 
     def sums(self, hidden: Tensor) -> Tensor:
-        """What an integrator without a leak has added up at the end of a window, from the hidden neurons' counts."""
+        """The values of an integrator without a leak at the end of a window, from the hidden neurons' counts."""
         assert self.bias is not None
         return (self.added(hidden) + self.bias.to(torch.float64)).to(self.w_out.dtype)
 
     def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
-        """Every spike of every neuron; differentiable. `ordered` runs the reference, adding as the kernels do."""
+        """Every spike of every neuron; differentiable. `ordered`: by the reference, adding in the kernels' order."""
         self._check(spikes)
         if not ordered and self._native():
             hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
@@ -233,14 +233,14 @@ class RSNN(nn.Module):
         return Rasters(hidden, readout)
 
     def added(self, hidden: Tensor) -> Tensor:
-        """What an integrator hears of hidden spikes or counts of them, `(..., class)`."""
+        """The input of an integrator from hidden spikes or their counts, `(..., class)`."""
         return hidden.double() @ self.w_out.double()
 
     @torch.no_grad()
     def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
-        """Decide each trial, stopping its simulation where `rule` says so.
+        """Decide each trial; `rule` stops its simulation.
 
-        The reference simulates whole windows of an integrator, and leaves what lies behind the exit out of the result.
+        For an integrator, the reference simulates full windows and ignores the steps after the exit.
         """
         self._check(spikes)
         if self._native():
@@ -259,8 +259,8 @@ class RSNN(nn.Module):
         if rule.never and not integration.leaks:
             hidden = self._hidden_counts(spikes)
             sums = self.added(hidden) + integration.level
-            sent, heard = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
-            return Inference(sums.argmax(dim=1), steps, sent, heard, sums)
+            n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
+            return Inference(sums.argmax(dim=1), steps, n_input, n_hidden, sums)
         hidden, gained = self.simulate(spikes)
         leader = Leader.start(n_trials, self.n_classes, spikes.device, integration)
         labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
@@ -270,8 +270,8 @@ class RSNN(nn.Module):
             labels[stops], sums[stops], steps[stops] = leader.index[stops], leader.counts[stops], t + 1
             running = running & ~stops
         ran = torch.arange(n_steps, device=spikes.device) < steps[:, None]
-        sent, heard = ((part.sum(dim=2) * ran).sum(dim=1).to(torch.int64) for part in (spikes, hidden))
-        return Inference(labels, steps, sent, heard, sums)
+        n_input, n_hidden = ((part.sum(dim=2) * ran).sum(dim=1).to(torch.int64) for part in (spikes, hidden))
+        return Inference(labels, steps, n_input, n_hidden, sums)
 
     def _infer_by_steps(self, spikes: Tensor, rule: ExitRule) -> Inference:
         n_trials, n_steps, _ = spikes.shape
@@ -279,24 +279,24 @@ class RSNN(nn.Module):
         hidden = cuba_lif_start(n_trials, self.spec.hidden, self.w_in)
         readout = cuba_lif_start(n_trials, self.n_classes, self.w_in)
         leader = Leader.start(n_trials, self.n_classes, spikes.device)
-        labels, steps, sent_in, sent_hidden = (torch.zeros_like(running) for _ in range(4))
-        result = Inference(labels, steps, sent_in, sent_hidden, leader.counts.clone())
+        labels, steps, n_input, n_hidden = (torch.zeros_like(running) for _ in range(4))
+        result = Inference(labels, steps, n_input, n_hidden, leader.counts.clone())
         totals = torch.zeros(n_trials, 2, dtype=torch.int64, device=spikes.device)
         for t in range(n_steps):
-            arriving = spikes[running, t : t + 1].to(self.w_in.dtype)
-            sent, hidden = self._layer(arriving, self.w_in, self.w_rec, 0, False, hidden)
-            decided, readout = self._layer(sent, self.w_out, None, 1, False, readout)
-            totals += torch.stack([arriving.sum(dim=(1, 2)), sent.sum(dim=(1, 2))], dim=1).to(torch.int64)
-            leader = leader.after(decided[:, 0].to(torch.int64))
+            inputs = spikes[running, t : t + 1].to(self.w_in.dtype)
+            hidden_spikes, hidden = self._layer(inputs, self.w_in, self.w_rec, 0, False, hidden)
+            readout_spikes, readout = self._layer(hidden_spikes, self.w_out, None, 1, False, readout)
+            totals += torch.stack([inputs.sum(dim=(1, 2)), hidden_spikes.sum(dim=(1, 2))], dim=1).to(torch.int64)
+            leader = leader.after(readout_spikes[:, 0].to(torch.int64))
             done = leader.exits(rule) if t + 1 < n_steps else torch.ones_like(leader.index, dtype=torch.bool)
             if done.any():
                 at = running[done]
                 result.labels[at], result.steps[at] = leader.index[done], t + 1
                 result.input_spikes[at], result.hidden_spikes[at] = totals[done].unbind(dim=1)
                 result.readout[at] = leader.counts[done]
-                on = ~done
-                running, totals, leader = running[on], totals[on], leader.select(on)
-                hidden, readout = (type(state)(*(part[on] for part in state)) for state in (hidden, readout))
+                left = ~done
+                running, totals, leader = running[left], totals[left], leader.select(left)
+                hidden, readout = (type(state)(*(part[left] for part in state)) for state in (hidden, readout))
             if running.numel() == 0:
                 break
         return result
@@ -315,7 +315,7 @@ class RSNN(nn.Module):
         return native.layer_spikes(x, w, v, *dynamics, self.neuron, spike.scale, self.adaptation_of(layer))
 
     def _native(self) -> bool:
-        # The kernels know the fast sigmoid alone; any other surrogate runs in the reference.
+        # The kernels have only the fast sigmoid; any other surrogate runs in the reference.
         return self.spike == FastSigmoid(self.spec.surrogate_scale) and kernels.use_native(self.backend, self.w_in)
 
     def _check(self, spikes: Tensor) -> None:

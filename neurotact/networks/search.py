@@ -1,7 +1,7 @@
-"""Searching a network's hyperparameters on validation trials, with a journal that survives what interrupts it.
+"""Search of a network's hyperparameters on validation trials, with a journal that survives interruptions.
 
-A search asks its tuner for a batch of trials, trains them, writes each to the journal in the order of their numbers,
-and tells the tuner. The journal alone is the search's state: to resume is to ask and tell anew with what it holds.
+A search asks its tuner for a batch of trials, trains them, writes them to the journal in the order of their numbers,
+and reports them to the tuner. The journal is the only state: a resumed search asks again and reports its trials again.
 """
 
 import hashlib
@@ -47,16 +47,16 @@ from neurotact.spec import Spec
 
 
 class Problem(Spec):
-    """What is searched: everything that decides the journal's bytes, and nothing of where files lie."""
+    """What is searched: everything that determines the journal's bytes, without the paths of files."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("device",)
     search: SearchSpec
     network: RSNNSpec
-    """What the space does not name."""
+    """The keys that are not in the space."""
     task: Task
     spikes_sha256: str
     device: Literal["cpu", "cuda"] = "cpu"
-    """Where its trials are trained: rounding differs."""
+    """Device on which its trials are trained: rounding differs."""
 
     def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
         return tuning.apply(self.network, parameters, source="search.space")
@@ -75,7 +75,7 @@ class Problem(Spec):
 
 
 class Job(NamedTuple):
-    """A trial on its way to where it is trained."""
+    """A trial to train."""
 
     problem: Problem
     proposal: Proposal
@@ -87,7 +87,7 @@ Run = Callable[[Sequence[Job]], Iterator[Trial]]
 
 
 class Timing(NamedTuple):
-    """Seconds of a search in this process, and how many of them proposals took."""
+    """Seconds of a search in this process, and the part of them that proposals took."""
 
     seconds: float
     proposals: float
@@ -96,7 +96,7 @@ class Timing(NamedTuple):
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:
     """The problem of searching on these spike trains, on the CPU or an available device.
 
-    InputError when the space does not suit the network, or the training trials hold less than two classes.
+    Raises InputError if the space does not suit the network, or if the training trials have fewer than two classes.
     """
     if device != "cpu":
         device_of(device)
@@ -121,44 +121,44 @@ def processes(spikes: Path, n_workers: int) -> Iterator[Run]:
 
 
 def search(problem: Problem, folder: Path, run: Run, advance: Advance = silent) -> tuple[list[Trial], Timing]:
-    """Every trial of a search; what the journal in `folder` holds already is not trained again.
+    """Every trial of a search; trials in the journal of `folder` are not trained again.
 
     run: `here` or `processes`; the journal is the same for both and for any number of processes.
-    Raises InputError when the folder holds another search.
+    Raises InputError if the folder holds another search.
     """
     _claim(folder, problem)
     files.sweep(folder)
     known = read_journal(folder / JOURNAL)
     n_known = len(known)
     advance(n_known, note(known))
-    began = perf_counter()
+    started_at = perf_counter()
     done: list[Trial] = []
     tuner = Tuner(problem.search)
-    proposals = perf_counter() - began
+    proposals = perf_counter() - started_at
     while True:
-        asked = perf_counter()
+        asked_at = perf_counter()
         batch = tuner.ask()
-        proposals += perf_counter() - asked
+        proposals += perf_counter() - asked_at
         if not batch:
             break
         ended = _take(known, batch, problem, folder)
         for trial in run([Job(problem, proposal, tuner.median_stop) for proposal in batch[len(ended) :]]):
             files.append(folder / JOURNAL, trial.line())
             ended.append(trial)
-            advance(1, _progress(done + ended, n_known, problem.search.trials, perf_counter() - began))
-        told = perf_counter()
+            advance(1, _progress(done + ended, n_known, problem.search.trials, perf_counter() - started_at))
+        ended_at = perf_counter()
         for trial in ended:
-            _tell(tuner, trial)
-        proposals += perf_counter() - told
+            _report(tuner, trial)
+        proposals += perf_counter() - ended_at
         done += ended
     if known:
         raise InputError(f"{folder / JOURNAL}: holds trials that this search does not propose; remove the folder")
     _warn_beyond(problem.search.max_sops, done)
-    return done, Timing(perf_counter() - began, proposals)
+    return done, Timing(perf_counter() - started_at, proposals)
 
 
 def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
-    """Train one proposed network; a trial that cannot be trained fails, and the search goes on."""
+    """Train one proposed network; a trial that cannot be trained fails, and the search continues."""
     number, parameters = job.proposal
     epochs: list[float] = []
     try:
@@ -169,7 +169,7 @@ def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
 
 
 def trial_of(job: Job, network: RSNN, accuracy: float, outcome: str, sides: Sides, epochs: list[float]) -> Trial:
-    """The line of a network that was trained, with what its decisions on validation windows cost."""
+    """The journal's line of a trained network, with the SOPs of its decisions on validation windows."""
     number, parameters = job.proposal
     sops = measuring.mean_sops(network, sides.validation)
     value = job.problem.search.value(accuracy, sops)
@@ -179,11 +179,11 @@ def trial_of(job: Job, network: RSNN, accuracy: float, outcome: str, sides: Side
 
 
 def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
-    """Warn where no finished trial stays within the budget."""
-    taken = [trial.sops for trial in trials if trial.outcome == FINISHED and trial.sops is not None]
-    if max_sops is not None and taken and min(taken) > max_sops:
+    """Warn if no finished trial stays within the budget."""
+    sops = [trial.sops for trial in trials if trial.outcome == FINISHED and trial.sops is not None]
+    if max_sops is not None and sops and min(sops) > max_sops:
         warnings.warn(
-            f"search: no trial stays within {max_sops:,g} SOPs, the cheapest takes {min(taken):,.0f}; allow more SOPs, "
+            f"search: no trial stays within {max_sops:,g} SOPs, the cheapest takes {min(sops):,.0f}; allow more SOPs, "
             "search smaller networks or stronger rate penalties, or lengthen the refractory periods",
             stacklevel=3,
         )
@@ -192,23 +192,23 @@ def _warn_beyond(max_sops: float | None, trials: Sequence[Trial]) -> None:
 def train_best(
     problem: Problem, trains: SpikeTrains, best: Trial, device: str = "cpu"
 ) -> tuple[fitting.Trained, Sides]:
-    """Train a trial's network again: its own seeds give the network that the search saw.
+    """Train a trial's network again; its seeds reproduce the network of the search.
 
-    device: where its trials were trained.
+    device: on which its trials were trained.
     """
     seeds = problem.seeds_of(Proposal(best.id, best.parameters))
-    what = trains, problem.network_of(best.parameters), problem.task, seeds
+    arguments = trains, problem.network_of(best.parameters), problem.task, seeds
     if device == "cpu":
-        return fitting.fit(*what)
+        return fitting.fit(*arguments)
     sides = tasks.sides_of(trains, problem.task)
-    (fitted,) = population.fit([population.Asked(*what, sides)], device_of(device))
+    (fitted,) = population.fit([population.Asked(*arguments, sides)], device_of(device))
     return fitted, sides
 
 
 def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Trial], device: str = "cpu") -> Outcome:
-    """Train the best network again, write it into `folder/best` as `neurotact train` does; what it came to.
+    """Train the best network again and write it into `folder/best` as `neurotact train` does; returns its outcome.
 
-    It is trained with one thread, as in the search, so that it is the same network to the last bit.
+    It is trained with one thread, as in the search, to be the same network to the last bit.
     """
     trains = hdf5.load_spikes(spikes)
     with workers.one_thread():
@@ -220,7 +220,7 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
 
 
 def _progress(trials: Sequence[Trial], n_known: int, n_trials: int, seconds: float) -> str:
-    """The best so far; where no bar shows it, also the time left."""
+    """The best trial so far and, without a progress bar, the time left."""
     if sys.stderr.isatty():
         return note(trials)
     left = seconds / (len(trials) - n_known) * (n_trials - len(trials))
@@ -250,29 +250,29 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
 
 
 def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:
-    """The trials of this batch that the journal held, taken off it."""
+    """The trials of this batch that are in the journal; they are removed from `known`."""
     taken = [known.pop(0) for _ in batch[: len(known)]]
     for trial, proposal in zip(taken, batch, strict=False):
         if trial.parameters != proposal.parameters:
             raise InputError(
-                f"{folder / JOURNAL}: trial {trial.id} is not what this search proposes there; remove the folder, "
-                "or go on with the versions of nni and numpy that it began with"
+                f"{folder / JOURNAL}: trial {trial.id} is not the one that this search proposes; remove the folder, "
+                "or continue with the versions of nni and numpy that it was started with"
             )
-        if trial.outcome != FAILED and not _adds_up(trial, problem.search):
+        if trial.outcome != FAILED and not _is_consistent(trial, problem.search):
             where = f"{folder / JOURNAL}: line {trial.id + 1}"
-            raise InputError(f"{where} is damaged (its value is not that of its accuracy); cut the file off before it")
+            raise InputError(f"{where} is damaged (its value does not match its accuracy); truncate the file before it")
     return taken
 
 
-def _adds_up(trial: Trial, search: SearchSpec) -> bool:
-    """Whether a trial's value is that of its accuracy and its SOPs."""
+def _is_consistent(trial: Trial, search: SearchSpec) -> bool:
+    """Whether a trial's value matches its accuracy and its SOPs."""
     accuracy, sops = trial.accuracy, trial.sops
     if not isinstance(accuracy, (int, float)) or not isinstance(sops, (int, float)):
         return False
     return trial.value == search.value(accuracy, sops)
 
 
-def _tell(tuner: Tuner, trial: Trial) -> None:
+def _report(tuner: Tuner, trial: Trial) -> None:
     if trial.outcome == FAILED:
         tuner.fail(trial.id, trial.epochs)
     else:
@@ -280,7 +280,7 @@ def _tell(tuner: Tuner, trial: Trial) -> None:
 
 
 def _claim(folder: Path, problem: Problem) -> None:
-    """Make `folder` this search's; refuse one that is another's. A search without a trial yet gives way."""
+    """Use `folder` for this search; refuse the folder of another one. A search without trials is replaced."""
     path, journal = folder / "search.json", folder / JOURNAL
     content = problem.model_dump(mode="json")
     if not path.is_file() and not files.is_free(folder):
@@ -291,7 +291,7 @@ def _claim(folder: Path, problem: Problem) -> None:
 
 
 def _read_problem(path: Path) -> Any:
-    """What `search.json` holds; None where it is damaged."""
+    """The content of `search.json`; None if it is damaged."""
     try:
         return files.read_json(path)
     except InputError:
@@ -305,13 +305,13 @@ def _try_from_disk(job_and_path: tuple[Job, Path]) -> Trial:
 
 @lru_cache(maxsize=1)
 def _read(path: Path, task: str) -> tuple[SpikeTrains, Sides]:
-    """Read and cut once a process, not once a trial."""
+    """Read the spikes and cut windows once per process, not once per trial."""
     trains = hdf5.load_spikes(path)
     return trains, tasks.sides_of(trains, Task.model_validate_json(task))
 
 
 def _sha256(trains: SpikeTrains) -> str:
-    """Of what a network sees: spikes, labels and conditions, whichever file holds them."""
+    """Digest of what a network is trained on: spikes, labels and conditions, whichever file holds them."""
     content = hashlib.sha256(json.dumps([trains.sampling_rate_Hz, list(trains.afferents)]).encode())
     content.update(trains.trial_steps.astype(np.int64).tobytes())
     for events in (trains.steps, trains.units):

@@ -1,4 +1,4 @@
-"""Which hyperparameters decide what a search found, by permutation in random forests."""
+"""The importance of hyperparameters in a search, by permutation in random forests."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -9,33 +9,33 @@ from sklearn.ensemble import RandomForestRegressor
 from sklearn.inspection import permutation_importance
 
 FOREST_LEAST = 16
-"""Trials without which no importance is estimated."""
+"""With fewer trials, no importance is estimated."""
 
 
 class Importance(NamedTuple):
-    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: what is foreseen at all."""
+    """drop: for each key of the network, the loss of R² when its values are shuffled; r2: R² of the prediction."""
 
     drop: Mapping[str, float]
     r2: float
 
 
 def importance(table: pd.DataFrame, keys: Sequence[str]) -> Importance | None:
-    """How much each key decides the value, by permutation in random forests; None for too few trials.
+    """How strongly the value depends on each key, by permutation in random forests; None for too few trials.
 
-    A forest fitted on every other trial foresees the rest, and the reverse; `drop` is the mean loss of R² over
-    both when a key's values are shuffled among the foreseen trials, `r2` what is foreseen of them at all.
+    A forest fitted on every other trial predicts the rest, and the reverse. `drop` is the mean loss of R² over both
+    when a key's values are shuffled among the predicted trials; `r2` is the mean R² of both.
     """
-    told = table[table["value"].notna()]
-    varied = [key for key in keys if told[key].nunique() > 1]
-    if len(told) < FOREST_LEAST or not varied or told["value"].nunique() == 1:
+    trials = table[table["value"].notna()]
+    varied = [key for key in keys if trials[key].nunique() > 1]
+    if len(trials) < FOREST_LEAST or not varied or trials["value"].nunique() == 1:
         return None
-    features = told[varied].apply(_as_number)
-    even = np.arange(len(told)) % 2 == 0
+    features = trials[varied].apply(_as_number)
+    even = np.arange(len(trials)) % 2 == 0
     drops, scores = [], []
     for fitted in (even, ~even):
         forest = RandomForestRegressor(200, min_samples_leaf=2, random_state=0)
-        forest.fit(features[fitted], told["value"][fitted])
-        unseen = (features[~fitted], told["value"][~fitted])
+        forest.fit(features[fitted], trials["value"][fitted])
+        unseen = (features[~fitted], trials["value"][~fitted])
         drops.append(permutation_importance(forest, *unseen, n_repeats=10, random_state=0)["importances_mean"])
         scores.append(forest.score(*unseen))
     return Importance(dict(zip(varied, np.mean(drops, axis=0).tolist(), strict=True)), float(np.mean(scores)))

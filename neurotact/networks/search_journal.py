@@ -1,4 +1,4 @@
-"""The journal of a search: a line of JSON for each trial, which outlasts whatever interrupts the search."""
+"""The journal of a search: one line of JSON per trial; it survives interruptions of the search."""
 
 import json
 import os
@@ -22,8 +22,8 @@ class Trial:
 
     epochs: validation accuracy after each epoch.
     outcome: finished, stopped (by the assessor) or failed.
-    accuracy, sops: of the network that training kept, on validation windows; of the last epoch's when stopped.
-    value: what the tuner got.
+    accuracy, sops: of the trained network on validation windows; if stopped, of the network after the last epoch.
+    value: what the tuner received.
     """
 
     __pydantic_config__ = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
@@ -44,7 +44,7 @@ _TRIAL = TypeAdapter(Trial)
 
 
 def read_journal(path: Path) -> list[Trial]:
-    """The trials of a journal; a last line that was torn is taken off the file, so that its trial runs again."""
+    """The trials of a journal; an incomplete last line is removed from the file, and its trial runs again."""
     if not path.is_file():
         return []
     lines = files.read_bytes(path).splitlines(keepends=True)
@@ -55,15 +55,15 @@ def read_journal(path: Path) -> list[Trial]:
         except (ValueError, TypeError, RecursionError) as error:
             if number + 1 < len(lines):
                 where = f"{path}: line {number + 1}"
-                raise InputError(f"{where} is damaged ({error}); cut the file off before it") from error
+                raise InputError(f"{where} is damaged ({error}); truncate the file before it") from error
             os.truncate(path, sum(map(len, lines[:-1])))
     return trials
 
 
 def _parse(line: bytes, number: int) -> Trial:
-    """A line of the journal; ValueError or TypeError when it is not whole or not of trial `number`."""
+    """A line of the journal; ValueError or TypeError if it is incomplete or not of trial `number`."""
     if not line.endswith(b"\n"):
-        raise ValueError("it has no end")
+        raise ValueError("it is incomplete")
     try:
         trial = _TRIAL.validate_json(line)
     except ValidationError as error:
@@ -72,19 +72,19 @@ def _parse(line: bytes, number: int) -> Trial:
     if trial.id != number:
         raise ValueError(f"it is of trial {trial.id}")
     if trial.outcome not in (FINISHED, STOPPED, FAILED):
-        raise ValueError("its outcome is none")
+        raise ValueError("its outcome is unknown")
     if trial.outcome != FAILED and None in (trial.accuracy, trial.sops, trial.value):
         raise ValueError("its accuracy, its SOPs or its value is missing")
     if not all(0 <= accuracy <= 1 for accuracy in trial.epochs):
         raise ValueError("an accuracy is not between 0 and 1")
     ended = trial.epochs[-1:] if trial.outcome == STOPPED else trial.epochs
     if trial.outcome != FAILED and trial.accuracy not in ended:
-        raise ValueError("its accuracy is of none of its epochs")
+        raise ValueError("none of its epochs has its accuracy")
     return trial
 
 
 def best_of(trials: Sequence[Trial]) -> Trial:
-    """The finished trial of the largest value, the first of equal ones; InputError when none has finished."""
+    """The finished trial of the largest value, the first among equal ones; InputError if none has finished."""
     finished = [trial for trial in trials if trial.outcome == FINISHED]
     if not finished:
         why = next((f"; trial {t.id}: {t.error}" for t in trials if t.error), "")
@@ -93,7 +93,7 @@ def best_of(trials: Sequence[Trial]) -> Trial:
 
 
 def note(trials: Sequence[Trial]) -> str:
-    """The best so far, in a few words."""
+    """The best trial so far, in a few words."""
     finished = [trial for trial in trials if trial.outcome == FINISHED]
     if not finished:
         return ""
@@ -102,7 +102,7 @@ def note(trials: Sequence[Trial]) -> str:
 
 
 def value_of(trial: Trial) -> float:
-    """What the tuner got; InputError where there is none."""
+    """The value that the tuner received; InputError if there is none."""
     if trial.value is None:
-        raise InputError(f"journal: trial {trial.id} has no value; cut the file off before its line")
+        raise InputError(f"journal: trial {trial.id} has no value; truncate the file before its line")
     return trial.value

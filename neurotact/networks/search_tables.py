@@ -1,4 +1,4 @@
-"""What a search found, for people: its trials, its front of accuracy and SOPs, its best network as a spec."""
+"""Tables of a search: its trials, its Pareto front of accuracy and SOPs, and its best network as a spec."""
 
 import json
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from neurotact.tables import write_table
 
 
 def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> None:
-    """Write what the journal says for people: best.toml, trials.csv and, where SOPs decide too, pareto.csv."""
+    """Write the results of the journal: best.toml, trials.csv and, if SOPs count too, pareto.csv."""
     best = best_of(trials)
     table = trials_table(trials)
     write_table(table, folder / "trials.csv")
@@ -59,7 +59,7 @@ def front_table(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def as_cell(value: Any) -> Any:
-    """A hyperparameter as a cell of a table holds it."""
+    """A hyperparameter as a cell of a table."""
     return value if isinstance(value, (int, float, str)) else json.dumps(value)
 
 

@@ -1,13 +1,13 @@
 """Exchange of networks with snnTorch: Linear, RSynaptic, Linear, Synaptic, stepped over time.
 
 snnTorch's neurons are those with membrane `immediate`, reset `zero` or `subtract`; they clamp alpha and beta to [0, 1]
-and have a bias in every projection, which must be zero here. Weights are transposed on the way, because torch.nn.Linear
-keeps them as (postsynaptic, presynaptic).
+and have a bias in every projection, which must be zero here. Weights are transposed, because torch.nn.Linear stores
+them as (postsynaptic, presynaptic).
 
 The membranes `eq4` and `delayed` are the same neurons one step behind their input: with mem[k] = U[k+1], snnTorch's
 mem[k] = beta mem[k-1] + syn[k] is `delayed` where syn[k] = I[k], and `eq4` where syn[k] = beta I[k]. Hence layers
-answer input and hidden spikes two steps later, and under `eq4` all weights are multiplied by beta. The spikes are equal
-but for rounding.
+respond to input and hidden spikes two steps later, and for `eq4` all weights are multiplied by beta. The spikes are
+equal except for rounding.
 """
 
 import math
@@ -36,11 +36,11 @@ DYNAMICS = ("alpha", "beta", "threshold")
 class SnnTorchNetwork(nn.Module):
     """A network of snnTorch's neurons: `(trial, time, afferent)` to the rasters of both layers.
 
-    fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic; None in
-        place of the last where the readout does not spike: what `fc_out` gives is added up, from `level` on, with
-        `decay` per step and, with `peak`, up to the largest value over time.
-    late: steps by which layers answer late: 0 for `immediate`, 2 for `eq4` and `delayed`.
-    recurrent_delay: further steps by which a hidden spike comes back to the hidden layer.
+    fc_in, hidden, fc_out, readout: Linear, RSynaptic (Synaptic of a feed-forward network), Linear, Synaptic. If the
+        readout does not spike, the last is None: the output of `fc_out` is added up from `level`, with `decay` per
+        step; with `peak`, the value is the largest over time.
+    late: steps by which layers respond late: 0 for `immediate`, 2 for `eq4` and `delayed`.
+    recurrent_delay: additional delay of recurrent spikes, in steps.
     """
 
     def __init__(
@@ -65,46 +65,46 @@ class SnnTorchNetwork(nn.Module):
 
         `readout` of an integrator is its value after each step.
         """
-        # Layers hear `(trial, 1, ...)`, and the very tensors that others sent: snnTorch's export to NIR finds the
-        # connections by them, and sees one shape.
-        sent = self._hidden(spikes.float())
-        hidden = torch.cat(sent, dim=1)
+        # Layers receive `(trial, 1, ...)`, and the same tensor objects that other layers return: snnTorch's export to
+        # NIR finds the connections by them, and sees one shape.
+        hidden_spikes = self._hidden(spikes.float())
+        hidden = torch.cat(hidden_spikes, dim=1)
         if self.readout is None:
             assert self.level is not None
-            gained = torch.cat([self.fc_out(heard) for heard in sent], dim=1)
+            gained = torch.cat([self.fc_out(step) for step in hidden_spikes], dim=1)
             return hidden, torch.stack([*Integration(self.level, self.decay, self.peak).over(gained)], dim=1)
-        nothing = hidden.new_zeros(len(hidden), 1, self.fc_out.out_features)
-        syn, mem, readout = nothing, nothing, [nothing] * self.late
-        for heard in sent[: len(sent) - self.late]:
-            decided, syn, mem = self.readout(self.fc_out(heard), syn, mem)
-            readout.append(decided)
-        return hidden, torch.cat(readout[: len(sent)], dim=1)
+        zero = hidden.new_zeros(len(hidden), 1, self.fc_out.out_features)
+        syn, mem, readout = zero, zero, [zero] * self.late
+        for step in hidden_spikes[: len(hidden_spikes) - self.late]:
+            spike, syn, mem = self.readout(self.fc_out(step), syn, mem)
+            readout.append(spike)
+        return hidden, torch.cat(readout[: len(hidden_spikes)], dim=1)
 
     def _hidden(self, spikes: Tensor) -> list[Tensor]:
-        """What each step sends, `(trial, 1, hidden)`."""
+        """The hidden spikes of each step, `(trial, 1, hidden)`."""
         rows, n_steps, _ = spikes.shape
-        silent = spikes.new_zeros(rows, 1, self.fc_in.out_features)
-        syn, mem, sent = silent, silent, [silent] * self.late
+        zero = spikes.new_zeros(rows, 1, self.fc_in.out_features)
+        syn, mem, hidden_spikes = zero, zero, [zero] * self.late
         for k, arriving in enumerate(spikes.split(1, dim=1)[: n_steps - self.late]):
             current = self.fc_in(arriving)
             if isinstance(self.hidden, snntorch.RSynaptic):
-                # The step whose spikes come back; step k + late is computed.
+                # The step of the recurrent spikes; step k + late is computed.
                 back = k + self.late - max(1, self.late) - self.recurrent_delay
-                spike, syn, mem = self.hidden(current, sent[back] if back >= 0 else silent, syn, mem)
+                spike, syn, mem = self.hidden(current, hidden_spikes[back] if back >= 0 else zero, syn, mem)
             else:
                 spike, syn, mem = self.hidden(current, syn, mem)
-            sent.append(spike)
-        return sent[:n_steps]
+            hidden_spikes.append(spike)
+        return hidden_spikes[:n_steps]
 
 
 def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     """The same network, in snnTorch's neurons, with its own copy of the weights.
 
-    Raises InputError unless the network is float32, reset `zero` or `subtract`, alpha and beta in [0, 1], and its
+    Raises InputError unless the network is float32, reset is `zero` or `subtract`, alpha and beta are in [0, 1], and
     thresholds do not adapt.
-    `snntorch.export_nir.export_to_nir(net, torch.ones(1, 9, afferents), ignore_dims=[0, 1])` writes its layers where
-    nothing in `spec.learn` is learned, without the steps by which the wrapper delays them; `nt.to_nir` writes all.
-    In snnTorch a learned threshold also takes a gradient through a `subtract` reset; here no reset does.
+    `snntorch.export_nir.export_to_nir(net, torch.ones(1, 9, afferents), ignore_dims=[0, 1])` writes its layers if
+    `spec.learn` is empty, without the delays of the wrapper; `nt.to_nir` writes all.
+    In snnTorch a learned threshold also gets a gradient through a `subtract` reset; here no reset has a gradient.
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20), sampling_rate_Hz=2000.0)
     >>> hidden, readout = to_snntorch(net)(torch.ones(2, 10, 16))
@@ -112,7 +112,7 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     torch.Size([2, 10, 8])
     """
     if network.spec.reset not in RESETS:
-        raise InputError(f"reset: snnTorch has 'zero' and 'subtract' alone; got '{network.spec.reset}'")
+        raise InputError(f"reset: snnTorch has only 'zero' and 'subtract'; got '{network.spec.reset}'")
     if network.adaptation is not None:
         raise InputError(
             "threshold_adaptation: snnTorch's Synaptic has fixed thresholds; train with threshold_adaptation = 0"
@@ -130,21 +130,21 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     _forget(hidden)
     late = 0 if network.spec.membrane == "immediate" else 2
     level = None if network.bias is None else nn.Parameter(network.bias.detach().clone())
-    how = network.integration
-    made = SnnTorchNetwork(
+    integration = network.integration
+    exported = SnnTorchNetwork(
         _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level,
-        1.0 if how is None else how.decay, how is not None and how.peak,
+        1.0 if integration is None else integration.decay, integration is not None and integration.peak,
     )  # fmt: skip
-    return made.to(network.w_in.device)
+    return exported.to(network.w_in.device)
 
 
 def _dynamics(network: RSNN, layer: int) -> dict[str, Any]:
-    """What a neuron of snnTorch takes to be one of the hidden layer (0) or of the readout (1)."""
+    """Arguments of a snnTorch neuron of the hidden layer (0) or of the readout (1)."""
     spike = network.spike_of(layer)
     slope = surrogate.fast_sigmoid(cast(int, spike.scale)) if isinstance(spike, FastSigmoid) else spike
     n_neurons = (network.spec.hidden, network.n_classes)[layer]
-    # What is learned is one value per layer. The rest is written out for each neuron: snnTorch's own export to NIR
-    # takes the size of a layer from it.
+    # Learned parameters have one value per layer. The others have one per neuron: snnTorch's own export to NIR takes
+    # the size of a layer from them.
     values = {name: getattr(network, name)[layer].detach().clone() for name in DYNAMICS}
     values = {name: each if name in network.spec.learn else each.repeat(n_neurons) for name, each in values.items()}
     learned = {f"learn_{name}": name in network.spec.learn for name in values}
@@ -155,7 +155,7 @@ def _hidden_neurons(network: RSNN, factor: Tensor) -> snntorch.RSynaptic | snnto
     """The hidden layer, its recurrent weights times `factor`."""
     if network.w_rec is None:
         return snntorch.Synaptic(**_dynamics(network, 0))
-    # RSynaptic draws recurrent weights that are replaced at once: leave the global generator alone.
+    # RSynaptic draws recurrent weights that are replaced: do not advance the global generator.
     with torch.random.fork_rng(devices=[]):
         hidden = snntorch.RSynaptic(linear_features=network.spec.hidden, **_dynamics(network, 0))
     recurrent = cast(nn.Linear, hidden.recurrent)
@@ -165,7 +165,7 @@ def _hidden_neurons(network: RSNN, factor: Tensor) -> snntorch.RSynaptic | snnto
 
 
 class _Layers(NamedTuple):
-    """What an RSNN is made of, in snnTorch's modules."""
+    """The parts of an RSNN, as snnTorch's modules."""
 
     fc_in: nn.Linear
     hidden: Any
@@ -177,17 +177,16 @@ class _Layers(NamedTuple):
 def from_snntorch(
     parts: nn.Module | Sequence[nn.Module], sampling_rate_Hz: float, *, backend: Backend = "auto"
 ) -> RSNN:
-    """The RSNN with the weights of snnTorch's layers, which are copied.
+    """The RSNN with a copy of the weights of snnTorch's layers.
 
-    parts: Linear, RSynaptic, Linear, Synaptic in this order, or a module that holds them, in the order in which
-        they were assigned to it.
-    sampling_rate_Hz: the clock on which alpha and beta were chosen: snnTorch knows none.
+    parts: Linear, RSynaptic, Linear, Synaptic in this order, or a module that contains them, assigned in this order.
+    sampling_rate_Hz: the clock on which alpha and beta were chosen: snnTorch has none.
 
-    Raises InputError where neurotact's network has no place for something: a bias that is not zero, decays that
-    differ from neuron to neuron or lie outside [0, 1], another reset, inhibition, quantised states, graded spikes.
-    Surrogates that are fast sigmoids become those of the spec; any other is kept as it is, for the reference.
-    The spec's time constants are the hidden layer's; `alpha` and `beta` hold both layers' exactly. What one layer
-    learns, both learn.
+    Raises InputError for what neurotact's network does not have: a bias that is not zero, decays that differ from
+    neuron to neuron or are outside [0, 1], another reset, inhibition, quantised states, graded spikes.
+    Surrogates that are fast sigmoids become those of the spec; any other is used unchanged, by the reference.
+    The spec's time constants are the hidden layer's; `alpha` and `beta` hold the exact values of both layers. If one
+    layer learns a parameter, both layers learn it.
 
     >>> net = RSNN(16, 8, RSNNSpec(hidden=20, membrane="immediate"), sampling_rate_Hz=2000.0)
     >>> torch.equal(from_snntorch(to_snntorch(net), 2000.0).w_rec, net.w_rec)
@@ -223,9 +222,9 @@ def from_snntorch(
 
 
 def _checked_layers(parts: nn.Module | Sequence[nn.Module]) -> _Layers:
-    """The layers of a snnTorch network; InputError for what an RSNN has no place for."""
+    """The layers of a snnTorch network; InputError for what an RSNN does not have."""
     if isinstance(parts, SnnTorchNetwork) and (parts.late or parts.recurrent_delay):
-        raise InputError("parts: these neurons hear their input later than snnTorch's own; give an 'immediate' network")
+        raise InputError("parts: these neurons receive input later than snnTorch's own; give an 'immediate' network")
     fc_in, hidden, fc_out, readout = _four(parts)
     recurrent = getattr(hidden, "recurrent", None)
     if not isinstance(recurrent, nn.Linear):
@@ -234,16 +233,16 @@ def _checked_layers(parts: nn.Module | Sequence[nn.Module]) -> _Layers:
     for name, neuron in (("hidden", hidden), ("readout", readout)):
         _check_neuron(name, neuron)
     if hidden.reset_mechanism != readout.reset_mechanism:
-        raise InputError("reset: the hidden layer and the readout reset in two ways; give both the same")
+        raise InputError("reset: the hidden layer and the readout reset differently; give both the same")
     return _Layers(fc_in, hidden, recurrent, fc_out, readout)
 
 
 def _surrogate_scales(layers: _Layers) -> dict[str, float | None]:
-    """The keys of the spec for fast sigmoids; none for one other surrogate, which both layers then have."""
+    """The keys of the spec for fast sigmoids; none if both layers have one other surrogate."""
     scale, readout_scale = (_fast_sigmoid_scale(neuron.spike_grad) for neuron in (layers.hidden, layers.readout))
     if (scale is None) != (readout_scale is None):
         raise InputError(
-            "spike_grad: the hidden layer and the readout have two surrogates, not both of them fast sigmoids; "
+            "spike_grad: the hidden layer and the readout have different surrogates, and only one is a fast sigmoid; "
             "give both the same"
         )
     found: dict[str, float | None] = {} if scale is None else {"surrogate_scale": scale}
@@ -257,7 +256,7 @@ def _linear(weight: Tensor) -> nn.Linear:
 
 
 def _forget(*neurons: nn.Module) -> None:
-    """Take neurons off the class-level list on which snnTorch keeps every neuron for ever."""
+    """Remove neurons from the class-level list in which snnTorch keeps every neuron."""
     listed = snntorch.SpikingNeuron.instances
     listed[:] = [neuron for neuron in listed if not any(neuron is mine for mine in neurons)]
 
@@ -300,15 +299,15 @@ def _check_projections(fc_in: nn.Linear, recurrent: nn.Linear, fc_out: nn.Linear
 def _check_neuron(name: str, neuron: snntorch.RSynaptic | snntorch.Synaptic) -> None:
     if neuron.reset_mechanism not in RESETS:
         raise InputError(f"{name}: reset '{neuron.reset_mechanism}' is unknown here; known: {', '.join(RESETS)}")
-    odd = {
+    unsupported = {
         "inhibition": neuron.inhibition,
         "state_quant": neuron.state_quant,
         "reset_delay=False": not neuron.reset_delay,
         "graded_spikes_factor": bool((neuron.graded_spikes_factor != 1).any()),
     }
-    for what, is_set in odd.items():
+    for setting, is_set in unsupported.items():
         if is_set:
-            raise InputError(f"{name}: {what} has no equal here; build the neuron without it")
+            raise InputError(f"{name}: {setting} has no equivalent here; build the neuron without it")
 
 
 def _check_decays(alpha: Tensor, beta: Tensor) -> None:
@@ -320,7 +319,7 @@ def _check_decays(alpha: Tensor, beta: Tensor) -> None:
 def _one(value: Tensor, name: str) -> Tensor:
     flat = value.detach().flatten().to(torch.float32)
     if flat.numel() == 0 or not torch.isfinite(flat).all() or (flat != flat[0]).any():
-        raise InputError(f"{name}: must be one finite number a layer; got {value.detach().tolist()}")
+        raise InputError(f"{name}: must be one finite number per layer; got {value.detach().tolist()}")
     return flat[0]
 
 
@@ -329,13 +328,13 @@ def _learned(name: str, *neurons: nn.Module) -> bool:
 
 
 def tau_ms(decay: float, sampling_rate_Hz: float) -> float:
-    """The time constant of a decay; for 0 and 1 one that gives them back when rounded."""
+    """The time constant of a decay; for 0 and 1, one whose decay rounds to them."""
     steps = 1e-17 if decay >= 1 else 800.0 if decay <= 0 else -math.log(decay)
     return 1e3 / (steps * sampling_rate_Hz)
 
 
 def _fast_sigmoid_scale(spike: Callable[[Tensor], Tensor]) -> float | None:
-    """The scale of a surrogate, found by its slopes, where it is a fast sigmoid; else None."""
+    """The scale of a surrogate, from its slopes, if it is a fast sigmoid; else None."""
     x = torch.tensor([-2.0, -0.3, 0.1, 1.0], dtype=torch.float64, requires_grad=True)
     with torch.enable_grad():
         total = spike(x).sum()

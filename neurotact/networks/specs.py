@@ -1,4 +1,4 @@
-"""What a network spec says (`networks/*.toml`)."""
+"""The keys of a network spec (`networks/*.toml`)."""
 
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -12,7 +12,7 @@ LATER_KEYS = (
     "recurrent_delay_steps", "readout_surrogate_scale", "readout", "readout_tau_ms", "input_deviation", "recipe",
     "threshold_adaptation", "tau_adaptation_ms",
 )  # fmt: skip
-"""Keys that came after networks had been trained: without them a spec is written as it was then."""
+"""Keys that were added after networks had been trained; at their defaults they are not written."""
 
 
 class TrainingSpec(Spec):
@@ -23,10 +23,10 @@ class TrainingSpec(Spec):
         "readout_dropout", "optimiser", "betas",
     )  # fmt: skip
     optimiser: Literal["adam", "adamax"] = "adam"
-    """adamax divides each step by the largest gradient of late in place of the root of its mean square (Kingma and Ba
+    """adamax divides each step by the largest recent gradient, not by the root of its mean square (Kingma and Ba
     2015, Sec. 7.1)."""
     betas: tuple[Annotated[float, Field(ge=0, lt=1)], Annotated[float, Field(ge=0, lt=1)]] = (0.9, 0.999)
-    """How much of the running means of the gradient and of its square (adamax: of its largest size) stays per step."""
+    """Factors per step of the running means of the gradient and of its square (adamax: of its largest size)."""
     learning_rate: float = Field(default=1e-3, gt=0)
     """Learning rate of Adam."""
     batch: int = Field(default=128, ge=1)
@@ -40,31 +40,31 @@ class TrainingSpec(Spec):
     population_penalty: float = Field(default=0.0, ge=0)
     """lambda2, on the mean over hidden neurons of the squared spike count of a batch."""
     temperature: float = Field(default=1.0, gt=0)
-    """What the readout is multiplied by before the cross-entropy: counts of tens make of softmax a hard maximum."""
+    """Factor of the readout before the cross-entropy: with counts of tens, softmax is a hard maximum."""
     relative_learning_rate: float | None = Field(default=None, gt=0)
-    """Adam's rate of each weight matrix in units of the standard deviation of its initial weights, in place of
-    `learning_rate`, which then counts for biases and learned dynamics alone."""
+    """Adam's rate of each weight matrix in units of the standard deviation of its initial weights. It replaces
+    `learning_rate`, which then applies only to biases and learned dynamics."""
     schedule: Literal["constant", "cosine"] = "constant"
     """cosine: the rates fall to 0 over all epochs, step by step, along half a cosine."""
 
     keep: Keep = "loss"
-    """Of which epoch the weights are kept, and from which patience counts: that of the lowest validation loss
-    (`loss`), of the highest validation accuracy (`accuracy`), or of the highest mean of training and validation
-    accuracy (`both`); of equally accurate epochs the one of the lowest loss."""
+    """The epoch whose weights are used, and from which patience counts: the one of the lowest validation loss
+    (`loss`), the highest validation accuracy (`accuracy`), or the highest mean of training and validation accuracy
+    (`both`); among equally accurate epochs, the one of the lowest loss."""
     input_dropout: float = Field(default=0.0, ge=0, lt=1)
-    """The share of input spikes that each training step leaves out, drawn anew."""
+    """Share of input spikes that each training step leaves out at random."""
     input_jitter_ms: float = Field(default=0.0, ge=0)
-    """By up to how much each training step moves each input spike in time, earlier or later, drawn anew."""
+    """Largest random shift of each input spike in time, earlier or later, drawn in each training step."""
     readout_dropout: float = Field(default=0.0, ge=0, lt=1)
-    """The share of hidden neurons that an integrator does not hear in a training step, drawn anew for each window, or
-    for each training step where it leaks or takes a maximum; a readout that counts hears all."""
+    """Share of hidden neurons from which an integrator receives nothing in training. They are drawn for each window, or
+    for each training step if the integrator leaks or takes a maximum. A readout that counts receives all."""
 
 
 class RSNNSpec(Spec):
     """A spiking network: recurrent (texture paper, Fig. 1c and Eqs. 4 to 7) or feed-forward.
 
     With a `recipe`, the keys that are not given are chosen from the training windows (`networks.recipe`); such a spec
-    is written with the keys that were given alone.
+    is written with only the given keys.
     """
 
     folder: ClassVar[str] = "networks"
@@ -77,23 +77,23 @@ class RSNNSpec(Spec):
     """How current enters the membrane: `eq4` b(U[t] + I[t]), `delayed` b U[t] + I[t], `immediate` b U[t] + I[t+1],
     with b = exp(-dt / tau_mem)."""
     reset: Reset = "zero"
-    """After a spike: `zero` makes the next membrane potential 0, `subtract` takes the threshold off it (with what
-    raises it, where thresholds adapt), `hard` sets U[t] to 0 before the next one is formed."""
+    """After a spike: `zero` makes the next membrane potential 0, `subtract` subtracts the threshold from it (with its
+    adaptation, if any), `hard` sets U[t] to 0 before the next one is computed."""
     recurrent_delay_steps: int = Field(default=0, ge=0, le=1, strict=True)
-    """d of `I[t+1] = alpha I[t] + W x[t] + V s[t-d]`: by how many steps a hidden spike comes back later."""
+    """d of `I[t+1] = alpha I[t] + W x[t] + V s[t-d]`: additional delay of a recurrent spike, in steps."""
     tau_mem_ms: float = Field(default=20.0, gt=0)
     """Time constant of the membranes."""
     tau_syn_ms: float = Field(default=10.0, gt=0)
     """Time constant of the synaptic currents."""
     threshold_adaptation: float = Field(default=0.0, ge=0)
-    """k: by how much each spike of a hidden neuron raises its threshold, which is 1 at rest. 0: thresholds stay as they
-    are. The readout has none."""
+    """k: by how much each spike of a hidden neuron raises its threshold, which is 1 at rest. 0: thresholds are fixed.
+    Thresholds of the readout do not adapt."""
     tau_adaptation_ms: float = Field(default=100.0, gt=0)
-    """Time constant with which a raised threshold comes down."""
+    """Time constant with which a raised threshold decays."""
     surrogate_scale: float = Field(default=10.0, gt=0)
     """lambda of the fast sigmoid."""
     readout_surrogate_scale: float | None = Field(default=None, gt=0)
-    """lambda of the readout neurons, where it is another; an integrator has no use for it."""
+    """lambda of the readout neurons, if it differs; an integrator does not use it."""
     forward_weight_scale: float = Field(default=1.0, gt=0)
     """g: w ~ N(0, (g / sqrt(fan-in))^2)."""
     recurrent_weight_scale: float = Field(default=0.1, ge=0)
@@ -104,19 +104,19 @@ class RSNNSpec(Spec):
     """count: readout neurons spike and are counted. integrator: a bias and the weights of all hidden spikes are added
     up. max: the weights are added up with a leak, and the largest value over time counts. The last two do not spike."""
     readout_tau_ms: float | None = Field(default=None, gt=0)
-    """Time constant with which what an integrator or a maximum has added up decays. Absent, an integrator keeps all,
+    """Time constant with which the sum of an integrator or a maximum decays. If absent, an integrator does not leak,
     and a maximum leaks with `tau_mem_ms`."""
     input_deviation: float | None = Field(default=None, gt=0)
-    """Thresholds by which the free membrane (without reset or recurrence) of each hidden neuron deviates over the
-    training windows: its initial input weights are scaled so, and those of an integrator so that each class deviates
-    by 1. As drawn where absent."""
+    """Standard deviation, in thresholds, of each hidden neuron's free membrane (without reset or recurrence) over the
+    training windows: its initial input weights are scaled to it, and the weights of an integrator to a deviation of 1
+    per class. If absent, weights are not scaled."""
     recipe: Literal["default"] | None = None
-    """By which rules the keys that are not given are chosen."""
+    """The rules that choose the keys that are not given."""
     training: TrainingSpec = TrainingSpec()
 
     @property
     def recurrent(self) -> bool:
-        """Whether hidden neurons hear one another."""
+        """Whether hidden neurons are connected to one another."""
         return self.model == "rsnn"
 
     @property
@@ -126,7 +126,7 @@ class RSNNSpec(Spec):
 
     @property
     def readout_leak_ms(self) -> float | None:
-        """The time constant of a readout that does not spike; None where nothing leaks."""
+        """The time constant of a readout that does not spike; None without a leak."""
         return self.tau_mem_ms if self.readout == "max" and self.readout_tau_ms is None else self.readout_tau_ms
 
     @model_validator(mode="after")

@@ -10,8 +10,8 @@ from torch import Tensor
 class FastSigmoid:
     """Theta(x) with Theta(0) = 0; its gradient is that of the fast sigmoid, `1 / (1 + scale |x|)^2`.
 
-    Any callable that maps U - threshold to spikes can stand in its place in the reference
-    implementation, such as those of `snntorch.surrogate`.
+    In the reference implementation, any callable that maps U - threshold to spikes can replace it, such as those of
+    `snntorch.surrogate`.
 
     >>> x = torch.tensor([-0.1, 0.0, 0.2], requires_grad=True)
     >>> spikes = FastSigmoid(10.0)(x)

@@ -30,14 +30,14 @@ class Task(Spec):
     stratify: tuple[str, ...] = ()
     subset: dict[str, Any] = {}
     training_windows: int | None = Field(default=None, ge=1)
-    """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
+    """Windows per trial for training and validation, `window.hop_ms` apart; if absent, as many as for testing."""
     exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
     exit_choice: Literal["least", "steady"] = "least"
     """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
-    from which on all are, on validation windows and on those and the training windows together."""
+    the patience from which on all are within it, on validation windows, and on these and training windows together."""
     exit_by: ExitBy = "stability"
-    """stability: a window exits when its leader has stood for a patience. margin: when it leads by a margin, which is
-    chosen in place of the patience."""
+    """stability: a window exits when its leading class is unchanged for a patience. margin: when this class leads by a
+    margin, which is chosen instead of the patience."""
 
     @property
     def training_window(self) -> WindowSpec:
@@ -73,7 +73,7 @@ class Sides(NamedTuple):
 def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sides:
     """The windows of each side of the split, within the trials that the task's subset selects.
 
-    split: sides of trials in place of those that the task draws.
+    split: replaces the split that the task draws.
     """
     sides = trials_of(trains, task, split)
     windows = task.training_window, task.training_window, task.window
@@ -83,7 +83,7 @@ def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sid
 def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
     """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`.
 
-    Raises InputError where the training trials hold less than two classes: there is nothing to tell apart.
+    Raises InputError if the training trials have fewer than two classes.
     """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
     split = split or split_conditions(trains.conditions, task.stratify, task.split)
@@ -101,20 +101,20 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
 
 
 def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
-    """The windows of some trials, which keep the classes of all; the windows name trials of `trains`."""
+    """The windows of some trials, with the classes of all trials; the windows refer to trials of `trains`."""
     windows = trains.cut(window, trials)
     labels = torch.from_numpy(trains.labels[windows.trial])
     return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
 
 
 def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
-    """What a recipe looks at of the training windows."""
+    """The properties of the training windows that a recipe uses."""
     training, _ = examples_of(trains, trials_of(trains, task).train, task.training_window)
     return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
 
 
 def warn_of_onsets(trains: SpikeTrains, window: WindowSpec) -> None:
-    """Warn where windows were to start at the onset of contact and some do not."""
+    """Warn if windows should start at the onset of contact and some do not."""
     complaint = trains.onset_complaint(window)
     if complaint:
         warnings.warn(complaint, stacklevel=3)

@@ -1,7 +1,7 @@
-"""A training in a folder: it goes on where it was interrupted, to the bytes that it would have left.
+"""A training in a folder: it resumes after an interruption, and gives the same bytes as without one.
 
-While it runs the folder holds `train.toml`, what was asked, and `checkpoint.safetensors`, the state between two epochs;
-at its end `train.toml`, the network and what it came to. Until the first epoch ends, the folder is not changed.
+While it runs, the folder holds `train.toml`, its settings, and `checkpoint.safetensors`, the state between two epochs;
+at its end `train.toml`, the network and its results. Until the first epoch ends, the folder is not changed.
 """
 
 import os
@@ -31,20 +31,20 @@ ASKED = "train.toml"
 CHECKPOINT = "checkpoint.safetensors"
 RESULT = "result.json"
 LEFT = (RESULT, CHECKPOINT, trained.LOG, checkpoint.WEIGHTS, checkpoint.NETWORK, ASKED)
-"""All that a training leaves; what says that it is done, or how far it came, is removed first."""
+"""All files of a training; the files that show its end or its progress are removed first."""
 SECONDS_BETWEEN = 1.0
-"""A checkpoint is written at most so often, so that short epochs are not spent on writing."""
+"""Least time between two checkpoints: short epochs are not slowed down by writing."""
 NUMBERS = ("neurotact", "torch", "backend", "machine", "instructions")
-"""Versions of what decides the numbers of a training."""
+"""Versions that the numbers of a training depend on."""
 
 
 class Asked(Spec):
-    """What a training was asked, with everything resolved, its recipe too (`train.toml`)."""
+    """The settings of a training, with its recipe resolved (`train.toml`)."""
 
     spikes: str
-    """Where the spikes were, from the folder."""
+    """Path of the spikes file, relative to the folder."""
     spikes_sha256: str
-    """Of the file of spikes."""
+    """SHA-256 of the spikes file."""
     seed: int = Field(ge=0)
     device: str
     task: Task
@@ -52,12 +52,12 @@ class Asked(Spec):
     versions: dict[str, str]
 
     def settings(self) -> dict[str, Any]:
-        """What decides the numbers."""
+        """The settings that the numbers depend on."""
         return self.model_dump(mode="json", exclude={"spikes", "versions"})
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C or the end of a time limit, with `epochs` of the training saved."""
+    """Ctrl-C or the end of a time limit; `epochs` of the training are saved."""
 
     def __init__(self, epochs: int) -> None:
         super().__init__()
@@ -76,15 +76,15 @@ def run(
     resume: bool = False,
     tell: Callable[[str], None] = lambda line: None,
 ) -> Outcome | None:
-    """Train a network on spikes and leave it in `folder`; None where that was done before.
+    """Train a network on spikes and save it in `folder`; returns None if it is finished already.
 
-    force: replace what an earlier training left there, and nothing else.
-    resume: go on with an interrupted training in the folder; without one, begin.
-    tell: called with each line on what the network's recipe chooses.
-    Raises Interrupted, and InputError for a folder that is not free, or that holds another training.
+    force: replace the files of an earlier training there, and nothing else.
+    resume: continue an interrupted training in the folder; without one, start.
+    tell: called with each line on the choices of the network's recipe.
+    Raises Interrupted, and InputError for a folder that is not empty, or that holds another training.
     """
     if force and resume:
-        raise InputError("--force, --resume: give one of them; --force begins again and --resume goes on")
+        raise InputError("--force, --resume: give one of them; --force starts again and --resume continues")
     with files.locked(folder):
         check_place(folder, force=force, resume=resume)
         trains = hdf5.load_spikes(spikes)
@@ -111,7 +111,7 @@ def run(
 
 
 def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start: Checkpoint | None) -> Outcome:
-    keeper = _Keeper(folder, asked, start)
+    writer = _CheckpointWriter(folder, asked, start)
     n_before = len(start.epochs) if start else 0
     with terminated_as_interrupted():
         try:
@@ -124,21 +124,21 @@ def _train(trains: SpikeTrains, asked: Asked, spikes: Path, folder: Path, start:
                     device=asked.device,
                     progress=lambda epoch: advance(1, line_of(epoch)),
                     start=start,
-                    keep=keeper.keep,
+                    keep=writer.keep,
                 )
-            keeper.write()
+            writer.write()
             trained.save(fitted, folder, trains, spikes, asked.task)
             outcome = outcome_of(fitted, sides, trains, asked.task)
             files.write_json(folder / RESULT, outcome.as_json())
             (folder / CHECKPOINT).unlink(missing_ok=True)
         except KeyboardInterrupt:
-            keeper.write()
-            raise Interrupted(keeper.epochs) from None
+            writer.write()
+            raise Interrupted(writer.epochs) from None
     return outcome
 
 
-class _Keeper:
-    """Writes the latest checkpoint of a training, now and then."""
+class _CheckpointWriter:
+    """Writes the latest checkpoint of a training, at most every `SECONDS_BETWEEN` seconds while it runs."""
 
     def __init__(self, folder: Path, asked: Asked, start: Checkpoint | None) -> None:
         self.folder, self.asked = folder, asked
@@ -154,7 +154,7 @@ class _Keeper:
             self.write()
 
     def write(self) -> None:
-        """Write what is not yet on the disk."""
+        """Write the latest checkpoint if it is not saved yet."""
         if self.latest is None:
             return
         if not self.is_ours:
@@ -166,34 +166,34 @@ class _Keeper:
 
 
 def _begin(folder: Path, asked: Asked) -> None:
-    """Remove what an earlier training left, and say what this one was asked."""
+    """Remove the files of an earlier training, and write the settings of this one."""
     clear(folder, [name for name in LEFT if name != ASKED])
-    comment = "# What neurotact train was asked; a training goes on with these settings alone.\n"
+    comment = "# Settings of neurotact train; a training resumes only with these settings.\n"
     files.write_text(folder / ASKED, comment + to_toml(asked.model_dump(mode="json", exclude_none=True)))
 
 
 def clear(folder: Path, names: Sequence[str] = LEFT) -> None:
-    """Remove what an earlier training left, in this order."""
+    """Remove the files of an earlier training, in this order."""
     for path in (folder / name for name in names):
         if not path.is_dir():
             path.unlink(missing_ok=True)
 
 
 def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
-    """Refuse a folder that holds anything, unless it is to be replaced or gone on with."""
+    """Refuse a folder that holds anything, unless its training is replaced or resumed."""
     found = {path.name for path in folder.iterdir()} - {files.LOCK}
     found = {name for name in found if not name.startswith(files.DRAFT)}
-    if found <= set(LEFT):  # nothing but a training, so that no other run is at work below
+    if found <= set(LEFT):  # nothing but a training: no other run uses this folder
         files.sweep(folder)
     if not found or force:
         return
     if resume:
         if found <= set(LEFT) or ASKED in found:
             return
-        raise InputError(f"{folder}: holds no training to go on with; choose another folder")
+        raise InputError(f"{folder}: holds no training to resume; choose another folder")
     if CHECKPOINT in found:
         raise InputError(
-            f"{folder}: holds a training that was interrupted; pass --resume to go on, or --force to start again"
+            f"{folder}: holds a training that was interrupted; pass --resume to continue, or --force to start again"
         )
     raise InputError(
         f"{folder}: already exists and is not empty; choose another folder, or pass --force to replace a training there"
@@ -201,7 +201,7 @@ def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
 
 
 def _check_same(folder: Path, asked: Asked) -> None:
-    """Refuse settings that are not those of the training in the folder; warn of other versions."""
+    """Refuse settings that differ from the training in the folder; warn of other versions."""
     path = folder / ASKED
     try:
         before = build(Asked, read(path), source=str(path))
@@ -209,22 +209,22 @@ def _check_same(folder: Path, asked: Asked) -> None:
         raise InputError(f"{path}: is damaged ({error}); start again with --force") from error
     if before.spikes_sha256 != asked.spikes_sha256:
         raise InputError(
-            f"{folder}: was begun with other spikes, or the file has changed since ({before.spikes} from there); "
-            "give that file, or start again with --force"
+            f"{folder}: was started with other spikes, or the file has changed since ({before.spikes}, relative to the "
+            "folder); give that file, or start again with --force"
         )
     for key, was, now in _differences(before.settings(), asked.settings()):
-        raise InputError(f"{folder}: was begun with {key} = {was}, not {now}; give that, or start again with --force")
-    began = {name: before.versions.get(name, "not recorded") for name in NUMBERS}
-    other = [f"{name} {was}" for name, was in began.items() if was != asked.versions[name]]
+        raise InputError(f"{folder}: was started with {key} = {was}, not {now}; give that, or start again with --force")
+    versions_before = {name: before.versions.get(name, "not recorded") for name in NUMBERS}
+    other = [f"{name} {was}" for name, was in versions_before.items() if was != asked.versions[name]]
     if other:
         warnings.warn(
-            f"{folder}: was begun with {', '.join(other)}; its numbers may differ from those of an uninterrupted run",
+            f"{folder}: was started with {', '.join(other)}; its numbers may differ from those of an uninterrupted run",
             stacklevel=2,
         )
 
 
 def _differences(before: Any, now: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """The dotted keys whose values differ, with both.
+    """The dotted keys with different values, and both values.
 
     >>> list(_differences({"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"b": 1, "c": 4}, "d": 3}))
     [('a.c', 2, 4)]
@@ -247,5 +247,5 @@ def _holds(folder: Path, *names: str) -> bool:
 
 
 def line_of(epoch: Epoch) -> str:
-    """An epoch beside a bar of progress."""
+    """An epoch in words, next to a progress bar."""
     return f"loss {epoch.validation_loss:.3f}, validation accuracy {epoch.validation_accuracy:.3f}"

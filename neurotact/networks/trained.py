@@ -40,7 +40,7 @@ def save(
 ) -> None:
     """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
 
-    split: as it was given to `fit`. more: what else `restore` is to find, as JSON holds it.
+    split: as given to `fit`. more: further JSON values for `restore`.
     """
     folder = Path(folder)
     extra = {
@@ -67,13 +67,13 @@ class Restored(NamedTuple):
     spikes_path: Path
     encoder: Mapping[str, Any] | None
     provenance: Provenance | None
-    """None where the network was saved without it, by an earlier version."""
+    """None if an earlier version saved the network, without it."""
     fine_tuned: Any = None
-    """What `deploy.fine_tuning` saved; None of a network that was not fine-tuned."""
+    """What `deploy.fine_tuning` saved; None for a network that was not fine-tuned."""
 
 
 class _Extra(Spec):
-    """What `network.json` must hold of a trained network besides the network."""
+    """What `network.json` must contain for a trained network, in addition to the network."""
 
     task: Task
     classes: tuple[str, ...]
@@ -83,7 +83,7 @@ class _Extra(Spec):
 
 
 def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
-    """Read what `save` wrote; InputError names the file that is absent or damaged."""
+    """Read what `save` wrote; InputError names the file that is missing or damaged."""
     folder = Path(folder)
     network, metadata = checkpoint.load(folder, backend=backend)
     path, extra = folder / checkpoint.NETWORK, metadata["extra"]
@@ -93,7 +93,7 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
     known = build(_Extra, {key: extra[key] for key in _Extra.model_fields if key in extra}, source=str(path))
     if len(known.classes) != network.n_classes:
         raise InputError(
-            f"{path}: names {len(known.classes)} classes where the network knows {network.n_classes}; "
+            f"{path}: names {len(known.classes)} classes, but the network has {network.n_classes}; "
             "make the network with neurotact train"
         )
     rule = ExitRule(known.exit_patience, from_first_spike=True, margin=known.exit_margin)
@@ -109,12 +109,12 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
 def recall(restored: Restored) -> Provenance | None:
     """What a network was trained on; None, with a warning, if that is unknown.
 
-    A network of an earlier version did not save it. Its spikes and the split of its task say the same, with a warning,
-    as long as they are where they were.
+    Earlier versions did not save it. It is then derived, with a warning, from the spikes file, if it still exists, and
+    the split of the task.
     """
     if restored.provenance is not None:
         return restored.provenance
-    about = "network: was saved without a note of its trials"
+    about = "network: was saved without its trials"
     try:
         trains = load_spikes_of(restored)
         if restored.encoder is not None and first_difference(trains.encoder, (), restored.encoder, ()):
@@ -128,7 +128,7 @@ def recall(restored: Restored) -> Provenance | None:
 
 
 def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
-    """Among the spike trains that a network was trained on, its test trials."""
+    """The test trials of a network among the spike trains that it was trained on."""
     return trials_of(trains, restored.task).test
 
 

@@ -34,7 +34,7 @@ class Epoch(NamedTuple):
 
 @dataclass(frozen=True)
 class Training:
-    """How a training went: its log, and the epoch whose weights the network now has."""
+    """The result of a training: its log, and the epoch whose weights the network now has."""
 
     epochs: tuple[Epoch, ...]
     best: Epoch
@@ -42,10 +42,10 @@ class Training:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A training between two epochs: all that decides how it goes on, as copies on the CPU.
+    """A training between two epochs: everything that its continuation depends on, as copies on the CPU.
 
     epochs: the log so far.
-    weights: the network's state after the last of them; best_weights: after the best one.
+    weights: the network's state after the last epoch; best_weights: after the best one.
     optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
     generator: the state of the generator that orders the trials.
     """
@@ -58,15 +58,15 @@ class Checkpoint:
 
 
 STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
-"""What each optimiser keeps of each parameter: the count of its steps, the running mean of the gradient, and that of
-its square or its largest size."""
+"""What each optimiser stores per parameter: the number of its steps, the running mean of the gradient, and that of its
+square or its largest size."""
 
 
 def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
     """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
 
-    `rate_penalty` weighs the spikes of a hidden neuron in a window, averaged over trials and neurons;
-    `population_penalty` the squared spike count of a batch, averaged over neurons.
+    `rate_penalty` weights the spikes of a hidden neuron in a window, averaged over trials and neurons;
+    `population_penalty` weights the squared spike count of a batch, averaged over neurons.
     """
     logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
     total = functional.cross_entropy(logits, labels)
@@ -87,14 +87,14 @@ def train(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> Training:
-    """Train `network` in place by its spec and leave it with the weights of the epoch that the spec prefers (`keep`).
+    """Train `network` in place by its spec; at the end it has the weights of the best epoch (`TrainingSpec.keep`).
 
-    generator: orders the trials, and drops and moves input spikes; its random seed and the network's repeat a training.
+    generator: orders the trials, and drops and moves input spikes; with the network's, its seed reproduces a training.
     progress: called after each epoch.
-    start: where an earlier call with the same arguments had come to; the result is the one it would have had. With a
-        relative learning rate `network` has the weights that it began with, from which the rates follow.
-    keep: called after each epoch with what `start` takes.
-    Raises InputError when a weight is no longer finite: its neurons would fall silent, not fail.
+    start: the last checkpoint of an earlier call with the same arguments; the result is that of an uninterrupted call.
+        With a relative learning rate, `network` has its initial weights, which the rates depend on.
+    keep: called after each epoch with a checkpoint for `start`.
+    Raises InputError if a weight is no longer finite: its neurons would become silent without an error.
 
     >>> from neurotact.networks.specs import RSNNSpec, TrainingSpec
     >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))
@@ -109,7 +109,7 @@ def train(
     best_weights: Mapping[str, Tensor] = {}
     if start is not None:
         log, best_weights = list(start.epochs), start.best_weights
-        _go_back(start, network, optimiser, generator)
+        _restore(start, network, optimiser, generator)
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
         epoch_rates = _Rates(network.spec.training, rates, len(log))
@@ -129,9 +129,9 @@ def train(
 
 
 def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
-    """The first of the epochs that `TrainingSpec.keep` prefers.
+    """The best epoch by `TrainingSpec.keep`, the first among equal ones.
 
-    `both` is for few validation windows, of which an epoch that has learned nothing may name most by luck.
+    `both` is for few validation windows: an epoch that has learned nothing may classify most of them by chance.
 
     >>> log = [Epoch(1, 2.0, 0.1, 1.5, 0.67), Epoch(2, 0.1, 1.0, 1.9, 0.56)]
     >>> best_of(log, "loss").epoch, best_of(log, "accuracy").epoch, best_of(log, "both").epoch
@@ -151,12 +151,12 @@ def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
 
 
 def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
-    """Whether a training with this log has run its epochs, or has waited its patience for a better one."""
+    """Whether a training with this log has run all its epochs, or has exceeded its patience without a better one."""
     return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
 
 
 def not_finite(epoch: int) -> InputError:
-    """Why a training ends whose weights overflowed."""
+    """The error for weights that are no longer finite."""
     return InputError(f"training: weights are not finite after epoch {epoch}; lower training.learning_rate")
 
 
@@ -183,7 +183,7 @@ def rates_of(network: RSNN) -> dict[str, float]:
 
 
 def rate_left(spec: TrainingSpec, epochs: float) -> float:
-    """The share of the learning rates that the schedule leaves after so many epochs.
+    """The factor of the schedule on the learning rates after so many epochs.
 
     >>> rate_left(TrainingSpec(epochs=10), 5.0), round(rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
     (1.0, 0.5)
@@ -192,7 +192,7 @@ def rate_left(spec: TrainingSpec, epochs: float) -> float:
 
 
 def _groups(network: RSNN) -> list[dict[str, Any]]:
-    """What is trained: one group or, with relative rates, each parameter with its own, in the network's order."""
+    """The trained parameters: one group or, with relative rates, one group each, in the network's order."""
     trained = [p for p in network.parameters() if p.requires_grad]
     if network.spec.training.relative_learning_rate is None:
         return [{"params": trained}]
@@ -200,9 +200,9 @@ def _groups(network: RSNN) -> list[dict[str, Any]]:
 
 
 def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
-    """Spikes `(trial, time, afferent)` of which some are left out and the others moved by up to `jitter_steps`.
+    """Spikes `(trial, time, afferent)`, some left out and the others moved by up to `jitter_steps`.
 
-    What would leave the window stays at its end; spikes that meet are one.
+    Spikes that would leave the window stay at its first or last step; spikes that coincide become one.
 
     >>> one = torch.zeros(1, 9, 1, dtype=torch.uint8)
     >>> one[0, 4, 0] = 1
@@ -219,43 +219,43 @@ def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torc
 
 
 def partly_heard(hidden: Tensor, dropout: float, generator: torch.Generator) -> Tensor:
-    """Counts `(..., hidden)`, some of which are 0 and the others the larger for it, so that their mean stays."""
+    """Counts `(..., hidden)`, some set to 0 and the others scaled up, to preserve their mean."""
     kept = torch.rand(hidden.shape, generator=generator) >= dropout
     return hidden * kept.to(hidden) / (1 - dropout)
 
 
 class _Rates(NamedTuple):
-    """The learning rates of an epoch: `first` of each group, before any step, and how many epochs came before."""
+    """The learning rates of an epoch: `first` of each group, before any step, and the number of earlier epochs."""
 
     spec: TrainingSpec
     first: Sequence[float]
     epochs_before: int
 
     def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
-        """Give the groups their rates after this share of the epoch."""
+        """Set the rates of the groups after this share of the epoch."""
         left = rate_left(self.spec, self.epochs_before + share)
         for group, rate in zip(optimiser.param_groups, self.first, strict=True):
             group["lr"] = rate * left
 
 
 EXPLODED = 1e6
-"""A median gradient norm that no training comes back from: those that learn stay some thousandfold below it."""
+"""A median gradient norm from which no training recovers: trainings that learn stay some thousandfold below it."""
 
 
 @torch.no_grad()
 def _relative_norm(network: RSNN) -> Tensor:
-    """Of the gradient in units of the weights: what a change by their own size would do to the loss.
+    """Norm of the gradient in units of the weights: the effect on the loss of a change by their own size.
 
-    So it does not grow with the window, over which small weights meet many spikes.
+    It does not grow with the window, in which small weights receive many spikes.
     """
     parts = [p.grad.norm() * p.square().mean().sqrt() for p in network.parameters() if p.grad is not None]
     return torch.stack(parts).norm()
 
 
-def _watch(norms: Sequence[Tensor], epoch: int) -> None:
+def _warn_of_explosion(norms: Sequence[Tensor], epoch: int) -> None:
     """Warn of gradients that explode: Adam then follows noise."""
     median = float(torch.stack(list(norms)).median())
-    if EXPLODED < median < math.inf:  # weights that are no longer finite are refused
+    if EXPLODED < median < math.inf:  # weights that are no longer finite raise an error
         warnings.warn(
             f"training: gradients explode (median norm {median:.0e} in epoch {epoch}); use model = 'snn', which has "
             "no recurrence, a larger surrogate_scale or shorter time constants",
@@ -271,7 +271,7 @@ def _pass(
     rates: _Rates,
     generator: torch.Generator,
 ) -> tuple[float, float]:
-    """Train on every trial once, in this order; `(loss, accuracy)`, each batch before its step."""
+    """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
     jitter_steps = round(spec.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
     total, correct = 0.0, 0
@@ -283,7 +283,7 @@ def _pass(
             spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
         spikes = spikes.to(device)
         optimiser.zero_grad()
-        counts = _heard_in_part(network, spikes, generator)
+        counts = _counts_with_dropout(network, spikes, generator)
         batch_loss = loss(counts, labels, spec)
         batch_loss.backward()
         norms.append(_relative_norm(network))
@@ -291,12 +291,12 @@ def _pass(
         _bound(network)
         total += batch_loss.item() * len(batch)
         correct += int((counts.readout.argmax(dim=1) == labels).sum())
-    _watch(norms, rates.epochs_before + 1)
+    _warn_of_explosion(norms, rates.epochs_before + 1)
     return total / len(order), correct / len(order)
 
 
-def _heard_in_part(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Counts:
-    """The counts of a batch, of which an integrator hears a part where its drop-out says so."""
+def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Counts:
+    """The counts of a batch; an integrator receives a part of them if it has drop-out."""
     dropout = network.spec.training.readout_dropout
     if not dropout or network.bias is None:
         return network(spikes)
@@ -306,13 +306,13 @@ def _heard_in_part(network: RSNN, spikes: Tensor, generator: torch.Generator) ->
     return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
 
 
-def _go_back(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:
-    """Give network, optimiser and generator the state that they had then."""
+def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:
+    """Set network, optimiser and generator to the state of a checkpoint."""
     network.load_state_dict(start.weights)
     trained = [name for name, p in network.named_parameters() if p.requires_grad]
-    kept = STATE[network.spec.training.optimiser]
-    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in kept} for i, name in enumerate(trained)}
-    # Loading keeps tensors that fit as they are, and steps work in place: the checkpoint stays as it was.
+    keys = STATE[network.spec.training.optimiser]
+    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in keys} for i, name in enumerate(trained)}
+    # Loading does not copy tensors that fit, and steps work in place: the copy protects the checkpoint.
     state = {i: _copied(values) for i, values in state.items()}
     optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
     generator.set_state(start.generator)
@@ -320,8 +320,8 @@ def _go_back(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer,
 
 def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
     parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
-    kept = STATE[network.spec.training.optimiser]
-    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in kept})
+    keys = STATE[network.spec.training.optimiser]
+    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in keys})
 
 
 def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
@@ -344,7 +344,7 @@ def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
 
 @torch.no_grad()
 def _bound(network: RSNN) -> None:
-    """Learned decays stay in [0, 1], where the dynamics are stable; a learned threshold stays positive."""
+    """Keep learned decays in [0, 1], where the dynamics are stable, and a learned threshold positive."""
     if network.spec.learn:
         network.alpha.clamp_(0.0, 1.0)
         network.beta.clamp_(0.0, 1.0)

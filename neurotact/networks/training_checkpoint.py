@@ -1,4 +1,4 @@
-"""Checkpoints of a training on disk: one safetensors file, whole or as it was before, never pickle.
+"""Checkpoints of a training on disk: one safetensors file, replaced only as a whole, never pickle.
 
 Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
 and after its best epoch), `adam.*` (also of Adamax), and the SHA-256 of all of these with the name of the training.
@@ -23,11 +23,11 @@ from neurotact.networks.training import STATE, Checkpoint, Epoch
 SHA256 = "sha256"
 FIX = "start again with --force"
 PARTS = {"weights": "weights", "best": "best_weights", "adam": "optimiser"}
-"""What the names of some tensors begin with, and the field of `Checkpoint` that holds them."""
+"""Prefixes of tensor names, and the field of `Checkpoint` that holds these tensors."""
 
 
 class Net(NamedTuple):
-    """What decides which tensors a checkpoint holds."""
+    """What the tensors of a checkpoint depend on."""
 
     spec: RSNNSpec
     n_inputs: int
@@ -35,9 +35,9 @@ class Net(NamedTuple):
 
 
 def save(checkpoint: Checkpoint, path: str | Path, training: str) -> None:
-    """Write a checkpoint in place of the one before.
+    """Write a checkpoint; it replaces the previous one.
 
-    training: any text that tells this training from others.
+    training: any text that identifies this training.
     """
     log = torch.tensor(checkpoint.epochs, dtype=torch.float64)
     tensors = {"log": log, "generator": checkpoint.generator}
@@ -49,7 +49,7 @@ def save(checkpoint: Checkpoint, path: str | Path, training: str) -> None:
 
 
 def load(path: str | Path, net: Net, training: str) -> Checkpoint:
-    """Read what `save` wrote; InputError says what is wrong with a file that is damaged or of another training."""
+    """Read what `save` wrote; InputError explains why a file is damaged, or that it is of another training."""
     path = Path(path)
     tensors = _read(path)
     log = tensors.get("log", torch.empty(0))
@@ -58,9 +58,9 @@ def load(path: str | Path, net: Net, training: str) -> Checkpoint:
         raise _damaged(path, f"its log has {n_epochs} epochs where 1 to {net.spec.training.epochs} are possible")
     check(tensors, _expected(net, n_epochs), path, FIX)
     if not torch.equal(tensors.pop(SHA256), _sha256(tensors, training)):
-        raise _damaged(path, "it is not as it was written, or of another training")
+        raise _damaged(path, "its content has changed, or it is of another training")
     if log[:, 0].tolist() != list(range(1, n_epochs + 1)):
-        raise _damaged(path, "its log does not count the epochs")
+        raise _damaged(path, "its log does not number the epochs")
     epochs = tuple(Epoch(number, *row[1:]) for number, row in enumerate(log.tolist(), 1))
     _check_generator(tensors["generator"], path)
     parts = {
@@ -100,11 +100,11 @@ def _check_generator(state: Tensor, path: Path) -> None:
     try:
         torch.Generator().set_state(state)
     except RuntimeError as error:
-        raise _damaged(path, "its generator has no state of one") from error
+        raise _damaged(path, "its generator state is invalid") from error
 
 
 def _sha256(tensors: Mapping[str, Tensor], training: str) -> Tensor:
-    """Of names and contents, `(32,)` uint8."""
+    """Digest of names and contents, `(32,)` uint8."""
     content = hashlib.sha256(training.encode())
     for name in sorted(tensors):
         content.update(f"\n{name} {tuple(tensors[name].shape)} {tensors[name].dtype}\n".encode())

@@ -1,7 +1,7 @@
-"""Trained networks that hear less than their whole window: cut short at a fixed time, or by early exit.
+"""Trained networks on less than their full window: truncated at a fixed time, or by early exit.
 
-The state of a network evolves the same whatever comes later, so that one simulation of whole windows tells what is
-decided, and what it costs, at every step.
+The state of a network does not depend on later input: one simulation of full windows gives the decision, and its cost,
+at every step.
 """
 
 from collections.abc import Sequence
@@ -17,15 +17,15 @@ from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Examples
 
 AT_ONCE = 256
-"""Windows simulated together: rasters of a second of all test windows would be gigabytes."""
+"""Windows simulated together: rasters of all test windows of a second would take gigabytes."""
 
 
 class SimulatedWindows(NamedTuple):
-    """Windows as a network hears them.
+    """Simulated windows of a network.
 
-    readout: spikes, or what an integrator hears, `(window, time, class)`; integration: how it adds up, None where
-    spikes are counted; input, hidden: spikes of all neurons up to and with each step `(window, time)` int64; labels:
-    the true classes `(window,)`.
+    readout: spikes, or the input of an integrator, `(window, time, class)`; integration: of an integrator, None if
+    spikes are counted; input, hidden: spikes of all neurons up to and including each step `(window, time)` int64;
+    labels: the true classes `(window,)`.
     """
 
     readout: Tensor
@@ -37,19 +37,19 @@ class SimulatedWindows(NamedTuple):
 
 @torch.no_grad()
 def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
-    """Simulate whole windows and keep what leaves each layer."""
-    readout, sent, heard = [], [], []
+    """Simulate full windows and return the spikes of each layer."""
+    readout, inputs, hidden = [], [], []
     for spikes in examples.spikes.split(AT_ONCE):
         rasters = network.simulate(spikes.to(network.w_in.device))
         readout.append(rasters.readout.cpu() if network.bias is not None else rasters.readout.cpu().to(torch.uint8))
-        sent.append(_until(spikes))
-        heard.append(_until(rasters.hidden.cpu()))
+        inputs.append(_until(spikes))
+        hidden.append(_until(rasters.hidden.cpu()))
     integration = None if network.integration is None else network.integration.detach().cpu()
-    return SimulatedWindows(torch.cat(readout), torch.cat(sent), torch.cat(heard), examples.labels, integration)
+    return SimulatedWindows(torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration)
 
 
 def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
-    """Accuracy and mean SOPs at each cut that lies within the window, the counts at its last step deciding.
+    """Accuracy and mean SOPs at each cut within the window; the counts at its last step decide.
 
     Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
     """
@@ -70,9 +70,9 @@ def exit_curve(
     """Accuracy, steps and mean SOPs on test windows over patience, in both modes of early exit.
 
     Columns: mode (`validated`, `oracle`), patience in steps, accuracy_validation with the same patience,
-    accuracy_test, exit_steps, exit_steps_sd (deviation over windows), exit_steps_right (mean over windows whose label
-    is right then), sops_* as in results.csv; and beside the whole window accuracy_lost, and the shares steps_saved
-    and sops_saved. A patience of the window's length never exits.
+    accuracy_test, exit_steps, exit_steps_sd (deviation over windows), exit_steps_right (mean over windows with the
+    right label at exit), sops_* as in results.csv; compared with the full window, accuracy_lost, and the shares
+    steps_saved and sops_saved. A patience of the window's length never exits.
     """
     n_steps = test.readout.shape[1]
     within = [patience for patience in patiences if patience <= n_steps]
@@ -80,14 +80,14 @@ def exit_curve(
     rows = []
     for mode, decide in (("validated", _validated), ("oracle", _oracle)):
         on_test, on_validation = decide(test, within), decide(validation, within)
-        for patience, (steps, chosen), (_, supposed) in zip(within, on_test, on_validation, strict=True):
+        for patience, (steps, chosen), (_, decided) in zip(within, on_test, on_validation, strict=True):
             found = _judged(network, test, steps, chosen)
             mean = float(steps.double().mean())
             rows.append(
                 {
                     "mode": mode,
                     "patience": patience,
-                    "accuracy_validation": _share(supposed == validation.labels),
+                    "accuracy_validation": _share(decided == validation.labels),
                     "exit_steps": mean,
                     "exit_steps_sd": float(steps.double().std(correction=0)),
                     "exit_steps_right": _mean_where(chosen == test.labels, steps),
@@ -100,27 +100,27 @@ def exit_curve(
     return rows
 
 
-def _validated(heard: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+def _validated(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
-    found = exits(heard.readout, integration=heard.integration)
+    found = exits(windows.readout, integration=windows.integration)
     return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
 
 
-def _oracle(heard: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
-    """The same by the texture paper's Algorithm 1, which begins at each patience and knows the true labels."""
-    return [oracle_exit(heard.readout, heard.labels, patience, heard.integration)[:2] for patience in patiences]
+def _oracle(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """The same by the texture paper's Algorithm 1, which starts at each patience and knows the true labels."""
+    return [oracle_exit(windows.readout, windows.labels, patience, windows.integration)[:2] for patience in patiences]
 
 
-def _judged(network: RSNN, heard: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+def _judged(network: RSNN, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
-    sent, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (heard.input, heard.hidden))
-    cost = synops.of_network(network, sent, hidden)
+    inputs, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (windows.input, windows.hidden))
+    cost = synops.of_network(network, inputs, hidden)
     sops = {f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()}
-    return {"accuracy_test": _share(chosen == heard.labels), **sops}
+    return {"accuracy_test": _share(chosen == windows.labels), **sops}
 
 
 def _until(spikes: Tensor) -> Tensor:
-    """Spikes of all neurons up to and with each step, `(window, time)`."""
+    """Spikes of all neurons up to and including each step, `(window, time)`."""
     return spikes.sum(dim=2).to(torch.int64).cumsum(dim=1)
 
 

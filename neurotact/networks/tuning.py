@@ -1,8 +1,8 @@
-"""Hyperparameter search: ask for networks to try, tell how well they did.
+"""Hyperparameter search: ask for networks to try, tell their results.
 
-NNI's own tuners (TPE, random, grid) and its median-stop assessor are driven in this process; no server runs. One seed
-gives the same proposals every time, since a search asks in batches whose size belongs to its spec and is told in the
-order in which it asked. Spaces are written in NNI's terms: `_type` and `_value`, whose keys are those of the network.
+NNI's own tuners (TPE, random, grid) and its median-stop assessor run in this process, without a server. One seed gives
+the same proposals every time: the spec sets the size of batches, and results are reported in the order of proposals.
+Spaces are written in NNI's terms, `_type` and `_value`; their keys are keys of the network.
 """
 
 import logging
@@ -37,7 +37,7 @@ ARGUMENTS = {
     "lognormal": "[mean, deviation] of the logarithm, deviation > 0",
     "qlognormal": "[mean, deviation, q], mean and deviation of the logarithm, deviation and q > 0",
 }
-"""What `_value` holds for each `_type`."""
+"""What `_value` contains for each `_type`."""
 LARGEST_LOGARITHM = math.log(specs.LARGEST)
 
 
@@ -46,21 +46,21 @@ class SearchSpec(Spec):
 
     later_keys: ClassVar[tuple[str, ...]] = ("max_sops",)
     space: dict[str, dict[str, Any]]
-    """What is searched, a table of `_type` and `_value` for each key of the network."""
+    """What is searched: a table of `_type` and `_value` for each key of the network."""
     tuner: Literal["tpe", "random", "grid"] = "tpe"
     """How the next trial is chosen: NNI's tree-structured Parzen estimator, at random, or every point of a grid."""
     trials: int = Field(default=100, ge=1)
     """Networks to train."""
     batch: int = Field(default=8, ge=1)
-    """Trials that are proposed at once, each without the others' results; proposals depend on it."""
+    """Trials that are proposed together, each without the others' results; proposals depend on it."""
     seed: int = Field(default=0, ge=0, lt=2**32)
     """Random seed of the proposals."""
     objective: Literal["accuracy", "accuracy-sops"] = "accuracy"
-    """Validation accuracy, or that less `sops_weight` times the decimal logarithm of the SOPs of a window."""
+    """Validation accuracy, or this minus `sops_weight` times the decimal logarithm of the SOPs per window."""
     sops_weight: float = Field(default=0.1, ge=0)
     """With 0.1, half the SOPs are worth three points of accuracy."""
     max_sops: float | None = Field(default=None, gt=0)
-    """A budget: SOPs that a window may take on average. Any network within it counts for more than any beyond it."""
+    """Budget: mean SOPs per window. Any network within the budget has a higher value than any beyond it."""
     assessor: Literal["median-stop", "none"] = "median-stop"
     """median-stop ends a trial whose best epoch is below the median of the finished trials' mean so far."""
     start_epoch: int = Field(default=10, ge=1)
@@ -100,12 +100,12 @@ class SearchSpec(Spec):
 
     @property
     def weighs_sops(self) -> bool:
-        """Whether SOPs decide with accuracy, so that their Pareto front is shown."""
+        """Whether SOPs count as well as accuracy; their Pareto front is then shown."""
         return self.objective == "accuracy-sops" or self.max_sops is not None
 
 
 def load_space(name: str | Path) -> dict[str, dict[str, Any]]:
-    """The space of that name among those that ship, or at that path.
+    """The shipped space of this name, or the space at this path.
 
     >>> load_space("texture")["training.batch"]
     {'_type': 'choice', '_value': [64, 128]}
@@ -129,7 +129,7 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 def check(space: Space, network: RSNNSpec, source: str) -> None:
     """Refuse a space that would propose a key or a value which `network` cannot have; InputError names both.
 
-    Every choice is tried; of a range both ends and a point between.
+    Every choice is tried; for a range, both ends and a point between.
     """
     for key, dimension in space.items():
         for value in _samples(dimension):
@@ -175,7 +175,7 @@ class MedianStop:
         return self._assessor.assess_trial(trial, list(values)) is _nni().AssessResult.Bad
 
     def end(self, trial: int, values: Sequence[float], *, finished: bool) -> None:
-        """A trial is over; only finished ones are what later ones are compared with."""
+        """Record the end of a trial; later trials are compared only with finished ones."""
         if values:
             self._assessor.assess_trial(trial, list(values))
             self._assessor.trial_end(trial, finished)
@@ -189,7 +189,7 @@ class MedianStop:
 
 
 class Tuner:
-    """Proposes trials in batches; each is told or failed, in the order of ids, before the next batch.
+    """Proposes trials in batches; call `tell` or `fail` for each, in the order of ids, before the next batch.
 
     >>> space = {"hidden": {"_type": "choice", "_value": [20, 30]}}
     >>> tuner = Tuner(SearchSpec(space=space, trials=10, batch=1))
@@ -210,7 +210,7 @@ class Tuner:
     def ask(self) -> list[Proposal]:
         """The next batch; empty when all trials are used or the space holds no other point."""
         if self._open:
-            raise InputError(f"trial {self._open[0].id}: is not told yet; tell or fail it before asking for more")
+            raise InputError(f"trial {self._open[0].id}: has no result yet; tell or fail it before asking for more")
         for number in range(self.asked, min(self.asked + self.spec.batch, self.spec.trials)):
             try:
                 proposed = self._tuner.generate_parameters(number)
@@ -221,9 +221,9 @@ class Tuner:
         return list(self._open)
 
     def tell(self, trial: int, value: float, epochs: Sequence[float] = (), *, stopped: bool = False) -> None:
-        """The trial ended with `value`, the more the better; `epochs` is what the median-stop rule saw of it.
+        """Report the `value` of a trial, the higher the better; `epochs`: what the median-stop rule saw of it.
 
-        Raises InputError when the value is not finite or the trial's turn has not come or is over.
+        Raises InputError if the value is not finite, or if it is not the turn of this trial.
         """
         if not math.isfinite(value):
             raise InputError(f"trial {trial}: its value must be finite; got {value}; fail the trial instead")
@@ -232,14 +232,14 @@ class Tuner:
         self._tuner.trial_end(trial, True)
 
     def fail(self, trial: int, epochs: Sequence[float] = ()) -> None:
-        """The trial has no value; the tuner learns nothing from it."""
+        """Report that a trial has no value; the tuner learns nothing from it."""
         self._close(trial, epochs, finished=False)
         self._tuner.trial_end(trial, False)
 
     def _close(self, trial: int, epochs: Sequence[float], *, finished: bool) -> dict[str, Any]:
         if not self._open or self._open[0].id != trial:
             turn = f"it is the turn of trial {self._open[0].id}" if self._open else "ask for trials first"
-            raise InputError(f"trial {trial}: cannot be told now; {turn}")
+            raise InputError(f"trial {trial}: cannot be reported now; {turn}")
         if self.median_stop:
             self.median_stop.end(trial, epochs, finished=finished)
         return self._open.pop(0).parameters
@@ -247,15 +247,15 @@ class Tuner:
 
 @cache
 def _nni() -> SimpleNamespace:
-    """What is used of NNI, imported when a search begins, since that takes a second.
+    """The parts of NNI that are used, imported when a search starts, because this takes a second.
 
-    NNI greets with warnings about its own dependencies, and its loggers print to stdout.
-    Raises InputError where it is not installed: it has no wheel for Linux aarch64 and macOS arm64.
+    On import, NNI warns about its own dependencies, and its loggers print to stdout.
+    Raises InputError if it is not installed: it has no wheel for Linux aarch64 and macOS arm64.
     """
     if find_spec("nni") is None:
         raise InputError(
             "search: NNI is not installed (it has no wheel for this machine: "
-            f"{platform.system()} {platform.machine()}); search on Linux or Windows x86-64, all else works here"
+            f"{platform.system()} {platform.machine()}); search on Linux or Windows x86-64; everything else works here"
         )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -292,7 +292,7 @@ def _tuner(spec: SearchSpec) -> Any:
 
 
 def _ordered(dimension: dict[str, Any]) -> dict[str, Any]:
-    """TPE takes a randint as so many unordered choices; rounded, a range of numbers keeps its order."""
+    """A randint as a rounded range of numbers, which keeps its order; TPE treats a randint as unordered choices."""
     if dimension["_type"] != "randint":
         return dimension
     lower, upper = dimension["_value"]
@@ -301,7 +301,7 @@ def _ordered(dimension: dict[str, Any]) -> dict[str, Any]:
 
 
 def _tidy(dimension: Mapping[str, Any], value: Any) -> Any:
-    """A proposed number as a person writes it: multiples of q without rounding's tail, whole ones whole.
+    """A proposed number without rounding errors: multiples of q rounded, whole numbers as integers.
 
     >>> _tidy({"_type": "quniform", "_value": [0.1, 1, 0.1]}, 3 * 0.1)
     0.3
@@ -316,7 +316,7 @@ def _tidy(dimension: Mapping[str, Any], value: Any) -> Any:
 
 
 def _complaint(dimension: Mapping[str, Any]) -> str:
-    """What is wrong with a `_type` and its `_value`; nothing when it is right."""
+    """What is wrong with a `_type` and its `_value`; empty if nothing is."""
     if set(dimension) != {"_type", "_value"}:
         return "must have _type and _value, and nothing else, as in { _type = 'choice', _value = [20, 30] }"
     kind, arguments = dimension["_type"], dimension["_value"]
@@ -348,7 +348,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _samples(dimension: Mapping[str, Any]) -> list[Any]:
-    """Every choice; of a range its ends and a point between, as they would be proposed."""
+    """Every choice; for a range, its ends and a point between, as they would be proposed."""
     kind, arguments = dimension["_type"], dimension["_value"]
     if kind == "choice":
         return list(arguments)

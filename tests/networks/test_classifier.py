@@ -146,7 +146,7 @@ def test_groups_that_cannot_be_held_out_are_refused(groups, words):
     ("validation", "words"),
     [
         (lambda X, y: X, "validation: must be a pair"),
-        (lambda X, y: (X[:, :20], y), "validation: windows have 20 steps where those of training have 60"),
+        (lambda X, y: (X[:, :20], y), "validation: windows have 20 steps, but training windows have 60"),
         (lambda X, y: (X, ["other"] * len(y)), "validation: class 'other' is not a class of training"),
         (lambda X, y: (X, y[:3]), "validation: has the shape"),
     ],

@@ -111,7 +111,7 @@ def test_silent_hidden_neurons_are_drawn_anew_and_said(monkeypatch):
 
     calls = []
     monkeypatch.setattr(recipe, "scale_weights", torch.no_grad()(silencing))
-    with pytest.warns(UserWarning, match="1[0-2] of 12 hidden neurons would have stayed silent"):
+    with pytest.warns(UserWarning, match="1[0-2] of 12 hidden neurons were silent"):
         net, _ = begun(spikes(n_steps=200))
     with torch.no_grad():
         assert int(net(spikes(n_steps=200)).hidden.any(dim=0).sum()) >= 10
@@ -121,7 +121,7 @@ def test_silent_hidden_neurons_are_drawn_anew_and_said(monkeypatch):
 def test_recurrence_that_explodes_begins_smaller_and_is_said():
     long = spikes(n_steps=200)
     wild = {"model": "rsnn", "recurrent_weight_scale": 30.0, "tau_mem_ms": 200.0, "surrogate_scale": 1.0}
-    with pytest.warns(UserWarning, match="recurrent weights begin [0-9]+ times smaller"):
+    with pytest.warns(UserWarning, match="recurrent weights are [0-9]+ times smaller"):
         net, before = begun(long, **wild)
     ratio = (before["w_rec"] / net.w_rec.detach()).flatten()
     assert ratio[0] >= 2
@@ -205,7 +205,7 @@ def test_what_is_chosen_is_told_line_by_line():
     at = Seen(900, 1000, 1000.0, 50.0)
     told = list(recipe.described(DEFAULT, at))
     assert len(told) == len(choices(at))
-    assert "tau_mem_ms = 50.0 (a twentieth of the window, one step at least)" in told
+    assert "tau_mem_ms = 50.0 (a twentieth of the window, at least one step)" in told
     assert list(recipe.described(RSNNSpec(), at)) == []
 
 

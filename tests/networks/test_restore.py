@@ -69,7 +69,7 @@ def rewrite(folder, **changes) -> None:
         ({"task": {"window": {"length_ms": -1}}}, "task.window.length_ms: must be > 0"),
         ({"classes": "felt"}, "classes: "),
         ({"classes": [1, 2]}, "classes.0: "),
-        ({"classes": ["felt"]}, "names 1 classes where the network knows 2"),
+        ({"classes": ["felt"]}, "names 1 classes, but the network has 2"),
         ({"spikes": 3}, "spikes: "),
         ({"exit_patience": 0}, "exit_patience: must be >= 1"),
         ({"exit_patience": "9"}, "exit_patience: "),

@@ -165,7 +165,7 @@ def test_seeds_decide_the_journal(trains, journal, tmp_path):
         (lambda lines: [re.sub('"value": .*}', '"value": "x"}', lines[0]), *lines[1:]], "1 is damaged .value: Input"),
         (lambda lines: [re.sub(', "value": .*}', "}", lines[0]), *lines[1:]], "its value is missing"),
         (lambda lines: [re.sub('"sops": [^,]*', '"sops": NaN', lines[0]), *lines[1:]], "1 is damaged .sops"),
-        (lambda lines: [lines[0].replace('"hidden": ', '"hidden": 1'), *lines[1:]], "trial 0 is not what this search"),
+        (lambda lines: [lines[0].replace('"hidden": ', '"hidden": 1'), *lines[1:]], "trial 0 is not the one"),
     ],
     ids=["garbage", "gap", "text for a value", "no value", "not a number", "other parameters"],
 )

@@ -229,7 +229,7 @@ def test_the_weights_are_copies():
 
 @pytest.mark.parametrize("change", [{"membrane": "eq4"}, {"membrane": "delayed"}, {"recurrent_delay_steps": 1}])
 def test_neurons_that_hear_later_do_not_come_back(change):
-    with pytest.raises(InputError, match="hear their input later"):
+    with pytest.raises(InputError, match="receive input later"):
         from_snntorch(to_snntorch(network(**change)), 2000.0)
 
 
@@ -251,15 +251,15 @@ def test_networks_that_snntorch_cannot_hold_are_refused():
         ({"bias": True}, "input: the projection has a bias"),
         ({"hidden": {"alpha": 1.5}}, "alpha: must lie in"),
         ({"readout": {"beta": -0.1}}, "beta: must lie in"),
-        ({"hidden": {"beta": torch.tensor([0.1, 0.2, 0.3, 0.4])}}, "beta: must be one finite number a layer"),
+        ({"hidden": {"beta": torch.tensor([0.1, 0.2, 0.3, 0.4])}}, "beta: must be one finite number per layer"),
         ({"hidden": {"threshold": float("nan")}}, "threshold: must be one finite number"),
         ({"hidden": {"all_to_all": False, "linear_features": None, "V": 0.5}}, "not all-to-all"),
         ({"hidden": {"linear_features": 3}}, "all must be equal"),
         ({"hidden": {"reset_mechanism": "none"}}, "hidden: reset 'none'"),
-        ({"readout": {"reset_mechanism": "subtract"}}, "reset in two ways"),
+        ({"readout": {"reset_mechanism": "subtract"}}, "reset differently"),
         ({"readout": {"reset_delay": False}}, "readout: reset_delay=False"),
         ({"readout": {"state_quant": lambda x: x}}, "readout: state_quant"),
-        ({"readout": {"spike_grad": surrogate.atan(2.0)}}, "two surrogates"),
+        ({"readout": {"spike_grad": surrogate.atan(2.0)}}, "different surrogates"),
     ],
 )
 def test_what_has_no_place_here_is_refused(changes, complaint):

@@ -99,7 +99,7 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
     asked = RSNNSpec(recipe="default", hidden=6, training=TrainingSpec(epochs=N_EPOCHS))
     told, told_again = [], []
     assert run(spikes, folder, asked, TASK, tell=told.append) is not None
-    assert "tau_mem_ms = 2.0 (a twentieth of the window, one step at least)" in told
+    assert "tau_mem_ms = 2.0 (a twentieth of the window, at least one step)" in told
     assert "epochs" not in " ".join(told).replace("all epochs", "")  # it is given
     left = contents(folder)
     saved = json.loads(left["network.json"])["spec"]
@@ -189,7 +189,7 @@ def test_other_settings_are_refused_by_name(monkeypatch, spikes, whole, folder, 
         interrupt(monkeypatch, 2, spikes, folder)
     before = contents(folder)
     asked = {"network": NETWORK, "task": TASK, **changes}
-    with pytest.raises(InputError, match=f"was begun with {expected}; give that, or start again with --force"):
+    with pytest.raises(InputError, match=f"was started with {expected}; give that, or start again with --force"):
         run(spikes, folder, **asked, resume=True)
     assert contents(folder) == before
 
@@ -199,7 +199,7 @@ def test_spikes_that_changed_are_refused_and_moved_ones_are_not(monkeypatch, tmp
     mine.write_bytes(spikes.read_bytes())
     interrupt(monkeypatch, 2, mine, tmp_path / "run")
     save_spikes(spikes_of(1), mine)
-    with pytest.raises(InputError, match="begun with other spikes, or the file has changed"):
+    with pytest.raises(InputError, match="started with other spikes, or the file has changed"):
         run(mine, tmp_path / "run", NETWORK, TASK, resume=True)
     mine.unlink()
     run(spikes, tmp_path / "run", NETWORK, TASK, resume=True)
@@ -212,7 +212,7 @@ def test_other_versions_are_told(monkeypatch, spikes, whole, folder):
         patch.setattr(train_run, "versions", lambda: {**versions, "torch": "1.0"})
         interrupt(patch, 2, spikes, folder)
         patch.setattr(train_run, "versions", lambda: {**versions, "torch": "2.0"})
-        with pytest.warns(UserWarning, match=r"was begun with torch 1\.0; its numbers may differ"):
+        with pytest.warns(UserWarning, match=r"was started with torch 1\.0; its numbers may differ"):
             run(spikes, folder, NETWORK, TASK, resume=True)
     assert contents(folder)["weights.safetensors"] == whole["weights.safetensors"]
 
@@ -223,14 +223,14 @@ def test_other_versions_are_told(monkeypatch, spikes, whole, folder):
 def test_an_interrupted_training_is_not_begun_again_unasked(monkeypatch, spikes, folder):
     interrupt(monkeypatch, 2, spikes, folder)
     before = contents(folder)
-    with pytest.raises(InputError, match="was interrupted; pass --resume to go on, or --force to start again"):
+    with pytest.raises(InputError, match="was interrupted; pass --resume to continue, or --force to start again"):
         run(spikes, folder, NETWORK, TASK)
     assert contents(folder) == before
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(tmp_path, spikes):
     (tmp_path / "thesis.txt").write_text("precious")
-    for options, expected in (({}, "is not empty"), ({"resume": True}, "holds no training to go on with")):
+    for options, expected in (({}, "is not empty"), ({"resume": True}, "holds no training to resume")):
         with pytest.raises(InputError, match=expected):
             run(spikes, tmp_path, NETWORK, TASK, **options)
     with pytest.raises(InputError, match=r"thesis\.txt: is a file; name a folder"):
@@ -377,7 +377,7 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
     code, out, err = typed("--resume")
     assert code == 0
     for told in (
-        "accuracy ", "test trials)\nbeside it: chance", "a decision costs", "saved in",
+        "accuracy ", "test trials)\nbaselines: chance", "a decision costs", "saved in",
         f"next: neurotact infer {folder}", "neurotact sops",
     ):  # fmt: skip
         assert told in out

@@ -408,7 +408,7 @@ def old(made, tmp_path):
 def test_an_old_network_knows_its_own_spikes_by_its_split_and_says_so(old):
     trains, restored, split = old
     for spikes in (trains, trains.select(np.arange(N_TRIALS)[::-1])):
-        with pytest.warns(UserWarning, match="saved without a note of its trials; its split is drawn again from"):
+        with pytest.warns(UserWarning, match="saved without its trials; its split is drawn again from"):
             table = infer(restored, spikes)
         assert table[table.side == "test"].trial.nunique() == len(split.test)
         assert table[table.side == "training"].trial.nunique() == len(split.train)

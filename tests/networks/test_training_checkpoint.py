@@ -104,7 +104,7 @@ def with_value(tensor, value):
             for n in ("weights.w_in", "best.w_rec", "adam.beta.step")
         ),
         ("log", lambda t: with_value(t, math.inf), "holds NaN or infinity"),
-        ("log", lambda t: with_value(t, 2), "does not count the epochs"),
+        ("log", lambda t: with_value(t, 2), "does not number the epochs"),
         ("log", lambda t: t[:0], "has 0 epochs where 1 to 4"),
         ("log", lambda t: torch.cat([t, t]), "has 6 epochs where 1 to 4"),
         ("log", lambda t: t[0, 0], "has 0 epochs"),
@@ -116,7 +116,7 @@ def with_value(tensor, value):
         ("adam.w_out.exp_avg", lambda _: None, "'adam.w_out.exp_avg' is missing"),
         ("adam.alpha.step", lambda _: torch.zeros(()), "'adam.alpha.step' is unknown"),
         ("generator", lambda t: t[:-1].contiguous(), "'generator' is"),
-        ("generator", lambda t: torch.full_like(t, 255), "generator has no state"),
+        ("generator", lambda t: torch.full_like(t, 255), "generator state is invalid"),
     ],
 )
 def test_a_checkpoint_that_does_not_fit_is_refused(tmp_path, checkpoint, name, change, complaint):

@@ -108,7 +108,7 @@ def test_a_randint_stays_within_its_bounds(lower, size, seed):
 def test_asking_before_telling_is_refused():
     tuner = searching()
     tuner.ask()
-    with pytest.raises(InputError, match="trial 0: is not told yet"):
+    with pytest.raises(InputError, match="trial 0: has no result yet"):
         tuner.ask()
 
 
@@ -126,7 +126,7 @@ def test_a_trial_that_has_ended_is_never_told_again(end):
     tuner = searching(batch=1)
     tuner.ask()
     tuner.tell(0, 0.5) if end == "tell" else tuner.fail(0)
-    with pytest.raises(InputError, match="trial 0: cannot be told now"):
+    with pytest.raises(InputError, match="trial 0: cannot be reported now"):
         tuner.tell(0, 0.5)
 
 

@@ -1,1 +1,1 @@
-"""Many small networks trained at once on one GPU, each as it would be alone."""
+"""Many small networks trained together on one GPU, each as if it were alone."""

@@ -1,4 +1,4 @@
-"""Adam for all members of a population at once: each weight has its rate, each member its count of steps."""
+"""Adam for all members of a population together: each weight has its rate, each member its count of steps."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,13 @@ import torch
 from torch import Tensor
 
 EPSILON = 1e-8
-"""As of torch.optim.Adam, to which the steps are equal but for rounding in float32."""
+"""As in torch.optim.Adam; the steps equal its steps except for rounding in float32."""
 
 
 class Adam:
-    """Kingma and Ba 2015, Algorithm 1, of rows of weights `(member, weight)`, which steps change in place.
+    """Kingma and Ba 2015, Algorithm 1, for rows of weights `(member, weight)`, which steps change in place.
 
-    rates: before any schedule, as `weights`. betas: of each member.
+    rates: before any schedule, in the shape of `weights`. betas: of each member.
     """
 
     def __init__(self, weights: Tensor, rates: Tensor, betas: Sequence[tuple[float, float]]) -> None:
@@ -25,7 +25,7 @@ class Adam:
     def step(self, members: Tensor, gradients: Tensor, shares: Tensor) -> None:
         """Step some members, `(place,)`, along their gradients `(place, weight)`.
 
-        shares: of their rates that their schedules leave, `(place,)`.
+        shares: the factors of their schedules on their rates, `(place,)`.
         """
         at = members.long()
         self.steps[at] += 1

@@ -1,12 +1,12 @@
-"""The fused network, a hidden layer and a spiking readout, in Triton: many networks at once, each with its own weights.
+"""The fused network, a hidden layer and a spiking readout, in Triton: many networks together, each with own weights.
 
 A program runs `BT` windows of one network, forward or backward. States stay in registers for the whole window, spikes
-are bits, and the rows of the weights are read by all programs of a network from the fast memory of its processor. The
-equations are those of `neurons.cuba_lif_step`, the adjoint that of `native/step.hpp`.
+are bits, and all programs of a network read the rows of the weights from the fast memory of its processor. The
+equations are in `neurons.cuba_lif_step`, the adjoint is in `native/step.hpp`.
 
 Forward adds in the order of the reference's `ordered` mode: decay, inputs ascending, hidden spikes ascending, each a
-rounded addition of its own; it must be compiled with `enable_fp_fusion=False`, so that none becomes a fused
-multiply-add. Backward uses products of tiles, whose order is the compiler's.
+separate rounded addition. It must be compiled with `enable_fp_fusion=False`, so that none becomes a fused multiply-add.
+Backward uses products of tiles; the compiler chooses their order.
 
 Names: U and I are membrane and current of the hidden layer, Y and J those of the readout.
 """
@@ -23,7 +23,7 @@ def _constant(constants, member, number: tl.constexpr):
 
 @triton.jit
 def _dynamics(constants, member):
-    """Decays of current and membrane, and thresholds, each of the hidden layer and of the readout."""
+    """Decays of current and membrane, and thresholds; each of the hidden layer and of the readout."""
     alpha = _constant(constants, member, 0)
     alpha_out = _constant(constants, member, 1)
     beta = _constant(constants, member, 2)
@@ -68,11 +68,11 @@ def _membrane_step(membrane, current_before, current, beta, threshold, MEMBRANE:
 
 @triton.jit
 def _add_events(current, word, rows, n_rows, PITCH: tl.constexpr):
-    """Add, row after row, the weights of each bit that is set to the currents of the windows in whose word it is."""
+    """Add the weights of each row to the currents of the windows in which its bit is set, row after row."""
     lane = tl.arange(0, PITCH)
     for j in range(0, n_rows):
-        sent = ((word >> j) & 1) != 0
-        current += tl.where(sent[:, None], tl.load(rows + j * PITCH + lane)[None, :], 0.0)
+        is_set = ((word >> j) & 1) != 0
+        current += tl.where(is_set[:, None], tl.load(rows + j * PITCH + lane)[None, :], 0.0)
     return current
 
 
@@ -87,7 +87,7 @@ def _word(fired, lane, HP: tl.constexpr):
 
 @triton.jit
 def _rows(trial, n_trials, wanted):
-    """The rows of the real trials, where a condition of the whole program holds."""
+    """The rows of the real trials, if `wanted` holds for the whole program; else none."""
     return (trial < tl.where(wanted, n_trials, 0))[:, None]
 
 
@@ -105,7 +105,7 @@ def forward(
     real = trial < n_trials
     lane = tl.arange(0, HP)
     out_lane = tl.arange(0, OP)
-    # Within a place 32 bits count: the host sees to it.
+    # Offsets within a place fit in 32 bits: the host ensures it.
     kept = trial[:, None] * (n_steps * HP) + lane[None, :]
     kept_out = trial[:, None] * (n_steps * OP) + out_lane[None, :]
     hidden_tape += slot * n_steps * HP
@@ -123,7 +123,7 @@ def forward(
     count_out = tl.zeros([BT, OP], tl.float32)
     word = _word(membrane > threshold, lane, HP)
     word_before = word
-    # A tile without windows has no steps either.
+    # A tile without windows runs no steps.
     steps = tl.where(tile * BT < n_trials, n_steps, 0)
     for t in range(0, steps):
         before = current
@@ -167,7 +167,7 @@ def _layer_back(
     after, before, g_spike, g_current, g_membrane, alpha, beta, threshold, scale,
     MEMBRANE: tl.constexpr, RESET: tl.constexpr,
 ):  # fmt: skip
-    """A step of a layer backwards: the complete dL/dI[t+1], and the shares of I[t] and of U[t].
+    """A backward step of a layer: the complete dL/dI[t+1], and the parts of dL/dI[t] and dL/dU[t].
 
     after, before: U[t+1] and U[t]; g_spike: dL/ds[t+1].
     """
@@ -211,7 +211,7 @@ def backward(
     hidden_tape += slot * n_steps * HP
     readout_tape += slot * n_steps * OP
     in_lane = tl.arange(0, IP)
-    heard = (in_lane < n_inputs)[:, None] & real[None, :]
+    is_input = (in_lane < n_inputs)[:, None] & real[None, :]
     arrives = window[None, :] * (n_steps * WORDS) + (in_lane // 32)[:, None]
     n_weights: tl.constexpr = IP * HP + HP * HP + HP * OP
     w_rec = weights + member * n_weights + IP * HP
@@ -238,7 +238,7 @@ def backward(
     last = n_steps - 1
     after = tl.load(hidden_tape + last * HP + kept, mask=real[:, None], other=0.0)
     after_out = tl.load(readout_tape + last * OP + kept_out, mask=real[:, None], other=0.0)
-    # Steps that were not simulated were at rest.
+    # Before the first step, neurons are at rest.
     before = tl.load(hidden_tape + (last - 1) * HP + kept, mask=_rows(trial, n_trials, n_steps > 1), other=0.0)
     for back in range(0, steps):
         t = steps - 1 - back
@@ -263,7 +263,7 @@ def backward(
         complete, g_current, g_membrane = _layer_back(
             after, before, g_spike, g_current, g_membrane, alpha, beta, threshold, scale, MEMBRANE, RESET
         )
-        words = tl.load(spikes + t * WORDS + arrives, mask=heard, other=0)
+        words = tl.load(spikes + t * WORDS + arrives, mask=is_input, other=0)
         arrived = ((words >> (in_lane % 32)[:, None]) & 1).to(tl.float32)
         g_in += tl.dot(arrived, complete, input_precision="ieee")
         returned_later = returned

@@ -1,4 +1,4 @@
-"""The loss of `training.loss` and its gradient, for all members at once."""
+"""The loss of `training.loss` and its gradient, for all members together."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -11,10 +11,10 @@ from neurotact.networks.specs import RSNNSpec
 
 
 class Settings(NamedTuple):
-    """What the loss of each member weighs, `(member,)` each, in the float type of the counts."""
+    """Parameters of the loss of each member, `(member,)` each, in the float type of the counts."""
 
     hidden: Tensor
-    """Neurons, without padding."""
+    """Hidden neurons, without padding."""
     temperature: Tensor
     rate_penalty: Tensor
     population_penalty: Tensor
@@ -29,7 +29,7 @@ class Settings(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Of each place: its loss in float64, the windows that it decides right, and dL/d counts."""
+    """For each place: its loss in float64, the number of correctly decided windows, and dL/d counts."""
 
     loss: Tensor
     correct: Tensor
@@ -39,7 +39,7 @@ class Losses(NamedTuple):
 def losses(counts: Counts, labels: Tensor, batch: Batch, settings: Settings, n_classes: int) -> Losses:
     """Cross-entropy and rate penalties of the windows of a batch; labels `(place, trial)`.
 
-    Sums are taken in float64, so that how many places or padded trials there are does not move them.
+    Sums are float64, so they do not depend on the number of places or padded trials.
     """
     at = batch.members.long()
     hidden, temperature, rate, population = (each[at][:, None] for each in settings)
@@ -49,8 +49,8 @@ def losses(counts: Counts, labels: Tensor, batch: Batch, settings: Settings, n_c
     log_p = torch.log_softmax(decided * temperature[..., None], dim=2)
     right = torch.nn.functional.one_hot(labels, n_classes).to(log_p.dtype)
     entropy = -(log_p * right).sum(dim=2).double() * real
-    heard = counts.hidden * real[..., None]
-    of_neurons = heard.sum(dim=1)  # whole numbers, exact in float32
+    hidden_spikes = counts.hidden * real[..., None]
+    of_neurons = hidden_spikes.sum(dim=1)  # whole numbers, exact in float32
     n_hidden, trials = hidden[:, 0].double(), n[:, 0].double()
     loss = (
         entropy.sum(dim=1) / trials

@@ -1,6 +1,6 @@
-"""A population: networks of one form beside one another on a device, their windows as bits, forward and backward.
+"""A population: networks of one form together on a device, their windows as bits, forward and backward.
 
-Networks are of one form where one compiled kernel runs them: the same afferents, classes and steps, membrane, reset,
+Networks are of one form if one compiled kernel runs them: the same afferents, classes and steps, membrane, reset,
 delay and recurrence, and hidden sizes that are rounded up to the same power of two. Rows and columns beyond a network's
 own size hold zeros, stay silent and get no gradient.
 """
@@ -17,12 +17,12 @@ from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF
 
 TILE = 16
-"""Windows that a program runs, and the least that a padded size is: products of tiles need 16 rows and columns."""
+"""Windows per program, and the smallest padded size: products of tiles require 16 rows and columns."""
 MOST = {"inputs": 128, "hidden": 64, "classes": 64}
 
 
 class Form(NamedTuple):
-    """What a compiled kernel is made for; `hidden` is rounded up."""
+    """What a kernel is compiled for; `hidden` is rounded up."""
 
     inputs: int
     hidden: int
@@ -33,7 +33,7 @@ class Form(NamedTuple):
 
     @staticmethod
     def of(network: RSNN, steps: int) -> "Form":
-        """The form of a network over windows of so many steps; InputError where no kernel runs it."""
+        """The form of a network over windows of this many steps; InputError if no kernel runs it."""
         check(network)
         spec = network.spec
         hidden = _padded(spec.hidden)
@@ -51,7 +51,7 @@ class Form(NamedTuple):
 
     @property
     def warps(self) -> dict[str, int]:
-        """Of a program of each kernel: the fewest whose registers do not spill, or all but (compiled for sm_90)."""
+        """Warps per program of each kernel: the fewest with no, or almost no, register spills (compiled for sm_90)."""
         return {"forward": 4, "backward": 4 if self.hidden <= 32 else 8}
 
     def constants(self) -> dict[str, object]:
@@ -78,7 +78,7 @@ def check(network: RSNN) -> None:
         )
     other = f"readout = '{spec.readout}'" if spec.readout != "count" else "learned dynamics" if spec.learn else None
     if other is None and (network.w_in.dtype != torch.float32 or not isinstance(network.spike, FastSigmoid)):
-        other = "float64 or a surrogate of its own"
+        other = "float64 or another surrogate"
     if network.adaptation is not None:
         raise InputError(
             "--device cuda: trains thresholds that do not adapt (threshold_adaptation = 0); leave --device out to "
@@ -119,10 +119,10 @@ class Tape(NamedTuple):
 
 
 class Batch(NamedTuple):
-    """Windows of a batch of some members, each member in a place: what a launch of the kernels runs.
+    """Windows of a batch of some members, each member in a place, for one launch of the kernels.
 
-    members: `(place,)` int32. windows: `(place, trial)` int32, into the population's bits. trials: how many of them
-    are real, `(place,)` int32.
+    members: `(place,)` int32. windows: `(place, trial)` int32, indices of the population's bits. trials: how many
+    of them are real, `(place,)` int32.
     """
 
     members: Tensor
@@ -131,7 +131,7 @@ class Batch(NamedTuple):
 
     @property
     def real(self) -> Tensor:
-        """Which trials are, `(place, trial)`."""
+        """Which trials are real, `(place, trial)`."""
         return torch.arange(self.windows.shape[1], device=self.trials.device) < self.trials[:, None]
 
 
@@ -144,7 +144,7 @@ class Population:
 
     def __init__(self, networks: Sequence[RSNN], form: Form, bits: Tensor, device: torch.device) -> None:
         if bits.numel() >= 2**31:
-            raise InputError(f"--device cuda: {len(bits)} windows are more than 32 bits count; train on fewer at once")
+            raise InputError(f"--device cuda: {len(bits)} windows exceed what 32 bits can index; train on fewer")
         self.form, self.device, self.bits = form, device, bits.to(device)
         shapes = self._shapes()
         weights = torch.zeros(len(networks), sum(rows * columns for rows, columns in shapes.values()))
@@ -168,7 +168,7 @@ class Population:
         return {name: part.view(shape) for (name, shape), part in zip(shapes.items(), parts, strict=True)}
 
     def row(self, values: Mapping[str, float]) -> Tensor:
-        """A value for each matrix as one for each of its weights, `(weight,)`."""
+        """One value per matrix, repeated for each of its weights, `(weight,)`."""
         row = torch.zeros(self.weights.shape[1])
         for name, part in self.parts(row).items():
             part.fill_(values.get(name, 0.0))
@@ -176,14 +176,14 @@ class Population:
 
     @torch.no_grad()
     def write(self, network: RSNN, row: Tensor) -> None:
-        """Give a network the weights of a member, `(weight,)`."""
+        """Copy the weights of a member, `(weight,)`, into a network."""
         for name, part in self.parts(row.cpu()).items():
             own = getattr(network, name)
             if own is not None:
                 own.copy_(part[: own.shape[0], : own.shape[1]])
 
     def run(self, batch: Batch, *, keep: bool) -> tuple[Counts, Tape | None]:
-        """Run windows forward; `keep` what `gradients` needs."""
+        """Run windows forward; `keep`: return the tape that `gradients` requires."""
         n_places, n_trials = batch.windows.shape
         _, hidden, classes = self.form.padded
         empty = self.weights.new_empty
@@ -200,7 +200,7 @@ class Population:
         return counts, tape if keep else None
 
     def gradients(self, batch: Batch, tape: Tape, g: Counts) -> Tensor:
-        """dL/d weights of the members of a batch, `(place, weight)`, from those of the counts."""
+        """dL/d weights of the members of a batch, `(place, weight)`, from dL/d counts."""
         n_places, n_trials = batch.windows.shape
         n_tiles = -(-n_trials // TILE)
         parts = self.weights.new_empty(n_places, n_tiles, self.weights.shape[1])
@@ -210,7 +210,7 @@ class Population:
             n_trials, self.form.steps, self.form.inputs, n_tiles,
             **self.form.constants(), num_warps=self.form.warps["backward"], enable_fp_fusion=False,
         )  # fmt: skip
-        # One after another: a sum over a dimension may take its terms in an order that depends on the others.
+        # One after another: the order of the terms in a sum over a dimension may depend on the other dimensions.
         total = parts[:, 0]
         for tile in range(1, n_tiles):
             total = total + parts[:, tile]
@@ -218,14 +218,14 @@ class Population:
 
 
 def _kernels() -> Any:
-    """Imported when they first run: nothing else of the package imports Triton."""
+    """The kernels, imported when they first run: nothing else in the package imports Triton."""
     from neurotact.networks.population import kernels
 
     return kernels
 
 
 def _dynamics(network: RSNN) -> Tensor:
-    """Of hidden layer and readout: alpha, beta, threshold and the surrogate's scale, `(8,)`."""
+    """Alpha, beta, threshold and surrogate scale, each of hidden layer and readout, `(8,)`."""
     scales = [network.spike_of(layer).scale for layer in (0, 1)]  # pyright: ignore[reportFunctionMemberAccess]
     values = [network.alpha, network.beta, network.threshold, torch.tensor(scales, dtype=torch.float32)]
     return torch.cat([value.detach().cpu() for value in values])

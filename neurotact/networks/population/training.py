@@ -1,8 +1,8 @@
-"""Training a population: every member as `networks.training.train` trains it alone, all at once on one device.
+"""Training a population: every member as `networks.training.train` trains it alone, all together on one device.
 
-Members take the same turns: in each, every member that has a batch left in its epoch runs it and steps. So an epoch
-ends for all together; then they are validated, and the numbers come off the device once. Which member is done is
-decided by the rules of `networks.training`.
+Members take the same turns: in each turn, every member with a batch left in its epoch runs it and steps. An epoch ends
+for all members together; then they are validated, and the numbers are copied from the device once. The rules of
+`networks.training` decide which members have finished.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ from torch import Tensor
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks import fitting
-from neurotact.networks import training as alone
+from neurotact.networks import training as single
 from neurotact.networks.fitting import Trained
 from neurotact.networks.population.adam import Adam
 from neurotact.networks.population.losses import Settings, losses
@@ -26,7 +26,7 @@ from neurotact.networks.tasks import Sides, Task
 from neurotact.networks.training import Epoch, Examples, Training
 
 TAPE_BYTES = 2**30
-"""Of membranes that are kept for the backward pass at once, in the interpreter; on a GPU half of its free memory."""
+"""Most memory for the membranes of the backward pass, in the interpreter; on a GPU, half of its free memory."""
 
 
 class Member(NamedTuple):
@@ -42,9 +42,9 @@ class Member(NamedTuple):
 class Ended:
     """How a member ended.
 
-    training: its log and its best epoch, whose weights its network now has; of a stopped one those of its last epoch.
+    training: its log and its best epoch, whose weights its network now has; if stopped, its last epoch.
     stopped: by `watch`.
-    error: why it could not go on; its network is as it was.
+    error: why it could not continue; its network is unchanged.
     """
 
     training: Training
@@ -57,7 +57,7 @@ Watch = Callable[[int, Epoch], bool]
 
 
 def check(network: RSNN, steps: int) -> None:
-    """Refuse, in one line, a network whose training is not done here."""
+    """Refuse, in one line, a network that cannot be trained here."""
     Form.of(network, steps)
     spec = network.spec.training
     other = [
@@ -77,7 +77,7 @@ def check(network: RSNN, steps: int) -> None:
 
 
 def train(members: Sequence[Member], device: torch.device, watch: Watch = lambda place, epoch: False) -> list[Ended]:
-    """Train every member in place; how each ended, in their order.
+    """Train every member in place; returns how each ended, in their order.
 
     A member's numbers do not depend on the others. Raises InputError for a member that cannot be trained here.
     """
@@ -95,7 +95,7 @@ def train(members: Sequence[Member], device: torch.device, watch: Watch = lambda
 
 
 class Asked(NamedTuple):
-    """A network to train from nothing, as `fitting.fit` is asked; what has the same windows shares them."""
+    """A new network to train, with the arguments of `fitting.fit`; networks with the same `sides` share windows."""
 
     trains: SpikeTrains
     spec: RSNNSpec
@@ -104,7 +104,7 @@ class Asked(NamedTuple):
     sides: Sides
 
     def member(self) -> Member:
-        """The untrained network; InputError where it cannot be trained here."""
+        """The untrained network; InputError if it cannot be trained here."""
         training = self.sides.train
         network, order = fitting.new_network(self.trains, self.spec, self.seeds, training.spikes)
         check(network, training.spikes.shape[1])
@@ -112,7 +112,7 @@ class Asked(NamedTuple):
 
 
 def fit(asked: Sequence[Asked], device: torch.device) -> list[Trained]:
-    """Train networks as `fitting.fit` does, all at once; each has the numbers that it has in any population."""
+    """Train networks as `fitting.fit` does, all together; their numbers do not depend on the population."""
     for sides in {id(each.sides): each.sides for each in asked}.values():
         fitting.warn_of_silence(sides.train)
     members = [each.member() for each in asked]
@@ -139,7 +139,7 @@ class _Windows:
         self.bits, self.labels = torch.cat(bits), torch.cat(labels).to(device)
 
     def of(self, examples: Examples, order: Tensor) -> Tensor:
-        """Where windows of some examples are, in this order."""
+        """Indices of the windows of some examples, in this order."""
         return (order + self._first[id(examples.spikes)]).to(torch.int32)
 
 
@@ -162,7 +162,7 @@ class _Plan:
         self.members = torch.tensor(members, dtype=torch.int32, device=device)
 
     def batches(self, turn: int, most: int) -> Iterator[tuple[list[int], Tensor, Batch]]:
-        """Up to `most` places at a time that have a batch in a turn: on the host, on the device, and the batch."""
+        """Up to `most` places at a time with a batch in this turn: on the host, on the device, and the batch."""
         due = [place for place, turns in enumerate(self.turns_of) if turn < turns]
         for first in range(0, len(due), most):
             places = due[first : first + most]
@@ -180,7 +180,7 @@ class _Group:
         self.windows = _Windows(members, device)
         self.population = Population(networks, form, self.windows.bits, device)
         self.settings = Settings.of([network.spec for network in networks], device)
-        rates = torch.stack([self.population.row(alone.rates_of(network)) for network in networks])
+        rates = torch.stack([self.population.row(single.rates_of(network)) for network in networks])
         self.adam = Adam(self.population.weights, rates, [network.spec.training.betas for network in networks])
         self.sizes = [network.spec.training.batch for network in networks]
 
@@ -195,15 +195,15 @@ class _Group:
                 log, spec = logs[place], self.members[place].network.spec.training
                 log.append(Epoch(len(log) + 1, *numbers))
                 if not is_finite:
-                    error = alone.not_finite(len(log))
+                    error = single.not_finite(len(log))
                     ended[place] = Ended(Training(tuple(log), log[-1]), error=error)
                 elif watch(place, log[-1]):
                     ended[place] = Ended(Training(tuple(log), log[-1]), stopped=True)
                 else:
-                    leader = alone.best_of(log, spec.keep)
+                    leader = single.best_of(log, spec.keep)
                     if leader is log[-1]:
                         improved.append(place)
-                    if alone.is_over(log, spec):
+                    if single.is_over(log, spec):
                         ended[place] = Ended(Training(tuple(log), leader))
             at = torch.tensor(improved, dtype=torch.int64, device=self.device)
             best[at] = self.population.weights[at]
@@ -214,7 +214,7 @@ class _Group:
         return [ended[place] for place in range(len(self.members))]
 
     def _epoch(self, running: Sequence[int], epochs_before: int) -> list[tuple]:
-        """Train members for an epoch and validate them: for each whether it is finite, and the numbers of `Epoch`."""
+        """Train members for an epoch and validate them; for each, whether it is finite, and the numbers of `Epoch`."""
         members = [self.members[place] for place in running]
         orders = [torch.randperm(len(each.training.labels), generator=each.generator) for each in members]
         fitted = self._pass(running, [m.training for m in members], orders, epochs_before)
@@ -227,7 +227,7 @@ class _Group:
     def _pass(
         self, running: Sequence[int], examples: Sequence[Examples], orders: Sequence[Tensor], epochs_before: int | None
     ) -> tuple[Tensor, Tensor]:
-        """Loss and accuracy `(place,)`, each batch before its step; no steps without `epochs_before`."""
+        """Loss and accuracy `(place,)`, of each batch before its step; no steps without `epochs_before`."""
         sizes = [self.sizes[place] for place in running]
         placed = [self.windows.of(side, order) for side, order in zip(examples, orders, strict=True)]
         plan = _Plan(running, placed, sizes, self.device)
@@ -240,7 +240,7 @@ class _Group:
                 found = losses(counts, labels, batch, self.settings, self.population.form.classes)
                 if tape is not None and epochs_before is not None:
                     shares = [
-                        alone.rate_left(
+                        single.rate_left(
                             self.members[running[place]].network.spec.training,
                             epochs_before + turn / plan.turns_of[place],
                         )
@@ -254,7 +254,7 @@ class _Group:
         return total / n, correct / n
 
     def _most_places(self, n_trials: int) -> int:
-        """How many members' membranes fit in memory at once."""
+        """How many members' membranes fit in memory together."""
         form = self.population.form
         _, hidden, classes = form.padded
         budget = TAPE_BYTES

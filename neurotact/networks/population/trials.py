@@ -1,7 +1,7 @@
-"""The trials of a search, a batch of them trained at once as a population.
+"""The trials of a search; each batch is trained together as a population.
 
-The journal gets their lines when all of a batch are trained. Which trials the median-stop rule ends does not change by
-that: it compares with trials of earlier batches alone.
+Their lines are written to the journal when the whole batch is trained. This does not change which trials the
+median-stop rule ends: it compares only with trials of earlier batches.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,7 +24,7 @@ from neurotact.networks.training import Epoch
 
 @contextmanager
 def runner(problem: Problem, spikes: Path, n_workers: int, device: str) -> Iterator[Run]:
-    """Trials trained on a device or, on the CPU, in processes; see `search.processes`."""
+    """Trials trained on a GPU or, on the CPU, in processes; see `search.processes`."""
     if device == "cpu":
         with search.processes(spikes, n_workers) as run:
             yield run
@@ -33,7 +33,7 @@ def runner(problem: Problem, spikes: Path, n_workers: int, device: str) -> Itera
 
 
 def on_device(problem: Problem, trains: SpikeTrains, device: torch.device) -> Run:
-    """Trials trained as populations; InputError where the problem's network cannot be."""
+    """Trials trained as populations; InputError if the problem's network cannot be."""
     sides = tasks.sides_of(trains, problem.task)
     Asked(trains, problem.network, problem.task, (0, 0), sides).member()
     return lambda jobs: iter(_run(jobs, trains, sides, device))
