@@ -118,6 +118,12 @@ def test_a_run_without_the_cells_gives_no_verdict():
     assert verdict(claim("at_least", where={"pair": "10&10"}, value=0.1)).reproduced is None
 
 
+def test_a_run_without_the_table_gives_no_verdict():
+    """As after `--set cut_short_ms=[]`: the claims of that table are not in the run, and the report is still made."""
+    one = claim("at_least", table="cut_short", value=0.1)
+    assert verdict(one) == (one, "not in this run", None)
+
+
 def test_why_is_told_only_where_a_claim_is_not_reproduced():
     reason = "no spikes reach the readout"
     levels = [claim("at_least", where=PAIRS[1], value=value, why=reason) for value in (0.8, 0.9)]
