@@ -94,7 +94,7 @@ class Cost:
 
     @property
     def energy_estimate_pJ(self) -> float:  # noqa: N802
-        """An estimate of the arithmetic alone, without memory and data movement: 4.6 pJ a MAC, 0.9 pJ all else.
+        """An estimate of the arithmetic alone, without memory and data movement: 4.6 pJ per MAC, 0.9 pJ all else.
 
         32-bit floating point at 45 nm (Horowitz, ISSCC 2014); never a measurement.
 

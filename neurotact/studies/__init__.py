@@ -1,1 +1,1 @@
-"""The engine: what a study is, its cells, who computes them, its tables and claims."""
+"""The engine of studies: specs, cells, their computation, tables and claims."""

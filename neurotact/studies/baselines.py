@@ -1,7 +1,7 @@
-"""Classical classifiers on what the networks of a study see: the same windows of the same trials, the same split.
+"""Classical classifiers on the inputs of a study's networks: the same windows of the same trials, the same split.
 
-Logistic regression sees every input; the strongest of support vector machines and extreme learning machines, chosen on
-validation windows, see the signals and the spikes of the first encoder.
+Logistic regression is fitted on every input. Support vector machines and extreme learning machines are fitted on the
+signals and on the spikes of the first encoder; of each family, validation windows choose the strongest.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -23,20 +23,20 @@ from neurotact.metrics.signal_flops import Averaging
 from neurotact.networks.ledger import encoding_cost
 
 BINS = 10
-"""Pieces of a window in which spikes are counted, and signals averaged."""
+"""Time bins of a window, in which spikes are counted and signals averaged."""
 MOST_MACHINES = 3000
-"""Training windows up to which support vector machines are fitted: their time grows with the square."""
+"""Training windows up to which support vector machines are fitted: their time grows with the square of the number."""
 LINEAR = "logistic regression"
 STRONGER: dict[str, Family] = {"SVM": svm, "ELM": elm}
 SIGNALS, SPIKES = "signals", "spikes"
 RIGHT = "right"
-"""What a row holds besides the columns of `baselines.csv`."""
+"""A key of each row that is not a column of `baselines.csv`."""
 
 
 class Input(NamedTuple):
-    """What classifiers see of each window: features `(window, feature)`, in words, and what it takes to make them.
+    """An input of classifiers: features of each window, `(window, feature)`, their name, and their cost.
 
-    source: signals or spikes. pair: refractory periods of RA-I and SA-I in ms; None of signals.
+    source: signals or spikes. pair: refractory periods of RA-I and SA-I in ms; None for signals.
     """
 
     source: str
@@ -47,7 +47,7 @@ class Input(NamedTuple):
 
 
 class Cuts(NamedTuple):
-    """Windows on the encoder's clock, and which of them stand on each side: three boolean `(window,)`."""
+    """Windows on the encoder's clock, and three boolean `(window,)` that select those of each side."""
 
     windows: Windows
     clock_Hz: float
@@ -79,7 +79,7 @@ def pieces_of(recordings: Recordings, windows: Windows, clock_Hz: float) -> Iter
 
 
 def signal_inputs(recordings: Recordings, cuts: Cuts) -> Iterator[Input]:
-    """Mean and deviation of each taxel, and its mean in `BINS` pieces of the window."""
+    """Mean and deviation of each taxel, and its mean in `BINS` time bins of the window."""
     pieces = list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
     samples, taxels = max(map(len, pieces)), recordings.n_channels
     moments = np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
@@ -92,9 +92,9 @@ def signal_inputs(recordings: Recordings, cuts: Cuts) -> Iterator[Input]:
 
 
 def spike_inputs(trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts) -> Iterator[Input]:
-    """Spikes of each afferent, counted over the window and in `BINS` pieces of it; each spike is one addition.
+    """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
-    Events of a sensor that sends events cost nothing to encode.
+    Events of an event-based sensor cost nothing to encode.
     """
     rasters = trains.raster(cuts.windows)
     n_windows, n_steps, n_afferents = rasters.shape
@@ -113,8 +113,8 @@ def rows(
 ) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
-    Under `RIGHT` a row also has the share of right windows of each test trial.
-    stronger: also fit the families of `STRONGER`, of which validation windows choose the candidate.
+    Under `RIGHT` a row also has the share of correctly classified windows of each test trial.
+    stronger: also fit the families of `STRONGER`; validation windows choose the candidate of each.
     most_machines: training windows up to which support vector machines are fitted.
     """
     for one in inputs:
@@ -139,7 +139,7 @@ def _row(one: Input, name: str, best: Candidate, sides: Sides) -> dict[str, Any]
 
 
 def measured(best: Candidate, sides: Sides, spent: Cost) -> dict[str, Any]:
-    """How a fitted classifier did on each side, and what a decision costs; spent: from the recording on."""
+    """Accuracy of a fitted classifier on each side, and the cost of a decision; spent: from the recording on."""
     return {
         "settings": best.settings,
         "n_train": len(sides.y_train),
@@ -156,6 +156,6 @@ def _bins(n: int) -> str:
 
 
 def _binned(piece: np.ndarray, n_bins: int) -> np.ndarray:
-    """Sums over `n_bins` pieces, as equal as whole samples allow, `(bin, taxel)`."""
+    """Sums over `n_bins` time bins, as equal as whole samples allow, `(bin, taxel)`."""
     edges = np.linspace(0, len(piece), n_bins + 1).round().astype(int)
     return np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64)

@@ -1,7 +1,7 @@
-"""Which keys of its encoder a calibrated study uses: a key that calibration would ignore is refused, with the reason.
+"""The encoder keys of a calibrated study: a key that calibration would ignore is refused, with the reason.
 
-Calibration begins at the encoder of each cell and finds gains, standardisation and the baseline. Refractory periods
-alone vary around one fit, so that all pairs share their gains.
+Calibration starts from the encoder of each cell and finds gains, standardisation and the baseline. All pairs of
+refractory periods share one fit and its gains.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ from neurotact.studies import sweeps
 ENCODER = "encoder."
 CONDITIONING = f"{ENCODER}conditioning"
 PERIODS = ("encoder.sa1.t_ref_ms", "encoder.ra1.t_ref_ms")
-"""Keys swept with gains that are fitted once."""
+"""Keys that can be swept without a new fit of the gains."""
 DECIDED = {f"{ENCODER}{key}": f"{BY_CALIBRATION}, or set calibrate=false" for key in FITTED}
 GRADES = ("encoder.sa1.grades", "encoder.ra1.grades")
 
 
 def start(point: Mapping[str, Any]) -> dict[str, Any]:
-    """The changes that a point of the sweep makes to the encoder where calibration starts, as keys of the cell.
+    """The changes of a point of the sweep to the encoder from which calibration starts, as keys of the cell.
 
     >>> start({"encoder.tau_mem_ms": 5.0, "encoder.sa1.t_ref_ms": 5, "seed": 0})
     {'calibrate.tau_mem_ms': 5.0}
@@ -35,7 +35,7 @@ def start(point: Mapping[str, Any]) -> dict[str, Any]:
 def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequence[AfferentSpec]) -> None:
     """InputError for a key that is set or swept and that calibration would ignore.
 
-    given: dotted keys that are set. starts: where the calibration of each cell begins; none of a study without.
+    given: dotted keys that are set. starts: the encoder from which each cell is calibrated; empty without calibration.
     """
     if not starts:
         return
@@ -48,7 +48,7 @@ def check(given: Mapping[str, Any], sweep: Mapping[str, list[Any]], starts: Sequ
         lengths = [len(grades) for grades in swept.get(key, []) if isinstance(grades, list)]
         if len(set(lengths)) < len(lengths):
             raise InputError(
-                f"{key}: calibration replaces the grades and keeps their number, so lists of the same length give the "
+                f"{key}: calibration replaces the grades but not their number, so lists of the same length give the "
                 "same encoder; sweep lists of different lengths"
             )
     keys = {*leaves(given), *swept}

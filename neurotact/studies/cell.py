@@ -1,4 +1,4 @@
-"""One cell of a study: train a network on spike trains, then count what its decisions cost."""
+"""One cell of a study: train a network on spike trains, then measure the cost of its decisions."""
 
 from pathlib import Path
 from time import perf_counter
@@ -25,10 +25,10 @@ SEARCH = "search"
 def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: str = "cpu") -> Files:
     """Train and measure a cell, or measure its spike trains where it has no network.
 
-    It may run on any machine: it reads and keeps nothing but what is passed.
+    It may run on any machine: it reads and writes only what is passed.
 
-    kept: where the journal of the cell's search is kept, so that a search that was interrupted goes on; without it,
-    or without a search, no journal is read or saved. device: where a search trains its trials.
+    kept: the folder with the journal of the cell's search, from which an interrupted search resumes; without it, or
+    without a search, no journal is read or saved. device: where a search trains its trials.
     """
     if cell.network is None:
         return encoded.run(cell, trains)
@@ -50,7 +50,7 @@ def left_by(
     seconds: float,
     searched: "Searched | None" = None,
 ) -> Files:
-    """What a cell leaves whose network is trained, which took so many seconds."""
+    """The files of a cell after its network is trained; seconds: the time of the training."""
     began, task = perf_counter() - seconds, task_of(cell)
     result = measuring.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
     trial = trains.cut(task.window, tasks.trials_of(trains, task).test).trial
@@ -65,7 +65,7 @@ def left_by(
         "sops_validation": measuring.mean_sops(fitted.network, sides.validation),
         **(searched.row if searched else {}),
     }
-    with scratch() as run:  # laid out as the run folder is, so that paths between its files hold there too
+    with scratch() as run:  # the layout of the run folder: paths between its files are the same
         place = cell_folder(run, cell)
         trained.save(fitted, place, trains, run / cell.given, task)
         write_json(place / TIMING, {"seconds": perf_counter() - began, "epochs": len(fitted.training.epochs)})
@@ -77,7 +77,7 @@ def left_by(
 
 
 def task_of(cell: Cell) -> Task:
-    """What the cell's network is trained and tested on."""
+    """The task on which the cell's network is trained and tested."""
     return Task(
         window=cell.window,
         split=cell.split,
@@ -91,21 +91,21 @@ def task_of(cell: Cell) -> Task:
 
 
 def _tables(cell: Cell, fitted: fitting.Trained, sides: tasks.Sides, trains: SpikeTrains, task: Task) -> dict[str, Any]:
-    """`tables`: the rows of each table that the study asks for besides results.csv; nothing where it asks for none."""
+    """`tables`: the rows of each table that the study requests besides results.csv; empty if it requests none."""
     network, found = fitted.network, {}
-    heard = truncated.simulate_windows(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
-    if heard and cell.cut_short_ms:
-        found["cut_short"] = truncated.cut_short(network, heard, cell.cut_short_ms)
-    if heard and cell.exit_patiences:
+    windows = truncated.simulate_windows(network, sides.test) if cell.cut_short_ms or cell.exit_patiences else None
+    if windows and cell.cut_short_ms:
+        found["cut_short"] = truncated.cut_short(network, windows, cell.cut_short_ms)
+    if windows and cell.exit_patiences:
         on_validation = truncated.simulate_windows(network, sides.validation)
-        found["exit_curve"] = truncated.exit_curve(network, heard, on_validation, cell.exit_patiences)
+        found["exit_curve"] = truncated.exit_curve(network, windows, on_validation, cell.exit_patiences)
     if cell.test_every_condition:
         found["conditions"] = by_condition(network, trains, task)
     return {"tables": found} if found else {}
 
 
 class Searched(NamedTuple):
-    """The best network of a cell's search, its columns of results.csv, and the files that the search left."""
+    """The best network of a cell's search, its columns of results.csv, and the files of the search."""
 
     fitted: fitting.Trained
     sides: tasks.Sides
@@ -114,9 +114,9 @@ class Searched(NamedTuple):
 
 
 def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept: Path, device: str) -> Searched:
-    """Search the cell's network on its validation trials and train the best one again.
+    """Search the hyperparameters of the cell's network on its validation trials, then train the best network again.
 
-    The search's seed is drawn from the cell's content, so that cells which differ in their seed alone search anew.
+    The random seed of the search depends on the cell's content: cells that differ only in their seed search separately.
     """
     assert cell.search is not None
     spec = cell.search.model_copy(update={"seed": cell.seeds[0]})

@@ -1,4 +1,4 @@
-"""Computing cells on the workers of a Dask cluster. Dask alone decides what runs where, and what runs again."""
+"""Computing cells on the workers of a Dask cluster. Dask alone decides where a cell runs, and whether it runs again."""
 
 import asyncio
 import logging
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from distributed import Client, Future, Worker
 
 REACH_S = 10.0
-"""How long a scheduler may take to answer, and then its first worker to join."""
+"""Time limit for the scheduler to answer, and then for its first worker to join."""
 RETRIES = 2
 
 
 @contextmanager
 def cluster(address: str) -> Iterator[MapCells]:
-    """Compute cells on the workers of a Dask scheduler, such as `tcp://host:8786`, each cell a task.
+    """Compute cells on the workers of a Dask scheduler, such as `tcp://host:8786`; each cell is a task.
 
-    Raises InputError where dask is not installed, the scheduler does not answer, no worker joins it, or a worker
-    differs from this machine in what its numbers may depend on.
+    Raises InputError if Dask is not installed, the scheduler does not answer, no worker joins it, or a worker differs
+    from this machine in something on which its numbers may depend.
     """
     try:
         import distributed
     except ImportError as error:
         raise InputError("--scheduler needs Dask; install it with pip install 'neurotact[dask]'") from error
-    here = f"--scheduler {address}"
-    for name in ("distributed", "distributed.client"):  # what they would say, the errors here say
+    option = f"--scheduler {address}"
+    for name in ("distributed", "distributed.client"):  # the errors raised here say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
     asyncio.run(_reach(address))
     with distributed.Client(address, timeout=REACH_S, set_as_default=False) as client:
@@ -48,14 +48,14 @@ def cluster(address: str) -> Iterator[MapCells]:
             client.run(_check_worker, versions())
         except TimeoutError as error:
             start = f"start some with dask worker {address} --nworkers -1 --nthreads 1"
-            raise InputError(f"{here}: no worker joined it within {REACH_S:g} s; {start}") from error
+            raise InputError(f"{option}: no worker joined it within {REACH_S:g} s; {start}") from error
         except ModuleNotFoundError as error:
-            raise InputError(f"{here}: a worker lacks {error.name}; install neurotact[dask] there") from error
+            raise InputError(f"{option}: a worker lacks {error.name}; install neurotact[dask] there") from error
         yield partial(_map_cells, client, address)
 
 
 async def _reach(address: str) -> None:
-    """See that a scheduler answers before a client is made: one that cannot connect is slow to give up."""
+    """Check that a scheduler answers before a client is made: a client that cannot connect is slow to give up."""
     from distributed import Security
     from distributed.comm.core import connect
 
@@ -81,18 +81,18 @@ def _map_cells(
     for future in as_completed(list(cell_of), loop=client.loop):
         cell = cell_of.pop(future)
         try:
-            left = future.result()
+            files = future.result()
         except KilledWorker as error:
             why = f"several workers were lost while they computed cell {cell.digest()}"
             look = "look in their logs for the cause, such as too little memory"
             raise InputError(f"--scheduler {address}: {why}; {look}, {go_on}") from error
         except CancelledError as error:
             raise InputError(f"--scheduler {address}: the scheduler was lost; start it again, {go_on}") from error
-        yield cell, left
+        yield cell, files
 
 
 def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
-    """Send what several cells work on once, and the cells that do; futures of what cells leave."""
+    """Send each shared input once, and its cells as tasks; returns the cell of each future."""
     import dask.config
 
     cell_of = {}
@@ -104,10 +104,10 @@ def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path
     for path, group in groupby(sorted(cells, key=path_of), key=path_of):
         same = list(group)
         name = path.stem
-        # A task that gives back what it was sent can run again; scattered data are lost with the worker that held them.
+        # A task that returns its own input can run again; scattered data are lost with their worker.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            given = client.submit(_same, engine.load_given(path), key=f"given-{name}-{run}")
-        # The first part of the key makes a group of them, which Dask hands out one by one, not all in advance.
+            given = client.submit(_identity, engine.load_given(path), key=f"given-{name}-{run}")
+        # The first part of the key makes the cells a group: Dask assigns them one by one, not all in advance.
         keys = [(f"cells-{name}-{run}", cell.digest()) for cell in same]
         n = len(same)
         arguments = [engine.run_cell] * n, same, [given] * n, [versions()] * n
@@ -115,33 +115,33 @@ def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path
     return cell_of
 
 
-def _same(given: Any) -> Any:
+def _identity(given: Any) -> Any:
     return given
 
 
 def _run_on_worker(run_cell: RunCell, cell: AnyCell, given: Any, expected: dict[str, str]) -> Files:
-    _check_worker(expected)  # here too: workers may join while the study runs
+    _check_worker(expected)  # again: workers may join while the study runs
     torch.set_num_threads(1)
     return run_cell(cell, given, None)
 
 
 def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None) -> None:
-    """On a worker: refuse it where its numbers might differ from those of the machine that asks.
+    """On a worker: raise InputError if its numbers might differ from those of this machine.
 
-    dask_worker: given by `Client.run`; a task finds its own.
+    dask_worker: set by `Client.run`; a task finds its own worker.
     """
     from distributed import get_worker
 
     worker, found = dask_worker or get_worker(), versions()
     for name in (name for name in expected if name != "python" and found[name] != expected[name]):
-        mend = (
+        remedy = (
             f"start it with {TORCH_INSTRUCTIONS}={expected[name].lower()}"
             if name == "instructions"
             else "install the same everywhere (pip install -c constraints.txt)"
         )
-        raise InputError(f"worker {worker.address}: {name} is {found[name]} there and {expected[name]} here; {mend}")
+        raise InputError(f"worker {worker.address}: {name} is {found[name]} there and {expected[name]} here; {remedy}")
     if worker.state.nthreads != 1:
         raise InputError(
-            f"worker {worker.address}: has {worker.state.nthreads} threads, and a cell needs a process of its own; "
+            f"worker {worker.address}: has {worker.state.nthreads} threads, but a cell needs its own process; "
             "start workers with --nworkers -1 --nthreads 1"
         )

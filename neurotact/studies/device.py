@@ -1,6 +1,6 @@
-"""Cells of a study on one GPU: those with a network of their own are trained at once, as a population.
+"""Cells of a study on one GPU: cells with a network and without a search are trained together, as one population.
 
-A cell with a search comes after them, each batch of its trials a population.
+Then each cell with a search is run; each batch of its trials is a population.
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,7 @@ from neurotact.studies.study import Cell
 
 @contextmanager
 def on_device(name: str) -> Iterator[MapCells]:
-    """Compute cells on the CUDA device of this name; InputError where it is not there."""
+    """Compute cells on the CUDA device of this name; InputError if it does not exist."""
     device_of(name)
 
     def map_cells(engine: Engine, todo: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
@@ -38,7 +38,7 @@ def on_device(name: str) -> Iterator[MapCells]:
 
 
 def asked_of(engine: Engine, todo: Sequence[Cell], folder: Path) -> list[Asked]:
-    """What is trained for each cell; cells of the same windows share them."""
+    """The training of each cell; cells with the same windows share them."""
     trains = {given: engine.load_given(folder / given) for given in {cell.given for cell in todo}}
     sides, asked = {}, []
     for cell in todo:

@@ -1,7 +1,7 @@
-"""A cell without a network: what its afferents send, in numbers and as distributions of inter-spike intervals.
+"""A cell without a network: the firing of its afferents, and the distributions of their inter-spike intervals.
 
-The texture paper (Sec. III-A) weighs scaling coefficients of the afferents' currents by these: rates, intervals, how
-far the intervals of different gratings overlap, how much stays silent, and how soon the first spike comes.
+The texture paper (Sec. III-A) compares scaling coefficients of the afferents' currents by these measures: rates,
+intervals, overlap of the intervals of different gratings, silent share, and latency of the first spike.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,14 @@ from neurotact.tables import read_table, write_table
 
 ISI = "isi.csv"
 POPULATIONS = (("SA-I", "sa", "sa1"), ("RA-I", "ra", "ra1"))
-"""Each population: its name, how columns name it, and how the encoder's spec does."""
+"""Each population: its name, its name in columns, and its name in the encoder's spec."""
 
 
 def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
-    """What a cell without a network leaves: `result.json` with its row, `isi.csv`, `timing.json`."""
+    """The files of a cell without a network: `result.json` with its row, `isi.csv`, `timing.json`."""
     began = perf_counter()
     chosen = trains.select(select_conditions(trains.conditions, cell.subset))
-    felt = touch_spikes(chosen, cell.window.start_ms)
+    touches = touch_spikes(chosen, cell.window.start_ms)
     row: dict[str, Any] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,
@@ -40,8 +40,8 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
     parts = []
     for name, kind, part in POPULATIONS:
         is_kind = chosen.is_sa if kind == "sa" else ~chosen.is_sa
-        row |= {f"{what}_{kind}{unit}": value for (what, unit), value in measures(felt, is_kind, chosen).items()}
-        counts, edges_ms = _histograms(felt, is_kind, chosen)
+        row |= {f"{what}_{kind}{unit}": value for (what, unit), value in measures(touches, is_kind, chosen).items()}
+        counts, edges_ms = _histograms(touches, is_kind, chosen)
         common = isi_distributions.overlap(counts)
         row[f"isi_overlap_{kind}"] = None if np.isnan(common) else common
         own = getattr(cell.encoder, part)
@@ -58,10 +58,10 @@ def run(cell: Cell, trains: SpikeTrains) -> dict[str, bytes]:
 
 
 def measures(felt: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[tuple[str, str], float | None]:
-    """Numbers of one population, means over trials, by name and unit; None where there is nothing to average.
+    """Measures of one population, means over trials, by name and unit; None if there is nothing to average.
 
     spikes (per second, of the whole population), isi (mean of all intervals), isi_sd, isi_least, silent_share (of
-    trials without any spike), latency (of the population's first spike; the trial's whole length where it is silent).
+    trials without any spike), latency (of the population's first spike; of a silent trial, its whole length).
     """
     rate_Hz = trains.sampling_rate_Hz
     found = spike_trains.isis_ms(felt, rate_Hz)
@@ -80,21 +80,21 @@ def measures(felt: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[tup
     }
 
 
-def _histograms(felt: Events, is_kind: np.ndarray, trains: SpikeTrains) -> tuple[np.ndarray, np.ndarray]:
+def _histograms(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> tuple[np.ndarray, np.ndarray]:
     """The intervals of one population, `(class, bin)`, and the bins' edges in ms.
 
     The bins are the same for every encoder of these trials: from one step to the longest trial.
     """
     rate_Hz = trains.sampling_rate_Hz
-    edges_ms = (1e3 / rate_Hz) * isi_distributions.bin_edges(1, int(felt.trial_steps.max()))
-    found = spike_trains.isis_ms(felt, rate_Hz)
+    edges_ms = (1e3 / rate_Hz) * isi_distributions.bin_edges(1, int(touches.trial_steps.max()))
+    found = spike_trains.isis_ms(touches, rate_Hz)
     mine = is_kind[found.afferent]
     labels = trains.labels[found.trial[mine]]
     return isi_distributions.histograms(found.isi_ms[mine], labels, len(trains.classes), edges_ms), edges_ms
 
 
 def _as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) -> pd.DataFrame:
-    """One row per class and bin that holds any interval: their number, and their share of the class's."""
+    """One row per class and non-empty bin: the number of intervals, and their share of all intervals of the class."""
     label, at = np.nonzero(counts)
     n = counts[label, at]
     columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[at], "isi_to_ms": edges_ms[at + 1], "n": n}
@@ -102,9 +102,9 @@ def _as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) 
 
 
 def isi_table(folders: Sequence[Path], rows: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """The distributions of all cells: their own columns after the data set and the swept keys of `results.csv`.
+    """The distributions of all cells; before their columns, the data set and the swept keys of `results.csv`.
 
-    folders: where the cells are kept, one for each row. Gains and refractory periods stand there already.
+    folders: those of the cells, one for each row. Their tables already contain gains and refractory periods.
     """
     own = [key for key in keys if not key.endswith((".gain", ".t_ref_ms"))]
     parts = []

@@ -1,4 +1,4 @@
-"""What the runner asks of a study, whatever it sweeps."""
+"""The interface between the runner and each kind of study."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,18 +11,18 @@ from neurotact.spec import Spec
 from neurotact.studies.store import AnyCell, Files
 
 Load = Callable[[Path], Any]
-"""What a cell works on, from its file in a run folder."""
+"""Loads the input of a cell from its file in a run folder."""
 RunCell = Callable[[Any, Any, Path | None], Files]
-"""What a cell leaves, from the cell, what it works on, and the folder where an interrupted search goes on."""
+"""Returns the files of a cell, from the cell, its input, and the folder from which an interrupted search resumes."""
 StudyType = TypeVar("StudyType", bound=Spec)
 CellType = TypeVar("CellType", bound=AnyCell)
 
 
 class Engine(ABC, Generic[StudyType, CellType]):
-    """Carries out one kind of study: which cells there are, what they share, what each leaves, and the tables of all.
+    """Runs one kind of study: its cells, their shared inputs, the files of each cell, and the tables of all cells.
 
     study: the resolved study.
-    load_given, run_cell: functions of a module, since processes and machines that hold no engine call them.
+    load_given, run_cell: module-level functions, since other processes and machines call them without an engine.
     """
 
     load_given: Load
@@ -37,24 +37,24 @@ class Engine(ABC, Generic[StudyType, CellType]):
 
     @abstractmethod
     def prepare(self, folder: Path) -> None:
-        """Write what cells share into a run folder, in a process of its own, whose memory is then free again."""
+        """Write the shared inputs of cells into a run folder, in a separate process that then frees its memory."""
 
     @abstractmethod
     def check(self, folder: Path) -> None:
-        """Refuse a run folder where what `prepare` wrote was changed."""
+        """Raise InputError if a file that `prepare` wrote was changed."""
 
     @abstractmethod
     def tables(self, folder: Path, done: Sequence[CellType]) -> Mapping[str, pd.DataFrame]:
-        """The tables of the cells that are done, by the names of their files; the first is `results.csv`."""
+        """The tables of the finished cells, by file name; the first is `results.csv`."""
 
     def steps(self, folder: Path) -> Iterator[tuple[str, list[CellType]]]:
-        """What is run one after the other, by name; a later step may depend on what the cells before it left."""
+        """The steps in order, each with its name and cells; a later step may depend on the results of earlier cells."""
         yield "cells", self.cells()
 
     def asked_for(self, folder: Path) -> list[CellType]:
-        """The cells to run, as far as what is done says."""
+        """The cells to run, as far as the finished cells decide them."""
         return self.cells()
 
 
 MapCells = Callable[[Engine, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
-"""Computes cells from what they work on in a run folder; yields each with what it leaves, as it is done."""
+"""Computes cells from their inputs in a run folder; yields each cell with its files as soon as it is finished."""

@@ -1,7 +1,7 @@
 """Where a study's cells are computed: in processes of this machine, on the workers of a cluster, or on a GPU.
 
-Each yields each cell with what it leaves, as it is done, and who asked writes that down: workers need no disk that is
-shared, and what is written is not lost by anything that happens later.
+Each yields a cell with its files as soon as it is finished, and the caller writes the files. So workers need no shared
+disk, and no later failure loses a file that is written.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ from neurotact.workers import spawned_as_done
 
 
 def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") -> AbstractContextManager[MapCells]:
-    """So many processes of this machine, the cluster whose Dask scheduler has that address, or that CUDA device."""
+    """`n_workers` processes of this machine, the cluster of the Dask scheduler at this address, or this CUDA device."""
     if device != "cpu":
         return on_device(device)
     return processes(n_workers) if scheduler is None else cluster(scheduler)
@@ -26,13 +26,13 @@ def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") 
 
 @contextmanager
 def processes(n_workers: int) -> Iterator[MapCells]:
-    """Compute cells in processes of this machine, which read what they work on in the run folder."""
+    """Compute cells in processes of this machine, which read their inputs from the run folder."""
     with spawned_as_done(n_workers) as run:
 
         def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
-            how = engine.load_given, engine.run_cell
-            jobs = [(*how, cell, folder / cell.given, cell_folder(folder, cell)) for cell in cells]
-            return ((cells[place], left) for place, left in run(_run_from_disk, jobs))
+            functions = engine.load_given, engine.run_cell
+            jobs = [(*functions, cell, folder / cell.given, cell_folder(folder, cell)) for cell in cells]
+            return ((cells[index], files) for index, files in run(_run_from_disk, jobs))
 
         yield map_cells
 

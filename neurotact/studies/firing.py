@@ -22,12 +22,12 @@ TOUCH = "touch_"
 def encoding_table(trains: SpikeTrains, cell: Cell, by: Iterable[str]) -> pd.DataFrame:
     """Firing of both populations for each class and condition, in the windows that the cell's network classifies.
 
-    Columns: the t_ref pair, label, the conditions in `by`, stretch (what was counted, in words), spikes_sa_per_s and
+    Columns: the t_ref pair, label, the conditions in `by`, stretch (the counted time, in words), spikes_sa_per_s and
     spikes_ra_per_s (the whole population), spikes_total_per_s, sa_share (of all spikes), isi_sa_ms and isi_ra_ms (means
-    of the intervals within a window); and the same with `touch_` before their names, from the window's start to the
-    trial's end: the counts of the texture paper's Figs. 6 and 10, where intervals may be longer than a window.
+    of the intervals within a window). The same columns with the prefix `touch_` count from the window's start to the
+    trial's end, as the texture paper's Figs. 6 and 10 do; there, intervals may be longer than a window.
 
-    A cell without a network classifies no windows: there the plain columns describe the touch, and there are no others.
+    A cell without a network classifies no windows: its plain columns describe the touch, and it has no other columns.
     In a study that sweeps its windows, the table describes the cell's own windows, as `stretch` says.
     """
     columns = [LABEL, *by]
@@ -59,7 +59,7 @@ def firing_of(
 ) -> pd.DataFrame:
     """Rates and mean intervals of both populations, a row per combination of `columns` in the order of the trials.
 
-    spikes: spikes of stretches of trials; trial_of: the trial of each stretch, `(stretch,)`.
+    events: spikes of parts of trials; trial_of: the trial of each part, `(part,)`.
     """
     rates = spike_trains.rates_Hz(events, trains.sampling_rate_Hz)
     isis = spike_trains.isis_ms(events, trains.sampling_rate_Hz)
@@ -78,7 +78,7 @@ def firing_of(
 
 
 def windowed_spikes(trains: SpikeTrains, windows: Windows) -> spike_trains.Events:
-    """The spikes of each window, counted from its start: a window takes the place of a trial."""
+    """The spikes of each window, counted from its start: each window is a trial of the result."""
     steps, units = [], []
     for trial, start in zip(windows.trial.tolist(), windows.start.tolist(), strict=True):
         inside = (trains.steps[trial] >= start) & (trains.steps[trial] < start + windows.n_steps)

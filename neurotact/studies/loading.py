@@ -1,4 +1,4 @@
-"""Studies by name or path, and the engine of each kind: the one place that tells the kinds apart."""
+"""Studies by name or path, and the engine of each kind: only this module distinguishes the kinds."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +22,7 @@ def resolve(
     quick: bool = False,
     data: str | Path | None = None,
 ) -> Study:
-    """Load a study file with its parts whole; see `study.resolve` and `protocol_study.resolve`."""
+    """Load a study file with its complete parts; see `study.resolve` and `protocol_study.resolve`."""
     path = specs.find(StudySpec.folder, name)
     table = specs.read(path)
     if "protocol" in table:
@@ -31,11 +31,11 @@ def resolve(
 
 
 def read_back(path: Path) -> Study:
-    """The resolved study that a run folder holds."""
+    """The resolved study of a run folder."""
     table = specs.read(path)
     return specs.build(ProtocolStudy if "protocol" in table else StudySpec, table, source=str(path))
 
 
 def engine_of(study: Study) -> Engine:
-    """What carries out a study: one of protocols, or one of encoders and networks."""
+    """The engine of a study of a protocol, or of encoders and networks."""
     return ProtocolEngine(study) if isinstance(study, ProtocolStudy) else NetworkEngine(study)

@@ -1,8 +1,8 @@
-"""What the files of a run folder hold, so that one that was edited or damaged is noticed and never believed.
+"""Checksums of the files of a run folder: an edited or damaged file is detected and never used.
 
-Every folder of a run that holds results (the run's own, `spikes`, `data`, each cell's) has one `files.json`. It is
-written after the files that it lists: the SHA-256 of each, and of what they were made from. Its bytes depend on those
-files alone.
+Every folder of a run that contains results (the run's own, `spikes`, `data`, each cell's) has one `files.json`. It is
+written after the files that it lists. It contains the SHA-256 of each file and of its sources, and its bytes depend on
+these files alone.
 """
 
 import hashlib
@@ -17,21 +17,21 @@ from neurotact.progress import say
 
 FILES = "files.json"
 Flaws = dict[str, str | None]
-"""What is wrong with each file, in words that follow its name; None for one that was never written whole."""
+"""The flaw of each file, in words that follow its name; None for a file that was never completely written."""
 MISSING = "is missing"
 
 
 class Manifest(NamedTuple):
-    """What a `files.json` says: the SHA-256 of each file by its name in the folder, and what they were made from."""
+    """The content of a `files.json`: the SHA-256 of each file by its name in the folder, and of their sources."""
 
     made_from: dict[str, str]
     files: dict[str, str]
 
 
 def seal(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None = None) -> None:
-    """List files of a folder with what they hold now. Files listed before stay listed if made from the same.
+    """List files of a folder with their present hashes. Earlier entries stay if the sources are the same.
 
-    made_from: hashes of what the files were made from, by its name; None means as listed before.
+    made_from: hashes of the sources of the files, by name; None means as listed before.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -54,7 +54,7 @@ def seal(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None
 
 
 def read(folder: Path) -> Manifest | None:
-    """The manifest of a folder; None where there is none or it is damaged."""
+    """The manifest of a folder; None if it is missing or damaged."""
     try:
         found = files.read_json(folder / FILES)
     except InputError:
@@ -65,9 +65,9 @@ def read(folder: Path) -> Manifest | None:
 
 
 def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | None = None) -> Flaws:
-    """Of `names`, the files that are not what the manifest lists; nothing where all are.
+    """The files among `names` that differ from the manifest, with their flaws; empty if all agree with it.
 
-    made_from: what the files must have been made from; None where that does not matter.
+    made_from: the sources that the files must have; None if any are allowed.
     """
     known = read(folder)
     found = {name: _flaw(folder, name, known, made_from) for name in names}
@@ -75,7 +75,7 @@ def flaws(folder: Path, names: Iterable[str], made_from: Mapping[str, str] | Non
 
 
 def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[str, str] | None) -> str | None:
-    """As `flaws`; an empty text if no file is damaged."""
+    """As `flaws`, for one file; an empty text if it is not damaged."""
     path = folder / name
     if known is None and (folder / FILES).is_file():
         return f"cannot be checked, since {FILES} is damaged"
@@ -86,15 +86,15 @@ def _flaw(folder: Path, name: str, known: Manifest | None, made_from: Mapping[st
         return f"was made from other {min(key for key in keys if made_from.get(key) != known.made_from.get(key))}"
     if not path.is_file():
         return MISSING
-    if path.stat().st_size > files.max_bytes():  # nothing that a run writes is so large: hashing it may take hours
+    if path.stat().st_size > files.max_bytes():  # no file of a run is so large, and hashing it may take hours
         return "was changed"
     return "" if files.sha256(path) == known.files[name] else "was changed"
 
 
 def say_flaws(place: str, found: Flaws, remedy: str) -> None:
-    """Print a line on stderr for each file that was whole once.
+    """Print a line on stderr for each damaged file that was completely written before.
 
-    place: the folder as it is called, with the slash that follows it.
+    place: the name of the folder, with a slash at its end.
     """
     for name, flaw in found.items():
         if flaw is not None:
@@ -102,7 +102,7 @@ def say_flaws(place: str, found: Flaws, remedy: str) -> None:
 
 
 def sound_json(folder: Path, name: str) -> Any:
-    """What a listed JSON file holds; None where it is not what the manifest lists."""
+    """The content of a listed JSON file; None if it differs from the manifest."""
     return None if flaws(folder, [name]) else files.read_json(folder / name)
 
 

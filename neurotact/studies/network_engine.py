@@ -1,4 +1,4 @@
-"""How a study of spiking networks, or of afferents alone, is carried out."""
+"""The engine of a study of spiking networks, or of afferents alone."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +15,7 @@ from neurotact.workers import in_a_process
 
 
 class NetworkEngine(Engine[StudySpec, Cell]):
-    """See `Engine`; what cells share are the recordings and the spikes of every encoder that is swept."""
+    """See `Engine`; cells share the recordings and the spikes of every swept encoder."""
 
     load_given = staticmethod(load_spikes)
     run_cell = staticmethod(cell.run_cell)
@@ -24,7 +24,7 @@ class NetworkEngine(Engine[StudySpec, Cell]):
         return list(study.cells(self.study))
 
     def steps(self, folder: Path) -> Iterator[tuple[str, list[Cell]]]:
-        """All cells at once, unless a selection says which come next."""
+        """All cells as one step, unless a selection decides which come next."""
         if self.study.selection is None:
             yield from super().steps(folder)
             return
@@ -32,7 +32,7 @@ class NetworkEngine(Engine[StudySpec, Cell]):
             yield step.name, list(step.cells)
 
     def asked_for(self, folder: Path) -> list[Cell]:
-        """All cells, or of a selection those of its steps so far."""
+        """All cells; with a selection, the cells of its steps so far."""
         return self.cells() if self.study.selection is None else list(selection.asked_for(self.study, folder))
 
     def prepare(self, folder: Path) -> None:
@@ -51,7 +51,7 @@ class NetworkEngine(Engine[StudySpec, Cell]):
 
 
 def results_table(study: StudySpec, folder: Path, done: Sequence[Cell]) -> pd.DataFrame:
-    """One row per cell, in the order of the sweep; swept keys without a column of their own come last."""
+    """One row per cell, in the order of the sweep; swept keys without their own column come last."""
     rows = []
     for one in done:
         extra = {key: value_at(one, key) for key in swept_columns(study)}
@@ -60,7 +60,7 @@ def results_table(study: StudySpec, folder: Path, done: Sequence[Cell]) -> pd.Da
 
 
 def extra_tables(study: StudySpec, folder: Path, done: Sequence[Cell]) -> dict[str, pd.DataFrame]:
-    """By name, the tables that cells left besides their row; each line begins with its cell's sweep."""
+    """The further tables of the cells, by name; each line begins with the swept values of its cell."""
     found: dict[str, list[dict]] = {}
     for one in done:
         result = result_of(folder, one)

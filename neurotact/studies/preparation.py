@@ -1,4 +1,4 @@
-"""What a study's cells share: its recordings, their split, the spike trains of every encoder it sweeps."""
+"""Shared inputs of a study's cells: recordings, their split, the spike trains of every swept encoder."""
 
 import hashlib
 import json
@@ -33,7 +33,7 @@ from neurotact.tables import write_table
 
 BASELINES = ("baselines.csv", "baselines_trials.csv")
 DATA = "data.json"
-"""What the recordings of a run are: their hash, how many trials, which classes."""
+"""Describes the recordings of a run: their hash, number of trials, classes."""
 
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
@@ -47,14 +47,14 @@ def load_dataset(spec: DatasetSpec) -> Recordings:
 
 
 def dataset_of(study: StudySpec, cell: Cell) -> DatasetSpec:
-    """The data set that a cell works on: the study's, with the parameters of the simulation that the cell sweeps."""
+    """The data set of a cell: the study's, with the cell's swept parameters of the simulation."""
     return study.dataset.model_copy(update={"parameters": cell.source["parameters"]})
 
 
 def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
-    """Write what is missing or damaged of `folder/spikes`, the encoding tables beside it, and the study's tables.
+    """Write missing and damaged files: `folder/spikes`, its encoding tables, and the study's tables.
 
-    A line on stderr names what was damaged. Raises InputError when the recordings changed since the study began.
+    A line on stderr names each damaged file. Raises InputError if the recordings changed since the study started.
     """
     dataset, place = study.dataset, folder / "spikes"
     table_flaws = manifest.flaws(folder, [DATA, *tables_of(study)])
@@ -71,7 +71,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     recordings = load_dataset(dataset_of(study, first[0]))
     content = _check_unchanged(folder, recordings, before, source)
     _encode(folder, study, first, recordings, content)
-    for group in others:  # one set of recordings at a time is in memory
+    for group in others:  # only one set of recordings is in memory
         if any(name in spikes_flaws for cell in group for name in _encoded(cell)):
             _encode(folder, study, group, load_dataset(dataset_of(study, group[0])), content)
     if "signals.csv" in table_flaws:
@@ -102,9 +102,10 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
 def _baselines_tables(
     folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Classical classifiers on the windows that the networks see, for each subset and split, and their test trials.
+    """Classical classifiers on the windows of the networks, for each subset and split, and their test trials.
 
-    The second table has, for each row of the first (`baseline`) and each test trial, the share of right windows.
+    The second table contains, for each row of the first (`baseline`) and each test trial, the share of correctly
+    classified windows.
     """
     encoded = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     found = []
@@ -113,15 +114,15 @@ def _baselines_tables(
             for cell in group:
                 found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
                 advance(1, "")
-    rights = [row.pop(baselines.RIGHT) for row in found]
-    trials = [(row, *pair) for row, right in enumerate(rights) for pair in right.items()]
+    shares = [row.pop(baselines.RIGHT) for row in found]
+    trials = [(row, *pair) for row, by_trial in enumerate(shares) for pair in by_trial.items()]
     return pd.DataFrame(found), pd.DataFrame(trials, columns=["baseline", "trial", "right"])
 
 
 def _fitted(
     folder: Path, recordings: Recordings, study: StudySpec, cell: Cell, cells: Sequence[Cell], *, is_first: bool
 ) -> Iterator[dict[str, Any]]:
-    """Rows of `baselines.csv` on the spikes of one cell, which are in memory alone; and on signals for a first one."""
+    """Rows of `baselines.csv` on the spikes of one cell, the only spikes in memory; if `is_first`, also on signals."""
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
     parts = split_conditions(recordings.conditions, study.dataset.stratify, cell.split)
     windows = trains.cut(cells[0].window)
@@ -139,7 +140,7 @@ def _fitted(
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
-    """Cells that share their recordings, together: one group unless the study sweeps its simulation."""
+    """Groups of cells with the same recordings: one group unless the study sweeps its simulation."""
     groups: dict[str, list[Cell]] = {}
     for cell in cells:
         groups.setdefault(digest(cell.source), []).append(cell)
@@ -147,10 +148,10 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
 
 
 def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recordings, content: str) -> None:
-    """Write what is missing of the spike trains of some cells and their tables.
+    """Write the missing spike trains of some cells and their tables.
 
-    content: hashes the study's first set of recordings. A folder of spikes has one origin: others are simulated by the
-    same code, so that they changed if and only if the first did.
+    content: hash of the study's first set of recordings, which identifies the whole folder of spikes: the same code
+    simulates the other sets, and they changed if and only if the first set did.
     """
     place, made_from = folder / "spikes", {"recordings": content}
     missing = [cell for cell in cells if manifest.flaws(place, _encoded(cell), made_from)]
@@ -163,7 +164,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
 
 
 def tables_of(study: StudySpec) -> list[str]:
-    """The tables that a study asks for of its recordings, before any cell is run."""
+    """The tables of its recordings that a study requests, before any cell is run."""
     asked = {
         "baseline.csv": study.linear_baseline,
         **dict.fromkeys(BASELINES, study.baselines),
@@ -174,14 +175,14 @@ def tables_of(study: StudySpec) -> list[str]:
 
 
 def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
-    """Refuse a run folder where its encodings or the study's tables were changed."""
+    """Raise InputError if the encodings of a run folder or the study's tables were changed."""
     distinct = {cell.spikes_name: cell for cell in cells}
     encoded = [f"spikes/{name}" for cell in distinct.values() for name in _encoded(cell)]
     check_files(folder, [DATA, *tables_of(study), *encoded])
 
 
 def check_files(folder: Path, paths: Iterable[str]) -> None:
-    """Refuse a run folder in which one of these files was changed; files that do not exist are ignored."""
+    """Raise InputError if one of these files was changed; files that do not exist are ignored."""
     for path in paths:
         place, name = (folder / path).parent, Path(path).name
         flaw = manifest.flaws(place, [name]).get(name)
@@ -190,7 +191,7 @@ def check_files(folder: Path, paths: Iterable[str]) -> None:
 
 
 def _encoded(cell: Cell) -> list[str]:
-    """The files that encoding leaves in `spikes`, which share a name."""
+    """The files of an encoding in `spikes`, which differ only in their suffix."""
     return [f"{cell.spikes_name}.csv", f"{cell.spikes_name}.h5"]
 
 
@@ -203,7 +204,7 @@ def linear_features(recordings: Recordings, windows: Windows, clock_Hz: float) -
 def baseline_table(
     recordings: Recordings, windows: Windows, features: np.ndarray, parts: Split, subsets: Mapping[str, dict]
 ) -> pd.DataFrame:
-    """Accuracy of logistic regression on the features of the windows that the networks see, for each subset."""
+    """Accuracy of logistic regression on features of the windows of the networks, for each subset."""
     labels = recordings.labels[windows.trial]
     rows = []
     for name, where in subsets.items():
@@ -226,9 +227,10 @@ def baseline_table(
 
 
 def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> EncoderSpec:
-    """The cell's encoder, with gains fitted on the training trials where the study calibrates.
+    """The cell's encoder, with gains fitted on the training trials if the study calibrates.
 
-    Where unknown conditions are tested, those of the cell's own subset alone: gains must not know the others.
+    If unknown conditions are tested, only training trials of the cell's own subset are used: gains must not depend on
+    the other conditions.
     """
     if cell.calibrate is None:
         return cell.encoder
@@ -239,7 +241,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
         fit, _ = way_of(cell.calibrate, {})
         training = recordings.select(train)
-        if cell.split.folds:  # each fold has an encoder of its own, and notes that say which
+        if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
             training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")
         calibrated[key] = fit(training, cell.calibrate).encoder
     fitted = calibrated[key]
@@ -266,13 +268,13 @@ def _content(recordings: Recordings) -> str:
 
 
 def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, Any] | None, source: str | None) -> str:
-    """The hash of the recordings, which must be those that the study began with, and are kept in data.json.
+    """The hash of the recordings, which must be the same as at the start of the study; writes data.json.
 
-    before: what data.json held; None where it is not there or damaged. source: of `_source`.
+    before: the earlier content of data.json; None if it is missing or damaged. source: of `_source`.
     """
     found = {"sha256": _content(recordings), "trials": len(recordings), "classes": list(recordings.classes)}
     if before is not None and {key: before[key] for key in found} != found:
-        raise InputError(f"{folder}: the recordings changed since this study began; run it into another folder")
+        raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
     write_json(folder / DATA, found | ({"source": source} if source is not None else {}))
     manifest.seal(folder, [DATA])
     return found["sha256"]

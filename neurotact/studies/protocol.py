@@ -1,8 +1,7 @@
-"""What a paper's own system gives, so that it is swept, run, resumed and reported as every study is.
+"""The interface of a paper's own system, which is then swept, run, resumed and reported as every study is.
 
-Each protocol is a module that an entry point of the group `neurotact.protocols` names: its `Parameters`, and the
-functions of `ProtocolModule`.
-It glues; estimators, signals, costs and drawings have their own places.
+Each protocol is a module that an entry point of the group `neurotact.protocols` names. It contains `Parameters` and the
+functions of `ProtocolModule`, which connect estimators, signals, costs and drawings of other modules.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -16,7 +15,7 @@ from neurotact.figures.style import Drawn
 from neurotact.spec import Spec
 
 Arrays = dict[str, np.ndarray]
-"""What the cells of a study share, by name; no array of objects."""
+"""The shared input of the cells of a study, by name; no array of objects."""
 
 
 HEADS = {
@@ -37,11 +36,11 @@ HEADS = {
     "hidden_spikes": "hidden spikes",
     "neurons": "mean N",
 }
-"""What tables call the columns that several protocols have."""
+"""Heads in tables of the columns that several protocols have."""
 
 
 def heads(columns: str, **own: str) -> dict[str, str]:
-    """The heads of `columns`, named in their order with spaces between them: those of `own`, else of `HEADS`.
+    """The heads of `columns`, names separated by spaces: from `own`, otherwise from `HEADS`.
 
     >>> heads("flops epoch sops", flops="FLOPs (paper's count)", epoch="epoch chosen")
     {'flops': "FLOPs (paper's count)", 'epoch': 'epoch chosen', 'sops': 'SOPs'}
@@ -52,13 +51,13 @@ def heads(columns: str, **own: str) -> dict[str, str]:
 class View(NamedTuple):
     """How a report reads `results.csv`.
 
-    by: columns that name a configuration; the other rows (seeds, splits) are averaged over.
+    by: columns that identify a configuration; its rows (seeds, splits) are averaged.
     measures: columns that are shown, with their heads; a head that ends in (%) is shown in percent.
     cost, score: the columns of the trade-off figure's axes, both among `measures`.
-    note: what must be known to read the rows, such as which protocol chooses on test data.
-    apart: columns of `by` whose values are tasks or rules that are not compared with each other; an answer each.
-    optimistic: values of those whose choices saw test data; their answers come last.
-    spiking: a column of `by` and its values that are spiking networks, which are set beside the best of the others.
+    note: what the reader must know about the rows, such as which protocol chooses on test data.
+    apart: columns of `by` with tasks or rules that are not compared with each other; each value has its own answer.
+    optimistic: values of these columns that use test data for choices; their answers come last.
+    spiking: a column of `by` and its values that are spiking networks; they are compared with the best of the others.
     """
 
     by: tuple[str, ...]
@@ -72,9 +71,9 @@ class View(NamedTuple):
 
 
 class Own(NamedTuple):
-    """What a protocol makes of a file that `--data` names.
+    """The changes of a protocol for the file that `--data` names.
 
-    changes: dotted keys of the study, such as `data.set` and `sweep.seed`, in place of all that were given.
+    changes: dotted keys of the study, such as `data.set` and `sweep.seed`; they replace all given keys.
     notes: what was chosen for the recordings, in words.
     """
 
@@ -85,8 +84,8 @@ class Own(NamedTuple):
 class Listed(NamedTuple):
     """A table of the first screen.
 
-    rows: columns of `View.measures` are shown with their heads, the score beside the interval from `low` to `high`
-    where there is one; the name of another column is its head.
+    rows: columns of `View.measures` are shown with their heads, the score with the interval from `low` to `high` if
+    there is one; the head of any other column is its name.
     """
 
     caption: str
@@ -94,9 +93,9 @@ class Listed(NamedTuple):
 
 
 class TaskData(NamedTuple):
-    """A recognition task as every family of classifiers can see it.
+    """A recognition task as inputs for every family of classifiers.
 
-    features: `(example, feature)`, what the paper's classifiers see, not standardised.
+    features: `(example, feature)`, the inputs of the paper's classifiers, not standardised.
     sequences: `(example, time, channel)` float32, the conditioned signal in `unit`, at `sampling_rate_Hz`.
     labels: `(example,)` class names; groups: `(example,)`, examples of one group stay on one side of a split.
     """
@@ -110,24 +109,24 @@ class TaskData(NamedTuple):
 
 
 class ProtocolModule(Protocol):
-    """What the module of a protocol holds.
+    """The contents of the module of a protocol.
 
-    Parameters: all that decides a cell's numbers; its field `data` decides the arrays that cells share.
-    Four functions may be there besides (`optional`):
-    `answers(results) -> list[str]`: sentences that head the report and that the command prints.
-    `cautions(results) -> list[str]`: what makes them worth little, each with its remedy.
+    Parameters: everything that decides a cell's numbers; its field `data` decides the arrays that cells share.
+    Four functions are optional (`optional`):
+    `answers(results) -> list[str]`: sentences at the top of the report, which the command also prints.
+    `cautions(results) -> list[str]`: what limits these answers, each with its remedy.
     `tables(results) -> dict[str, Listed]`: a table for each answer by its setting (`View.apart`, in words), which
-    stands in place of the best of each kind and is printed.
-    `own(path, given) -> Own`: what a file that `--data` names becomes; without it `--data` is refused. path: absolute,
-    of a file that exists. given: the dotted keys that are set, those of `[with_data]` of the study file among them. It
-    raises InputError for whatever is wrong with the file or the keys.
+    replaces the table of the best of each kind and is printed.
+    `own(path, given) -> Own`: the changes for a file that `--data` names; without it `--data` is refused. path:
+    absolute, of a file that exists. given: the dotted keys that are set, including `[with_data]` of the study file. It
+    raises InputError if the file or a key is wrong.
     """
 
     Parameters: type[Spec]
     VIEW: View
 
     def load(self, data: Any) -> Arrays:
-        """Simulate or read, and prepare, what cells with equal `data` share."""
+        """Simulate or read, and prepare, the arrays that cells with equal `data` share."""
         ...
 
     def run(self, parameters: Any, arrays: Arrays) -> list[dict[str, Any]]:
@@ -142,10 +141,10 @@ class ProtocolModule(Protocol):
 def optional(
     module: ProtocolModule, name: Literal["answers", "cautions", "tables", "own"]
 ) -> Callable[..., Any] | None:
-    """A function that a protocol may have (see `ProtocolModule`); None where it has none."""
+    """An optional function of a protocol (see `ProtocolModule`); None if the protocol lacks it."""
     return getattr(module, name, None)
 
 
 def module_of(name: str) -> ProtocolModule:
-    """The module of a protocol; InputError names the nearest where there is none."""
+    """The module of a protocol; for an unknown name, InputError with the nearest known one."""
     return cast(ProtocolModule, plugins.load("protocols", name))

@@ -1,4 +1,4 @@
-"""The cells of a protocol study: the arrays that they share on the disk, and what each leaves."""
+"""The cells of a protocol study: the arrays that they share on the disk, and the files of each."""
 
 import hashlib
 import json
@@ -25,9 +25,9 @@ def arrays_path(folder: Path, cell: ProtocolCell) -> Path:
 
 
 def prepare(folder: Path, cells: Iterable[ProtocolCell]) -> None:
-    """Write what is missing or damaged of the arrays that cells share, and their hashes into data.json.
+    """Write missing and damaged arrays that cells share, and their hashes into data.json.
 
-    Raises InputError when they are loaded from recordings that are not what they were when the study began.
+    Raises InputError if their recordings changed since the study started.
     """
     place = folder / "data"
     distinct = {cell.data_name: cell for cell in cells}
@@ -43,7 +43,7 @@ def prepare(folder: Path, cells: Iterable[ProtocolCell]) -> None:
         arrays = module_of(cell.protocol).load(cell.built().data)
         found = {"sha256": _hash(arrays), "arrays": {key: list(value.shape) for key, value in arrays.items()}}
         if before is not None and {key: before[key] for key in found} != found:
-            raise InputError(f"{folder}: the recordings changed since this study began; run it into another folder")
+            raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
         known[name] = found | ({"sources": sources} if sources else {})
         write_json(folder / DATA, known)
         manifest.seal(folder, [DATA])
@@ -53,23 +53,23 @@ def prepare(folder: Path, cells: Iterable[ProtocolCell]) -> None:
 
 
 def check(folder: Path, cells: Iterable[ProtocolCell]) -> None:
-    """Refuse a run folder where the arrays of its cells were changed."""
+    """Raise InputError if the arrays of the cells of a run folder were changed."""
     check_files(folder, [DATA, *dict.fromkeys(cell.given for cell in cells)])
 
 
 def _sources(cell: ProtocolCell) -> dict[str, str]:
-    """The fingerprint of each file or folder that the cell's arrays may be read from."""
+    """The fingerprint of each file or folder from which the cell's arrays may be read."""
     found = {path: manifest.fingerprint(expand(path)) for path in _paths(cell.parameters["data"])}
     return {path: sha256 for path, sha256 in sorted(found.items()) if sha256 is not None}
 
 
 def _are_same(before: Mapping[str, str], now: Mapping[str, str]) -> bool:
-    """Whether a cell's sources are unchanged; those that no longer exist are ignored, since the cell has read them."""
+    """Whether the sources are unchanged; a source that no longer exists is ignored, since it was already read."""
     return all(before.get(path) == sha256 for path, sha256 in now.items())
 
 
 def _paths(table: Mapping[str, Any]) -> Iterator[str]:
-    """The value of every key `path`, in this table and those below it."""
+    """The value of every key `path`, in this table and in nested ones."""
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from _paths(value)
@@ -79,12 +79,12 @@ def _paths(table: Mapping[str, Any]) -> Iterator[str]:
 
 def load_arrays(path: Path) -> Arrays:
     """The arrays that `prepare` wrote."""
-    with np.load(existing(path), allow_pickle=False) as kept:
-        return {name: kept[name] for name in kept.files}
+    with np.load(existing(path), allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
 
 
 def run_cell(cell: ProtocolCell, arrays: Arrays, kept: Path | None = None) -> Files:
-    """Run a cell; the files that it leaves. It reads and keeps nothing but what is passed, and nothing in `kept`."""
+    """Run a cell; returns its files. It reads only its arguments and writes nothing; `kept` is not used."""
     began = perf_counter()
     rows = [_plain(row) for row in module_of(cell.protocol).run(cell.built(), arrays)]
     result = json.dumps({"rows": rows}, indent=1)
@@ -93,7 +93,7 @@ def run_cell(cell: ProtocolCell, arrays: Arrays, kept: Path | None = None) -> Fi
 
 
 def _plain(row: dict[str, Any]) -> dict[str, Any]:
-    """A row as JSON holds it; a number that is missing is null."""
+    """A row with plain values for JSON; a missing number is null."""
     plain = {key: value.item() if isinstance(value, np.generic) else value for key, value in row.items()}
     return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in plain.items()}
 

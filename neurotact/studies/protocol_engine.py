@@ -1,4 +1,4 @@
-"""How the study of a protocol is carried out."""
+"""The engine of a study of a protocol."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +13,7 @@ from neurotact.workers import in_a_process
 
 
 class ProtocolEngine(Engine[ProtocolStudy, ProtocolCell]):
-    """See `Engine`; what cells share are the arrays of the protocol's data."""
+    """See `Engine`; cells share the arrays of the protocol's data."""
 
     load_given = staticmethod(protocol_cell.load_arrays)
     run_cell = staticmethod(protocol_cell.run_cell)
@@ -32,7 +32,7 @@ class ProtocolEngine(Engine[ProtocolStudy, ProtocolCell]):
 
 
 def results_table(study: ProtocolStudy, folder: Path, done: Sequence[ProtocolCell]) -> pd.DataFrame:
-    """The rows of all cells, in the order of the sweep; what was swept stands first."""
+    """The rows of all cells, in the order of the sweep; the swept values are the first columns."""
     rows = []
     for cell in done:
         swept = swept_values(study, cell)

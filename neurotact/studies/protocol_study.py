@@ -1,7 +1,7 @@
-"""A protocol study: a spec that names the system of a paper, its parameters, and what to sweep; its cells.
+"""A protocol study: a spec that names the system of a paper, its parameters, and its sweep; its cells.
 
-A study file may hold a table `[with_data]`: dotted keys that are set where `--data` names a file, with a `title` and an
-`about` of its own and a table `[with_data.quick]` in place of `[quick]`.
+A study file may contain a table `[with_data]`: dotted keys that are set if `--data` names a file. It may have its own
+`title` and `about`, and a table `[with_data.quick]` in place of `[quick]`.
 """
 
 from collections.abc import Iterator, Mapping
@@ -18,7 +18,7 @@ from neurotact.studies.claims import Claim
 from neurotact.studies.protocol import Own, module_of, optional
 
 WORDS = ("title", "about")
-"""Keys of `[with_data]` that are none of the parameters."""
+"""Keys of `[with_data]` that are not parameters."""
 
 
 class ProtocolStudy(Spec):
@@ -30,15 +30,15 @@ class ProtocolStudy(Spec):
     title: str
     """Heading of the report."""
     about: str = ""
-    """What the study asks, in a sentence or two, below the heading."""
+    """The question of the study, in a sentence or two, below the heading."""
     protocol: str
     """The name of an entry point of the group `neurotact.protocols`."""
     parameters: dict[str, Any] = {}
-    """Of the protocol; once resolved, all of them."""
+    """Of the protocol; a resolved study has all of them."""
     sweep: dict[str, list[Any]]
     """Values of each axis: a dotted key of the parameters, or several joined by ` & `."""
     claims: tuple[Claim, ...] = ()
-    """Published statements that the results are judged by."""
+    """Published statements with which the results are compared."""
     notes: tuple[str, ...] = ()
     """As of `StudySpec`."""
     first_look: bool = False
@@ -59,17 +59,17 @@ class ProtocolCell(Spec):
     parameters: dict[str, Any]
 
     def digest(self) -> str:
-        """As of every spec, wherever a file lies whose content is named."""
+        """As for every spec, but without the path of a file that has a `content`."""
         return specs.digest(placeless(self.model_dump(mode="json")))
 
     @property
     def given(self) -> str:
-        """The file in a run folder that the cell works on."""
+        """The input file of the cell in a run folder."""
         return f"data/{self.data_name}.npz"
 
     @property
     def data_name(self) -> str:
-        """The digest of what decides the arrays that the cell shares with others."""
+        """The digest of the parameters that decide the arrays that the cell shares with others."""
         return specs.digest([self.protocol, placeless(self.parameters["data"])])
 
     def built(self) -> Any:
@@ -78,14 +78,14 @@ class ProtocolCell(Spec):
 
 
 def placeless(table: Mapping[str, Any]) -> dict[str, Any]:
-    """A table without each `path` beside which the `content` of what lies there is named: that alone decides.
+    """A table without each `path` that has a `content` next to it: the content alone decides the numbers.
 
     >>> placeless({"mine": {"path": "touches.h5", "content": "ab12"}, "theirs": {"path": "fabrics"}})
     {'mine': {'content': 'ab12'}, 'theirs': {'path': 'fabrics'}}
     """
-    hidden = {"path"} if table.get("content") is not None else set()
+    ignored = {"path"} if table.get("content") is not None else set()
     inner = {key: placeless(value) if isinstance(value, Mapping) else value for key, value in table.items()}
-    return {key: value for key, value in inner.items() if key not in hidden}
+    return {key: value for key, value in inner.items() if key not in ignored}
 
 
 def resolve(
@@ -96,12 +96,12 @@ def resolve(
     quick: bool = False,
     data: str | Path | None = None,
 ) -> ProtocolStudy:
-    """The study in a file's table, with its parameters whole.
+    """The study in a file's table, with its complete parameters.
 
     overrides: dotted keys of the parameters (`data.trials`, or in full `parameters.data.trials`), or `sweep.KEY`.
     quick: apply the file's `[quick]` table of overrides first.
-    data: a file of one's own, in place of the recordings that the study makes or reads. Raises InputError where its
-        protocol takes none.
+    data: a file of the user, in place of the recordings that the study makes or reads. Raises InputError if its
+        protocol does not accept one.
     """
     quick_overrides, with_data = (specs.pop_table(table, key, path) for key in ("quick", "with_data"))
     changes = dict(overrides or {})
@@ -124,16 +124,16 @@ def resolve(
     swept = sweeps.keys(study.sweep)
     specs.refuse({**others, **dict.fromkeys(swept)}, model.decided)
     first = next(sweeps.points(study.sweep))
-    # Swept keys may have no default: the first point stands for them while the others are made whole.
+    # Swept keys may have no default: the first point supplies their values while the defaults of the others are set.
     whole = specs.build(model, specs.override(study.parameters, first), source=f"parameters of {path}")
     given = _without(whole.model_dump(mode="json", exclude_none=True), [key for key in swept if "." not in key])
     study = study.model_copy(update={"parameters": given})
-    list(cells(study))  # A wrong value in a sweep is refused here, before anything runs.
+    list(cells(study))  # A wrong value in a sweep raises an error here, before any cell runs.
     return study
 
 
 def _own(table: Mapping[str, Any], path: Path, data: str | Path, given: Mapping[str, Any]) -> Own:
-    """What the protocol of a study makes of a file of one's own."""
+    """The changes of a study's protocol for a file of the user."""
     make = optional(module_of(str(table["protocol"])), "own")
     if make is None:
         raise InputError(f"--data: {path.name} makes or reads its own recordings; leave --data out")
@@ -152,20 +152,20 @@ def cells(study: ProtocolStudy) -> Iterator[ProtocolCell]:
 
 
 def swept_values(study: ProtocolStudy, cell: ProtocolCell) -> dict[str, Any]:
-    """What the sweep decided of a cell, by the last name of each key, or the whole key where two end alike."""
+    """The swept values of a cell, by the last name of each key, or by the whole key if two have the same last name."""
     keys = sweeps.keys(study.sweep)
     ends = [key.rpartition(".")[2] for key in keys]
     named = {}
     for key, end in zip(keys, ends, strict=True):
         value = _at(cell.parameters, key)
-        if value is None:  # at its default, a key that came later is not written
+        if value is None:  # a later key with its default value is not written
             value = _at(cell.built(), key)
         named[end if ends.count(end) == 1 else key] = str(value) if isinstance(value, (list, dict)) else value
     return named
 
 
 def _at(place: Any, key: str) -> Any:
-    """What stands at a dotted key, in tables or specs; None where nothing does."""
+    """The value of a dotted key, in tables or specs; None if there is none."""
     for name in key.split("."):
         place = place.get(name) if isinstance(place, Mapping) else getattr(place, name, None)
     return place

@@ -1,4 +1,4 @@
-"""Running a study: its cells, each done once, whatever interrupts it; then its tables."""
+"""Running a study: each cell once, also after interruptions; then its tables."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -26,19 +26,19 @@ STUDY = "study.toml"
 VERSIONS = "versions.json"
 DEVICE = "device"
 WORDS = {"title", "about", "claims", "notes", "as_shipped", "first_look"}
-"""Keys of a study that decide none of its numbers."""
+"""Keys of a study that change none of its numbers."""
 MOST_NAMED, LONGEST_VALUE = 3, 40
-"""Keys that are named where two studies differ, and characters of each value."""
+"""Limits of a message on two different studies: keys, and characters of each value."""
 
 
 def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None, device: str = "cpu") -> None:
-    """Run what is not yet done of `study` in `folder`, then write its tables; `report.write` shows them.
+    """Run the unfinished cells of `study` in `folder`, then write its tables; `report.write` shows them.
 
-    scheduler: address of a Dask scheduler, whose workers compute the cells in place of `workers` processes here.
-    device: a CUDA device that trains networks in their place, all at once.
-    Each cell trains with one thread and seeds of its own, so that who computes it changes no number.
-    What was damaged since it was written is written again, and a line on stderr names it.
-    Raises InputError when the folder holds another study or anything else, when another process works in it, and when
+    scheduler: address of a Dask scheduler; its workers compute the cells in place of `workers` processes here.
+    device: a CUDA device that trains the networks in their place, all together.
+    Each cell trains with one thread and its own random seeds: no number depends on where it is computed.
+    A damaged file is written again, and a line on stderr names it.
+    Raises InputError if the folder contains another study or anything else, if another process works in it, and if
     the scheduler cannot be used.
     """
     with files.locked(folder), ExitStack() as at_last:
@@ -46,18 +46,18 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
         with executor(workers, scheduler, device) as map_cells:
             _claim(folder, study, device)
             files.sweep(folder)
-            at_last.callback(files.sweep, folder)  # of worker processes that were stopped
+            at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
                 _compute(study, folder, map_cells)
             except InputError:
                 if is_new and not any(is_done(folder, cell) for cell in engine_of(study).cells()):
-                    files.empty(folder)  # so that the command can be mended and given again
+                    files.empty(folder)  # so that the user can correct the command and repeat it
                 raise
         _write_tables(study, folder)
 
 
 def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
-    """Write what cells share and what each leaves, as far as it is not there or damaged."""
+    """Write the missing and the damaged files: shared inputs, and the files of each cell."""
     engine = engine_of(study)
     with track("prepare", 1) as advance:
         engine.prepare(folder)
@@ -70,20 +70,20 @@ def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
         todo = [cell for cell in asked if not is_done(folder, cell)]
         before = len(asked) - len(todo)
         if before and todo:
-            say(f"{folder}: goes on; {before} of {len(asked)} {name} are done already")
+            say(f"{folder}: resumes; {before} of {len(asked)} {name} are already done")
         if todo:
             with track(name, len(asked), done=before) as advance:
-                for cell, left in map_cells(engine, todo, folder):
-                    write_cell(left, cell, folder)
+                for cell, result_files in map_cells(engine, todo, folder):
+                    write_cell(result_files, cell, folder)
                     advance(1, "")
                     stop_if_asked()
 
 
 def write_tables(folder: Path) -> None:
-    """Write the tables of a run again from the cells that are done.
+    """Write the tables of a run again from the finished cells.
 
-    A damaged cell is left out, and a line on stderr names it. Raises InputError when anything else was changed, and
-    when another process works in the folder.
+    A damaged cell is left out, and a line on stderr names it. Raises InputError if any other file was changed, and if
+    another process works in the folder.
     """
     study = load(folder)
     with files.locked(folder):
@@ -97,7 +97,7 @@ def write_tables(folder: Path) -> None:
 
 
 def load(folder: Path) -> Study:
-    """The study that a run folder holds; InputError when it holds none, or `study.toml` was edited."""
+    """The study of a run folder; InputError if there is none, or if `study.toml` was edited."""
     path = files.existing(folder, "folder") / STUDY
     again = f"neurotact study run NAME -o {folder}"
     if not path.is_file():
@@ -105,26 +105,26 @@ def load(folder: Path) -> Study:
     study, known = read_back(path), manifest.read(folder)
     if known is None:
         raise InputError(
-            f"{folder}: its {manifest.FILES} is damaged or missing, or an earlier neurotact made it, so that nothing "
-            f"can be checked; {again} checks each cell, and computes again what cannot be checked"
+            f"{folder}: its {manifest.FILES} is damaged or missing, or an earlier neurotact made it, and no file "
+            f"can be checked; {again} checks each cell, and computes again those that cannot be checked"
         )
     if known.made_from != _made_from(study):
         raise InputError(
-            f"{path}: was changed since the study began; restore it with {again}, or run the changed study into "
+            f"{path}: was changed since the study began; restore it with {again}, or run the changed study in "
             f"another folder: neurotact study run {path} -o ANOTHER"
         )
     return study
 
 
 def _write_tables(study: Study, folder: Path) -> None:
-    """Write the tables of the cells that are done."""
+    """Write the tables of the finished cells."""
     engine = engine_of(study)
     every = engine.asked_for(folder)
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
-        say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables show these")
+        say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables contain only these")
     write_table(_timings_table(folder, done), folder / "timings.csv")
     for name, table in engine.tables(folder, done).items():
         write_table(table, folder / name)
@@ -136,7 +136,7 @@ def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
 
 
 def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
-    """Each cell that was done and is no longer whole, where it lies in the run folder, and why."""
+    """Each finished cell that is damaged, its path in the run folder, and the reason."""
     for cell in engine_of(study).cells():
         why = damage(folder, cell)
         if why is not None:
@@ -144,9 +144,9 @@ def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
 
 
 def _claim(folder: Path, study: Study, device: str = "cpu") -> None:
-    """Make `folder` this study's; refuse one that is another's.
+    """Claim `folder` for this study; InputError if it belongs to another.
 
-    A folder without a manifest, which got lost or was never there, is taken by the study that it holds.
+    A folder without a manifest belongs to the study that it contains.
     """
     path, known, made_from = folder / STUDY, manifest.read(folder), _made_from(study)
     if known is not None:
@@ -163,11 +163,11 @@ def _claim(folder: Path, study: Study, device: str = "cpu") -> None:
         )
     manifest.seal(folder, [], made_from)
     files.write_text(path, to_toml(study))
-    _keep_versions(folder, device)
+    _save_versions(folder, device)
 
 
 def _differing(study: Study, path: Path) -> str:
-    """Which keys of a study have other values in a run folder's `study.toml`; nothing where that cannot be read."""
+    """The keys of a study with other values in a run folder's `study.toml`, in words; empty if it cannot be read."""
     try:
         there, here = (leaves(each.model_dump(mode="json", exclude=WORDS)) for each in (read_back(path), study))
     except InputError:
@@ -185,27 +185,27 @@ def _short(value: Any) -> str:
     return text if len(text) <= LONGEST_VALUE else f"{text[: LONGEST_VALUE - 3]}..."
 
 
-def _keep_versions(folder: Path, device: str) -> None:
-    """Write the versions that a study begins with; a line on stderr tells which others it goes on with.
+def _save_versions(folder: Path, device: str) -> None:
+    """Write the versions with which a study starts; a line on stderr shows those that changed when it resumes.
 
-    A GPU is one of them; the CPU, where most studies run, is not named.
+    A GPU is one of them; the CPU, on which most studies run, is not named.
     """
     gpu = {} if device == "cpu" else {DEVICE: "cuda"}
-    here, began = versions() | gpu, manifest.sound_json(folder, VERSIONS)
-    if began is None:
-        manifest.say_flaws("", manifest.flaws(folder, [VERSIONS]), "written again with the versions that are here now")
+    here, at_start = versions() | gpu, manifest.sound_json(folder, VERSIONS)
+    if at_start is None:
+        manifest.say_flaws("", manifest.flaws(folder, [VERSIONS]), "written again with the present versions")
         files.write_json(folder / VERSIONS, here)
         manifest.seal(folder, [VERSIONS])
         return
-    began, here = {DEVICE: "cpu", **began}, {DEVICE: "cpu", **here}
-    others = [name for name in here if name != "python" and here[name] != began.get(name)]
+    at_start, here = {DEVICE: "cpu", **at_start}, {DEVICE: "cpu", **here}
+    others = [name for name in here if name != "python" and here[name] != at_start.get(name)]
     if others:
-        told = ", ".join(f"{name} {here[name]} (was {began.get(name, 'not recorded')})" for name in others)
-        say(f"{folder}: goes on with other versions than it began with, numbers may differ: {told}")
+        changes = ", ".join(f"{name} {here[name]} (was {at_start.get(name, 'not recorded')})" for name in others)
+        say(f"{folder}: resumes with other versions than at its start, numbers may differ: {changes}")
 
 
 def _made_from(study: Study) -> dict[str, str]:
-    """What decides the numbers of a study, for its manifest: not its claims and words, nor where its files lie."""
+    """The settings that decide the numbers of a study, for its manifest: without claims, words and file paths."""
     table = study.model_dump(mode="json", exclude=WORDS)
     table = without_defaults(study, table, LATER_KEYS) if isinstance(study, StudySpec) else table
     for key in ("file", "path"):

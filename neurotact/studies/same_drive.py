@@ -1,7 +1,7 @@
 """The same drive to one afferent at several refractory periods (texture paper, Fig. 4).
 
-The paper prints the spike counts and shows neither the drive nor its duration. So each candidate drive is scaled until
-the afferent fires as often as published at the first refractory period; the counts at the others are then a prediction.
+The paper prints the spike counts, but neither the drive nor its duration. So each candidate drive is scaled until the
+afferent gives the published count at the first refractory period; the counts at the others are then a prediction.
 """
 
 from collections.abc import Iterator
@@ -18,20 +18,20 @@ from neurotact.neurons import lif_start, lif_step
 from neurotact.spec import Spec
 
 SCALES = np.geomspace(1.0, 100.0, 400)
-"""Peaks of a drive to try, from the threshold gap on: steps of about one percent."""
+"""Peaks of a drive to try, in threshold gaps, in steps of about one percent."""
 
 
 class SameDriveSpec(Spec):
     """The parameters of the comparison with Fig. 4."""
 
     spikes: int = Field(default=38, ge=1)
-    """At the first of the refractory periods; decides the strength of each drive."""
+    """Count at the first refractory period; decides the strength of each drive."""
     t_ref_ms: tuple[Annotated[float, Field(ge=0)], ...] = Field(default=(1.0, 5.0, 10.0), min_length=2)
     """Refractory periods that are compared."""
     duration_s: float = Field(default=1.0, gt=0)
-    """Ours: that of the paper's other counts (Fig. 6)."""
+    """Our choice: the duration of the paper's other counts (Fig. 6)."""
     trials: int = Field(default=10, ge=1)
-    """Of each class whose recorded drive is used."""
+    """Trials of each class that supply recorded drives."""
 
 
 def same_drive_table(
@@ -40,8 +40,8 @@ def same_drive_table(
     """Spikes of an SA-I afferent, one row per drive and refractory period.
 
     Drives: `constant`; and for each class `recorded`, the signal of its strongest taxel in its strongest trials.
-    Columns: drive, label (empty for `constant`), t_ref_ms, peak_mV (of the scaled drive) and spikes, the last two means
-    over trials. A drive that never reaches the published count is left out.
+    Columns: drive, label (empty for `constant`), t_ref_ms, peak_mV (of the scaled drive) and spikes; the last two are
+    means over trials. A drive that never reaches the published count is left out.
     """
     signals = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
     n_steps = round(spec.duration_s * signals.sampling_rate_Hz)

@@ -3,10 +3,10 @@
 1. The first pair of refractory periods, over all window lengths and sizes, gives T_min, the shortest window that is
    accurate enough.
 2. All pairs and sizes at T_min give the networks of the best trade-off.
-3. These networks over all window lengths show whether the trade-off persists: by the rule of step 1, they too are
-   accurate enough at T_min. Where one is not, the next longer window is tried from step 2 on.
+3. These networks over all window lengths show whether the trade-off persists: by the rule of step 1, they are also
+   accurate enough at T_min. If one is not, the next longer window is tried from step 2 on.
 
-Each step is a part of the study's sweep, which the results of the steps before determine. Only results on validation
+Each step is a part of the study's sweep, which depends on the results of earlier steps. Only results on validation
 trials decide (`SelectionSpec`). Early exit, the loop's last step, is measured in every cell.
 """
 
@@ -20,17 +20,17 @@ from neurotact.studies.store import is_done, result_of
 from neurotact.studies.study import LENGTH, Cell, SelectionSpec, StudySpec, cells
 
 JUDGED = ("accuracy_validation", "sops_validation")
-"""The columns that decide."""
+"""Columns that decide the selection."""
 SHOWN = (
     "accuracy_test", "sops_total", "exit_accuracy", "exit_steps", "exit_sops_total",
     "oracle_accuracy", "oracle_steps", "oracle_sops_total", "window_steps",
 )  # fmt: skip
-"""Columns that are shown for each network and decide nothing."""
+"""Columns that are shown for each network and do not affect the selection."""
 Row = dict[str, Any]
 
 
 class Network(NamedTuple):
-    """A pair of refractory periods in ms, RA-I first, as the paper writes it, and a size."""
+    """A pair of refractory periods in ms, RA-I first as in the paper, and a size."""
 
     pair: str
     hidden: int
@@ -61,7 +61,7 @@ class Attempt(NamedTuple):
 
 
 class Selection(NamedTuple):
-    """The loop's result: step 1 (of `by_length`, at the first pair), and every attempt, of which the last is kept."""
+    """The loop's result: step 1 (of `by_length`, at the first pair), and every attempt; the last one is valid."""
 
     first_pair: str
     lengths: pd.DataFrame
@@ -73,7 +73,7 @@ class Selection(NamedTuple):
 
 
 class Course(NamedTuple):
-    """The state of the loop: its steps, the cells that it waits for, and its result at the end."""
+    """The state of the loop: its steps, the cells that it needs next, and its result at the end."""
 
     steps: list[Step]
     due: list[Cell]
@@ -88,7 +88,7 @@ class Course(NamedTuple):
 def follow(study: StudySpec, row_of: Callable[[Cell], Row | None]) -> Course:
     """The loop as far as results are known.
 
-    row_of: a cell's row of results.csv; None where the cell is not done.
+    row_of: returns a cell's row of results.csv, or None if the cell is not done.
     """
     course = _course(study)
     steps = [next(course)]
@@ -104,7 +104,7 @@ def follow(study: StudySpec, row_of: Callable[[Cell], Row | None]) -> Course:
 
 
 def in_folder(folder: Path) -> Callable[[Cell], Row | None]:
-    """The rows of the cells that are done in a run folder."""
+    """A function that returns the row of a cell that is done in a run folder, otherwise None."""
 
     def row_of(cell: Cell) -> Row | None:
         return result_of(folder, cell)["row"] if is_done(folder, cell) else None
@@ -198,7 +198,7 @@ def as_table(found: Selection) -> pd.DataFrame:
 
 
 def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
-    """Yield a step, receive the rows of its cells, and so on; return the result."""
+    """Yield each step and receive the rows of its cells; return the result at the end."""
     rule, every = study.selection, list(cells(study))
     assert rule is not None
     start = _network(every[0]).pair

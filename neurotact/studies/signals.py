@@ -11,24 +11,24 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.encoders.specs import EncoderSpec
 
 LEAST_Hz = 1.0
-"""Below it, a spectrum of about a second shows drift, not texture."""
+"""Below this frequency, a spectrum of about a second shows drift, not texture."""
 LINE_Hz = 1 / 16
 """Distance between the lines of a spectrum, so that its highest line separates frequencies."""
 RIDGE_mm = 1.0
-"""Of every grating of the texture paper (Sec. II-B); its pitch is the gap between ridges."""
+"""Width of the ridges of every grating in the texture paper (Sec. II-B); its pitch is the gap between ridges."""
 
 
 def signal_table(recordings: Recordings, encoder: EncoderSpec, by: Iterable[str], start_ms: float) -> pd.DataFrame:
     """Means over the trials of each class and combination of the conditions in `by`, from `start_ms` on.
 
-    Signals are found as for the encoder; each trial must last longer than `start_ms`.
+    Signals are conditioned as for the encoder; each trial must last longer than `start_ms`.
     Columns: label, for gratings also grating and pitch_mm, `by`, peak_<unit> (highest magnitude
     on the strongest taxel), principal_Hz (highest line of that taxel's mean amplitude spectrum), and for
-    gratings expected_Hz, the speed as it was set / (pitch + 1 mm).
+    gratings expected_Hz, the set speed / (pitch + 1 mm).
     """
-    found = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
-    start = round(start_ms * 1e-3 * found.sampling_rate_Hz)
-    signals = [signal[start:] for signal in found.signals]
+    conditioned = condition(recordings.to_unit(encoder.unit), encoder.conditioning)
+    start = round(start_ms * 1e-3 * conditioned.sampling_rate_Hz)
+    signals = [signal[start:] for signal in conditioned.signals]
     peaks = np.array([np.abs(signal).max(axis=0) for signal in signals])
     names = [LABEL, *(name for name in ("grating", "pitch_mm") if name in recordings.conditions), *by]
     rows = []
@@ -36,9 +36,9 @@ def signal_table(recordings: Recordings, encoder: EncoderSpec, by: Iterable[str]
         trials = group.index.to_numpy()
         taxel = int(peaks[trials].mean(axis=0).argmax())
         row: dict[str, Any] = group.iloc[0][names].to_dict()
-        row[f"peak_{found.unit}"] = float(peaks[trials, taxel].mean())
+        row[f"peak_{conditioned.unit}"] = float(peaks[trials, taxel].mean())
         row["principal_Hz"] = principal_frequency(
-            [signals[trial][:, taxel] for trial in trials], found.sampling_rate_Hz
+            [signals[trial][:, taxel] for trial in trials], conditioned.sampling_rate_Hz
         )
         if {"pitch_mm", "speed_mm_per_s"} <= set(row):
             row["expected_Hz"] = row["speed_mm_per_s"] / (row["pitch_mm"] + RIDGE_mm)

@@ -1,4 +1,4 @@
-"""The cells of a run on the disk: what each left in `cells/<digest>`, whether it is whole, what it was made from."""
+"""The cells of a run on the disk: their files in `cells/<digest>`, with checks of these files and their sources."""
 
 import math
 import shutil
@@ -12,26 +12,26 @@ from neurotact.studies import manifest
 
 RESULT = "result.json"
 TIMING = "timing.json"
-"""How long a cell took: the one file that differs from run to run, so that no manifest lists it."""
+"""The time of a cell: the only file that differs from run to run; no manifest lists it."""
 Files = dict[str, bytes]
-"""What a cell leaves: the content of each file, by its path in the cell's folder."""
+"""The files of a cell: the content of each, by its path in the cell's folder."""
 
 
 class AnyCell(Protocol):
-    """A cell of any study, as far as its files are concerned."""
+    """A cell of any study, with what its files require."""
 
     def digest(self) -> str:
-        """Of all that decides the cell's numbers: the name of its folder."""
+        """The digest of everything that decides the cell's numbers: the name of its folder."""
         ...
 
     @property
     def given(self) -> str:
-        """The file in a run folder that the cell works on."""
+        """The input file of the cell in a run folder."""
         ...
 
 
 def write_cell(left: Files, cell: AnyCell, folder: Path) -> None:
-    """Write what `run_cell` left into `folder/cells/<digest>`; its manifest, the last, says that the cell is done."""
+    """Write the files of `run_cell` into `folder/cells/<digest>`, then the manifest, which marks the cell as done."""
     for name, content in sorted(left.items()):
         with whole(cell_folder(folder, cell) / name) as draft:
             draft.write_bytes(content)
@@ -39,25 +39,25 @@ def write_cell(left: Files, cell: AnyCell, folder: Path) -> None:
 
 
 def seal(folder: Path, cell: AnyCell, names: Iterable[str]) -> None:
-    """Mark a cell as done, which left these files."""
+    """Mark a cell with these files as done."""
     manifest.seal(cell_folder(folder, cell), names, _made_from(folder, cell))
 
 
 def is_done(folder: Path, cell: AnyCell) -> bool:
     """Whether the files of a cell are unchanged, and were made from the present spikes.
 
-    Its result must be there; a report does without the network and the other files, as of a run that was made smaller.
+    Its result must exist; a report does not require the network and the other files, which a user may remove.
     """
     return all(flaw == manifest.MISSING and name != RESULT for name, flaw in _flaws(folder, cell).items())
 
 
 def damage(folder: Path, cell: AnyCell) -> str | None:
-    """Why a cell that was done is no longer whole, in words; None where it is whole or was never done."""
+    """Why a finished cell is damaged, in words; None if it is not damaged or was never finished."""
     return next((f"{name} {flaw}" for name, flaw in _flaws(folder, cell).items() if flaw is not None), None)
 
 
 def discard(folder: Path, cell: AnyCell) -> None:
-    """Remove all that a cell left."""
+    """Remove all files of a cell."""
     place = cell_folder(folder, cell)
     try:
         shutil.rmtree(place)
@@ -74,19 +74,19 @@ def _flaws(folder: Path, cell: AnyCell) -> manifest.Flaws:
 
 
 def _made_from(folder: Path, cell: AnyCell) -> dict[str, str]:
-    """A cell's own digest, and the SHA-256 of the file that it worked on."""
+    """A cell's own digest, and the SHA-256 of its input file."""
     given = folder / cell.given
     known = manifest.read(given.parent)
     return {"settings": cell.digest(), given.parent.name: known.files.get(given.name, "") if known else ""}
 
 
 def result_of(folder: Path, cell: AnyCell) -> dict[str, Any]:
-    """What a cell that is done left as its result."""
+    """The result of a finished cell."""
     return read_json(cell_folder(folder, cell) / RESULT)
 
 
 def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
-    """Seconds that a cell took and, of a network, epochs; nothing where that was damaged, since no result needs it."""
+    """The seconds of a cell and, for a network, its epochs; empty if the file is damaged, since no result needs it."""
     try:
         found = read_json(cell_folder(folder, cell) / TIMING)
     except InputError:
@@ -97,5 +97,5 @@ def timing_of(folder: Path, cell: AnyCell) -> dict[str, float]:
 
 
 def cell_folder(folder: Path, cell: AnyCell) -> Path:
-    """The folder of what a cell leaves."""
+    """The folder of a cell's files."""
     return folder / "cells" / cell.digest()

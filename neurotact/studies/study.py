@@ -1,7 +1,7 @@
-"""A study: a spec that names an encoder, a network and a data set, and what to sweep; its cells.
+"""A study: a spec that names an encoder, a network, a data set and a sweep; its cells.
 
-A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study holds them whole, so that a run folder
-says all that was run. A cell is one combination of the swept values, with everything that decides its numbers.
+A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study contains them completely, so a run folder
+describes the whole run. A cell is one combination of the swept values, with everything that decides its numbers.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -32,14 +32,14 @@ from neurotact.studies.same_drive import SameDriveSpec
 Milliseconds = Annotated[float, Field(gt=0)]
 Steps = Annotated[int, Field(ge=1)]
 SOURCE = "dataset.parameters."
-"""Of the simulation; a cell holds them in its `source`."""
+"""Prefix of swept keys of the simulation; a cell stores them in its `source`."""
 SPLIT = "split."
-"""Of what a swept key of the split begins with, such as `split.fold`."""
+"""Prefix of swept keys of the split, such as `split.fold`."""
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
-"""Keys of a study whose cells measure more; each leaves a table of its own."""
+"""Keys of a study that request further measurements; each gives its own table."""
 
 LATER_KEYS = ("baselines",)
-"""Keys that came after studies had been run: without them a study is the one that it was."""
+"""Keys that were added later: without them, a study has the same digest as before."""
 
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
@@ -47,18 +47,18 @@ PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
 
 class DatasetSpec(Spec):
-    """Where a study's recordings come from, and which parts of them it looks at."""
+    """The source of a study's recordings, and the parts that it uses."""
 
     simulate: str | None = None
     """An experiment that can be simulated, such as `gratings`."""
     parameters: dict[str, Any] = {}
-    """Of the simulation, by the keys of its spec."""
+    """Parameters of the simulation, by the keys of its spec."""
     read: str | None = None
     """A published format, such as `fabricslide`."""
     file: str | None = None
     """An HDF5 file of recordings."""
     path: str | None = None
-    """The folder to read; `$NEUROTACT_DATA` stands for its value, by default ../shared/data."""
+    """The folder to read; `$NEUROTACT_DATA` is replaced by its value, by default ../shared/data."""
     subsets: dict[str, dict[str, Any]] = {"all": {}}
     """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
     stratify: tuple[str, ...] = ()
@@ -90,7 +90,7 @@ class DatasetSpec(Spec):
         return self
 
     def identity(self) -> dict[str, Any]:
-        """What decides the recordings, wherever the files lie on this machine."""
+        """The keys that decide the recordings, independent of the location of the files."""
         return {"simulate": self.simulate, "parameters": self.parameters, "read": self.read, "stratify": self.stratify}
 
 
@@ -102,7 +102,7 @@ def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
 
 
 class EarlyExitSpec(Spec):
-    """How the one patience or margin of a network is chosen on validation trials."""
+    """The choice of a network's patience or margin on validation trials."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("choice", "by")
     tolerance: float = Field(default=0.01, ge=0, lt=1)
@@ -116,31 +116,31 @@ class EarlyExitSpec(Spec):
 class SelectionSpec(Spec):
     """How the best trade-off is selected, in the loop of the texture paper's Fig. 7 (`studies/selection.py`).
 
-    Everything is judged on validation trials, by means over seeds.
+    All criteria use validation trials and means over seeds.
     """
 
     length_tolerance: float = Field(default=0.08, ge=0, lt=1)
-    """T_min is the shortest window whose accuracy lies within this of the best length's."""
+    """T_min is the shortest window with an accuracy within this of the accuracy of the best length."""
     accuracy_tolerance: float = Field(default=0.08, ge=0, lt=1)
-    """A network is accurate enough when it lies within this of the best; of these the fewest SOPs decide."""
+    """A network is accurate enough if it is within this of the best; of these, the fewest SOPs decide."""
     networks: int = Field(default=2, ge=1)
     """Networks to select, each with another pair of refractory periods."""
 
 
 class StudySpec(Spec):
-    """A study with its encoder and network whole (`studies/*.toml` once resolved)."""
+    """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
 
     title: str
     """Heading of the report."""
     about: str = ""
-    """What the study asks, in a sentence or two, below the heading."""
+    """The question of the study, in a sentence or two, below the heading."""
     dataset: DatasetSpec
     notes: tuple[str, ...] = ()
-    """What was chosen for the recordings, in words."""
+    """The choices made for the recordings, in words."""
     as_shipped: bool = False
-    """Whether this is a whole study that ships, without a change: of such a one the reasons of its claims hold."""
+    """Whether this is a complete shipped study without changes: only then do the reasons of its claims apply."""
     calibrate: bool = False
     """Fit the encoder's baseline, standardisation and gains on the training trials (as `neurotact calibrate` does)."""
     window: WindowSpec = WindowSpec()
@@ -151,26 +151,26 @@ class StudySpec(Spec):
     baselines: bool = False
     """Also fit logistic regression, SVM and ELM on the signals and the spikes of the same windows: baselines.csv."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
-    """Also test each network on the first so many ms of its own windows: the table cut_short.csv."""
+    """Also test each network on the first part of its own windows, of these lengths: the table cut_short.csv."""
     exit_patiences: tuple[Steps, ...] = ()
     """Also test each network with early exit at these patiences, in both modes: the table exit_curve.csv."""
     test_every_condition: bool = False
     """Also test each network on the test trials of every condition in `dataset.stratify`, whether it was trained on
     that condition or not: the table conditions.csv."""
     signals: bool = False
-    """Also tell the amplitude and the principal frequency of each class and condition: the table signals.csv."""
+    """Also measure the amplitude and the principal frequency of each class and condition: the table signals.csv."""
     same_drive: SameDriveSpec | None = None
     """Also give one afferent the same drive at several refractory periods: the table same_drive.csv."""
     encoder: EncoderSpec
     """An encoder spec: its name, its path, or the whole table."""
     network: RSNNSpec | None = None
-    """Without one, cells encode and train nothing."""
+    """Without one, cells only encode and train nothing."""
     search: SearchSpec | None = None
     """Each cell searches its network's hyperparameters on its own validation trials; swept ones are not searched."""
     selection: SelectionSpec | None = None
-    """Select a network step by step; of the sweep's cells only those that a step asks for are run."""
+    """Select a network step by step; only the cells of the sweep that a step requests are run."""
     training_windows: int | None = Field(default=None, ge=1)
-    """Windows of a trial to train and validate on, `window.hop_ms` apart; as many as are tested when absent."""
+    """Windows of a trial to train and validate on, `window.hop_ms` apart; the same number as for testing if absent."""
     sweep: dict[str, list[Any]]
     """Values of each axis; an axis is `dataset`, `seed`, a dotted key, or several keys joined by ` & `."""
     claims: tuple[Claim, ...] = ()
@@ -181,7 +181,7 @@ class StudySpec(Spec):
         known = list(self.dataset.subsets)
         for name in sweeps.values(self.sweep, "dataset"):
             if name not in known:
-                raise ValueError(f"sweep.dataset: '{name}' is no subset; {nearest(str(name), known)}")
+                raise ValueError(f"sweep.dataset: '{name}' is not a subset; {nearest(str(name), known)}")
         if self.test_every_condition and not self.dataset.stratify:
             raise ValueError("test_every_condition needs dataset.stratify, the conditions to test apart")
         if self.calibrate and not isinstance(self.encoder, AfferentSpec):
@@ -197,11 +197,11 @@ class StudySpec(Spec):
             raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
         described = [name for name in ("linear_baseline", "baselines", "signals", "same_drive") if getattr(self, name)]
         if swept and described:
-            raise ValueError(f"{described[0]} tells of one set of recordings; drop it, or the sweep of '{swept[0]}'")
+            raise ValueError(f"{described[0]} describes one set of recordings; remove it, or the sweep of '{swept[0]}'")
         return self
 
     @model_validator(mode="after")
-    def _asks_no_network_that_is_not_there(self) -> "StudySpec":
+    def _has_the_network_that_it_requires(self) -> "StudySpec":
         of_network = [axis for axis in self.sweep if "network." in axis] + [
             name for name in ("search", *MEASURES) if getattr(self, name)
         ]
@@ -217,7 +217,7 @@ class StudySpec(Spec):
 
 
 class Cell(Spec):
-    """One training, or one encoding alone: everything that decides its numbers, and nothing of where files lie."""
+    """One training, or one encoding alone: everything that decides its numbers, without file paths."""
 
     source: dict[str, Any]
     dataset: str
@@ -231,20 +231,20 @@ class Cell(Spec):
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
-    """How the network's hyperparameters are searched, which then stand for those that the space names."""
+    """The search of the network's hyperparameters; its result replaces the values of the keys in the space."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
     exit_patiences: tuple[Steps, ...] = ()
     test_every_condition: bool = False
     training_windows: int | None = Field(default=None, ge=1)
 
     def digest(self) -> str:
-        """As of every spec; what a cell does without (a search, a network) is no part of its name."""
+        """As for every spec, but without absent parts (a search, a network)."""
         absent = {name for name in ("search", "network", "training_windows", *MEASURES) if not getattr(self, name)}
         return specs.digest(self.model_dump(mode="json", exclude=absent))
 
     @property
     def seeds(self) -> tuple[int, int]:
-        """Seeds of the initial weights and of the order of trials, drawn from what decides the training."""
+        """Random seeds of the initial weights and of the order of trials, derived from the settings of the training."""
         measured = {name: Cell.model_fields[name].default for name in MEASURES}
         by = EarlyExitSpec.model_fields["by"].default
         content = self.model_copy(
@@ -254,12 +254,12 @@ class Cell(Spec):
 
     @property
     def given(self) -> str:
-        """The file in a run folder that the cell works on."""
+        """The input file of the cell in a run folder."""
         return f"spikes/{self.spikes_name}.h5"
 
     @property
     def spikes_name(self) -> str:
-        """The digest of what decides the cell's spike trains."""
+        """The digest of everything that decides the cell's spike trains."""
         content = self.model_dump(mode="json", include={"source", "encoder", "calibrate"})
         known = [self.subset] if self.calibrate and self.test_every_condition else []
         return specs.digest([content, self.split.model_dump() if self.calibrate else None, *known])
@@ -272,9 +272,9 @@ def resolve(
     quick: bool = False,
     data: str | Path | None = None,
 ) -> StudySpec:
-    """Load a study file with its parts whole, and what it leaves open chosen for its recordings (`suited`).
+    """Load a study file with its complete parts; its open values are chosen for its recordings (`suited`).
 
-    overrides: dotted keys that name the part first, such as `network.hidden`; a swept key stops being swept. The part
+    overrides: dotted keys that begin with the part, such as `network.hidden`; a swept key is no longer swept. The part
         alone, `encoder` or `network`, names another spec.
     quick: apply the file's `[quick]` table of overrides first.
     data: the file of recordings of a study that names none.
@@ -284,19 +284,19 @@ def resolve(
     table = specs.read(path)
     quick_overrides = specs.pop_table(table, "quick", path)
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
-    # A study's own table `set` says what it changes in its parts.
+    # A study's own table `set` contains the changes of its parts.
     overrides = {**specs.pop_table(table, "set", path), **overrides}
     named = {part: overrides.pop(part) for part in PARTS if isinstance(overrides.get(part), str)}
     for part, load in PARTS.items():
         if part in named:
             table[part] = _whole(load(named[part]))
         elif isinstance(table.get(part), str):
-            table[part] = _whole(load(_beside(path, table[part])))
+            table[part] = _whole(load(_relative_to(path, table[part])))
     table = suited.suit(table, overrides, data, path)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
-        search["space"] = tuning.load_space(str(_beside(path, search["space"])))
+        search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
     if overrides or named or quick:
         table.pop("as_shipped", None)
     study = specs.build(StudySpec, table | ({"as_shipped": True} if is_shipped else {}), source=str(path))
@@ -305,7 +305,7 @@ def resolve(
     if study.dataset.simulate is not None:
         model = simulator(study.dataset.simulate).model
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
-    # A wrong value in a sweep is refused here, before anything runs.
+    # A wrong value in a sweep raises an error here, before any cell runs.
     starts = [cell.calibrate for cell in cells(study)]
     calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])
     return study
@@ -351,13 +351,13 @@ def _check_source(cell: Cell, study: StudySpec) -> None:
 
 
 def _searched(study: StudySpec) -> dict[str, Any] | None:
-    """The study's search without the keys that its sweep decides; nothing where no key is left."""
+    """The study's search without the swept keys; None if there is no search."""
     if study.search is None:
         return None
     swept = {key.removeprefix("network.") for key in sweeps.keys(study.sweep)}
     space = {key: dimension for key, dimension in study.search.space.items() if key not in swept}
     if not space:
-        raise InputError(f"search: the sweep of {study.title} decides every key of its space; drop one of both")
+        raise InputError(f"search: the sweep of {study.title} decides every key of its space; remove one of them")
     return {**_whole(study.search), "space": space}
 
 
@@ -368,7 +368,7 @@ def swept_columns(study: StudySpec) -> list[str]:
 
 
 def split_columns(study: StudySpec) -> list[str]:
-    """Swept keys of the split, such as `split.fold`: networks differ by them as by seeds, and results are averaged."""
+    """Swept keys of the split, such as `split.fold`: results are averaged over them, as over seeds."""
     return [key for key in swept_columns(study) if key.startswith(SPLIT)]
 
 
@@ -378,7 +378,7 @@ def encoder_columns(study: StudySpec) -> list[str]:
 
 
 def by_split(cells: Iterable[Cell]) -> list[list[Cell]]:
-    """Cells that share their split, together."""
+    """Groups of cells with the same split."""
     groups: dict[str, list[Cell]] = {}
     for cell in cells:
         groups.setdefault(cell.split.model_dump_json(), []).append(cell)
@@ -397,6 +397,6 @@ def _whole(spec: Spec) -> dict[str, Any]:
     return spec.model_dump(mode="json", exclude_none=True)
 
 
-def _beside(study: Path, name: str) -> str | Path:
-    """A part given by a relative path lies beside the study that names it."""
+def _relative_to(study: Path, name: str) -> str | Path:
+    """A relative path of a part is relative to the folder of the study file."""
     return study.parent / name if name.endswith(".toml") else name

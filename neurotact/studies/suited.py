@@ -1,7 +1,7 @@
-"""What a study takes from the recordings that it is given: its file, the length of its windows, its seeds and folds.
+"""Values of a study that depend on its recordings: its file, the length of its windows, its seeds and folds.
 
-A study file leaves such a value open with `"auto"`; the rules below close it before anything runs, and the resolved
-study holds plain values and, in `notes`, what was chosen and why.
+A study file leaves such a value open with `"auto"`; the rules below choose it before any cell runs. The resolved study
+contains the chosen values and, in `notes`, the reasons.
 """
 
 from collections.abc import Mapping
@@ -19,26 +19,26 @@ from neurotact.errors import InputError
 
 AUTO = "auto"
 LONGEST_MS = 1000.0
-"""Of a window: longer trials are cut into several."""
+"""Maximum length of a window: longer trials are cut into several."""
 MOST_PER_TRIAL, MOST_WINDOWS = 4, 4000
-"""Windows of one trial, and of all trials: more tell little new and take time."""
+"""Maximum number of windows of one trial, and of all trials: more windows add little information and take time."""
 SMALL = 1000
-"""Trials up to which three seeds are trained."""
+"""Number of trials up to which three seeds are trained."""
 FOLDS, FOLDED = 5, 300
-"""Folds that test each trial once, and trials up to which they are used: 15 % of 300 trials are 45 test trials."""
+"""Folds that test each trial once, and the most trials for which they are used: 15 % of 300 are 45 test trials."""
 SOURCES = ("simulate", "read", "file")
 SHORT = 0.5
-"""A shortest trial below this share of the median one is worth a note."""
+"""A shortest trial below this share of the median trial gives a note."""
 SEEN = 0.5
-"""Windows that cover less than this share of the median trial are worth a note."""
+"""Windows that cover less than this share of the median trial give a note."""
 PLACES = {"window.length_ms", "window.start_ms", "window.align"}
-"""Keys by which windows are put where the touch is."""
+"""Keys that place the windows on the touch."""
 
 
 class Recorded(NamedTuple):
-    """What the rules look at of some recordings: durations in seconds, `(trial,)`, sampling rate, trials of a class.
+    """The properties of recordings that the rules use: durations in seconds, `(trial,)`, sampling rate, class size.
 
-    rarest: trials of the class that has the fewest.
+    rarest: number of trials of the smallest class.
     """
 
     durations_s: np.ndarray
@@ -47,11 +47,11 @@ class Recorded(NamedTuple):
 
 
 def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
-    """The table of a study file with its file of recordings named and its open values closed.
+    """The table of a study file, with its file of recordings and with chosen values in place of `"auto"`.
 
-    overrides: dotted keys that are given: what is given is not chosen. data: the file that `--data` names.
+    overrides: dotted keys that are given; a given value is not chosen. data: the file that `--data` names.
     path: of the study file, for messages.
-    Raises InputError where `data` is missing, or given beside recordings that the study names itself.
+    Raises InputError if `data` is missing, or is given although the study names its own recordings.
     """
     table = _with_file(table, overrides, data, path)
     dataset, notes = table["dataset"], []
@@ -79,7 +79,7 @@ def _with_file(
     dataset = table.get("dataset")
     dataset = {} if dataset is None else dataset
     if not isinstance(dataset, dict):
-        return table  # refused as a study, with the other keys
+        return table  # building the study raises the error, with the other keys
     named = [key for key in SOURCES if dataset.get(key) is not None or f"dataset.{key}" in overrides]
     if data is not None:
         if named:
@@ -88,35 +88,35 @@ def _with_file(
     if not named:
         raise InputError(
             f"{path.stem}: names no recordings; give a file with --data touches.h5 (in Python, data='touches.h5'); "
-            "neurotact import folder makes one of your files"
+            "neurotact import folder makes one from your files"
         )
     given = {key.removeprefix("dataset."): value for key, value in overrides.items() if key == "dataset.file"}
     return {**table, "dataset": {**dataset, **given}}
 
 
 def file_of(data: str | Path) -> Path:
-    """The file that `--data` names, by its absolute path; InputError where there is none."""
+    """The absolute path of the file that `--data` names; InputError if it does not exist."""
     if not Path(data).is_file():
-        raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one of your files")
+        raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one from your files")
     return Path(data).absolute()
 
 
 def clock_of(table: Mapping[str, Any], given: Mapping[str, Any]) -> float | None:
-    """The clock that a study names for its encoder, with dotted keys that are given."""
+    """The clock of a study's encoder, from the given dotted keys or from the study's table."""
     encoder = table.get("encoder")
     own = encoder.get("conditioning", {}).get("resample_Hz") if isinstance(encoder, dict) else None
     return given.get("encoder.conditioning.resample_Hz", own)
 
 
 def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
-    """What a file of recordings declares, its trials as long as on a clock; its signals are not read.
+    """The properties of a file of recordings, with trial durations on a clock; its signals are not read.
 
-    clock_Hz: of the encoder; the recordings' own, and at least the one that calibration takes, when absent.
+    clock_Hz: of the encoder; if absent, the sampling rate of the recordings, but at least the clock of calibration.
     """
     if hdf5.kind_of(path) != "recordings":
         raise InputError(
-            f"{path}: holds spikes, and this study encodes recordings; neurotact train and then neurotact infer "
-            "--early-exit say of spikes how accurate a network is, and its SOPs and ms a decision"
+            f"{path}: holds spikes, but this study encodes recordings; for spikes, neurotact train and then "
+            "neurotact infer --early-exit report the accuracy of a network, and its SOPs and ms per decision"
         )
     with hdf5.open_recordings(path) as stored:
         rate_Hz = stored.sampling_rate_Hz
@@ -129,8 +129,8 @@ def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
 def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
     """The window of a study, and the rule in words.
 
-    A window is the shortest trial as a whole, down to whole ms, but 1 s at most; of a longer trial as many windows as
-    fit, 4 at most and no more than 4000 of all trials together. given: dotted keys such as `window.length_ms`.
+    A window is as long as the shortest trial, rounded down to whole ms, but at most 1 s. A longer trial has as many
+    windows as fit, at most 4, and all trials at most 4000 together. given: dotted keys such as `window.length_ms`.
 
     >>> window(Recorded(np.array([0.8, 1.2]), 1000.0))[0]
     {'length_ms': 800.0, 'per_trial': 1}
@@ -143,7 +143,7 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
     whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
     length_ms = _number(given, "window.length_ms", min(LONGEST_MS, float(whole_ms)))
     fitting = int(max(1, longest_ms // max(length_ms, 1e-9)))
-    asked = given.get("window.per_trial")  # a wrong one is refused with the study
+    asked = given.get("window.per_trial")  # a wrong value raises an error with the study
     most = asked if isinstance(asked, int) else min(MOST_PER_TRIAL, MOST_WINDOWS // len(room_ms))
     per_trial = max(1, min(most, fitting))
     table = {"length_ms": length_ms, "per_trial": per_trial}
@@ -164,8 +164,8 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
         )
     elif covered_ms < SEEN * median_ms and not PLACES & {*given}:
         notes.append(
-            f"Of the median trial, {median_ms:,.0f} ms, the first {covered_ms:,.0f} ms are used; if its touch comes "
-            "later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
+            f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
+            "comes later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
         )
     return table, notes
 
@@ -183,9 +183,9 @@ def seeds(recorded: Recorded) -> tuple[list[int], str]:
 
 
 def _with_seeds(table: dict[str, Any], given: Mapping[str, Any], recorded: Recorded) -> tuple[dict[str, Any], str]:
-    """A study's table with its seeds, and with folds where trials are few and no split is given; the rule in words.
+    """A study's table with its seeds, and with folds if trials are few and no split is given; the rule in words.
 
-    A test side of few trials says little; with folds every trial is a test trial once.
+    A few test trials give an uncertain accuracy; with folds, every trial is a test trial once.
     """
     found, note = seeds(recorded)
     n_trials = len(recorded.durations_s)
@@ -201,7 +201,7 @@ def _with_seeds(table: dict[str, Any], given: Mapping[str, Any], recorded: Recor
 
 
 def clock(recorded: Recorded, clock_Hz: float | None) -> list[str]:
-    """What the encoder's clock does to these recordings, in words; nothing where it is their own."""
+    """The effect of the encoder's clock on these recordings, in words; empty if it equals their sampling rate."""
     rate_Hz = recorded.sampling_rate_Hz
     if clock_Hz is None or clock_Hz == rate_Hz:
         return []
@@ -210,7 +210,7 @@ def clock(recorded: Recorded, clock_Hz: float | None) -> list[str]:
         return [f"{note}, smoothed and resampled."]
     sample_ms = 1e3 / rate_Hz
     between = f"{note}, where a sample lasts {sample_ms:.3g} ms; between samples the signal is interpolated"
-    return [f"{between}, so that refractory periods below {sample_ms:.3g} ms limit rates and tell no finer detail."]
+    return [f"{between}; refractory periods below {sample_ms:.3g} ms limit rates, but show no finer detail."]
 
 
 def _number(given: Mapping[str, Any], key: str, otherwise: float) -> float:

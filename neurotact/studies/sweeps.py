@@ -1,4 +1,4 @@
-"""A sweep: axes of dotted keys and their values; the product of the axes gives the cells of a study."""
+"""A sweep: axes of dotted keys and their values; the cells of a study are the product of the axes."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -10,11 +10,11 @@ from neurotact.errors import InputError
 
 MOST_POINTS = 100_000
 JOIN = " & "
-"""Joins keys that are swept together, each point of the axis a list of their values."""
+"""Joins keys that are swept together; each point of the axis is a list of their values."""
 
 
 def check(sweep: Mapping[str, list[Any]]) -> None:
-    """ValueError where an axis has no value, or a point of a joint axis too few or too many."""
+    """ValueError if an axis has no value, or a point of a joint axis has too few or too many."""
     for axis, values in sweep.items():
         if not values:
             raise ValueError(f"sweep of '{axis}' has no value")
@@ -41,7 +41,7 @@ def points(sweep: Mapping[str, list[Any]]) -> Iterator[dict[str, Any]]:
 
 
 def values(sweep: Mapping[str, list[Any]], key: str) -> list[Any]:
-    """The values that a sweep gives a key, alone or joined with others; none where it does not sweep it.
+    """The values that a sweep gives a key, alone or joined with others; empty if the key is not swept.
 
     >>> values({"dataset & seed": [["slow", 0], ["fast", 1]]}, "dataset")
     ['slow', 'fast']

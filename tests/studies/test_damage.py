@@ -289,7 +289,7 @@ def test_other_versions_are_told_and_not_written_over(run, monkeypatch, capsys):
     here = runner.versions() | {"torch": "0.1"}
     monkeypatch.setattr(runner, "versions", lambda: here)
     resume(run)
-    assert "goes on with other versions than it began with, numbers may differ: torch 0.1 (was" in (
+    assert "resumes with other versions than at its start, numbers may differ: torch 0.1 (was" in (
         capsys.readouterr().err
     )
     assert (run / "versions.json").read_bytes() == before

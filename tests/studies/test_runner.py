@@ -126,7 +126,7 @@ def test_a_study_that_goes_on_says_how_much_is_done(finished, tmp_path, capsys):
     shutil.copytree(finished, folder)
     shutil.rmtree(next(folder.glob("cells/*")))
     runner.run(study.resolve(TINY), folder, workers=1)
-    assert f"neurotact: {folder}: goes on; 7 of 8 cells are done already\n" in capsys.readouterr().err
+    assert f"neurotact: {folder}: resumes; 7 of 8 cells are already done\n" in capsys.readouterr().err
 
 
 def test_a_folder_that_holds_anything_else_is_refused(tmp_path):

@@ -176,7 +176,7 @@ def test_an_address_without_a_scheduler_is_named(tmp_path, monkeypatch, address,
 
 @pytest.mark.parametrize(
     ("n_workers", "expected"),
-    [(0, r"no worker joined it within 0\.5 s; start some with dask worker"), (1, "has 2 threads, and a cell needs")],
+    [(0, r"no worker joined it within 0\.5 s; start some with dask worker"), (1, "has 2 threads, but a cell needs")],
 )
 def test_workers_that_cannot_be_used_are_named(tmp_path, monkeypatch, n_workers, expected):
     distributed = pytest.importorskip("distributed", reason=WITHOUT_DASK)

@@ -75,7 +75,7 @@ def test_only_the_encoder_decides_which_spike_trains_a_cell_needs():
         ({"network.hiden": 3}, "network.hiden: unknown key; did you mean 'hidden'?"),
         ({"encoder.tau_mem_ms": -1}, "encoder.tau_mem_ms: must be > 0; got -1"),
         ({"sweep.network.hidden": [20, 0]}, "network.hidden: must be >= 1; got 0"),
-        ({"sweep.dataset": ["v3"]}, "'v3' is no subset"),
+        ({"sweep.dataset": ["v3"]}, "'v3' is not a subset"),
         ({"sweep.seed": []}, "sweep of 'seed' has no value"),
         ({"sweep.seed": [-1]}, "sweep.seed must be whole numbers >= 0"),
         ({"encoder.sa1.t_ref_ms": 5}, "is swept as 'encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms'"),

@@ -44,7 +44,7 @@ def test_a_study_trains_its_networks_at_once_to_the_same_results(on_device, tmp_
 def test_the_run_folder_says_where_its_numbers_come_from(on_device, capsys):
     assert json.loads((on_device / "versions.json").read_text())["device"] == "cuda"
     runner.run(resolved(), on_device)  # nothing is left to do
-    assert "goes on with other versions than it began with, numbers may differ: device cpu (was cuda)" in (
+    assert "resumes with other versions than at its start, numbers may differ: device cpu (was cuda)" in (
         capsys.readouterr().err
     )
 

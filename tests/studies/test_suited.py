@@ -60,7 +60,7 @@ def test_a_given_window_is_kept_and_an_odd_trial_is_named():
 def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
     trials = Recorded(np.array([5.0, 5.0, 9.0]), 1000.0)
     _, notes = suited.window(trials, {"window.per_trial": 1})
-    assert notes[-1].startswith("Of the median trial, 5,000 ms, the first 1,000 ms are used;")
+    assert notes[-1].startswith("Only the first 1,000 ms of the median trial, 5,000 ms, are used;")
     assert len(suited.window(trials)[1]) == 1
     for place in ({"window.start_ms": 2000}, {"window.align": "onset"}, {"window.length_ms": 1000.0}):
         assert len(suited.window(trials, {"window.per_trial": 1, **place})[1]) == 1
@@ -69,7 +69,7 @@ def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
 def test_windows_that_overlap_cover_less():
     trials = Recorded(np.full(20, 6.0), 100.0)
     _, notes = suited.window(trials, {"window.hop_ms": 500.0})
-    assert "the first 2,500 ms are used" in notes[-1]  # four windows of 1 s, 500 ms apart
+    assert "the first 2,500 ms of the median trial" in notes[-1]  # four windows of 1 s, 500 ms apart
     _, notes = suited.window(trials)
     assert not [note for note in notes if "are used" in note]
 

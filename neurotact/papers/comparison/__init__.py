@@ -1,1 +1,1 @@
-"""One task, all ways: every family of classifiers on the same windows, with its cost."""
+"""Comparisons of every family of classifiers, with its cost, on the same windows of one task."""

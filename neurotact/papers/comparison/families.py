@@ -1,7 +1,7 @@
-"""Every family of classifiers on one task: what each tries, which of it validation chooses, what a decision then costs.
+"""Every family of classifiers on one task: its candidates, the choice by validation, the cost of a decision.
 
-Features and sequences are standardised on training examples; sequences are first averaged down to `STEPS` steps. A
-family yields its candidates from the smallest on, and of those that validate equally well the first is taken.
+Features and sequences are standardised on training examples; sequences are first averaged to `STEPS` steps. A family
+yields its candidates from the smallest on; of candidates with equal validation accuracy, the first is chosen.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
 from neurotact.studies.protocol import TaskData
 
 STEPS = 50
-"""Steps of the sequences that LSTM and GRU see."""
+"""Steps of the input sequences of LSTM and GRU."""
 
 SLFN_HIDDEN = (10, 30, 100)
 RLS_SIGMAS, RLS_ALPHAS = (2.0, 1.0, 0.5), tuple(10.0**k for k in range(1, -7, -1))
@@ -40,14 +40,14 @@ def feature_sides(task: TaskData, split: Split) -> Sides:
 
 
 def sequence_sides(task: TaskData, split: Split, steps: int = STEPS) -> Sides:
-    """The sequences of each side, averaged down to at most `steps` steps, each channel standardised on training."""
+    """The sequences of each side, averaged to at most `steps` steps, each channel standardised on the training side."""
     return standardised(averaged(task.sequences, steps).astype(float), task.labels, split)
 
 
 def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
-    """Sequences `(example, time, channel)` of each side, each channel standardised on training.
+    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
 
-    sides: what picks the examples of training, validation and test: indices or booleans.
+    sides: indices or booleans that select the examples of training, validation and test.
     """
     training = sequences[sides[0]]
     offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
@@ -56,7 +56,7 @@ def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.n
 
 
 def averaged(sequences: np.ndarray, steps: int) -> np.ndarray:
-    """Means over `steps` pieces of `(example, time, channel)`, as equal as whole samples allow.
+    """Means over `steps` time bins of `(example, time, channel)`, as equal as whole samples allow.
 
     >>> averaged(np.arange(5.0).reshape(1, 5, 1), 2).ravel().tolist()
     [0.5, 3.0]
@@ -80,7 +80,7 @@ def slfn(sides: Sides, seed: int) -> Iterator[Candidate]:
 
 
 def rls(sides: Sides, seed: int) -> Iterator[Candidate]:
-    """RBF least squares, each width with the penalty that validates best, the strongest of equals."""
+    """RBF least squares; each width has the penalty with the best validation accuracy, the strongest of equal ones."""
     (n_train, n_features), n_classes = sides.train.shape, len(np.unique(sides.y_train))
     for factor in RLS_SIGMAS:
         sigma = factor * n_features**0.5
@@ -92,7 +92,7 @@ def rls(sides: Sides, seed: int) -> Iterator[Candidate]:
 
 
 def kmeans(sides: Sides, seed: int) -> Iterator[Candidate]:
-    """One centroid a class, from the class means or from k-means++."""
+    """One centroid per class, from the class means or from k-means++."""
     n_features, n_classes = sides.train.shape[1], len(np.unique(sides.y_train))
     starts: tuple[tuple[Init, int], ...] = (("class-mean", 1), ("k-means++", 20))
     for init, repetitions in starts:
@@ -133,16 +133,16 @@ ON_SEQUENCES: dict[str, Family] = {"LSTM": lstm, "GRU": gru}
 
 
 def standardising(sides: Sides) -> tuple[Layer, ...]:
-    """What standardising features costs."""
+    """The cost of standardising features."""
     return (flops.Standardise(sides.train.shape[1]),)
 
 
 def averaging(n_samples: int, n_steps: int, n_channels: int) -> tuple[Layer, ...]:
-    """What averaging `n_samples` samples down to `n_steps` steps costs; nothing where they are as many."""
+    """The cost of averaging `n_samples` samples to `n_steps` steps; empty if the numbers are equal."""
     return () if n_steps >= n_samples else (Averaging(n_samples, n_steps, n_channels),)
 
 
 def slowing(n_samples: int, sides: Sides) -> tuple[Layer, ...]:
-    """What averaging and standardising a sequence of `n_samples` samples costs."""
+    """The cost of averaging and standardising a sequence of `n_samples` samples."""
     _, n_steps, n_channels = sides.train.shape
     return (*averaging(n_samples, n_steps, n_channels), StandardisedSteps(n_steps, n_channels))

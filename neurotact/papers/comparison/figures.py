@@ -31,9 +31,9 @@ COLUMNS = 3
 
 @printed
 def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
-    """Test accuracy against a cost on a logarithmic axis, a panel per task, a mark a family.
+    """Test accuracy against a cost on a logarithmic axis, a panel per task, a mark per family.
 
-    results: rows with task, family, accuracy_test, chance and the column `cost`; means and deviations are taken here.
+    results: rows with task, family, accuracy_test, chance and the column `cost`; shown are means and deviations.
     """
     tasks = list(dict.fromkeys(results["task"]))
     figure, panels = _panels(tasks, 2.1)
@@ -66,7 +66,7 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
 
 @printed
 def draw_energy_shares(results: pd.DataFrame) -> Figure:
-    """The energy estimate of what stands before the classifier and of the whole decision, a panel per task.
+    """The energy estimate of all operations before the classifier and of the whole decision, a panel per task.
 
     results: rows with task, family, energy_estimate_nJ and energy_before_nJ.
     """

@@ -1,4 +1,4 @@
-"""Which ways to save are on the front of accuracy and a cost, and what it costs to halve the SOPs in each way."""
+"""The ways to save on the Pareto front of accuracy and a cost, and the accuracy lost by each if it halves the SOPs."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -16,18 +16,18 @@ NOTHING = "nothing saved"
 REFRACTORY = "refractory period"
 HALF = 0.5
 COSTS = {"sops_total": "SOPs per window", "energy_estimate_nJ": "energy estimate (nJ)", "signal_ms": "signal (ms)"}
-"""The costs of a decision, with the words of their axes."""
+"""The costs of a decision, with their axis labels."""
 SHORT = {"sops_total": "SOPs", "energy_estimate_nJ": "nJ", "signal_ms": "ms"}
 ENOUGH_SEEDS = 3
 
 
 def fronts(results: pd.DataFrame, cost: str = "sops_total") -> pd.DataFrame:
-    """A row for each set, way and setting: means over seeds, intervals, and whether no other point beats it.
+    """A row for each set, way and setting: means over seeds, intervals, and whether it is on the Pareto fronts.
 
     results: rows with set, way, setting, seed, n_train, n_test, both accuracies, sops_total, energy_estimate_nJ and
-        signal_ms. cost: of `COSTS`, what the fronts are of.
+        signal_ms. cost: the key of `COSTS` for the fronts.
     Columns: low, high (95 % interval of the accuracy, NaN for one seed); share (of the SOPs of `NOTHING`); on_own_front
-    (no point of its way, or `NOTHING`, beats it) and on_front (none of the set).
+    (no point of its way, nor `NOTHING`, dominates it) and on_front (no point of the set dominates it).
     """
     parts = []
     for name, rows in results.groupby("set", sort=False):
@@ -42,10 +42,10 @@ def fronts(results: pd.DataFrame, cost: str = "sops_total") -> pd.DataFrame:
 
 
 def _own_front(table: pd.DataFrame, way: str, cost: str) -> np.ndarray:
-    """Which points of a way neither another of its points nor the network that saves nothing beats, `(point,)`."""
+    """The points of a way that neither its other points nor the network that saves nothing dominate, `(point,)`."""
     mine = (table["way"] == way).to_numpy()
-    beside = mine | (table["way"] == NOTHING).to_numpy()
-    return _on_front(table[beside], cost)[mine[beside]]
+    compared = mine | (table["way"] == NOTHING).to_numpy()
+    return _on_front(table[compared], cost)[mine[compared]]
 
 
 def _on_front(table: pd.DataFrame, cost: str, score: str = "accuracy_test") -> np.ndarray:
@@ -62,14 +62,14 @@ def _point(key: object, part: pd.DataFrame, base: pd.DataFrame) -> dict:
 
 
 def interval_of(values: np.ndarray, rows: pd.DataFrame) -> Interval:
-    """Of a mean over splits; without bounds for one."""
+    """The mean over splits with its interval; for one split, the bounds are NaN."""
     if len(values) < 2:
         return Interval(float(np.mean(values)), float("nan"), float("nan"))
     return resampled_interval(values, int(rows["n_train"].iloc[0]), int(rows["n_test"].iloc[0]))
 
 
 class Halved(NamedTuple):
-    """What a way costs to halve the SOPs: the accuracy that each seed loses beside `NOTHING`, `(seed,)`."""
+    """The cost of a way that halves the SOPs: the accuracy that each seed loses compared with `NOTHING`, `(seed,)`."""
 
     way: str
     setting: str
@@ -80,10 +80,10 @@ class Halved(NamedTuple):
 
 
 def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
-    """Of each way the setting with the best validation accuracy among those with at most this share of the SOPs.
+    """For each way, the setting with the best validation accuracy among those with at most this share of the SOPs.
 
-    results: rows of one set. The first of the list is the way with the best validation accuracy, of equal ones that
-    with the fewest SOPs; ways that never save as much are left out. Test accuracy is read only afterwards.
+    results: rows of one set. The first of the list is the way with the best validation accuracy; of equal ones, the
+    one with the fewest SOPs. Ways that never save as much are left out. No choice depends on test accuracy.
     """
     base = results[results["way"] == NOTHING]
     before = base.set_index("seed")["accuracy_test"]
@@ -101,26 +101,24 @@ def halved(results: pd.DataFrame, share: float = HALF) -> list[Halved]:
 
 
 def _share(part: pd.DataFrame, base: pd.DataFrame) -> float:
-    """Of the SOPs of the network that saves nothing, over the same seeds; NaN where there is none."""
+    """The share of the SOPs of the network that saves nothing, over the same seeds; NaN without such a network."""
     return float(part["sops_total"].mean() / base.loc[base["seed"].isin(part["seed"]), "sops_total"].mean())
 
 
 def tables(results: pd.DataFrame) -> dict[str, Listed]:
-    """The front of each set by its name, from the best network down."""
+    """The Pareto front of each set by its name, from the best network down."""
     return {str(name): _listed(rows) for name, rows in results.groupby("set", sort=False)}
 
 
 def _listed(rows: pd.DataFrame) -> Listed:
-    """The network that saves nothing, then the settings that no other beats in one of `COSTS`.
+    """The network that saves nothing, then the settings on the Pareto front of one of `COSTS`.
 
-    Validation accuracy decides which these are and their order. Those that are not above guessing are left out, and so
-    is one that decides as another does.
+    Validation accuracy decides the fronts and the order. Settings that are not above guessing are left out, and so are
+    settings with the same accuracies and costs as another.
     """
     points = fronts(rows)
-    beaten_by_none = {cost: _on_front(points, cost, "accuracy_validation") for cost in COSTS}
-    points["front"] = [
-        ", ".join(SHORT[cost] for cost in COSTS if beaten_by_none[cost][at]) for at in range(len(points))
-    ]
+    on_front = {cost: _on_front(points, cost, "accuracy_validation") for cost in COSTS}
+    points["front"] = [", ".join(SHORT[cost] for cost in COSTS if on_front[cost][at]) for at in range(len(points))]
     points["is_base"] = points["way"] == NOTHING
     shown = points[points["is_base"] | ((points["front"] != "") & (points["accuracy_validation"] > _guess(rows)))]
     shown = shown.sort_values(
@@ -128,10 +126,10 @@ def _listed(rows: pd.DataFrame) -> Listed:
     ).drop_duplicates(["accuracy_validation", "accuracy_test", *COSTS])
     return Listed(
         "The front, from the best network down: no other setting has both a higher validation accuracy and fewer SOPs, "
-        "a lower energy (nJ, an estimate) or a shorter signal (ms). Test windows tell the accuracy.",
+        "a lower energy (nJ, an estimate) or a shorter signal (ms). The accuracy is that of the test windows.",
         pd.DataFrame(
             {
-                "how it is reached": [_how(*key) for key in zip(shown["way"], shown["setting"], strict=True)],
+                "how it is reached": [_point_name(*key) for key in zip(shown["way"], shown["setting"], strict=True)],
                 **{name: shown[name].to_numpy() for name in ("accuracy_test", "low", "high")},
                 **{SHORT[cost]: shown[cost].to_numpy() for cost in COSTS},
                 "on the front of": shown["front"].to_numpy(),
@@ -140,57 +138,55 @@ def _listed(rows: pd.DataFrame) -> Listed:
     )
 
 
-def _how(way: str, setting: str) -> str:
+def _point_name(way: str, setting: str) -> str:
     """
-    >>> _how("pruning, trained on", "50 % of the weights, trained on"), _how(NOTHING, "-")
+    >>> _point_name("pruning, trained on", "50 % of the weights, trained on"), _point_name(NOTHING, "-")
     ('pruning, trained on: 50 % of the weights', 'nothing saved')
     """
-    return way if way == NOTHING else f"{way}: {_alone(setting)}"
+    return way if way == NOTHING else f"{way}: {_bare(setting)}"
 
 
-def _alone(setting: str) -> str:
-    """A setting beside its way, which says itself that a network is trained on."""
+def _bare(setting: str) -> str:
+    """A setting without the words that the name of its way already contains."""
     return setting.removesuffix(", trained on")
 
 
 def _guess(rows: pd.DataFrame) -> float:
-    """The accuracy of guessing; 0 where a run of an earlier version does not hold it."""
+    """The accuracy of guessing; 0 if a run of an earlier version does not contain it."""
     return float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().all() else 0.0
 
 
 def cautions(results: pd.DataFrame) -> list[str]:
-    """What makes the answers of some sets worth little, one line each with the remedy."""
+    """What limits the answers of some sets, one line each with the remedy."""
     several = results["set"].nunique() > 1
     return [
         f"{name}: {line}" if several else line
         for name, rows in results.groupby("set", sort=False)
-        for line in _doubts(rows)
+        for line in _cautions_of(rows)
     ]
 
 
-def _doubts(rows: pd.DataFrame) -> Iterator[str]:
+def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
     base = rows[rows["way"] == NOTHING]
     if base.empty:
         return
     learned = _not_learned(base)
     if learned:
-        yield f"{learned}; give more trials, or windows that hold the touch (--window-ms, --set window.align=onset)"
+        yield f"{learned}; give more trials, or windows that contain the touch (--window-ms, --set window.align=onset)"
     seeds = base["seed"].nunique()
     if seeds < ENOUGH_SEEDS:
-        told = (
-            "one seed, so that no interval can be told" if seeds == 1 else f"{seeds} seeds, so that intervals are wide"
-        )
-        yield f"{told}: another split may turn the answer round; give --repeats {ENOUGH_SEEDS} or more"
+        reason = "one seed, so there is no interval" if seeds == 1 else f"{seeds} seeds, so intervals are wide"
+        yield f"{reason}: another split may reverse the answer; give --repeats {ENOUGH_SEEDS} or more"
     if "least_test_trials" in base and base["least_test_trials"].min() < FEW_PER_CLASS:
         least, trials = int(base["least_test_trials"].min()), int(base["test_trials"].min())
         yield (
             f"a seed tests {trials} trials, {least} of the rarest class: one trial is {100 / trials:.1f} points of "
-            "accuracy, so that smaller costs say nothing; record more"
+            "accuracy, and smaller differences mean nothing; record more"
         )
 
 
 def _not_learned(base: pd.DataFrame) -> str:
-    """That the network that saves nothing does no better than guessing, in words; nothing where it does."""
+    """A statement that the network that saves nothing is no better than guessing; empty if it is better."""
     if "test_trials" not in base or base["test_trials"].isna().any():
         return ""
     accuracy, guess = float(base["accuracy_test"].mean()), _guess(base)
@@ -204,13 +200,13 @@ def _not_learned(base: pd.DataFrame) -> str:
 
 
 def answers(results: pd.DataFrame, share: float = HALF) -> list[str]:
-    """One sentence for each set: what halving the SOPs costs in the best way, and with refractory periods.
+    """One sentence for each set: the cost of halving the SOPs in the best way, and with refractory periods.
 
-    The set is named where there are several.
+    The set is named if there are several.
     """
     several = results["set"].nunique() > 1
     sentences = {str(name): _answer(rows, share) for name, rows in results.groupby("set", sort=False)}
-    return [f"{name}: {said}" if several else said[0].upper() + said[1:] for name, said in sentences.items()]
+    return [f"{name}: {text}" if several else text[0].upper() + text[1:] for name, text in sentences.items()]
 
 
 def _answer(rows: pd.DataFrame, share: float) -> str:
@@ -218,7 +214,7 @@ def _answer(rows: pd.DataFrame, share: float) -> str:
     if base.empty:
         return "nothing to compare with, since no network without savings was trained."
     if unlearned := _not_learned(base):
-        return f"nothing was learned, so that no saving means anything: {unlearned}."
+        return f"nothing was learned, so no saving means anything: {unlearned}."
     found = halved(rows, share)
     head = (
         f"a network that saves nothing has {_percent(base['accuracy_test'].mean())} at "
@@ -229,14 +225,14 @@ def _answer(rows: pd.DataFrame, share: float) -> str:
     best = found[0]
     refractory = next((each for each in found if each.way == REFRACTORY), None)
     rival = next((each for each in found if each.way != REFRACTORY), None)
-    said = f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} of them, {_costs(best)}"
+    sentence = f"{_verdict(refractory, rival)}; {head}to save at least {_percent(1 - share)} of them, {_costs(best)}"
     if refractory is None:
-        return f"{said}, and {_too_little(rows, base)}."
+        return f"{sentence}, and {_too_little(rows, base)}."
     if refractory is best:
         other = f", and {_costs(rival)}" if rival else ""
-        return f"{said}{other}."
+        return f"{sentence}{other}."
     more = _words(interval_of(refractory.lost - best.lost, refractory.rows), "more", "less")
-    return f"{said}, and {_costs(refractory)}, {more} than {best.way}."
+    return f"{sentence}, and {_costs(refractory)}, {more} than {best.way}."
 
 
 def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
@@ -260,12 +256,12 @@ def _verdict(refractory: Halved | None, rival: Halved | None) -> str:
 def _costs(each: Halved) -> str:
     found = interval_of(each.lost, each.rows)
     verb = "costs" if found.mean >= 0 else "gains"
-    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({_alone(each.setting)})"
+    name = f"a {each.way} of {each.setting}" if each.way == REFRACTORY else f"{each.way} ({_bare(each.setting)})"
     return f"{name} {verb} {_points(found)} at {_percent(each.share)} of the SOPs"
 
 
 def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
-    """What the refractory period that saves most does instead."""
+    """The result of the refractory period that saves most, if none saves enough."""
     mine = [part for _, part in rows[rows["way"] == REFRACTORY].groupby("setting", sort=False)]
     if not mine:
         return "no refractory period was tried"
@@ -281,7 +277,7 @@ def _too_little(rows: pd.DataFrame, base: pd.DataFrame) -> str:
 
 
 def _points(found: Interval) -> str:
-    """Points of accuracy, as many as are lost or gained, with the interval of what is lost: 100 points at most."""
+    """Points of accuracy that are lost or gained, with the interval of this loss or gain, at most 100 points."""
     text = f"{100 * abs(found.mean):.1f} points"
     if np.isnan(found.low):
         return f"{text} (one seed)"

@@ -1,6 +1,6 @@
-"""A user's own file as the one set of a study: what is chosen for it, and what of it cannot be used.
+"""A user's own file as the only set of a study: the choices for it, and errors if it cannot be used.
 
-Window, seeds, clock and baseline are chosen as `own-recordings` chooses them.
+Window, seeds, clock and baseline are chosen as in the study `own-recordings`.
 """
 
 from collections.abc import Mapping
@@ -26,14 +26,14 @@ from neurotact.studies.protocol import Own
 from neurotact.studies.suited import AUTO, Recorded
 
 ENCODER = "sa1-ra1-lif"
-"""Whose conditioning is taken, but for the clock and a baseline that knows the whole trial."""
+"""The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
 SEED, SPLITS, GROUP = "sweep.seed", "sweep.split.seed", "split.group"
 OF_SET = ("window.", "conditioning.")
-"""What the keys of the set begin with that can be set, as those of a study of recordings."""
+"""Prefixes of the keys of the set that can be set, as in a study of recordings."""
 
 
 class Touches(NamedTuple):
-    """What a file holds: recordings, or events where `unit` is None.
+    """The content of a file: recordings, or events if `unit` is None.
 
     steps, clock_Hz: length of each trial, `(trial,)`, and steps per second, as the windows are cut.
     """
@@ -50,9 +50,9 @@ class Touches(NamedTuple):
 def own(path: Path, given: Mapping[str, Any]) -> Own:
     """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
 
-    Keys that begin with `window.` and `conditioning.`, `split.group` and the seeds of splits (`--repeats`) are those of
-    the file's set. Raises InputError for a file that holds no trials of two classes, for windows that a trial does not
-    hold, for trials that some seed cannot split, and for another way to choose test trials.
+    Keys that begin with `window.` and `conditioning.`, `split.group` and the seeds of splits (`--repeats`) apply to the
+    file's set. Raises InputError for a file without trials of two classes, for windows that do not fit into a trial,
+    for trials that some seed cannot split, and for another choice of test trials.
     """
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = given.get(GROUP) or ()
@@ -80,15 +80,15 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
 
 
 def _with_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys with all seeds that are given as `sweep.seed`: each seed has a split of its own."""
+    """The keys with all given seeds as `sweep.seed`: each seed has its own split."""
     wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
         raise InputError(
-            f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, so that --order, --folds and "
-            "--test-where do not fit it; give --group or --repeats, or leave it out"
+            f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, and --order, --folds and "
+            "--test-where do not apply; give --group or --repeats, or leave it out"
         )
     if SPLITS in given and "seed" in given:
-        raise InputError("--repeats: each seed has a split of its own, and seed is given, too; give one of both")
+        raise InputError("--repeats: each seed has its own split, and seed is also given; give only one of them")
     found = {key: value for key, value in given.items() if key not in (SPLITS, "seed")}
     if "seed" in given:
         found[SEED] = [given["seed"]]
@@ -96,14 +96,14 @@ def _with_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
-    """That of the shipped encoder on a clock of 1 kHz, with what is given."""
+    """The conditioning of the shipped encoder on a clock of 1 kHz, with the given changes."""
     asked = {
         key.removeprefix("conditioning."): value for key, value in given.items() if key.startswith("conditioning.")
     }
     if asked.get("baseline") in ACAUSAL:
         raise InputError(
-            f"conditioning.baseline: '{asked['baseline']}' knows the whole trial; name one of {', '.join(PAST)}, or "
-            "leave it out: then one of them is chosen on the training trials"
+            f"conditioning.baseline: '{asked['baseline']}' uses the whole trial; name one of {', '.join(PAST)}, or "
+            "leave it out: then the training trials choose one of them"
         )
     shipped = load(AfferentSpec, ENCODER).conditioning.model_dump(mode="json", exclude_none=True)
     found = build(ConditioningSpec, {**shipped, "resample_Hz": CLOCK_HZ, **asked}, source="conditioning")
@@ -111,7 +111,7 @@ def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _look(path: Path, clock_Hz: float) -> Touches:
-    """What a file holds; InputError for spikes that an encoder made, which have a refractory period already."""
+    """The content of a file; InputError for the spikes of an encoder, which already have a refractory period."""
     if hdf5.kind_of(path) == "recordings":
         recorded = suited.look(path, clock_Hz)
         with hdf5.open_recordings(path) as stored:
@@ -133,7 +133,7 @@ def _recorded(trains: SpikeTrains) -> Recorded:
 
 
 def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
-    """Refuse before anything is computed what a cell would refuse; seeds: as far as they are known here."""
+    """Raise, before anything is computed, the errors that a cell would raise; seeds: as far as they are known here."""
     classes = class_names(touches.conditions)
     if len(classes) < 2:
         raise InputError(f"{chosen.path}: holds one class, '{''.join(classes)}'; give trials of at least two")
@@ -147,5 +147,5 @@ def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
     if chosen.group:
         conditions = conditions.assign(group=touches.conditions[list(chosen.group)].astype(str).agg(", ".join, axis=1))
     for seed in seeds if isinstance(seeds, list) else []:
-        if isinstance(seed, int) and seed >= 0:  # others are refused with the sweep
+        if isinstance(seed, int) and seed >= 0:  # other values raise an error with the sweep
             sides(conditions, "groups" if chosen.group else "trials", seed)

@@ -1,8 +1,8 @@
-"""One task, all ways: every family of classifiers on every task, on the same splits, by accuracy and by cost.
+"""Accuracy and cost of every family of classifiers on every task, on the same splits.
 
-Two-dimensional families see a task's features, LSTM and GRU its sequences averaged down to a few steps, the spiking
-network its sequences as spikes. All wait for the same window of signal; only early exit decides sooner. Each family's
-settings are chosen on validation examples from a small grid.
+Families with two-dimensional input receive a task's features, LSTM and GRU its sequences averaged to a few steps, the
+spiking network its sequences as spikes. All use the same window of signal; only early exit decides sooner. The settings
+of each family are chosen from a small grid on validation examples.
 """
 
 from collections.abc import Iterator
@@ -27,13 +27,13 @@ COUNTED = ("macs", "acs", "other_flops", "parameters", "bytes")
 
 
 class TaskSpec(Spec):
-    """A task, and what of it is used."""
+    """A task, its settings, and the number of its examples."""
 
     task: Literal["gratings", "stiffness", "touch_modality", "compliance", "fabrics", "pvdf_hardness"] = "gratings"
     settings: dict[str, dict[str, Any]] = {}
     """For each task the keys of its own spec that differ from their defaults."""
     examples: int = Field(default=800, ge=10)
-    """At most so many, in whole groups."""
+    """Maximum number of examples, in whole groups."""
 
 
 class Parameters(Spec):
@@ -42,11 +42,11 @@ class Parameters(Spec):
     data: TaskSpec = TaskSpec()
     family: Literal["ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "SNN"] = "ELM"
     seed: int = Field(default=0, ge=0)
-    """Of the split, the weights and the order of training."""
+    """Random seed of the split, the weights and the order of training."""
 
 
 def load(data: TaskSpec) -> Arrays:
-    """The task's arrays; where its recordings are not at hand, only the sentence that says so, as `skipped`."""
+    """The task's arrays; if its recordings are not available, only `skipped`, the message with the reason."""
     try:
         source = source_of(data.task)
     except InputError as error:
@@ -90,7 +90,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
 
 
 def task_of(arrays: Arrays) -> TaskData:
-    """The task that `load` left."""
+    """The task in the arrays of `load`."""
     rate_Hz, unit = float(arrays["sampling_rate_Hz"]), str(arrays["unit"])
     return TaskData(arrays["features"], arrays["sequences"], rate_Hz, unit, arrays["labels"], arrays["groups"])
 
@@ -126,7 +126,7 @@ def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any)
     window_ms = 1e3 * task.sequences.shape[1] / task.sampling_rate_Hz
     rows = []
     for decided in spiking_family.decide(task, split, parameters.seed):
-        # Sequences are made sample by sample: who decides early pays for the samples until then.
+        # Sequences are made sample by sample: an early decision costs only the samples until then.
         needed = min(1.0, decided.cost.signal_ms / window_ms)
         before = _as_cost(arrays["before_sequences"] * np.array([needed, needed, needed, 1.0, 1.0])) + decided.encoder
         rows.append(
@@ -143,7 +143,7 @@ def _spiking(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any)
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Accuracy against the energy estimate and against the signal that must be waited for, a panel per task."""
+    """Accuracy against the energy estimate and against parameters, and the shares of energy, a panel per task."""
     shown = of_run(results)
     if shown.empty:
         return
@@ -151,23 +151,23 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         "accuracy-and-energy",
         "Accuracy against the energy estimate",
         figures.draw_trade_offs(shown, "energy_estimate_nJ", "energy estimate of a decision (nJ)"),
-        "Means over the splits with their deviations; the dotted line is the largest class, the open star decides "
-        "early. To the right it costs more, further down it errs more.",
+        "Means over the splits with their deviations; the dotted line is the largest class, the open star is early "
+        "exit. Marks further right cost more, marks further down make more errors.",
         "A panel per task, with a mark for each family of classifiers.",
     )
     yield Drawn(
         "accuracy-and-parameters",
         "Accuracy against parameters",
         figures.draw_trade_offs(shown, "parameters", "parameters"),
-        "The same rows against the numbers that training fixes.",
+        "The same rows against the number of parameters, which training sets.",
         "A panel per task, with a mark for each family of classifiers.",
     )
     yield Drawn(
         "where-the-energy-goes",
         "Energy before the classifier and of the whole decision",
         figures.draw_energy_shares(shown),
-        "What features, averaging or afferents take by themselves, and the whole decision, means over the splits.",
-        "A panel per task, two marks a family: the energy estimate before the classifier and of the whole.",
+        "The energy of features, averaging or afferents alone, and of the whole decision; means over the splits.",
+        "A panel per task, two marks per family: the energy estimate before the classifier and of the whole.",
     )
 
 
@@ -181,11 +181,11 @@ VIEW = View(
     ),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note="Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ a MAC and 0.9 pJ any other operation, "
-    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014). It counts all from the recorded samples on: conditioning, "
-    "features, averaging, afferents, classifier. Afferents are counted on every step and taxel, as digital neurons; an "
-    "analogue or event-driven encoder would not pay for them. Tasks whose recordings are not at hand are left out; the "
-    "column `skipped` of results.csv says why.",
+    note="Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other "
+    "operation, 32-bit floating point at 45 nm (Horowitz, ISSCC 2014). It counts everything from the recorded samples "
+    "on: conditioning, features, averaging, afferents, classifier. Afferents are counted on every step and taxel, as "
+    "digital neurons; an analogue or event-driven encoder would not have this cost. Tasks whose recordings are not "
+    "available are left out; the column `skipped` of results.csv gives the reason.",
     apart=("task",),
     spiking=("family", (spiking_family.FAMILY, spiking_family.EARLY)),
 )

@@ -1,7 +1,7 @@
-"""Spiking networks beside classical classifiers on the same windows, splits and spikes of several sets.
+"""Spiking networks compared with classical classifiers on the same windows, splits and spikes of several sets.
 
-The networks are the default recipe's, with and without recurrence. Logistic regression, support vector machines and
-extreme learning machines see signals and spikes, a GRU sees spikes. The sets and encoders are those of `ways_to_save`.
+The networks follow the default recipe, with and without recurrence. Logistic regression, support vector machines and
+extreme learning machines receive signals and spikes, a GRU receives spikes. Sets and encoders: as in `ways_to_save`.
 """
 
 from collections.abc import Iterator
@@ -30,10 +30,10 @@ from neurotact.studies.protocol import Arrays, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
-"""Of panels."""
+"""Columns of panels."""
 NETWORK_INPUT = "spikes: every step"
 MOST_MACHINES = 10_000
-"""Training windows up to which support vector machines are fitted: minutes, which a study of its own may take."""
+"""Training windows up to which support vector machines are fitted; this takes minutes."""
 
 
 class Parameters(Spec):
@@ -42,7 +42,7 @@ class Parameters(Spec):
     data: WaysData
     network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
     seed: int = Field(default=0, ge=0)
-    """Of the split, the weights and the order of training."""
+    """Random seed of the split, the weights and the order of training."""
 
 
 VIEW = View(
@@ -50,9 +50,9 @@ VIEW = View(
     measures=heads("accuracy_test accuracy_validation energy_estimate_nJ sops_total flops parameters signal_ms"),
     cost="energy_estimate_nJ",
     score="accuracy_test",
-    note="Each seed has a split of its own, the same for all classifiers. Energy is an estimate of the arithmetic from "
-    "the recording to the decision, encoder included, without memory. SOPs are of networks alone, FLOPs of the others. "
-    "Sets whose recordings are not at hand are left out; the column `skipped` of results.csv says why.",
+    note="Each seed has its own split, the same for all classifiers. Energy is an estimate of the arithmetic from "
+    "the recording to the decision, encoder included, without memory. Only networks have SOPs, the others FLOPs. "
+    "Sets whose recordings are not available are left out; the column `skipped` of results.csv gives the reason.",
     apart=("set", "split"),
 )
 
@@ -82,8 +82,8 @@ def _classical(bench: Bench, trains: SpikeTrains, seed: int) -> Iterator[dict[st
     cuts = baselines.cuts_of(trains.conditions, windows, trains.sampling_rate_Hz, bench.split, {})
     labels = trains.labels[windows.trial]
     inputs: list[Input] = []
-    if isinstance(bench.felt, Recordings):
-        inputs += baselines.signal_inputs(bench.felt, cuts)
+    if isinstance(bench.touches, Recordings):
+        inputs += baselines.signal_inputs(bench.touches, cuts)
     counts = list(baselines.spike_inputs(trains, (0.0, 0.0), cuts))
     inputs += counts
     wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
@@ -120,9 +120,9 @@ def points(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def answers(results: pd.DataFrame) -> list[str]:
-    """One sentence for each set and split: the best network beside the best classical classifier.
+    """One sentence for each set and split: the best network compared with the best classical classifier.
 
-    Best by validation accuracy, of equal ones with the least energy; differences are taken seed by seed.
+    Validation accuracy decides, for equal ones the least energy; differences are computed seed by seed.
     """
     shown = of_run(results)
     return [_answer(*key, rows) for key, rows in shown.groupby(["set", "split"], sort=False)]  # pyright: ignore
@@ -130,14 +130,14 @@ def answers(results: pd.DataFrame) -> list[str]:
 
 def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     spikes = rows["classifier"].isin(list(MODELS))
-    ours, theirs = (_best(part) for part in (rows[spikes], rows[~spikes]))
-    gained = ours.set_index("seed")["accuracy_test"] - theirs.set_index("seed")["accuracy_test"]
-    found = fronts.interval_of(100 * gained.to_numpy(), ours)
+    network, classical = (_best(part) for part in (rows[spikes], rows[~spikes]))
+    gained = network.set_index("seed")["accuracy_test"] - classical.set_index("seed")["accuracy_test"]
+    found = fronts.interval_of(100 * gained.to_numpy(), network)
     within = f" (95 % interval {found.low:.1f} to {found.high:.1f})" if len(gained) > 1 else " (one seed)"
     verb = "more" if found.mean >= 0 else "fewer"
     return (
-        f"{name}, split by {split}: {_words(ours)}; {_words(theirs)}; the network has {abs(found.mean):.1f} points "
-        f"{verb}{within}."
+        f"{name}, split by {split}: {_words(network)}; {_words(classical)}; the network has {abs(found.mean):.1f} "
+        f"points {verb}{within}."
     )
 
 
@@ -159,11 +159,11 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         return
     yield Drawn(
         "real-sets",
-        "Spiking networks beside classical classifiers",
+        "Spiking networks compared with classical classifiers",
         draw_points(points(shown)),
-        "Mean test accuracy over seeds with its 95 % interval where there are several, on the same windows and splits. "
+        "Mean test accuracy over seeds with its 95 % interval if there are several, on the same windows and splits. "
         "Spiking networks are filled. LR: logistic regression.",
-        "A panel per set and split; a mark per classifier and input, further right the more accurate.",
+        "A panel per set and split; a mark per classifier and input; more accurate ones are further right.",
     )
 
 

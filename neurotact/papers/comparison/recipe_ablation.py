@@ -1,6 +1,6 @@
-"""What each choice of the default recipe is worth: the same network with one thing taken away or changed, set by set.
+"""Ablation of the default recipe: the same network with one choice removed or changed, on each set.
 
-The sets, their splits and their encoders are those of `ways_to_save` (`sets.py`).
+The sets, their splits and their encoders are the same as in `ways_to_save` (`sets.py`).
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,20 +24,20 @@ from neurotact.studies.protocol import Arrays, View, heads
 
 WHOLE = "the recipe"
 LEAST_POINTS = 5.0
-"""To either side of 0 on the figure's axis; intervals that reach beyond it are cut."""
+"""Minimum range of the figure's axis on either side of 0; intervals beyond it are cut."""
 
 
 class Parameters(Spec):
-    """The recipe, and the recipe with one thing taken away or changed, on one set."""
+    """The recipe, and the recipe with one choice removed or changed, on one set."""
 
     data: WaysData
     without: dict[str, tuple[str, ...]] = {}
-    """Keys that fall back to what a network without a recipe has, under the name of the choice that is taken away."""
+    """Keys that get the value of a network without a recipe, under the name of the removed choice."""
     instead: dict[str, dict[str, Any]] = {}
     """Keys with other values, under the name of the change."""
     network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
     seed: int = Field(default=0, ge=0)
-    """Of the split, the weights and the order of training."""
+    """Random seed of the split, the weights and the order of training."""
 
 
 VIEW = View(
@@ -45,9 +45,9 @@ VIEW = View(
     measures=heads("accuracy_test accuracy_validation sops_total hidden_spikes"),
     cost="sops_total",
     score="accuracy_test",
-    note="Each seed has a split of its own, the same for all changes. A change that leaves the network of a set as "
-    "it is has no row there. Sets whose recordings are not at hand are left out; the column `skipped` of results.csv "
-    "says why.",
+    note="Each seed has its own split, the same for all changes. A change that does not alter the network of a set has "
+    "no row there. Sets whose recordings are not available are left out; the column `skipped` of results.csv gives the "
+    "reason.",
 )
 
 load = sets.load
@@ -65,9 +65,9 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
 
 
 def variants(whole: RSNNSpec, parameters: Parameters) -> dict[str, RSNNSpec]:
-    """The network of each change by its name, but for those that change nothing.
+    """The network of each change by its name, without changes that alter nothing.
 
-    whole: what the recipe chose.
+    whole: the network that the recipe chose.
 
     >>> asked = Parameters(
     ...     data={"set": "a", "sets": {"a": {"simulate": "gratings"}}}, without={"readout": ("readout",)},
@@ -93,12 +93,12 @@ def _plain() -> dict[str, Any]:
 
 def _of(plain: Mapping[str, Any], key: str) -> Any:
     if key not in plain:
-        raise InputError(f"parameters.without: '{key}' is no key of a network; {nearest(key, list(plain))}")
+        raise InputError(f"parameters.without: '{key}' is not a key of a network; {nearest(key, list(plain))}")
     return plain[key]
 
 
 def changes(results: pd.DataFrame) -> pd.DataFrame:
-    """A row for each set and change: the accuracy that is lost beside the recipe, seed by seed.
+    """A row for each set and change: the accuracy that is lost compared with the recipe, seed by seed.
 
     results: rows with set, change, seed, n_train, n_test, accuracy_test and sops_total.
     Columns: set, change, seeds, accuracy_test (mean), lost (mean of the differences), low and high (95 % interval of
@@ -119,22 +119,22 @@ def changes(results: pd.DataFrame) -> pd.DataFrame:
 
 
 def answers(results: pd.DataFrame) -> list[str]:
-    """One sentence for each set: what the recipe reaches, and which choice is worth most."""
+    """One sentence for each set: the accuracy of the recipe, and the change with the largest loss."""
     shown = of_run(results)
     found = changes(shown) if not shown.empty else pd.DataFrame()
     sentences = []
     for name, rows in shown.groupby("set", sort=False):
         reached = rows.loc[rows["change"] == WHOLE, "accuracy_test"].mean()
         mine = found[found["set"] == name]
-        said = f"{name}: the recipe has {100 * reached:.1f} %"
+        sentence = f"{name}: the recipe has {100 * reached:.1f} %"
         if not mine.empty:
             most = mine.loc[mine["lost"].idxmax()]
             verb = "loses" if most["lost"] > 0 else "gains"
-            said += f"; of {len(mine)} changes '{most['change']}' {verb} most, {100 * abs(most['lost']):.1f} points"
+            sentence += f"; of {len(mine)} changes '{most['change']}' {verb} most, {100 * abs(most['lost']):.1f} points"
             better = mine[mine["high"] < 0]
             if not better.empty:
-                said += f", and {len(better)} do better by more than their interval: {', '.join(better['change'])}"
-        sentences.append(f"{said}.")
+                sentence += f", and {len(better)} do better by more than their interval: {', '.join(better['change'])}"
+        sentences.append(f"{sentence}.")
     return sentences
 
 
@@ -145,11 +145,11 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
         return
     yield Drawn(
         "recipe-ablation",
-        "What each choice of the recipe is worth",
+        "Accuracy lost by each change of the recipe",
         draw_changes(changes(shown)),
-        "Mean over seeds of the test accuracy that a change loses beside the recipe, on the same split, with its 95 % "
-        "interval where there are several seeds; cut where they leave the axis. Left of 0 the change does better.",
-        "A panel per set; a mark per change, right of the line at 0 where the change loses accuracy.",
+        "Mean over seeds of the test accuracy that a change loses compared with the recipe, on the same split, with "
+        "its 95 % interval if there are several seeds, cut at the ends of the axis. Left of 0 the change is better.",
+        "A panel per set; a mark per change, right of the line at 0 if the change loses accuracy.",
     )
 
 

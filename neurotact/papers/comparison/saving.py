@@ -1,7 +1,7 @@
-"""One network trained and run with one way to save: fewer spikes, weights, neurons, taxels, or less time.
+"""One network, trained and run with one way to save: fewer spikes, weights, neurons, taxels, or less time.
 
-All that is not named by a `Setting` is the same for all ways: recordings, split, calibrated gains, seeds, the network's
-recipe. What is chosen (gains, taxels, weights, patience) is chosen on training and validation windows alone.
+Everything that a `Setting` does not name is the same for all ways: recordings, split, calibrated gains, seeds, the
+network's recipe. All choices (gains, taxels, weights, patience) use only training and validation windows.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,55 +29,55 @@ from neurotact.spec import Spec, build
 
 Share = Annotated[float, Field(gt=0, le=1)]
 TRAINED_ON = 0.25
-"""Of the epochs, those that a pruned network is trained on for."""
+"""Share of the epochs for the further training of a pruned network."""
 AFTERWARDS = ("prune", "train_on", "exit_tolerance")
-"""Keys that change nothing of the first training."""
+"""Keys that do not change the first training."""
 
 
 class Setting(Spec):
-    """What is saved, and how much; by default nothing."""
+    """One way to save and its amount; by default nothing is saved."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("adaptation",)
     t_ref_steps: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
-    """Refractory periods of RA-I and SA-I in steps of the set's clock; events have one, the first."""
+    """Refractory periods of RA-I and SA-I in steps of the set's clock; events use only the first."""
     rate_penalty: float | None = Field(default=None, ge=0)
     """`training.rate_penalty`, on the spikes of a hidden neuron in a window."""
     adaptation: float = Field(default=0.0, ge=0)
-    """`threshold_adaptation`: by how much each spike of a hidden neuron raises its threshold."""
+    """`threshold_adaptation`: the rise of a hidden neuron's threshold at each of its spikes."""
     time_constants: float = Field(default=1.0, gt=0)
-    """Times the time constants that the network has otherwise."""
+    """Factor of the network's time constants."""
     taxels: Share = 1.0
-    """Those whose spikes per training window vary most."""
+    """Share of the taxels: those with the largest variance of spikes per training window."""
     window: Share = 1.0
-    """Of the window's length, from its start."""
+    """Share of the window's length, from its start."""
     hidden: Share = 1.0
-    """Of the hidden neurons."""
+    """Share of the hidden neurons."""
     recurrence: bool = True
     prune: float | None = Field(default=None, gt=0, lt=1)
-    """Weights of each matrix that are set to 0 after training, the smallest ones."""
+    """Share of the weights of each matrix, the smallest ones, that are set to 0 after training."""
     train_on: bool = False
-    """Train the weights that remain for a quarter of the epochs."""
+    """Train the remaining weights for a quarter of the epochs."""
     exit_tolerance: float | None = Field(default=None, ge=0, lt=1)
-    """Early exit, with the least patience that loses so much validation accuracy at most."""
+    """Early exit, with the least patience that loses at most this validation accuracy."""
 
     @model_validator(mode="after")
     def _trains_on_what_is_pruned(self) -> "Setting":
         if self.train_on and self.prune is None:
-            raise ValueError("train_on goes on with a pruned network; give prune, too")
+            raise ValueError("train_on trains a pruned network further; give prune, too")
         return self
 
     def first_training(self) -> str:
-        """What decides the first training; settings that agree in it share one."""
+        """The keys that decide the first training, as JSON; settings with the same text share one training."""
         return self.model_dump_json(exclude={*AFTERWARDS})
 
 
 class Bench(NamedTuple):
-    """What all ways share.
+    """The inputs that all ways share.
 
-    felt: recordings, to be encoded by `encoder`, or spikes, where it is None; window: of the set; network: its spec.
+    touches: recordings, to be encoded by `encoder`, or spikes if it is None; window: of the set; network: its spec.
     """
 
-    felt: Recordings | SpikeTrains
+    touches: Recordings | SpikeTrains
     encoder: AfferentSpec | None
     split: Split
     window: WindowSpec
@@ -86,9 +86,9 @@ class Bench(NamedTuple):
 
 
 class Sides(NamedTuple):
-    """Windows of training, validation and test trials, the spike trains that they are cut from, and what encoded them.
+    """Windows of training, validation and test trials, the spike trains from which they are cut, and the encoder.
 
-    encoder: as saved with the spikes; None for events. n_taxels: those that afferents are left of.
+    encoder: as saved with the spikes; None for events. n_taxels: number of the remaining taxels.
     """
 
     training: Examples
@@ -100,7 +100,7 @@ class Sides(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """A trained network, the windows that it was made for, and what drew their order."""
+    """A trained network, its windows, and the random generator of their order."""
 
     network: RSNN
     sides: Sides
@@ -110,7 +110,7 @@ class Fitted(NamedTuple):
 def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[str, Any]:
     """A row of results: accuracies, SOPs, energy and signal of a decision with one setting.
 
-    known: first trainings by their name, to which this one is added.
+    known: first trainings by their key; a new one is added.
     """
     name = setting.first_training()
     if name not in known:
@@ -128,7 +128,7 @@ def measured(bench: Bench, setting: Setting, known: dict[str, Fitted]) -> dict[s
 
 
 def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False) -> dict[str, Any]:
-    """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the weights that remain."""
+    """Accuracies, SOPs, energy and signal of a decision; of a pruned network, SOPs of the remaining weights."""
     network, validation, test = fitted.network, fitted.sides.validation, fitted.sides.test
     found = network.infer(test.spikes, rule)
     counted = pruning.remaining_synops(network, test.spikes) if pruned else measuring.synops_of(found, network)
@@ -148,19 +148,19 @@ def row_of(fitted: Fitted, rule: ExitRule = FULL_WINDOW, *, pruned: bool = False
 
 def cut(bench: Bench, setting: Setting) -> Sides:
     """The windows of each side under a setting's refractory periods, taxels and length."""
-    trains = _sent(bench, setting)
+    trains = _encoded(bench, setting)
     step_ms = 1e3 / trains.sampling_rate_Hz
     hop_ms = bench.window.hop_ms or bench.window.length_ms
     length_ms = max(1, round(setting.window * bench.window.length_ms / step_ms)) * step_ms
     window = bench.window.model_copy(update={"length_ms": length_ms, "hop_ms": hop_ms})
     sides = [tasks.examples_of(trains, side, window)[0] for side in bench.split]
-    kept, n_taxels = _kept(trains, sides[0].spikes, setting.taxels)
+    kept, n_taxels = _select_afferents(trains, sides[0].spikes, setting.taxels)
     training, validation, test = (Examples(side.spikes[:, :, kept].contiguous(), side.labels) for side in sides)
     return Sides(training, validation, test, trains, None if bench.encoder is None else trains.encoder, n_taxels)
 
 
 def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
-    """A network trained on them; the seeds are of its weights and of the order of windows."""
+    """A network trained on `sides`; seeds: of its weights and of the order of windows."""
     weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
     n_classes, rate_Hz = len(sides.trains.classes), sides.trains.sampling_rate_Hz
     network = fitting.begin(sides.training.spikes, n_classes, spec, rate_Hz, weights)
@@ -169,10 +169,10 @@ def fit(sides: Sides, spec: RSNNSpec, seeds: tuple[int, int]) -> Fitted:
 
 
 def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: int) -> RSNNSpec:
-    """The network's spec with what its recipe chooses for training windows, and what the setting changes of it.
+    """The network's spec with the choices of its recipe for the training windows, and the changes of the setting.
 
-    whole_steps: of a window that is not shortened. It decides whether the network is recurrent, so that a shorter
-    window is a shorter window alone.
+    whole_steps: steps of the full window. They decide whether the network is recurrent, so a setting with a shorter
+    window changes nothing else.
 
     >>> spec = changed(RSNNSpec(recipe="default", hidden=50), Setting(hidden=0.5, time_constants=2), recipe.Seen(
     ...     900, 200, 1000.0, 50.0), 800)
@@ -197,36 +197,36 @@ def changed(spec: RSNNSpec, setting: Setting, seen: recipe.Seen, whole_steps: in
     return build(RSNNSpec, table, source="a way to save")
 
 
-def _sent(bench: Bench, setting: Setting) -> SpikeTrains:
+def _encoded(bench: Bench, setting: Setting) -> SpikeTrains:
     """The spikes of every trial under the setting's refractory periods."""
-    if isinstance(bench.felt, SpikeTrains):
-        return bench.felt if setting.t_ref_steps is None else with_dead_time(bench.felt, setting.t_ref_steps[0])
+    if isinstance(bench.touches, SpikeTrains):
+        return bench.touches if setting.t_ref_steps is None else with_dead_time(bench.touches, setting.t_ref_steps[0])
     assert bench.encoder is not None
     encoder = bench.encoder
     if setting.t_ref_steps is not None:
-        step_ms = 1e3 / (encoder.conditioning.resample_Hz or bench.felt.sampling_rate_Hz)
+        step_ms = 1e3 / (encoder.conditioning.resample_Hz or bench.touches.sampling_rate_Hz)
         periods = zip(("ra1", "sa1"), setting.t_ref_steps, strict=True)
         update = {part: getattr(encoder, part).model_copy(update={"t_ref_ms": n * step_ms}) for part, n in periods}
         encoder = encoder.model_copy(update=update)
-    return encode_recordings(bench.felt, encoder)
+    return encode_recordings(bench.touches, encoder)
 
 
-def _kept(trains: SpikeTrains, training: torch.Tensor, share: float) -> tuple[list[int], int]:
-    """The afferents of the taxels that stay, and how many taxels these are.
+def _select_afferents(trains: SpikeTrains, training: torch.Tensor, share: float) -> tuple[list[int], int]:
+    """The afferents of the selected taxels, and the number of these taxels.
 
-    Those stay whose spikes per training window vary most.
+    Selected are the taxels with the largest variance of spikes per training window.
     """
-    ends = taxels_of(trains.afferents)
-    taxels = list(dict.fromkeys(ends))
+    taxel_of = taxels_of(trains.afferents)
+    taxels = list(dict.fromkeys(taxel_of))
     counts = training.sum(dim=1, dtype=torch.float64)
-    spread = [float(counts[:, [end == taxel for end in ends]].sum(dim=1).var(correction=0)) for taxel in taxels]
+    spread = [float(counts[:, [each == taxel for each in taxel_of]].sum(dim=1).var(correction=0)) for taxel in taxels]
     best = np.argsort(spread, kind="stable")[::-1][: n_kept(len(taxels), share)]
-    stay = {taxels[index] for index in best}
-    return [index for index, end in enumerate(ends) if end in stay], len(stay)
+    selected = {taxels[index] for index in best}
+    return [index for index, taxel in enumerate(taxel_of) if taxel in selected], len(selected)
 
 
 def taxels_of(afferents: Sequence[str]) -> list[str]:
-    """The taxel of each afferent: what stands in its name after its population.
+    """The taxel of each afferent: the part of its name after the population.
 
     >>> taxels_of(["SA-I left thumb", "RA-I left thumb", "key4"])
     ['left thumb', 'left thumb', 'key4']
@@ -243,7 +243,7 @@ def n_kept(n_taxels: int, share: float) -> int:
 
 
 def _pruned(fitted: Fitted, setting: Setting) -> Fitted:
-    """The network with its smallest weights at 0, trained on where that is asked; the first one stays as it is."""
+    """A copy of the network with its smallest weights at 0, and with further training if the setting requests it."""
     assert setting.prune is not None
     before = fitted.network
     spec = before.spec

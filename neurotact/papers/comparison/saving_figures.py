@@ -17,7 +17,7 @@ COLOURS = (
     "#8c510a",
 )  # fmt: skip
 MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "<", ">", "p")
-"""Of each way, in turn."""
+"""Colours and markers of the ways, in turn."""
 SOPS = "sops_total"
 
 
@@ -45,7 +45,7 @@ def draw_fronts(points: pd.DataFrame) -> Figure:
 def draw_costs(points: Mapping[str, pd.DataFrame]) -> Figure:
     """A panel per cost, a line per way, of one set.
 
-    points: of `fronts.fronts`, by the column of the cost that its fronts are of.
+    points: of `fronts.fronts`, by the cost column of its fronts.
     """
     figure = new_figure(3.8)
     panels = figure.subplots(1, len(points), sharey=True, squeeze=False)[0].tolist()
@@ -82,7 +82,7 @@ def _draw_set(axes: Axes, points: pd.DataFrame, ways: list[str], cost: str) -> N
 
 
 def _whiskers(rows: pd.DataFrame) -> np.ndarray:
-    """How far the interval reaches below and above each mean, within 0 to 100 %; nothing where there is none."""
+    """Distances of the interval's ends below and above each mean, within 0 to 100 %; 0 without an interval."""
     mean = rows["accuracy_test"]
     low, high = (rows[bound].clip(0, 1).fillna(mean) for bound in ("low", "high"))
     return np.array([mean - low, high - mean])

@@ -1,4 +1,4 @@
-"""The sets of touches that networks are compared on: simulated, read as published, or a user's own file."""
+"""The sets of touches on which networks are compared: simulated, read as published, or a user's own file."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
@@ -28,7 +28,7 @@ CALIBRATED_AT_MS = 1.0
 
 
 class SetSpec(Spec):
-    """A set of touches: simulated, read in a published format, or a file of one's own."""
+    """A set of touches: simulated, read in a published format, or a user's own file."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline")
     simulate: str | None = None
@@ -36,17 +36,17 @@ class SetSpec(Spec):
     """Keys of the simulator that differ from their defaults."""
     read: str | None = None
     path: str | None = None
-    """Of what is read; without `read`, of an HDF5 file of recordings or of events."""
+    """The path to read; without `read`, the path of an HDF5 file of recordings or of events."""
     content: str | None = None
-    """Digest of the trials in a file of one's own (`data.digests.content_digest`)."""
+    """Digest of the trials in a user's own file (`data.digests.content_digest`)."""
     unit: str = "mV"
     conditioning: ConditioningSpec = ConditioningSpec()
-    """Before the afferents; `resample_Hz` is their clock. Events have none."""
+    """Conditioning before the afferents; `resample_Hz` is their clock. Events have none."""
     choose_baseline: bool = False
-    """Choose the baseline on training trials, of those that know the past alone; that of `conditioning` gives way."""
+    """Choose a causal baseline on training trials, in place of the baseline of `conditioning`."""
     window: WindowSpec = WindowSpec()
     group: tuple[str, ...] = ()
-    """Conditions that name a group: trials that agree in them stand on one side where `split` is by groups."""
+    """Conditions that name a group: if `split` is by groups, trials with equal values are on one side."""
 
     @model_validator(mode="after")
     def _has_one_source_as_recorded(self) -> "SetSpec":
@@ -59,18 +59,18 @@ class SetSpec(Spec):
 
 
 class WaysData(Spec):
-    """One of several sets."""
+    """The chosen set, all sets, and the kind of split."""
 
     later_keys: ClassVar[tuple[str, ...]] = ("split",)
     set: str
     sets: dict[str, SetSpec]
     split: Literal["trials", "groups"] = "trials"
-    """What stands on one side of a split, drawn at random: single trials, or the set's groups."""
+    """The units of the random split: single trials, or the set's groups."""
 
     @model_validator(mode="after")
     def _names_a_set(self) -> "WaysData":
         if self.set not in self.sets:
-            raise ValueError(f"set: '{self.set}' is none of the sets; {nearest(self.set, list(self.sets))}")
+            raise ValueError(f"set: '{self.set}' is not one of the sets; {nearest(self.set, list(self.sets))}")
         return self
 
     @property
@@ -79,9 +79,9 @@ class WaysData(Spec):
 
 
 def load(data: WaysData) -> Arrays:
-    """The recordings up to the end of their last window, or the spikes of events; or only why they are left out.
+    """The recordings up to the end of their last window, or the spikes of events; or only the reason for their absence.
 
-    Raises InputError for a file of one's own that is not there, or is no longer what it was when the study began.
+    Raises InputError if a user's own file does not exist, or was changed since the study began.
     """
     chosen = data.chosen
     if chosen.content is not None:
@@ -91,83 +91,83 @@ def load(data: WaysData) -> Arrays:
             raise InputError("the set names no group to split by")
         if chosen.simulate is not None:
             source = simulator(chosen.simulate)
-            felt: Recordings | SpikeTrains = source.simulate(source.build(chosen.simulation, data.set), None)
+            touches: Recordings | SpikeTrains = source.simulate(source.build(chosen.simulation, data.set), None)
         else:
             assert chosen.read is not None
             assert chosen.path is not None
-            felt = reader(chosen.read).read(expand(chosen.path))
+            touches = reader(chosen.read).read(expand(chosen.path))
     except InputError as error:
         return left_out(data.set, error)
-    return _arrays_of(felt, chosen)
+    return _arrays_of(touches, chosen)
 
 
-def _arrays_of(felt: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
-    """Of trials cut to one length: `signals`, `(trial, time, taxel)`, or `raster`, `(trial, time, afferent)`."""
-    rate_Hz, last_ms = felt.sampling_rate_Hz, _last_ms(chosen.window)
-    shared = _shared(felt, chosen)
-    if isinstance(felt, SpikeTrains):
-        whole = Windows(np.arange(len(felt)), np.zeros(len(felt), np.int64), int(felt.trial_steps.min()))
-        return {**shared, "raster": felt.raster(whole), "afferents": np.array(felt.afferents)}
-    felt = felt.to_unit(chosen.unit)
-    shortest = min(len(signal) for signal in felt.signals)
+def _arrays_of(touches: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
+    """Arrays of trials cut to one length: `signals`, `(trial, time, taxel)`, or `raster`, `(trial, time, afferent)`."""
+    rate_Hz, last_ms = touches.sampling_rate_Hz, _last_ms(chosen.window)
+    shared = _shared(touches, chosen)
+    if isinstance(touches, SpikeTrains):
+        whole = Windows(np.arange(len(touches)), np.zeros(len(touches), np.int64), int(touches.trial_steps.min()))
+        return {**shared, "raster": touches.raster(whole), "afferents": np.array(touches.afferents)}
+    touches = touches.to_unit(chosen.unit)
+    shortest = min(len(signal) for signal in touches.signals)
     if shortest < last_ms * 1e-3 * rate_Hz:
         raise InputError(
-            f"{felt.source}: the shortest trial lasts {1e3 * shortest / rate_Hz:.0f} ms, which does not hold windows "
-            f"up to {last_ms:g} ms; shorten the window"
+            f"{touches.source}: the shortest trial lasts {1e3 * shortest / rate_Hz:.0f} ms, too short for windows that "
+            f"end at {last_ms:g} ms; shorten the window"
         )
     longest = min(_n_samples(last_ms, rate_Hz), shortest)
-    return {**shared, "signals": np.stack([np.asarray(signal[:longest], np.float32) for signal in felt.signals])}
+    return {**shared, "signals": np.stack([np.asarray(signal[:longest], np.float32) for signal in touches.signals])}
 
 
 def _arrays_of_file(chosen: SetSpec) -> Arrays:
-    """Of trials of any lengths, end to end.
+    """Arrays of trials of any lengths, concatenated.
 
     Recordings: `values`, `(sample, taxel)`, and `lengths`, `(trial,)`. Events: `steps` and `units`, `(spike,)`, and
     `counts` and `trial_steps`, `(trial,)`.
     """
     assert chosen.path is not None
-    felt = hdf5.load(expand(chosen.path))
-    if content_digest(felt) != chosen.content:
-        raise InputError(f"{chosen.path}: its trials changed since this study began; run it into another folder")
-    shared = _shared(felt, chosen)
-    if isinstance(felt, SpikeTrains):
+    touches = hdf5.load(expand(chosen.path))
+    if content_digest(touches) != chosen.content:
+        raise InputError(f"{chosen.path}: its trials changed since this study began; run it in another folder")
+    shared = _shared(touches, chosen)
+    if isinstance(touches, SpikeTrains):
         return {
             **shared,
-            "steps": np.concatenate([np.asarray(steps, np.int64) for steps in felt.steps]),
-            "units": np.concatenate([np.asarray(units, np.int64) for units in felt.units]),
-            "counts": np.array([len(steps) for steps in felt.steps]),
-            "trial_steps": felt.trial_steps,
-            "afferents": np.array(felt.afferents),
+            "steps": np.concatenate([np.asarray(steps, np.int64) for steps in touches.steps]),
+            "units": np.concatenate([np.asarray(units, np.int64) for units in touches.units]),
+            "counts": np.array([len(steps) for steps in touches.steps]),
+            "trial_steps": touches.trial_steps,
+            "afferents": np.array(touches.afferents),
         }
-    # What comes after the last window is seen by none; where windows start at contact, that is not known yet.
+    # No window contains the signal after the last one; if windows start at contact, its end is not known yet.
     is_whole = chosen.window.align == "onset" or chosen.window.per_trial is None
-    most = None if is_whole else _n_samples(_last_ms(chosen.window), felt.sampling_rate_Hz)
-    signals = [np.asarray(signal[:most], np.float32) for signal in felt.signals]
+    most = None if is_whole else _n_samples(_last_ms(chosen.window), touches.sampling_rate_Hz)
+    signals = [np.asarray(signal[:most], np.float32) for signal in touches.signals]
     lengths = np.array([len(signal) for signal in signals])
-    return {**shared, "values": np.concatenate(signals), "lengths": lengths, "channels": np.array(felt.channels)}
+    return {**shared, "values": np.concatenate(signals), "lengths": lengths, "channels": np.array(touches.channels)}
 
 
-def _shared(felt: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
-    """Class, and group where the set names one, of each trial; the sampling rate."""
-    conditions = felt.conditions[[LABEL, *chosen.group]].astype(str)
-    shared = {"labels": conditions[LABEL].to_numpy(dtype=str), "sampling_rate_Hz": np.array(felt.sampling_rate_Hz)}
+def _shared(touches: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
+    """The class of each trial, its group if the set names one, and the sampling rate."""
+    conditions = touches.conditions[[LABEL, *chosen.group]].astype(str)
+    shared = {"labels": conditions[LABEL].to_numpy(dtype=str), "sampling_rate_Hz": np.array(touches.sampling_rate_Hz)}
     if chosen.group:
         shared["groups"] = conditions[list(chosen.group)].agg(", ".join, axis=1).to_numpy(dtype=str)
     return shared
 
 
 def _last_ms(window: WindowSpec) -> float:
-    """Where the last window of a trial ends, at the latest."""
+    """The latest possible end of the last window of a trial."""
     return window.start_ms + (window.per_trial or 1) * (window.hop_ms or window.length_ms)
 
 
 def _n_samples(last_ms: float, rate_Hz: float) -> int:
-    """One sample more than the windows need, so that a slower clock does not end within the last window."""
+    """One sample more than the windows require: then a slower clock does not end within the last window."""
     return int(np.ceil(last_ms * 1e-3 * rate_Hz)) + 1
 
 
 def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Bench:
-    """What all ways share on one set and seed: gains are calibrated on the training trials."""
+    """The inputs that all ways share on one set and seed; gains are calibrated on the training trials."""
     chosen = data.chosen
     rate_Hz = float(arrays["sampling_rate_Hz"])
     conditions = pd.DataFrame({LABEL: arrays["labels"]})
@@ -175,13 +175,13 @@ def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Be
     seeds = (2 * seed, 2 * seed + 1)
     if "afferents" in arrays:
         return Bench(_trains_of(arrays, rate_Hz, conditions), None, split, chosen.window, network, seeds)
-    felt = Recordings(_signals_of(arrays), rate_Hz, chosen.unit, conditions, _names(arrays, "channels"), data.set)
-    encoder = _calibrated(felt.select(split.train), chosen, step_ms(data, arrays))
-    return Bench(felt, encoder, split, chosen.window, network, seeds)
+    touches = Recordings(_signals_of(arrays), rate_Hz, chosen.unit, conditions, _names(arrays, "channels"), data.set)
+    encoder = _calibrated(touches.select(split.train), chosen, step_ms(data, arrays))
+    return Bench(touches, encoder, split, chosen.window, network, seeds)
 
 
 def sides(conditions: pd.DataFrame, by: Literal["trials", "groups"], seed: int) -> Split:
-    """The split of a seed. conditions: with the column `label`, and by groups the column `group`."""
+    """The split of a seed. conditions: with the column `label` and, for a split by groups, the column `group`."""
     return split_conditions(conditions, (), SplitSpec(seed=2 * seed, group=("group",) if by == "groups" else ()))
 
 
@@ -207,8 +207,8 @@ def _names(arrays: Arrays, key: str) -> tuple[str, ...]:
 def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> AfferentSpec:
     """Afferents with gains fitted on training trials, on the set's clock and with refractory periods of a step.
 
-    Gains are fitted on a clock of 1 ms, or the set's where that is finer: they are per ms, so that they hold on slower
-    ones, where too many intervals would be of a single step.
+    Gains are fitted on a clock of 1 ms, or on the set's clock if it is finer. They are per ms, so they apply to slower
+    clocks, on which too many intervals would be of a single step.
     """
     fine_ms = min(CALIBRATED_AT_MS, step_ms)
     least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
@@ -222,5 +222,5 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
 
 
 def step_ms(data: WaysData, arrays: Arrays) -> float:
-    """A step of the clock that afferents or events are on."""
+    """A step of the clock of afferents or events."""
     return 1e3 / (data.chosen.conditioning.resample_Hz or float(arrays["sampling_rate_Hz"]))

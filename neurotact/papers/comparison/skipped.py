@@ -1,4 +1,4 @@
-"""Tasks and sets whose recordings are not at hand: what stands in place of their data and of their results."""
+"""Tasks and sets whose recordings are not available: placeholders for their data and their results."""
 
 import logging
 from collections.abc import Iterable
@@ -12,21 +12,21 @@ from neurotact.studies.protocol import Arrays
 log = logging.getLogger("neurotact")
 
 SKIPPED = "skipped"
-"""Why there are no results: the name of an array, and a column that is empty for what was run."""
+"""The reason for missing results: the name of an array, and of a column that is empty for rows with results."""
 
 
 def left_out(name: str, error: InputError) -> Arrays:
-    """In place of the data of a task or set, with a warning."""
+    """A placeholder for the data of a task or set; logs a warning."""
     why = f"{name} is left out: {error}"
     log.warning("%s", why)
     return {SKIPPED: np.array(why)}
 
 
 def skipped_row(arrays: Arrays, measures: Iterable[str]) -> dict[str, object]:
-    """In place of its results: every measure is NaN."""
+    """A placeholder for the results: every measure is NaN."""
     return {**dict.fromkeys(measures, float("nan")), SKIPPED: str(arrays[SKIPPED])}
 
 
 def of_run(results: pd.DataFrame) -> pd.DataFrame:
-    """The rows of what was run."""
+    """The rows with results."""
     return results[results["accuracy_test"].notna()]

@@ -23,15 +23,15 @@ from neurotact.networks.training import Examples, train
 from neurotact.studies.protocol import TaskData
 
 TRIED = (RSNNSpec(recipe="default", hidden=30), RSNNSpec(recipe="default", hidden=50))
-"""Networks from which validation accuracy chooses: the default recipe's in two sizes."""
+"""Candidate networks, from which validation accuracy chooses: the default recipe in two sizes."""
 FAMILY = "SNN"
 EARLY = f"{FAMILY}, early exit"
 EXIT_TOLERANCE = 0.01
-"""Accuracy that early exit may lose on validation windows, and on these and the training windows."""
+"""Accuracy that early exit may lose on validation windows, and on validation and training windows together."""
 
 
 class Decided(NamedTuple):
-    """How a network did on test examples, and what encoding and deciding cost on average."""
+    """Accuracies of a network, and the mean costs of encoding and of the network per decision."""
 
     name: str
     settings: str
@@ -42,7 +42,7 @@ class Decided(NamedTuple):
 
     @property
     def cost(self) -> Cost:
-        """Of both."""
+        """The total cost."""
         return self.encoder + self.network
 
 
@@ -55,9 +55,9 @@ def encode(task: TaskData, train_examples: np.ndarray) -> SpikeTrains:
 
 
 def decide(task: TaskData, split: Split, seed: int) -> list[Decided]:
-    """The network that validates best, over the whole window and with early exit.
+    """The network with the best validation accuracy, over the whole window and with early exit.
 
-    Costs count conditioning and afferents of every taxel on every step that was needed, and the network from its
+    Costs count conditioning and afferents of every taxel on every step until the decision, and the network by its
     measured SOPs.
     """
     trains = encode(task, split.train)

@@ -1,6 +1,6 @@
-"""The recognition tasks that every family of classifiers is tried on, each as features and as sequences.
+"""The recognition tasks for every family of classifiers, each as features and as sequences.
 
-Two tasks are made here; the others come from the protocols that study them.
+This module makes two tasks; the others come from their protocols.
 """
 
 from collections.abc import Callable
@@ -27,49 +27,49 @@ from neurotact.spec import Spec
 from neurotact.studies.protocol import TaskData, module_of
 
 CLOCK_HZ = 1000.0
-"""Sequences of a higher rate are averaged down to it; afferents run on this clock."""
+"""Sequences of a higher rate are averaged to it; afferents run on this clock."""
 
 
 class GratingsTask(Spec):
-    """Which of eight gratings slides by, at any of three forces and two speeds."""
+    """Recognition of eight sliding gratings, at any of three forces and two speeds."""
 
     simulation: gratings.GratingsSpec = gratings.GratingsSpec(trials=12)
     start_ms: float = Field(default=250.0, ge=0)
-    """Skipped, so that the moving average has settled."""
+    """Start of the window, after the transient of the moving average."""
     length_ms: float = Field(default=500.0, gt=0)
 
 
 class FabricsTask(Spec):
-    """Which of seven fabrics slides by (FabricSlide)."""
+    """Recognition of seven sliding fabrics (FabricSlide)."""
 
     path: str = "$NEUROTACT_DATA/fabricslide/fabric"
     start_ms: float = Field(default=500.0, ge=0)
     length_ms: float = Field(default=2000.0, gt=0)
-    """One window a slide."""
+    """One window per slide."""
 
 
 def gratings_task(spec: GratingsTask) -> TaskData:
     """Level, spread and rate of each taxel; sequences after the encoder's moving average at 30 Hz."""
-    felt = condition(gratings.simulate(spec.simulation), ConditioningSpec(ema_cutoff_Hz=30.0))
-    return windowed(felt, spec.start_ms, spec.length_ms)
+    smoothed = condition(gratings.simulate(spec.simulation), ConditioningSpec(ema_cutoff_Hz=30.0))
+    return windowed(smoothed, spec.start_ms, spec.length_ms)
 
 
 def fabrics_task(spec: FabricsTask) -> TaskData:
-    """Level, spread and rate of each taxel in one window a slide."""
+    """Level, spread and rate of each taxel in one window per slide."""
     return windowed(fabricslide.read(expand(spec.path)), spec.start_ms, spec.length_ms)
 
 
 def windowed(recordings: Recordings, start_ms: float, length_ms: float) -> TaskData:
-    """One window a trial, as sequences and as level, spread and rate of each taxel.
+    """One window per trial, as sequences and as level, spread and rate of each taxel.
 
-    Raises InputError where a trial is too short.
+    Raises InputError if a trial is too short.
     """
     rate_Hz = recordings.sampling_rate_Hz
     first, length = round(start_ms * 1e-3 * rate_Hz), round(length_ms * 1e-3 * rate_Hz)
     shortest = min(len(signal) for signal in recordings.signals)
     if shortest < first + length or length < 2:
         raise InputError(
-            f"{recordings.source}: the shortest trial lasts {1e3 * shortest / rate_Hz:.0f} ms, which does not hold "
+            f"{recordings.source}: the shortest trial lasts {1e3 * shortest / rate_Hz:.0f} ms, too short for "
             f"{start_ms:g} + {length_ms:g} ms; shorten the window"
         )
     sequences = np.stack([signal[first : first + length] for signal in recordings.signals]).astype(np.float32)
@@ -105,7 +105,7 @@ def slowed(task: TaskData) -> TaskData:
 
 
 def at_most(task: TaskData, examples: int) -> TaskData:
-    """The task with whole groups, drawn at random but always the same, of at most so many examples in all."""
+    """The task with at most `examples` examples, in whole groups; a fixed random seed selects the groups."""
     if len(task.labels) <= examples:
         return task
     order = np.random.default_rng(0).permutation(np.unique(task.groups))
@@ -120,9 +120,9 @@ def at_most(task: TaskData, examples: int) -> TaskData:
 
 
 def split_groups(labels: np.ndarray, groups: np.ndarray, seed: int) -> Split:
-    """70/15/15 of the groups, by class where every group is of one class; the examples follow their groups.
+    """70/15/15 of the groups, stratified by class if every group has one class; examples follow their groups.
 
-    Raises InputError when a class is missing on a side.
+    Raises InputError if a class is missing on a side.
 
     >>> split = split_groups(np.repeat(["a", "b"], 40), np.arange(80) // 2, seed=0)
     >>> [len(side) for side in split], bool(set(split.train // 2) & set(split.test // 2))
@@ -145,16 +145,16 @@ def split_groups(labels: np.ndarray, groups: np.ndarray, seed: int) -> Split:
 
 
 class FrontEnd(NamedTuple):
-    """The layers that turn what a window records into features, and into sequences."""
+    """The layers that compute features, and sequences, from the recorded samples of a window."""
 
     features: tuple[Layer, ...]
     sequences: tuple[Layer, ...]
 
 
 class Source(NamedTuple):
-    """Where a task comes from.
+    """The source of a task.
 
-    data: its spec; make: the task itself; front_end: what its features and sequences cost.
+    data: its spec; make: returns the task; front_end: returns the operations of its features and sequences.
     """
 
     data: type[Spec]
@@ -169,7 +169,7 @@ def _plain_front_end(data: Spec, task: TaskData) -> FrontEnd:
 
 
 def _gratings_front_end(data: Spec, task: TaskData) -> FrontEnd:
-    """The moving average stands before both."""
+    """A moving average, then level, spread and rate; the sequences require the moving average alone."""
     _, samples, channels = task.sequences.shape
     smoothing = MovingAverage(samples, channels)
     return FrontEnd((smoothing, LevelSpreadRate(samples, channels)), (smoothing,))
@@ -182,15 +182,15 @@ OWN = {
 
 
 def source_of(name: str) -> Source:
-    """The source of a task; InputError for a protocol that is not there or is no task.
+    """The source of a task; InputError for a protocol that does not exist or is not a task.
 
-    A protocol that says in FRONT_ENDS nothing of its features is counted as level, spread and rate of its sequences.
+    Features of a protocol without an entry in FRONT_ENDS are counted as level, spread and rate of its sequences.
     """
     if name in OWN:
         return OWN[name]
     module: Any = module_of(name)
     if not hasattr(module, "task"):
-        raise InputError(f"task: the protocol '{name}' is no task; it has no function `task`")
+        raise InputError(f"task: the protocol '{name}' is not a task; it has no function `task`")
     front_end = FRONT_ENDS.get(name, _plain_front_end)
     return Source(module.Parameters.model_fields["data"].annotation, module.task, front_end)
 

@@ -1,7 +1,7 @@
-"""Is a refractory period the cheapest way to save? Eleven ways on one axis of accuracy over SOPs, for several sets.
+"""Is a refractory period the cheapest way to save? Eleven ways, compared by accuracy over SOPs, for several sets.
 
 A way is a list of settings (`saving.Setting`); all of them share recordings, split, seeds and the network's recipe.
-The sets stand in `sets.py`, and what a user's own file becomes in `own_set.py`.
+`sets.py` defines the sets, and `own_set.py` the set of a user's own file.
 """
 
 from collections.abc import Iterator
@@ -32,12 +32,12 @@ class Parameters(Spec):
     """The settings of each way, besides `nothing saved`."""
     network: RSNNSpec = RSNNSpec(recipe="default", hidden=50)
     seed: int = Field(default=0, ge=0)
-    """Of the split, the weights and the order of training."""
+    """Random seed of the split, the weights and the order of training."""
 
     @model_validator(mode="after")
     def _leaves_the_name_of_nothing(self) -> "Parameters":
         if NOTHING in self.ways:
-            raise ValueError(f"ways: '{NOTHING}' is what all ways are compared with; name the way otherwise")
+            raise ValueError(f"ways: '{NOTHING}' is the network that all ways are compared with; use another name")
         return self
 
 
@@ -49,10 +49,10 @@ VIEW = View(
     ),
     cost="sops_total",
     score="accuracy_test",
-    note="Each seed has a split of its own, the same for all ways. A refractory period holds for both populations "
-    "where one is given; events have a dead time. SOPs of pruned networks count the weights that remain. Energy is an "
-    "estimate of the arithmetic of afferents and network, without memory: both work at every step, whatever they send. "
-    "Sets whose recordings are not at hand are left out; the column `skipped` of results.csv says why.",
+    note="Each seed has its own split, the same for all ways. A single refractory period applies to both populations; "
+    "events have a dead time. SOPs of pruned networks count the remaining weights. Energy is an estimate of the "
+    "arithmetic of afferents and network, without memory: both compute at every step, with or without spikes. Sets "
+    "whose recordings are not available are left out; the column `skipped` of results.csv gives the reason.",
     apart=("set",),
 )
 
@@ -64,8 +64,8 @@ own = own_set.own
 def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     """A row for each setting of each way, after that of the network that saves nothing.
 
-    `no recurrence` is left out where the network has none to begin with, and so are settings that leave as many taxels
-    as one before them, as of a sensor of few taxels.
+    `no recurrence` is left out if the recipe chose a feed-forward network. Settings with the same number of taxels as
+    an earlier one are also left out; a sensor of few taxels may have some.
     """
     if SKIPPED in arrays:
         return [{"way": "", "setting": "", **skipped_row(arrays, VIEW.measures)}]
@@ -79,29 +79,29 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
             continue  # the recipe chose a feed-forward network
         name = named(setting, clock_ms, bench.encoder is None)
         rows.append({"way": way, "setting": name, **measured(bench, setting, known), SKIPPED: ""})
-        later = {Setting().first_training(), *(each.first_training() for _, each in tried[place + 1 :])}
-        known = {name: fitted for name, fitted in known.items() if name in later}  # their windows take room
+        needed = {Setting().first_training(), *(each.first_training() for _, each in tried[place + 1 :])}
+        known = {name: fitted for name, fitted in known.items() if name in needed}  # windows use much memory
     tested = _tested(bench, known[Setting().first_training()])
     return [{**row, **tested} for row in rows]
 
 
 def _differing(bench: Bench, ways: dict[str, tuple[Setting, ...]]) -> Iterator[tuple[str, Setting]]:
-    """Every way and setting, `NOTHING` first, but for those that leave the same taxels as one before them."""
-    felt = bench.felt
-    n_taxels = felt.n_channels if isinstance(felt, Recordings) else len({*taxels_of(felt.afferents)})
+    """Every way and setting, `NOTHING` first, without settings that use the same taxels as an earlier one."""
+    touches = bench.touches
+    n_taxels = touches.n_channels if isinstance(touches, Recordings) else len({*taxels_of(touches.afferents)})
     seen: set[str] = set()
     for way, settings in {NOTHING: (Setting(),), **ways}.items():
         for setting in settings:
-            kept = setting.model_copy(update={"taxels": n_kept(n_taxels, setting.taxels) / n_taxels}).model_dump_json()
-            if kept not in seen:
+            used = setting.model_copy(update={"taxels": n_kept(n_taxels, setting.taxels) / n_taxels}).model_dump_json()
+            if used not in seen:
                 yield way, setting
-            seen.add(kept)
+            seen.add(used)
 
 
 def _tested(bench: Bench, fitted: Fitted) -> dict[str, Any]:
-    """What the test side of a split can tell: the accuracy of guessing, its trials, and those of the rarest class."""
-    n_classes = len(bench.felt.classes)
-    labels = fitted.sides.test.labels.numpy(), bench.felt.labels[bench.split.test]
+    """The test side of a split: accuracy of guessing, number of trials, and number of trials of the rarest class."""
+    n_classes = len(bench.touches.classes)
+    labels = fitted.sides.test.labels.numpy(), bench.touches.labels[bench.split.test]
     windows, trials = (np.bincount(each, minlength=n_classes) for each in labels)
     return {
         "chance": max(1 / n_classes, float(windows.max() / windows.sum())),
@@ -140,28 +140,28 @@ def named(setting: Setting, step_ms: float, events: bool) -> str:
 
 
 def answers(results: pd.DataFrame) -> list[str]:
-    """One sentence for each set that was run: what it costs to save half of the SOPs."""
+    """One sentence for each set with results: the cost of saving half of the SOPs."""
     return fronts.answers(of_run(results))
 
 
 def cautions(results: pd.DataFrame) -> list[str]:
-    """What makes the answers of a run worth little, one line each with the remedy."""
+    """What limits the answers of a run, one line each with the remedy."""
     return fronts.cautions(of_run(results))
 
 
 def tables(results: pd.DataFrame) -> dict[str, Listed]:
-    """The front of each set that was run, from the best network down."""
+    """The Pareto front of each set with results, from the best network down."""
     return fronts.tables(of_run(results))
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Accuracy over SOPs, a panel per set and a line per way; of one set alone over energy and time, too."""
+    """Accuracy over SOPs, a panel per set and a line per way; for a single set also over energy and time."""
     shown = of_run(results)
     if shown.empty:
         return
     joined = (
         "Joined: neither another setting of the same way nor the network that saves nothing (star) has both a lower "
-        "cost and a higher accuracy. Dashed: the front of all ways."
+        "cost and a higher accuracy. Dashed: the Pareto front of all ways."
     )
     mean = "Mean test accuracy over seeds with its 95 % interval."
     if shown["set"].nunique() == 1:
@@ -170,7 +170,7 @@ def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
             "Accuracy over SOPs, energy and time, way by way",
             draw_costs({cost: fronts.fronts(shown, cost) for cost in fronts.COSTS}),
             f"{mean} {joined} Energy is an estimate of the arithmetic.",
-            "Three panels, of SOPs, energy and signal; each way to save is a line of marks from the network that saves "
+            "Three panels for SOPs, energy and signal; each way to save is a line of marks from the network that saves "
             "nothing to a lower cost.",
         )
         return

@@ -155,7 +155,7 @@ def test_where_nothing_was_learned_no_saving_means_anything():
     rows = rows.assign(chance=0.5, test_trials=15, least_test_trials=7)
     (sentence,) = answers(rows)
     assert sentence == (
-        "Nothing was learned, so that no saving means anything: the network that saves nothing is right in 51 % of the "
+        "Nothing was learned, so no saving means anything: the network that saves nothing is right in 51 % of the "
         "test windows (95 % interval 28 to 73 %), which guessing reaches too (50 %)."
     )
     assert len(cautions(rows)) == 1
@@ -166,12 +166,12 @@ def test_where_nothing_was_learned_no_saving_means_anything():
 def test_few_trials_and_few_seeds_are_told_with_the_remedy():
     rows = table(POINTS).assign(chance=0.25, test_trials=12, least_test_trials=3)
     assert cautions(rows) == [
-        "a seed tests 12 trials, 3 of the rarest class: one trial is 8.3 points of accuracy, so that smaller costs say "
-        "nothing; record more"
+        "a seed tests 12 trials, 3 of the rarest class: one trial is 8.3 points of accuracy, and smaller differences "
+        "mean nothing; record more"
     ]
     enough = rows.assign(test_trials=60, least_test_trials=15)
     assert cautions(enough) == cautions(table(POINTS)) == []
-    for seeds, words in ((1, "one seed, so that no interval can be told"), (2, "2 seeds, so that intervals are wide")):
+    for seeds, words in ((1, "one seed, so there is no interval"), (2, "2 seeds, so intervals are wide")):
         (caution,) = cautions(enough[enough["seed"] < seeds])
         assert caution.startswith(words)
         assert "--repeats 3" in caution

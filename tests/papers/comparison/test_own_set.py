@@ -113,15 +113,15 @@ def test_what_lies_beyond_the_windows_is_not_missed(tmp_path, rate_Hz, more, win
 def test_windows_at_contact_see_the_whole_trial(tmp_path):
     path = saved(tmp_path, lengths=(300,) * 24)
     bench = bench_of(path, **{"window.align": "onset", "window.length_ms": 100.0})
-    assert [len(signal) for signal in bench.felt.signals] == [300] * 24
+    assert [len(signal) for signal in bench.touches.signals] == [300] * 24
 
 
 def test_events_come_as_they_are(tmp_path):
     path = sent(tmp_path)
     bench, whole = bench_of(path), hdf5.load_spikes(path)
     assert bench.encoder is None
-    assert bench.felt.trial_steps.tolist() == whole.trial_steps.tolist()
-    for ours, theirs in zip((*bench.felt.steps, *bench.felt.units), (*whole.steps, *whole.units), strict=True):
+    assert bench.touches.trial_steps.tolist() == whole.trial_steps.tolist()
+    for ours, theirs in zip((*bench.touches.steps, *bench.touches.units), (*whole.steps, *whole.units), strict=True):
         np.testing.assert_array_equal(ours, theirs)
     assert bench.window.length_ms == 300.0
 
@@ -295,16 +295,16 @@ def test_taxels_whose_names_end_alike_are_taxels_of_their_own(tmp_path):
     ("changes", "words"),
     [
         ({"split.folds": 3}, "split.folds: this study draws its test trials at random, 15 % for each seed"),
-        ({"split.order": "trial"}, "--order, --folds and --test-where do not fit it"),
+        ({"split.order": "trial"}, "--order, --folds and --test-where do not apply"),
         ({"split.test_where": {"subject": "s1"}}, "split.test_where: this study draws"),
         ({"sweep.split.fold": [0, 1]}, "sweep.split.fold: this study draws"),
         ({"split.group": ["person"]}, "--group: there is no condition 'person'; known: label, subject"),
-        ({"sweep.split.seed": [0], "seed": 1}, "--repeats: each seed has a split of its own, and seed is given, too"),
+        ({"sweep.split.seed": [0], "seed": 1}, "--repeats: each seed has its own split, and seed is also given"),
         ({"window.length_ms": 5000.0}, "lasts 0.420 s, less than the 5.000 s of start_ms + length_ms"),
         ({"window.length": 100.0}, "window.length: unknown key; did you mean"),
-        ({"conditioning.baseline": "mean"}, "'mean' knows the whole trial; name one of none, start, high-pass"),
+        ({"conditioning.baseline": "mean"}, "'mean' uses the whole trial; name one of none, start, high-pass"),
         ({"conditioning.resample_Hz": -1.0}, "resample_Hz: must be > 0"),
-        ({"data.set": "gratings"}, "set: 'gratings' is none of the sets; did you mean 'recordings'?"),
+        ({"data.set": "gratings"}, "set: 'gratings' is not one of the sets; did you mean 'recordings'?"),
         ({"network.hiden": 5}, "network.hiden: unknown key; did you mean 'hidden'?"),
     ],
 )

@@ -62,7 +62,7 @@ def test_own_tasks_and_protocols_have_sources():
     for name in FRONT_ENDS:
         assert source_of(name).front_end is FRONT_ENDS[name]
     assert source_of("compliance").data.__name__ == "ComplianceSpec"
-    with pytest.raises(InputError, match="is no task"):
+    with pytest.raises(InputError, match="is not a task"):
         source_of("materials")
 
 

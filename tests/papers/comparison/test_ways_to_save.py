@@ -143,9 +143,9 @@ def test_a_set_that_is_not_at_hand_is_left_out(tmp_path):
 
 
 def test_what_fits_no_set_or_way_is_refused():
-    with pytest.raises(InputError, match=r"'lettres' is none of the sets.*letters"):
+    with pytest.raises(InputError, match=r"'lettres' is not one of the sets.*letters"):
         WaysData(set="lettres", sets=SETS)
-    with pytest.raises(InputError, match="train_on goes on with a pruned network"):
+    with pytest.raises(InputError, match="train_on trains a pruned network further"):
         Setting(train_on=True)
-    with pytest.raises(InputError, match="name the way otherwise"):
+    with pytest.raises(InputError, match="use another name"):
         build(Parameters, {"data": {"set": "letters", "sets": SETS}, "ways": {NOTHING: [{}]}}, source="test")
