@@ -191,7 +191,8 @@ def calibrate(
 
     split: how else trials are divided, as for `train`; the gains know nothing of its validation and test trials.
     settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
-    past alone, unless `settings` name `conditioning.baseline`.
+    past alone, and a moving average is chosen, unless `settings` name `conditioning.baseline` and
+    `conditioning.ema_cutoff_Hz`.
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     sides = split_conditions(recordings.conditions, stratify, spec.build(SplitSpec, _split(split_seed, split), "split"))

@@ -75,8 +75,9 @@ def calibrate(
 ) -> None:
     """Find an encoder's gains for a sensor, from its training trials.
 
-    A baseline that uses the whole trial is replaced by a causal one, unless
-    it is given with --set. Afferents that fire at rest are listed, with a remedy.
+    A baseline that uses the whole trial is replaced by a causal one, and the
+    cut-off of the moving average is chosen, unless they are given with --set.
+    Afferents that fire at rest are listed, with a remedy.
     """
     began = perf_counter()
     _check_outputs([out, figure], force, [recordings, encoder])

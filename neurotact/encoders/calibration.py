@@ -9,8 +9,8 @@ classes best. Only the given trials are used.
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -33,12 +33,16 @@ CLOCK_HZ = 1000.0
 """A clock that can express a refractory period of 1 ms."""
 PAST: tuple[Baseline, ...] = ("none", "start", "high-pass")
 """Baselines that `calibrate_causally` chooses from (ties: the first)."""
+WIDER, MOST_CUTOFFS = 4.0, 3
+"""Cut-offs of the moving average that are tried: the encoder's own, `WIDER` times that, and none."""
 
 FITTED = ("unit", "sa1.gain", "ra1.gain", "conditioning.offset", "conditioning.scale")
 """Keys of an encoder that calibration always sets."""
 BY_CALIBRATION = "calibration sets it from the training trials and would ignore a given value; leave it out"
 
 log = logging.getLogger("neurotact")
+
+Key = TypeVar("Key")
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,8 @@ class Calibration:
         afferent), `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
-    rates, labels: of SA-I at the chosen gain, in spikes per second, `(trial, afferent)`, and the classes, `(trial,)`.
+    rates, rates_ra: of SA-I and RA-I at the chosen gains, in spikes per second, `(trial, afferent)`.
+    labels: the classes, `(trial,)`.
     notes: the changes of the spec, and warnings.
     """
 
@@ -59,6 +64,7 @@ class Calibration:
     table: pd.DataFrame
     isi: pd.DataFrame
     rates: np.ndarray
+    rates_ra: np.ndarray
     labels: np.ndarray
     notes: tuple[str, ...]
 
@@ -69,6 +75,11 @@ class Calibration:
         NaN if a class has one trial.
         """
         return cross_validated_accuracy(self.rates, self.labels)
+
+    @cached_property
+    def accuracy_of_both(self) -> float:
+        """As `accuracy`, on the rates of SA-I and RA-I."""
+        return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels)
 
 
 def calibrate(
@@ -147,8 +158,8 @@ def calibrate(
         notes.append(f"scaled by its own deviation, which is {less} but differs between classes: {names}")
     if tell:
         _log(notes, recordings)
-    sent = rates[POPULATIONS["sa1"], chosen["sa1"].gain]
-    return Calibration(fitted.model_copy(update=chosen), table, isi, sent, conditioned.labels, tuple(notes))
+    sa, ra = (rates[afferent, chosen[part].gain] for part, afferent in POPULATIONS.items())
+    return Calibration(fitted.model_copy(update=chosen), table, isi, sa, ra, conditioned.labels, tuple(notes))
 
 
 def calibrate_causally(
@@ -157,6 +168,7 @@ def calibrate_causally(
     progress: Progress | None = None,
     rule: CalibrationRule = CalibrationRule(),
     *,
+    choose_ema: bool = False,
     tell: bool = True,
 ) -> Calibration:
     """`calibrate` with the baseline of `PAST` that gives the best separation of the classes by SA-I.
@@ -167,40 +179,85 @@ def calibrate_causally(
     they are finer if an afferent fires less, whatever the baseline removes. RA-I responds to changes, which a baseline
     hardly affects.
 
-    progress: called with 1 and a note at each of `rule.candidates` steps a baseline. tell: log the notes, too.
+    choose_ema: also choose the moving average: its own cut-off, `WIDER` times that, or none, without a baseline. The
+        first one whose `Calibration.accuracy_of_both` is within one standard error of the highest is chosen, so that a
+        sensor of vibrations above the cut-off keeps them.
+    progress: called with 1 and a note at each of `rule.candidates` steps of each combination. tell: log the notes, too.
     Raises InputError if none of them can be calibrated.
     """
-    found: dict[Baseline, Calibration] = {}
-    refused = []
-    for baseline in PAST:
-        conditioning = spec.conditioning.model_copy(update={"baseline": baseline})
-        changed = spec.model_copy(update={"conditioning": conditioning})
-        try:
-            found[baseline] = calibrate(recordings, changed, progress, rule, tell=False)
-        except InputError:
-            refused.append(baseline)
-            if baseline == PAST[-1] and not found:
-                raise
-    n_trials = len(next(iter(found.values())).labels)
-    best = _best_of({baseline: each.accuracy for baseline, each in found.items()}, n_trials)
-    accuracies = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
-    accuracies += [f"{baseline} cannot be calibrated" for baseline in refused]
-    note = (
-        f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
-        f"logistic regression on the SA-I rates of the training trials: {', '.join(accuracies)}"
-    )
-    if np.isnan(found[best].accuracy):
-        note = (
-            f"conditioning.baseline = '{best}' is chosen without a comparison: a class has one training trial, so none "
-            "can be held out for testing; add trials of it, or choose with --set encoder.conditioning.baseline"
-        )
-    notes = *found[best].notes, note
+    first: Baseline = PAST[0]
+    own_Hz = spec.conditioning.ema_cutoff_Hz
+    cutoffs_Hz = _cutoffs(own_Hz, recordings.sampling_rate_Hz) if choose_ema else [own_Hz]
+    smoothed, _ = _each(recordings, {at: _with(spec, first, at) for at in cutoffs_Hz}, progress, rule)
+    if choose_ema and progress:
+        progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
+    cutoff_Hz = own_Hz
+    if smoothed and len(cutoffs_Hz) > 1:
+        cutoff_Hz = _best_of({at: one.accuracy_of_both for at, one in smoothed.items()}, _n_trials(smoothed))
+    tried: dict[Baseline, AfferentSpec] = {each: _with(spec, each, cutoff_Hz) for each in PAST[1:]}
+    others, errors = _each(recordings, tried, progress, rule)
+    found: dict[Baseline, Calibration] = {first: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
+    found |= others
+    if not found:
+        raise errors[PAST[-1]]
+    accuracy: dict[Baseline, float] = {baseline: each.accuracy for baseline, each in found.items()}
+    best = _best_of(accuracy, _n_trials(found))
+    notes = *found[best].notes, *_on_ema(smoothed, cutoff_Hz, own_Hz), _on_baseline(found, best)
     if tell:
         _log(notes, recordings)
     return replace(found[best], notes=notes)
 
 
-def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
+def _n_trials(found: Mapping[Any, Calibration]) -> int:
+    return len(next(iter(found.values())).labels)
+
+
+def _on_baseline(found: Mapping[Baseline, Calibration], best: Baseline) -> str:
+    """The note on the baseline, with the accuracy of each."""
+    if np.isnan(found[best].accuracy):
+        return (
+            f"conditioning.baseline = '{best}' is chosen without a comparison: a class has one training trial, so none "
+            "can be held out for testing; add trials of it, or choose with --set encoder.conditioning.baseline"
+        )
+    accuracies = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
+    accuracies += [f"{baseline} cannot be calibrated" for baseline in PAST if baseline not in found]
+    return (
+        f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
+        f"logistic regression on the SA-I rates of the training trials: {', '.join(accuracies)}"
+    )
+
+
+def _cutoffs(own_Hz: float | None, sampling_rate_Hz: float) -> list[float | None]:
+    """The cut-offs to try, the encoder's own first; only that one if there is no moving average or none is possible.
+
+    >>> _cutoffs(30.0, 1000.0), _cutoffs(30.0, 100.0), _cutoffs(30.0, 50.0)
+    ([30.0, 120.0, None], [30.0, None], [30.0])
+    """
+    highest_Hz = sampling_rate_Hz / 2
+    if own_Hz is None or own_Hz >= highest_Hz:
+        return [own_Hz]
+    return [own_Hz, *([WIDER * own_Hz] if WIDER * own_Hz < highest_Hz else []), None]
+
+
+def _with(spec: AfferentSpec, baseline: Baseline, cutoff_Hz: float | None) -> AfferentSpec:
+    change = {"baseline": baseline, "ema_cutoff_Hz": cutoff_Hz}
+    return spec.model_copy(update={"conditioning": spec.conditioning.model_copy(update=change)})
+
+
+def _each(
+    recordings: Trials, specs: Mapping[Key, AfferentSpec], progress: Progress | None, rule: CalibrationRule
+) -> tuple[dict[Key, Calibration], dict[Key, InputError]]:
+    """The calibrations of several encoders, and the errors of those that cannot be calibrated."""
+    found, errors = {}, {}
+    for key, spec in specs.items():
+        try:
+            found[key] = calibrate(recordings, spec, progress, rule, tell=False)
+        except InputError as error:
+            errors[key] = error
+    return found, errors
+
+
+def _best_of(accuracy: Mapping[Key, float], n_trials: int) -> Key:
     """The first within one standard error of the highest accuracy; the first of all if no accuracy is known.
 
     >>> _best_of({"none": 0.85, "start": 0.7, "high-pass": 0.88}, 100), _best_of({"none": 0.5, "start": 0.9}, 100)
@@ -208,25 +265,42 @@ def _best_of(accuracy: Mapping[Baseline, float], n_trials: int) -> Baseline:
     """
     highest = max(accuracy.values())
     enough = highest - standard_error(highest, n_trials)
-    good: list[Baseline] = [baseline for baseline, reached in accuracy.items() if reached >= enough]
-    known: list[Baseline] = list(accuracy)
-    return (good or known)[0]
+    good = [key for key, reached in accuracy.items() if reached >= enough]
+    return (good or list(accuracy))[0]
+
+
+def _on_ema(smoothed: Mapping[float | None, Calibration], chosen_Hz: float | None, own_Hz: float | None) -> list[str]:
+    """The note on another moving average than the encoder's own."""
+    if chosen_Hz == own_Hz:
+        return []
+    accuracies = ", ".join(
+        f"{'none' if at is None else f'{at:g} Hz'} {100 * one.accuracy_of_both:.0f} %" for at, one in smoothed.items()
+    )
+    what = "is left out" if chosen_Hz is None else f"= {chosen_Hz:g} is chosen"
+    return [
+        f"conditioning.ema_cutoff_Hz {what}, the first within one standard error of the best; accuracy of logistic "
+        f"regression on the SA-I and RA-I rates of the training trials: {accuracies}; --set "
+        f"encoder.conditioning.ema_cutoff_Hz={own_Hz:g} prevents the choice"
+    ]
 
 
 def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., Calibration], int]:
-    """The calibration of an encoder, and how many times it goes through all candidates of its rule.
+    """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
-    A baseline that uses the whole trial is replaced by a causal one, unless its key is among `given`,
-    the dotted keys that were set. Raises InputError if one of them is in `FITTED`.
+    A baseline that uses the whole trial is replaced by a causal one, and then the moving average is chosen, too, unless
+    their keys are among `given`, the dotted keys that were set. Raises InputError if one of them is in `FITTED`.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
-    >>> [way_of(paper, given)[1] for given in ({}, {"conditioning.baseline": "mean"})]
-    [3, 1]
+    >>> given = {}, {"conditioning.ema_cutoff_Hz": 50.0}, {"conditioning.baseline": "mean"}
+    >>> [way_of(paper, keys)[1] for keys in given]
+    [5, 3, 1]
     """
     refuse(given, dict.fromkeys(FITTED, BY_CALIBRATION))
-    chooses = spec.conditioning.baseline in ACAUSAL and "conditioning.baseline" not in given
-    return (calibrate_causally, len(PAST)) if chooses else (calibrate, 1)
+    if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
+        return calibrate, 1
+    choose_ema = "conditioning.ema_cutoff_Hz" not in given
+    return partial(calibrate_causally, choose_ema=choose_ema), len(PAST) + (MOST_CUTOFFS - 1 if choose_ema else 0)
 
 
 def _log(notes: Iterable[str], recordings: Trials) -> None:

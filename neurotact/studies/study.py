@@ -38,11 +38,12 @@ SPLIT = "split."
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study that request further measurements; each gives its own table."""
 
-LATER_KEYS = ("baselines",)
+LATER_KEYS = ("baselines", "choose_ema")
 """Keys that were added later: without them, a study has the same digest as before."""
 
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
+EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
 PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 
 
@@ -143,6 +144,8 @@ class StudySpec(Spec):
     """Whether this is a complete shipped study without changes: only then do the reasons of its claims apply."""
     calibrate: bool = False
     """Fit the encoder's baseline, standardisation and gains on the training trials (as `neurotact calibrate` does)."""
+    choose_ema: bool = False
+    """Also choose the cut-off of the encoder's moving average there, unless it is set or swept."""
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     early_exit: EarlyExitSpec = EarlyExitSpec()
@@ -229,6 +232,8 @@ class Cell(Spec):
     encoder: EncoderSpec
     calibrate: AfferentSpec | None = None
     """The encoder whose gains are fitted on the training trials; t_ref varies around it."""
+    choose_ema: bool = False
+    """Whether the cut-off of its moving average is chosen there, too."""
     network: RSNNSpec | None = None
     search: SearchSpec | None = None
     """The search of the network's hyperparameters; its result replaces the values of the keys in the space."""
@@ -239,7 +244,8 @@ class Cell(Spec):
 
     def digest(self) -> str:
         """As for every spec, but without absent parts (a search, a network)."""
-        absent = {name for name in ("search", "network", "training_windows", *MEASURES) if not getattr(self, name)}
+        optional = ("search", "network", "training_windows", "choose_ema", *MEASURES)
+        absent = {name for name in optional if not getattr(self, name)}
         return specs.digest(self.model_dump(mode="json", exclude=absent))
 
     @property
@@ -247,9 +253,8 @@ class Cell(Spec):
         """Random seeds of the initial weights and of the order of trials, derived from the settings of the training."""
         measured = {name: Cell.model_fields[name].default for name in MEASURES}
         by = EarlyExitSpec.model_fields["by"].default
-        content = self.model_copy(
-            update={**measured, "early_exit": self.early_exit.model_copy(update={"by": by})}
-        ).digest()
+        change = {**measured, "choose_ema": False, "early_exit": self.early_exit.model_copy(update={"by": by})}
+        content = self.model_copy(update=change).digest()
         return int(content[:6], 16), int(content[6:], 16)
 
     @property
@@ -261,6 +266,7 @@ class Cell(Spec):
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
         content = self.model_dump(mode="json", include={"source", "encoder", "calibrate"})
+        content |= {"choose_ema": True} if self.choose_ema else {}
         known = [self.subset] if self.calibrate and self.test_every_condition else []
         return specs.digest([content, self.split.model_dump() if self.calibrate else None, *known])
 
@@ -294,6 +300,8 @@ def resolve(
             table[part] = _whole(load(_relative_to(path, table[part])))
     table = suited.suit(table, overrides, data, path)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
+    if EMA in {*specs.leaves(overrides), *sweeps.keys(table["sweep"])}:
+        table.pop("choose_ema", None)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
@@ -326,6 +334,7 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         **{part: _whole(getattr(study, part)) for part in ("window", "split", "early_exit", "encoder")},
         **({"network": _whole(study.network)} if study.network else {}),
         **({"search": search} if search else {}),
+        "choose_ema": study.calibrate and study.choose_ema,
         **{name: getattr(study, name) for name in ("training_windows", *MEASURES)},
     }
     for point in sweeps.points(study.sweep):

@@ -21,7 +21,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec, split_conditions
 from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
-from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally
+from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally, way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.excerpts import Excerpts
 from neurotact.encoders.gain_search import CalibrationRule
@@ -390,6 +390,44 @@ def test_the_baseline_that_is_chosen_is_fitted_as_if_it_had_been_given():
     assert (
         calibrate_causally(recordings, SPEC, rule=RULE).encoder == calibrate(recordings, given_none, rule=RULE).encoder
     )
+
+
+def vibrating(strengths=(0.2, 0.8), rate_Hz=1000.0) -> Recordings:
+    """Slow strokes of random size, the same for all classes, with a vibration of 150 Hz whose size is the class's."""
+    rng, time_s = np.random.default_rng(5), np.arange(0, 0.7, 1 / rate_Hz)[:, None]
+    signals, labels = [], []
+    for index, strength in enumerate(strengths):
+        for _ in range(16):
+            stroke = rng.uniform(20, 40, 3) * np.sin(2 * np.pi * (2 * time_s + rng.uniform(size=3)))
+            signals.append(stroke + strength * np.sin(2 * np.pi * (150 * time_s + rng.uniform(size=3))))
+            labels.append(f"class {index}")
+    return Recordings(signals, rate_Hz, "mV", pd.DataFrame({"label": labels}))
+
+
+def test_a_moving_average_that_hides_a_vibration_gives_way():
+    """Nothing but 150 Hz distinguishes these classes, and the encoder's own average ends at 30 Hz."""
+    found = calibrate_causally(vibrating(), SPEC, rule=RULE, choose_ema=True)
+    assert found.encoder.conditioning.ema_cutoff_Hz in (120.0, None)
+    (note,) = [note for note in found.notes if "ema_cutoff_Hz" in note]
+    assert "SA-I and RA-I rates of the training trials: 30 Hz" in note
+    assert "--set encoder.conditioning.ema_cutoff_Hz=30 prevents the choice" in note
+    own = calibrate_causally(vibrating(), SPEC, rule=RULE)
+    assert own.encoder.conditioning.ema_cutoff_Hz == 30.0
+    assert found.accuracy_of_both > own.accuracy_of_both + 0.2
+
+
+def test_the_own_moving_average_stays_where_the_others_are_no_better():
+    found = calibrate_causally(slides(), SPEC, rule=RULE, choose_ema=True)
+    assert found.encoder == calibrate_causally(slides(), SPEC, rule=RULE).encoder
+    assert not [note for note in found.notes if "ema_cutoff_Hz" in note]
+
+
+@pytest.mark.parametrize("rate_Hz", [1000.0, 100.0, 50.0])
+def test_every_step_of_the_choice_is_counted_whatever_the_sampling_rate(rate_Hz):
+    fit, times = way_of(SPEC, {})
+    steps = []
+    fit(slides(rate_Hz=rate_Hz), SPEC, lambda n, note: steps.append(n), RULE, tell=False)
+    assert sum(steps) == times * RULE.candidates
 
 
 def test_where_no_baseline_can_be_calibrated_the_reason_is_said():

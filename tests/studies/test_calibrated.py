@@ -132,6 +132,40 @@ def test_a_key_that_takes_effect_is_not_refused(touches, changes):
 
 
 @pytest.mark.parametrize(
+    ("changes", "is_chosen"),
+    [
+        ({}, True),
+        ({"encoder.conditioning.high_pass_Hz": 1.0, "encoder.conditioning.baseline": "high-pass"}, True),
+        ({"encoder.conditioning.ema_cutoff_Hz": 50.0}, False),
+        ({"encoder.conditioning": {"ema_cutoff_Hz": 50.0}}, False),
+        ({"sweep.encoder.conditioning.ema_cutoff_Hz": [30.0, 50.0]}, False),
+        ({"calibrate": False}, False),
+        ({"choose_ema": False}, False),
+    ],
+)
+def test_the_moving_average_is_chosen_unless_it_is_given(touches, changes, is_chosen):
+    what = loading.resolve("own-recordings", {**SMALL, **changes}, data=touches)
+    assert {cell.choose_ema for cell in study.cells(what)} == {is_chosen}
+
+
+def test_the_choice_of_the_moving_average_decides_the_spikes_of_a_cell(touches, monkeypatch):
+    """With the same encoder to begin with; and what is given reaches the calibration."""
+    asked = []
+    monkeypatch.setattr(calibration, "calibrate_causally", lambda *_, choose_ema, **__: asked.append(choose_ema))
+    chosen, own = (
+        next(study.cells(loading.resolve("own-recordings", {**SMALL, "choose_ema": on}, data=touches)))
+        for on in (True, False)
+    )
+    assert (chosen.calibrate, chosen.seeds) == (own.calibrate, own.seeds)
+    assert chosen.spikes_name != own.spikes_name
+    assert chosen.digest() != own.digest()
+    for cell in (chosen, own):
+        with pytest.raises(AttributeError):  # None has no encoder
+            preparation._encoder_of(cell, hdf5.load(touches), {})
+    assert asked == [True, False]
+
+
+@pytest.mark.parametrize(
     ("name", "key", "words"),
     [
         ("pvdf-hardness", "encoder.sa1.gain", FOUND),

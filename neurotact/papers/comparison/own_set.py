@@ -28,6 +28,8 @@ from neurotact.studies.suited import AUTO, Recorded
 ENCODER = "sa1-ra1-lif"
 """The encoder with the conditioning to use, except its clock, and except a baseline that uses the whole trial."""
 SEED, SPLITS, GROUP = "sweep.seed", "sweep.split.seed", "split.group"
+CHOSEN = {"choose_baseline": "baseline", "choose_ema": "ema_cutoff_Hz"}
+"""Keys of the conditioning that are chosen on training trials unless they are given."""
 OF_SET = ("window.", "conditioning.")
 """Prefixes of the keys of the set that can be set, as in a study of recordings."""
 
@@ -66,8 +68,8 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     window, notes = suited.window(touches.recorded, of_set)
     chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
     if touches.unit is not None:
-        is_open = "conditioning.baseline" not in of_set
-        chosen |= {"unit": touches.unit, "conditioning": conditioning, "choose_baseline": is_open}
+        is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
+        chosen |= {"unit": touches.unit, "conditioning": conditioning, **is_open}
         notes += suited.clock(touches.recorded, clock_Hz)
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:

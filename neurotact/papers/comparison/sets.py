@@ -30,7 +30,7 @@ CALIBRATED_AT_MS = 1.0
 class SetSpec(Spec):
     """A set of touches: simulated, read in a published format, or a user's own file."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline")
+    later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline", "choose_ema")
     simulate: str | None = None
     simulation: dict[str, Any] = {}
     """Keys of the simulator that differ from their defaults."""
@@ -44,6 +44,8 @@ class SetSpec(Spec):
     """Conditioning before the afferents; `resample_Hz` is their clock. Events have none."""
     choose_baseline: bool = False
     """Choose a causal baseline on training trials, in place of the baseline of `conditioning`."""
+    choose_ema: bool = False
+    """With `choose_baseline`: choose the cut-off of the moving average there, too."""
     window: WindowSpec = WindowSpec()
     group: tuple[str, ...] = ()
     """Conditions that name a group: if `split` is by groups, trials with equal values are on one side."""
@@ -214,8 +216,10 @@ def _calibrated(training: Recordings, chosen: SetSpec, step_ms: float) -> Affere
     least = AfferentType(gain=1.0, t_ref_ms=fine_ms)
     conditioning = chosen.conditioning.model_copy(update={"resample_Hz": 1e3 / fine_ms})
     start = AfferentSpec(unit=chosen.unit, conditioning=conditioning, sa1=least, ra1=least)
-    fit = calibrate_causally if chosen.choose_baseline else calibrate
-    found = fit(training, start, tell=False).encoder
+    if chosen.choose_baseline:
+        found = calibrate_causally(training, start, choose_ema=chosen.choose_ema, tell=False).encoder
+    else:
+        found = calibrate(training, start, tell=False).encoder
     parts = {part: getattr(found, part).model_copy(update={"t_ref_ms": step_ms}) for part in ("sa1", "ra1")}
     slower = found.conditioning.model_copy(update={"resample_Hz": 1e3 / step_ms})
     return found.model_copy(update={"conditioning": slower, **parts})

@@ -87,6 +87,8 @@ def test_window_clock_seeds_and_baseline_are_those_of_own_recordings(tmp_path):
     assert chosen["window"] == theirs.window.model_dump(mode="json", exclude_none=True)
     assert chosen["conditioning"]["resample_Hz"] == theirs.encoder.conditioning.resample_Hz
     assert chosen["choose_baseline"]
+    assert chosen["choose_ema"]
+    assert theirs.choose_ema
     assert chosen["unit"] == "count"
     assert ours.sweep["seed"] == [0, 1, 2]  # each has a split of its own; own-recordings divides few trials into folds
     of_splits = [[note for note in what.notes if note.startswith(("Seeds", "Split"))] for what in (ours, theirs)]
@@ -94,6 +96,16 @@ def test_window_clock_seeds_and_baseline_are_those_of_own_recordings(tmp_path):
     assert {*ours.notes} - {*of_splits[0]} == {*theirs.notes} - {*of_splits[1]}
     assert not ours.as_shipped
     assert ours.title != loading.resolve("ways-to-save").title
+
+
+def test_a_moving_average_that_is_given_is_not_chosen(tmp_path):
+    path = saved(tmp_path, lengths=(300, 400) * 12)
+    ours = loading.resolve("ways-to-save", {"conditioning.ema_cutoff_Hz": 50.0}, data=path).parameters["data"]["sets"][
+        "recordings"
+    ]
+    assert ours["choose_baseline"]
+    assert "choose_ema" not in ours
+    assert ours["conditioning"]["ema_cutoff_Hz"] == 50.0
 
 
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -178,7 +190,7 @@ def test_the_studies_that_ship_hold_no_key_of_a_file():
     for name in ("ways-to-save", "real-sets", "recipe-ablation"):
         for cell in cells_of(loading.resolve(name)):
             held = {key for each in cell.parameters["data"]["sets"].values() for key in each}
-            assert not {"content", "choose_baseline"} & held
+            assert not {"content", "choose_baseline", "choose_ema"} & held
 
 
 @pytest.fixture(scope="module")
