@@ -55,13 +55,15 @@ const Kernels<T>& kernels() {
     if constexpr (sizeof(T) == sizeof(double)) {  // it checks gradients: half the vector does, and is a build less
         static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx2)};
         return tables[static_cast<int>(chosen())];
+    } else {
+        static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx512)};
+        return tables[static_cast<int>(chosen())];
     }
-    static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx512)};
 #else
     static const Kernels<T> tables[] = {NT_TABLE(plain)};
+    return tables[static_cast<int>(chosen())];
 #endif
 #undef NT_TABLE
-    return tables[static_cast<int>(chosen())];
 }
 
 const StreamKernels& stream_kernels() {
