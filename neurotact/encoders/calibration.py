@@ -279,8 +279,8 @@ def _on_ema(smoothed: Mapping[float | None, Calibration], chosen_Hz: float | Non
     what = "is left out" if chosen_Hz is None else f"= {chosen_Hz:g} is chosen"
     return [
         f"conditioning.ema_cutoff_Hz {what}, the first within one standard error of the best; accuracy of logistic "
-        f"regression on the SA-I and RA-I rates of the training trials: {accuracies}; --set "
-        f"encoder.conditioning.ema_cutoff_Hz={own_Hz:g} prevents the choice"
+        f"regression on the SA-I and RA-I rates of the training trials: {accuracies}; to keep {own_Hz:g} Hz, set "
+        "that key of the encoder"
     ]
 
 

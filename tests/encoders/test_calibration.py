@@ -410,7 +410,7 @@ def test_a_moving_average_that_hides_a_vibration_gives_way():
     assert found.encoder.conditioning.ema_cutoff_Hz in (120.0, None)
     (note,) = [note for note in found.notes if "ema_cutoff_Hz" in note]
     assert "SA-I and RA-I rates of the training trials: 30 Hz" in note
-    assert "--set encoder.conditioning.ema_cutoff_Hz=30 prevents the choice" in note
+    assert "to keep 30 Hz, set that key of the encoder" in note
     own = calibrate_causally(vibrating(), SPEC, rule=RULE)
     assert own.encoder.conditioning.ema_cutoff_Hz == 30.0
     assert found.accuracy_of_both > own.accuracy_of_both + 0.2
