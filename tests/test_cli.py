@@ -514,7 +514,7 @@ def test_a_refusal_as_a_user_meets_it(made):
         (("train", "x.h5", "-o", "y", "--seed", "-1"), ("--seed", "greater than or equal to 0")),
         (("raster", "x.h5", "-o", "y.png", "--trial", "1.5"), ("--trial", "integer")),
         (("study", "run", "x", "-o", "y", "--workers", "0"), ("--workers", "greater than or equal to 1")),
-        (("import", "folder", ".", "-o", "y.h5", "--unit", "mV"), ("--sampling-rate-Hz", "--time-column")),
+        (("import", "folder", ".", "-o", "y.h5"), ("Missing option '--unit'", "neurotact import folder --help")),
     ],
 )
 def test_a_wrong_command_line_is_one_line_that_names_the_help(refused, words, expected):

@@ -300,14 +300,14 @@ def resolve(
             table[part] = _whole(load(_relative_to(path, table[part])))
     table = suited.suit(table, overrides, data, path)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
-    if EMA in {*specs.leaves(overrides), *sweeps.keys(table["sweep"])}:
-        table.pop("choose_ema", None)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
     if overrides or named or quick:
         table.pop("as_shipped", None)
     study = specs.build(StudySpec, table | ({"as_shipped": True} if is_shipped else {}), source=str(path))
+    if EMA in {*specs.leaves(overrides), *sweeps.keys(study.sweep)}:
+        study = study.model_copy(update={"choose_ema": False})
     if study.search is not None and study.network is not None:
         tuning.check(study.search.space, study.network, source=f"search.space of {path}")
     if study.dataset.simulate is not None:
