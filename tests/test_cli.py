@@ -1060,6 +1060,17 @@ def test_info_says_what_recordings_and_spikes_hold(neurotact, refused, made, tmp
     refused(("info", tmp_path / "a.csv"), "cannot be read as recordings or spikes")
 
 
+def test_info_says_when_the_touch_begins(neurotact, tmp_path):
+    rng = np.random.default_rng(0)
+    signals = rng.normal(0, 0.1, (12, 150, 2))
+    for begin, path in ((45, tmp_path / "rest.h5"), (0, tmp_path / "contact.h5")):
+        signals[:, begin:] += rng.normal(0, 5, (12, 1, 2))
+        save_recordings(Recordings(signals, 100.0, "mV", {"label": ["felt", "silk"] * 6}), path)
+    said = "the touch begins about 450 ms after the start of a trial (train --start-ms)\n"
+    assert said in neurotact("info", tmp_path / "rest.h5")[1]
+    assert "the touch begins" not in neurotact("info", tmp_path / "contact.h5")[1]
+
+
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_a_command_and_the_list_of_commands_say_the_same(name):
     assert " ".join(cli._load(name).help.split("\n\n")[0].split()) == cli.COMMANDS[name].help

@@ -8,13 +8,14 @@ import typer
 
 from neurotact.cli.output import print_table
 from neurotact.data import description, hdf5
+from neurotact.data.onset import common_onset_s
 
 
 def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings or spikes.")]) -> None:
     """Describe the content of a file of recordings or spikes.
 
-    Prints its classes and conditions, the length and the rate of its trials, the range of each taxel or the rate of
-    each population. Use it after an import: it shows a wrong unit, a dead taxel or a clock column among the taxels.
+    Prints its classes and conditions, the length and the rate of its trials, when the touch begins, and the range of
+    each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel or a clock column among the taxels.
     """
     if hdf5.kind_of(file) == "recordings":
         with hdf5.open_recordings(file) as data:
@@ -22,6 +23,9 @@ def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings o
                 f"{file}: {len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
             )
             print(description.lengths_line(data.lengths, data.sampling_rate_Hz))
+            onset_ms = 1e3 * common_onset_s(data)
+            if onset_ms:
+                print(f"the touch begins about {onset_ms:.0f} ms after the start of a trial (train --start-ms)")
             print_table(description.conditions_table(data.conditions))
             print_table(description.taxels_table(data))
         return

@@ -1,12 +1,19 @@
-"""When a touch begins and ends: the samples at which any channel leaves the band of a resting sensor."""
+"""When a touch begins and ends: in one trial, by the band of a resting sensor; in many, by how much trials differ."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from neurotact.data.recordings import Trials
 from neurotact.errors import InputError
 from neurotact.spec import Spec
+
+BINS, MOST_TRIALS = 50, 500
+"""Bins of the shortest trial, and the most trials, evenly spaced, in which `common_onset_s` looks for the touch."""
+LATEST = 1 / 3
+"""Share of the shortest trial after which no touch begins: trials that differ ever more from one another drift."""
 
 
 class ActivityBand(Spec):
@@ -71,3 +78,34 @@ def cut_from_onset(signal: np.ndarray, n_samples: int, band: ActivityBand) -> np
         return None
     start = min(max(activity.first - band.lead_samples, 0), len(signal) - n_samples)
     return signal[start : start + n_samples]
+
+
+def common_onset_s(trials: Trials) -> float:
+    """The time at which the touch of recorded trials begins, in s from their start; 0 if they begin with it.
+
+    At rest, trials differ little from one another. The touch begins with the first bin in which they differ at least
+    half as much as in any later one: the variance over trials of each taxel's mean and deviation in the bin, summed
+    over taxels. Bins are a fiftieth of the shortest trial. Labels are not used.
+
+    >>> import pandas as pd
+    >>> rng = np.random.default_rng(0)
+    >>> signals = [rng.normal(0, 0.1, (200, 2)) for _ in range(20)]
+    >>> for signal in signals:
+    ...     signal[60:] += rng.normal(0, 5, 2)
+    >>> from neurotact.data.recordings import Recordings
+    >>> common_onset_s(Recordings(signals, 100.0, "mV", pd.DataFrame({"label": ["a", "b"] * 10})))
+    0.6
+    """
+    shortest = int(trials.lengths.min())
+    edges = np.unique(np.linspace(0, shortest, BINS + 1).astype(int)).tolist()
+    chosen = np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int)).tolist()
+    total, squares, first_trial = 0.0, 0.0, None
+    for trial in chosen:
+        bins = [trials.piece(trial, begin, end) for begin, end in pairwise(edges)]
+        features = np.array([[each.mean(axis=0, dtype=float), each.std(axis=0, dtype=float)] for each in bins])
+        first_trial = features if first_trial is None else first_trial
+        features = features - first_trial  # a large offset, squared, would hide small differences
+        total, squares = total + features, squares + features**2
+    variance = np.asarray(squares / len(chosen) - (total / len(chosen)) ** 2).clip(min=0).sum(axis=(1, 2))
+    first = edges[int(np.argmax(variance >= variance.max() / 2))]
+    return first / trials.sampling_rate_Hz if first <= LATEST * shortest else 0.0

@@ -1,10 +1,10 @@
-"""Values of a study that depend on its recordings: its file, the length of its windows, its seeds and folds.
+"""Values of a study that depend on its recordings: its file, the length and the start of its windows, its seeds, folds.
 
 A study file leaves such a value open with `"auto"`; the rules below choose it before any cell runs. The resolved study
 contains the chosen values and, in `notes`, the reasons.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.sources import expand
 from neurotact.encoders.calibration import CLOCK_HZ
@@ -31,19 +32,20 @@ SHORT = 0.5
 """A shortest trial below this share of the median trial gives a note."""
 SEEN = 0.5
 """Windows that cover less than this share of the median trial give a note."""
-PLACES = {"window.length_ms", "window.start_ms", "window.align"}
-"""Keys that place the windows on the touch."""
+STARTS = {"window.start_ms", "window.align"}
+"""Keys that place the beginning of the windows in the trial."""
 
 
 class Recorded(NamedTuple):
     """The properties of recordings that the rules use: durations in seconds, `(trial,)`, sampling rate, class size.
 
-    rarest: number of trials of the smallest class.
+    rarest: number of trials of the smallest class. touch_s: when the touch begins, from the start of the trials.
     """
 
     durations_s: np.ndarray
     sampling_rate_Hz: float
     rarest: int = 0
+    touch_s: float = 0.0
 
 
 def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
@@ -109,7 +111,7 @@ def clock_of(table: Mapping[str, Any], given: Mapping[str, Any]) -> float | None
 
 
 def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
-    """The properties of a file of recordings, with trial durations on a clock; its signals are not read.
+    """The properties of a file of recordings, with trial durations on a clock.
 
     clock_Hz: of the encoder; if absent, the sampling rate of the recordings, but at least the clock of calibration.
     """
@@ -123,21 +125,22 @@ def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
         rarest = int(stored.conditions[LABEL].value_counts().min())
-        return Recorded(np.array(n_steps) / on_Hz, rate_Hz, rarest)
+        return Recorded(np.array(n_steps) / on_Hz, rate_Hz, rarest, common_onset_s(stored))
 
 
 def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
     """The window of a study, and the rule in words.
 
-    A window is as long as the shortest trial, rounded down to whole ms, but at most 1 s. A longer trial has as many
-    windows as fit, at most 4, and all trials at most 4000 together. given: dotted keys such as `window.length_ms`.
+    Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
+    ms, but at most 1 s. A longer trial has as many windows as fit, at most 4, and all trials at most 4000 together.
+    given: dotted keys such as `window.length_ms`.
 
     >>> window(Recorded(np.array([0.8, 1.2]), 1000.0))[0]
     {'length_ms': 800.0, 'per_trial': 1}
-    >>> window(Recorded(np.array([2.5, 59.0]), 1000.0))[0]
-    {'length_ms': 1000.0, 'per_trial': 4}
+    >>> window(Recorded(np.array([2.5, 59.0]), 1000.0, touch_s=0.4))[0]
+    {'length_ms': 1000.0, 'per_trial': 4, 'start_ms': 400.0}
     """
-    start_ms = _number(given, "window.start_ms", 0.0)
+    start_ms = _start_ms(recorded, given)
     room_ms = 1e3 * recorded.durations_s - start_ms
     shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
     whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
@@ -155,19 +158,49 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
         why = f"the shortest trial, {shortest_ms:,.0f} ms"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
     notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with --window-ms."]
-    hop_ms = _number(given, "window.hop_ms", length_ms)
-    median_ms, covered_ms = float(np.median(room_ms)), length_ms + (per_trial - 1) * min(hop_ms, length_ms)
-    if "window.length_ms" not in given and shortest_ms < min(SHORT * median_ms, LONGEST_MS):
+    if start_ms > 0 and not STARTS & {*given}:
+        table["start_ms"] = start_ms
         notes.append(
+            f"Windows start {start_ms:g} ms after the start of a trial: before, trials differ less than half as much "
+            "from one another as later, as if nothing was touched; change it with --set window.start_ms=0."
+        )
+    hop_ms = _number(given, "window.hop_ms", length_ms)
+    covered_ms = length_ms + (per_trial - 1) * min(hop_ms, length_ms)
+    return table, [*notes, *_on_coverage(room_ms, start_ms, covered_ms, given)]
+
+
+def _start_ms(recorded: Recorded, given: Mapping[str, Any]) -> float:
+    """The start of the windows in whole ms, such that a given length fits into the shortest trial."""
+    if STARTS & {*given}:
+        return _number(given, "window.start_ms", 0.0)
+    left_ms = 1e3 * float(recorded.durations_s.min()) - _number(given, "window.length_ms", 0.0)
+    return float(np.floor(max(0.0, min(1e3 * recorded.touch_s, left_ms))))
+
+
+def _on_coverage(room_ms: np.ndarray, start_ms: float, covered_ms: float, given: Mapping[str, Any]) -> Iterator[str]:
+    """The note on a trial that makes all windows short, or on windows that use little of the trials.
+
+    room_ms: of each trial from `start_ms` on, `(trial,)`. covered_ms: of a trial by its windows.
+    """
+    if "window.length_ms" in given:
+        return
+    shortest_ms, median_ms = float(room_ms.min()), float(np.median(room_ms))
+    if shortest_ms < min(SHORT * median_ms, LONGEST_MS):
+        yield (
             f"Trial {int(room_ms.argmin())} lasts {shortest_ms:,.0f} ms, the median trial {median_ms:,.0f} ms, and "
             "all windows are as short; leave such trials out when you import, or accept it."
         )
-    elif covered_ms < SEEN * median_ms and not PLACES & {*given}:
-        notes.append(
-            f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
-            "comes later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
-        )
-    return table, notes
+    elif covered_ms < SEEN * median_ms and not STARTS & {*given}:
+        if start_ms:
+            yield (
+                f"Only {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms from there on, are used; if its "
+                "touch lasts longer, give a longer --window-ms."
+            )
+        else:
+            yield (
+                f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
+                "comes later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
+            )
 
 
 def seeds(recorded: Recorded) -> tuple[list[int], str]:

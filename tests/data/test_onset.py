@@ -5,7 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.data.onset import Activity, ActivityBand, cut_from_onset, find_activity
+from neurotact.data.onset import (
+    BINS,
+    LATEST,
+    Activity,
+    ActivityBand,
+    common_onset_s,
+    cut_from_onset,
+    find_activity,
+)
+from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.spec import build
 
@@ -70,3 +79,66 @@ def test_a_short_recording_and_an_empty_band_are_refused():
         cut_from_onset(resting(), 6144, BAND)
     with pytest.raises(InputError, match="low_V must be below high_V"):
         build(ActivityBand, {"low_V": 1.7}, "here")
+
+
+RATE_HZ = 200.0
+
+
+def touches(onset, rng, n_trials=40, n_samples=600, jitter=0, vibrates=False):
+    """Trials at rest, with a level or a vibration of random size from about `onset` on, of various lengths."""
+    signals = []
+    for _ in range(n_trials):
+        signal = rng.normal(0, 0.2, (n_samples + int(rng.integers(100)), 3))
+        begin = onset + int(rng.integers(-jitter, jitter + 1))
+        size = rng.uniform(0, 10, 3)
+        signal[begin:] += rng.normal(0, 1, signal[begin:].shape) * size if vibrates else size
+        signals.append(signal)
+    return Recordings(signals, RATE_HZ, "mV", {"label": ["a", "b"] * (n_trials // 2)})
+
+
+@given(onset=st.integers(24, 190), seed=st.integers(0, 99), vibrates=st.booleans())
+def test_the_touch_begins_within_a_bin_of_its_onset(onset, seed, vibrates):
+    found = common_onset_s(touches(onset, np.random.default_rng(seed), vibrates=vibrates)) * RATE_HZ
+    assert abs(found - onset) <= 600 // BINS + 2  # the shortest trial has up to 699 samples
+
+
+def test_touches_that_begin_at_various_times_begin_between_the_first_and_the_last():
+    found = common_onset_s(touches(120, np.random.default_rng(0), jitter=40)) * RATE_HZ
+    assert 80 <= found <= 160
+
+
+@given(
+    seed=st.integers(0, 99),
+    scale=st.floats(1e-3, 1e3),
+    offset=st.floats(-1e4, 1e4),
+    onset=st.sampled_from([0, 60, 150]),
+)
+def test_neither_unit_nor_labels_nor_order_move_it(seed, scale, offset, onset):
+    rng = np.random.default_rng(seed)
+    trials = touches(onset, rng, n_trials=10)
+    order = rng.permutation(10)
+    other = Recordings(
+        [np.asarray(trials.signals[at], np.float64) * scale + offset * scale for at in order],
+        RATE_HZ, "V", {"label": ["x"] * 5 + ["y"] * 5},
+    )  # fmt: skip
+    assert common_onset_s(other) == common_onset_s(trials)
+
+
+def test_trials_that_begin_in_contact_start_at_once():
+    assert common_onset_s(touches(0, np.random.default_rng(0))) == 0
+    assert common_onset_s(touches(0, np.random.default_rng(1), vibrates=True)) == 0
+    assert common_onset_s(Recordings(np.zeros((4, 30, 2)), RATE_HZ, "mV", {"label": [*"abab"]})) == 0
+    assert common_onset_s(Recordings(np.ones((2, 1, 1)), RATE_HZ, "mV", {"label": [*"ab"]})) == 0
+
+
+def test_sensors_that_drift_apart_show_no_onset():
+    rng = np.random.default_rng(0)
+    signals = rng.normal(0, 1, (60, 600, 3)).cumsum(axis=1)
+    assert common_onset_s(Recordings(signals, RATE_HZ, "mV", {"label": ["a", "b"] * 30})) == 0
+
+
+@given(st.integers(1, 400), st.integers(0, 99))
+def test_most_of_the_shortest_trial_is_left(n_samples, seed):
+    signals = np.random.default_rng(seed).normal(0, 1, (4, n_samples, 2))
+    found = common_onset_s(Recordings(signals, RATE_HZ, "mV", {"label": [*"abab"]}))
+    assert 0 <= found * RATE_HZ <= LATEST * n_samples

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 import neurotact as nt
 from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.onset import LATEST
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import split_conditions
 from neurotact.data.windows import WindowSpec, cut
@@ -28,15 +29,35 @@ def save(path, lengths, rate_Hz=500.0):
 @given(
     st.lists(st.integers(2, 5000), min_size=1, max_size=30),
     st.sampled_from([35.6, 93.0, 200.0, 500.0, 1000.0, 2000.0, 1234.5]),
+    st.floats(0, LATEST),
+    st.sampled_from([{}, {"window.length_ms": 1.0}, {"window.length_ms": 0.75}, {"window.start_ms": 0}]),
 )
-def test_a_window_fits_into_every_trial(lengths, rate_Hz):
+def test_a_window_fits_into_every_trial(lengths, rate_Hz, touch, asked):
     steps = np.array([conditioned_length(n, rate_Hz, 1000.0) for n in lengths])
-    table, _ = suited.window(Recorded(steps / 1000.0, rate_Hz))
+    shortest_ms = float(steps.min())
+    asked = {key: max(1.0, np.floor(value * shortest_ms)) if value else value for key, value in asked.items()}
+    table, _ = suited.window(Recorded(steps / 1000.0, rate_Hz, touch_s=touch * shortest_ms / 1e3), asked)
     windows = cut(steps, 1000.0, WindowSpec(**table))
     counts = np.bincount(windows.trial, minlength=len(steps))
     assert counts.min() >= 1
     assert counts.max() <= suited.MOST_PER_TRIAL
-    assert windows.n_steps <= suited.LONGEST_MS
+    assert windows.n_steps <= asked.get("window.length_ms", suited.LONGEST_MS)
+
+
+def test_windows_start_with_the_touch_unless_a_start_is_given():
+    trials = Recorded(np.full(20, 2.5), 100.0, touch_s=0.4409)
+    table, notes = suited.window(trials)
+    assert table == {"length_ms": 1000.0, "per_trial": 2, "start_ms": 440.0}
+    assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ less than half")
+    assert suited.window(Recorded(np.full(20, 0.9), 100.0, touch_s=0.3))[0]["length_ms"] == 600
+    assert suited.window(trials, {"window.length_ms": 2200})[0]["start_ms"] == 300
+    assert "start_ms" not in suited.window(trials, {"window.length_ms": 2500})[0]
+    for given_start in ({"window.start_ms": 100}, {"window.start_ms": 0}, {"window.align": "onset"}):
+        table, notes = suited.window(trials, given_start)
+        assert "start_ms" not in table  # the given one is set with the study
+        assert not [note for note in notes if "Windows start" in note]
+    _, notes = suited.window(Recorded(np.full(20, 5.0), 100.0, touch_s=0.5), {"window.per_trial": 1})
+    assert notes[-1].startswith("Only 1,000 ms of the median trial, 4,500 ms from there on, are used;")
 
 
 def test_many_trials_have_fewer_windows_each():
@@ -91,6 +112,18 @@ def test_a_slow_recording_is_told_what_its_clock_means():
     (note,) = suited.clock(Recorded(np.ones(2), 5000.0), 1000.0)
     assert "smoothed and resampled" in note
     assert suited.clock(Recorded(np.ones(2), 1000.0), 1000.0) == suited.clock(Recorded(np.ones(2), 93.0), None) == []
+
+
+def test_the_rest_before_the_touch_is_left_out(tmp_path):
+    rng = np.random.default_rng(0)
+    signals = rng.normal(0, 0.1, (12, 150, 2))
+    signals[:, 45:] += rng.normal(0, 5, (12, 1, 2))
+    touches = Recordings(signals, 100.0, "mV", {"label": ["felt", "silk"] * 6})
+    hdf5.save_recordings(touches, tmp_path / "touches.h5")
+    what = loading.resolve("own-recordings", data=tmp_path / "touches.h5")
+    assert what.window == WindowSpec(length_ms=1000.0, start_ms=450.0, per_trial=1)
+    what = loading.resolve("own-recordings", data=tmp_path / "touches.h5", overrides={"window.start_ms": 0})
+    assert what.window.start_ms == 0
 
 
 def test_the_shipped_study_takes_any_recordings(tmp_path):
