@@ -71,7 +71,7 @@ def read_folder(
     conditions: str | Path | None = None,
     columns: str | Sequence[str] = (),
     time_column: str | None = None,
-    time_unit: str = "s",
+    time_unit: str | None = None,
     max_gap_ms: float | None = None,
     decimal: str = ".",
     header_lines: int | None = None,
@@ -83,7 +83,8 @@ def read_folder(
     pattern: conditions in the file names, such as "{label}_F{force}_{repetition}.csv".
     conditions: a CSV file with the column `file` and one column per condition.
     columns: the taxels, by numbers from 1 or by names, such as "1-5"; all but the time column when empty.
-    time_column, time_unit ("s", "ms", "us", "ns"), max_gap_ms: the stamps, and their longest interval.
+    time_column, time_unit, max_gap_ms: the stamps, their unit ("s", "ms", "us", "ns"; that of the column's name or s
+        when None), and their longest interval.
     decimal: "." or ",". header_lines: lines before the first sample; found out when None.
     Raises InputError, which names the file, the line and the fix.
     """

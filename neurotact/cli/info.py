@@ -15,7 +15,8 @@ def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings o
     """Describe the content of a file of recordings or spikes.
 
     Prints its classes and conditions, the length and the rate of its trials, when the touch begins, and the range of
-    each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel or a clock column among the taxels.
+    each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel or a clock
+    column among the taxels.
     """
     if hdf5.kind_of(file) == "recordings":
         with hdf5.open_recordings(file) as data:

@@ -51,8 +51,11 @@ def import_folder(
     ] = None,
     time_column: Annotated[str | None, typer.Option("--time-column", help="The column of time stamps.")] = None,
     time_unit: Annotated[
-        Literal["s", "ms", "us", "ns"], typer.Option("--time-unit", help="Unit of the time stamps.")
-    ] = "s",
+        Literal["s", "ms", "us", "ns"] | None,
+        typer.Option(
+            "--time-unit", help="Unit of the time stamps.", show_default="that of the column's name (t_ms), else s"
+        ),
+    ] = None,
     max_gap_ms: Annotated[
         float | None,
         typer.Option(

@@ -1,13 +1,17 @@
-"""Time stamps of samples: their sampling rate, and resampling to a regular clock."""
+"""Time stamps: their unit, the sampling rate of their samples, and resampling to a regular clock."""
 
+import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 
 from neurotact.errors import InputError
 
-UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+Unit = Literal["s", "ms", "us", "ns"]
+UNIT_S: dict[Unit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+IN_NAME = re.compile(r"(?:_|\s*\[|\s*\()(s|ms|us|ns)[])]?$", re.IGNORECASE)
+"""The unit at the end of a column's name: `t_ms`, `Time [us]`, `time (s)`."""
 GAP = 5.0
 """An interval longer than this many median ones is a gap, unless the user gives a length."""
 REGULAR = 0.01
@@ -37,7 +41,26 @@ class Stamps(NamedTuple):
         return bool(np.abs(intervals - self.interval_s).max() <= allowed)
 
 
-def stamps_of(time: np.ndarray, unit: str, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:
+def unit_in(name: str) -> Unit | None:
+    """The unit that the name of a column of times ends with; None without one.
+
+    >>> unit_in("event_t_ms"), unit_in("Time [us]"), unit_in("TIME (S)"), unit_in("times")
+    ('ms', 'us', 's', None)
+    """
+    found = IN_NAME.search(name)
+    return cast(Unit, found[1].lower()) if found else None
+
+
+def without_unit(name: str) -> str:
+    """The name of a column of times without its unit.
+
+    >>> without_unit("time_us"), without_unit("Time [s]"), without_unit("times")
+    ('time', 'Time', 'times')
+    """
+    return IN_NAME.sub("", name)
+
+
+def stamps_of(time: np.ndarray, unit: Unit, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:
     """The stamps of a file; rows that repeat the previous stamp are dropped.
 
     first_line: the line of the first sample. max_gap_ms: the longest interval; five median ones when None.

@@ -14,7 +14,8 @@ import pandas as pd
 
 from neurotact.data import heidelberg
 from neurotact.data.readers.archives import read_arrays
-from neurotact.data.readers.events import ROW, UNIT_S, Events, EventSpec, joined, to_trains
+from neurotact.data.readers.clock import UNIT_S, unit_in, without_unit
+from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.naming import NamingSpec, conditions_of
 from neurotact.data.readers.tables import cells, read_text
 from neurotact.data.recordings import LABEL
@@ -33,7 +34,6 @@ ALIASES = {
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POLARITY = "polarity"
 """Another name for the population, of which a sensor with polarities has two."""
-UNIT = re.compile(r"_(s|ms|us|ns)$")
 BYTES_PER_CELL = 120
 """Bytes per cell of a table of texts in memory."""
 ARCHIVES, TABLES, HDF5 = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
@@ -134,7 +134,7 @@ def _of_columns(columns: Mapping[str, np.ndarray], spec: EventSpec, names: Mappi
         raise InputError(
             f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with --names {absent}=..."
         )
-    unit = spec.time_unit or next(iter(UNIT.findall(time_name)), "s")
+    unit = spec.time_unit or unit_in(time_name) or "s"
     if columns[time_name].ndim != 1:
         raise InputError(f"{path}: '{time_name}' has the shape {columns[time_name].shape}; give one time per event")
     time_s = _numbers(columns[time_name], time_name, path) * UNIT_S[unit]
@@ -160,7 +160,7 @@ def _place(what: str, columns: Mapping[str, np.ndarray], names: Mapping[str, str
                 f"{path}: --names {what}: there is no '{names[what]}'; {nearest(names[what], list(columns))}"
             )
         return names[what] or None
-    plain = {name: UNIT.sub("", name.lower().removeprefix("events_").removeprefix("event_")) for name in columns}
+    plain = {name: without_unit(name.lower().removeprefix("events_").removeprefix("event_")) for name in columns}
     return next((name for alias in ALIASES[what] for name, shown in plain.items() if shown == alias), None)
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
+from neurotact.data.readers.clock import Unit
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
 from neurotact.spec import Spec
 
-UNIT_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 MOST_AFFERENTS = 65_536
 ROW = 2**31
 """Offset between rows of a grid, before its width is known."""
@@ -31,7 +31,7 @@ class EventSpec(Spec):
 
     step_ms: float = Field(default=1.0, gt=0)
     """The clock; events of an afferent within one step are one spike."""
-    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    time_unit: Unit | None = None
     """Unit of the times; when absent, from the file (`time_us`), microseconds for x, y, t, p arrays, else seconds."""
     origin: Literal["zero", "first"] = "zero"
     """The start of a trial: time zero, or its first event."""

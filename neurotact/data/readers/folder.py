@@ -27,8 +27,8 @@ RATES_DIFFER = 0.1
 
 OTHER_UNIT = 100.0
 """If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
-SLOWEST_HZ = 1.0
-"""A slower sampling rate causes a warning."""
+SLOWEST_HZ, SHORTEST_MS = 10.0, 20.0
+"""Time stamps that give a slower sampling rate or a shorter median trial cause a warning."""
 
 LEAST_RISING = 20
 """Samples of a trial from which on a channel that never falls causes a warning."""
@@ -122,7 +122,7 @@ def _trials_of(path: Path, file: str, layout: LayoutSpec) -> list[_Trial]:
 def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
     if table.time is None:
         return _Trial(file, table.names, table.signal, None)
-    stamps = clock.stamps_of(table.time, layout.time_unit, str(path), table.first_line, layout.max_gap_ms)
+    stamps = clock.stamps_of(table.time, table.time_unit, str(path), table.first_line, layout.max_gap_ms)
     dropped = len(table.time) - len(stamps.time_s)
     if dropped:
         log.warning("%s: %d rows repeat the time stamp of the row before them and are dropped", path, dropped)
@@ -131,7 +131,7 @@ def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
 
 def _warn_of_other_columns(trials: Sequence[_Trial], channels: Sequence[str], folder: Path) -> None:
     """Warn of columns that are rarely taxels: a constant one (a temperature of the board), and one that rises
-    throughout every trial (time stamps without a name, a counter of samples).
+    throughout every trial while others fall (time stamps without a name, a counter of samples).
     """
     first = trials[0].signal[0]
     constant = np.logical_and.reduce([(trial.signal == first).all(axis=0) for trial in trials])
@@ -141,7 +141,7 @@ def _warn_of_other_columns(trials: Sequence[_Trial], channels: Sequence[str], fo
             folder, _named_taxels(constant, channels),
         )  # fmt: skip
     rising = np.logical_and.reduce([_rises(trial.signal) for trial in trials])
-    if rising.any():
+    if rising.any() and not rising.all():
         log.warning(
             "%s: %s rises throughout every trial, as time stamps or a counter do; give --time-column, or select the "
             "taxels with --columns",
@@ -170,7 +170,7 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
         return float(given_Hz), [trial.signal for trial in trials]
     found_Hz = clock.rate_of(stamps)
     rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
-    _check_unit(found_Hz, given_Hz, folder)
+    _check_unit(found_Hz, given_Hz, 1e3 * float(np.median([each.time_s[-1] for each in stamps])), folder)
     n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
     check_size(f"{folder} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
     signals = [
@@ -190,19 +190,28 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
     return rate_Hz, signals
 
 
-def _check_unit(found_Hz: float, given_Hz: float | None, folder: Path) -> None:
-    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong."""
-    if given_Hz is None:
-        if found_Hz < SLOWEST_HZ:
-            log.warning(
-                "%s: the time stamps give %.3g Hz, which is slow for touch; give their unit with --time-unit",
-                folder, found_Hz,
-            )  # fmt: skip
-    elif not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
+def _check_unit(found_Hz: float, given_Hz: float | None, median_ms: float, folder: Path) -> None:
+    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong.
+
+    Without a given rate, warn if they are too slow or too fast for touch. median_ms: length of the median trial.
+    """
+    if given_Hz is not None and not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
         raise InputError(
             f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give the "
             "unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
         )
+    if given_Hz is None and found_Hz < SLOWEST_HZ:
+        log.warning(
+            "%s: the time stamps give %.3g Hz, which is slow for touch; if their unit is another, give it with "
+            "--time-unit",
+            folder, found_Hz,
+        )  # fmt: skip
+    elif given_Hz is None and median_ms < SHORTEST_MS:
+        log.warning(
+            "%s: the time stamps give %.4g Hz and a median trial of %.3g ms, which is short for touch; if their unit "
+            "is another, give it with --time-unit",
+            folder, found_Hz, median_ms,
+        )  # fmt: skip
 
 
 def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, folder: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
+from neurotact.data.readers.clock import Unit, unit_in
 from neurotact.data.readers.tables import cells, check_width, is_value, numbers, read_text
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
@@ -26,7 +27,8 @@ class LayoutSpec(Spec):
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
     time_column: str | None = None
     """The name or the number of the column of time stamps."""
-    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    time_unit: Unit | None = None
+    """Unit of the stamps; when absent, the one at the end of the column's name (`t_ms`), else seconds."""
     max_gap_ms: float | None = Field(default=None, gt=0)
     """The longest interval between stamps; five median ones when absent."""
     decimal: Literal[".", ","] = "."
@@ -41,12 +43,16 @@ class LayoutSpec(Spec):
 
 
 class Table(NamedTuple):
-    """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line."""
+    """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line.
+
+    time_unit: of the stamps, as asked for or as their column is named.
+    """
 
     names: tuple[str, ...]
     signal: np.ndarray
     time: np.ndarray | None
     first_line: int
+    time_unit: Unit = "s"
 
 
 class _Columns(NamedTuple):
@@ -89,7 +95,9 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
     )  # fmt: skip
     time = None if columns.time is None else values[:, columns.time]
     taxels = tuple(names[i] for i in columns.taxels) if names else ()
-    return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line)
+    named = unit_in(names[columns.time]) if names and columns.time is not None else None
+    unit = layout.time_unit or named or "s"
+    return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line, unit)
 
 
 def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -> tuple[tuple[str, ...], int]:

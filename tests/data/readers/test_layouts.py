@@ -202,8 +202,9 @@ def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
         assert "rises" not in caplog.text
     write(tmp_path / "silk" / "b.csv", counted(30, 29))
     caplog.clear()
-    nt.read_folder(tmp_path, 100, "mV", columns="2-3")
-    assert "rises" not in caplog.text
+    for taxels in ("2-3", "1"):  # a counter is no only taxel
+        nt.read_folder(tmp_path, 100, "mV", columns=taxels)
+        assert "rises" not in caplog.text
 
 
 def test_without_a_rate_a_column_of_time_stamps_is_named_first(tmp_path):
@@ -275,7 +276,22 @@ def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
     assert nt.read_folder(tmp_path, unit="count", time_column="timestamp").sampling_rate_Hz == pytest.approx(
         1 / 28, 1e-3
     )
-    assert "the time stamps give 0.0357 Hz, which is slow for touch; give their unit with --time-unit" in caplog.text
+    assert "the time stamps give 0.0357 Hz, which is slow for touch; if their unit is another, give it" in caplog.text
+    caplog.clear()
+    found = nt.read_folder(tmp_path, unit="count", time_column="timestamp", time_unit="us")
+    assert found.sampling_rate_Hz == pytest.approx(1e6 / 28, 1e-3)
+    assert "give 3.571e+04 Hz and a median trial of 0.532 ms, which is short for touch; if their unit is" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("name", "rate_Hz"), [("t_ms", 500), ("Time [us]", 5e5), ("time (s)", 0.5), ("T_S", 0.5), ("t", 0.5)]
+)
+def test_the_name_of_the_time_column_says_its_unit(tmp_path, name, rate_Hz):
+    for label in ("felt", "silk"):
+        write(tmp_path / label / "a.csv", "\n".join([f"{name},a", *(f"{2 * n},{n % 7}" for n in range(50))]) + "\n")
+    assert nt.read_folder(tmp_path, unit="count", time_column=name).sampling_rate_Hz == pytest.approx(rate_Hz)
+    assert nt.read_folder(tmp_path, unit="count", time_column="1").sampling_rate_Hz == pytest.approx(rate_Hz)
+    assert nt.read_folder(tmp_path, unit="count", time_column=name, time_unit="ms").sampling_rate_Hz == 500
 
 
 def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog):
