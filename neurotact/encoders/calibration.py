@@ -284,11 +284,14 @@ def _on_ema(smoothed: Mapping[float | None, Calibration], chosen_Hz: float | Non
     ]
 
 
-def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., Calibration], int]:
+def way_of(
+    spec: AfferentSpec, given: Mapping[str, Any], *, choose_ema: bool = True
+) -> tuple[Callable[..., Calibration], int]:
     """The calibration of an encoder, and how many times at most it goes through all candidates of its rule.
 
-    A baseline that uses the whole trial is replaced by a causal one, and then the moving average is chosen, too, unless
-    their keys are among `given`, the dotted keys that were set. Raises InputError if one of them is in `FITTED`.
+    A baseline that uses the whole trial is replaced by a causal one, and then the moving average is chosen, too
+    (`choose_ema`), unless their keys are among `given`, the dotted keys that were set. Raises InputError if one of them
+    is in `FITTED`.
 
     >>> from neurotact.spec import load
     >>> paper = load(AfferentSpec, "sa1-ra1-lif")
@@ -299,7 +302,7 @@ def way_of(spec: AfferentSpec, given: Mapping[str, Any]) -> tuple[Callable[..., 
     refuse(given, dict.fromkeys(FITTED, BY_CALIBRATION))
     if spec.conditioning.baseline not in ACAUSAL or "conditioning.baseline" in given:
         return calibrate, 1
-    choose_ema = "conditioning.ema_cutoff_Hz" not in given
+    choose_ema = choose_ema and "conditioning.ema_cutoff_Hz" not in given
     return partial(calibrate_causally, choose_ema=choose_ema), len(PAST) + (MOST_CUTOFFS - 1 if choose_ema else 0)
 
 

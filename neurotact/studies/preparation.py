@@ -239,7 +239,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
     if key not in calibrated:
         train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
-        fit, _ = way_of(cell.calibrate, {} if cell.choose_ema else {"conditioning.ema_cutoff_Hz": None})
+        fit, _ = way_of(cell.calibrate, {}, choose_ema=cell.choose_ema)
         training = recordings.select(train)
         if cell.split.folds:  # each fold has its own encoder, and its notes name the fold
             training = replace(training, source=f"{recordings.source}, fold {cell.split.fold}")

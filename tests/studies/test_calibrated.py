@@ -45,8 +45,8 @@ def encoded(touches, monkeypatch, **changes):
     """The run folder, its study and the encoder with which each cell's spikes were made."""
     way_of = calibration.way_of
 
-    def quickly(spec, given):
-        fit, times = way_of(spec, given)
+    def quickly(spec, given, *, choose_ema):
+        fit, times = way_of(spec, given, choose_ema=choose_ema)
         return lambda recordings, spec: fit(recordings, spec, rule=RULE), times
 
     monkeypatch.setattr(preparation, "way_of", quickly)

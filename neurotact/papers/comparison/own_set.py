@@ -59,7 +59,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = given.get(GROUP) or ()
     group = (group,) if isinstance(group, str) else tuple(group)
-    others = _with_seeds({key: value for key, value in given.items() if key not in {*of_set, GROUP}})
+    others = _with_swept_seeds({key: value for key, value in given.items() if key not in {*of_set, GROUP}})
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
     touches = _look(path, clock_Hz)
@@ -81,7 +81,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     return Own(changes, tuple(notes))
 
 
-def _with_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
+def _with_swept_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
     """The keys with all given seeds as `sweep.seed`: each seed has its own split."""
     wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
