@@ -19,10 +19,11 @@ from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
 
 AUTO = "auto"
-LONGEST_MS = 1000.0
+LONGEST_MS = 2000.0
 """Maximum length of a window: longer trials are cut into several."""
-MOST_PER_TRIAL, MOST_WINDOWS = 4, 4000
-"""Maximum number of windows of one trial, and of all trials: more windows add little information and take time."""
+MOST_PER_TRIAL, MOST_OF_TRIAL_MS, MOST_MS = 4, 4000.0, 4e6
+"""Maximum number of windows of one trial, their total length, and that of all trials: more windows take time and add
+little information."""
 SMALL = 1000
 """Number of trials up to which three seeds are trained."""
 FOLDS, FOLDED = 5, 300
@@ -132,28 +133,28 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
     """The window of a study, and the rule in words.
 
     Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
-    ms, but at most 1 s. A longer trial has as many windows as fit, at most 4, and all trials at most 4000 together.
-    given: dotted keys such as `window.length_ms`.
+    ms, but at most 2 s. A longer trial has as many windows as fit: at most 4, and at most 4 s together. If the windows
+    of all trials would last more than 4,000 s, a trial has fewer. given: dotted keys such as `window.length_ms`.
 
     >>> window(Recorded(np.array([0.8, 1.2]), 1000.0))[0]
     {'length_ms': 800.0, 'per_trial': 1}
     >>> window(Recorded(np.array([2.5, 59.0]), 1000.0, touch_s=0.4))[0]
-    {'length_ms': 1000.0, 'per_trial': 4, 'start_ms': 400.0}
+    {'length_ms': 2000.0, 'per_trial': 2, 'start_ms': 400.0}
     """
     start_ms = _start_ms(recorded, given)
     room_ms = 1e3 * recorded.durations_s - start_ms
     shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
     whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
     length_ms = _number(given, "window.length_ms", min(LONGEST_MS, float(whole_ms)))
-    fitting = int(max(1, longest_ms // max(length_ms, 1e-9)))
     asked = given.get("window.per_trial")  # a wrong value raises an error with the study
-    most = asked if isinstance(asked, int) else min(MOST_PER_TRIAL, MOST_WINDOWS // len(room_ms))
-    per_trial = max(1, min(most, fitting))
+    used_ms = longest_ms if isinstance(asked, int) else min(longest_ms, MOST_OF_TRIAL_MS, MOST_MS / len(room_ms))
+    most = asked if isinstance(asked, int) else MOST_PER_TRIAL
+    per_trial = max(1, min(most, int(used_ms // max(length_ms, 1e-9))))
     table = {"length_ms": length_ms, "per_trial": per_trial}
     if "window.length_ms" in given:
         why = "as given"
     elif length_ms == LONGEST_MS:
-        why = "1 s at most"
+        why = f"{LONGEST_MS / 1e3:g} s at most"
     else:
         why = f"the shortest trial, {shortest_ms:,.0f} ms"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"

@@ -47,7 +47,7 @@ def test_a_window_fits_into_every_trial(lengths, rate_Hz, touch, asked):
 def test_windows_start_with_the_touch_unless_a_start_is_given():
     trials = Recorded(np.full(20, 2.5), 100.0, touch_s=0.4409)
     table, notes = suited.window(trials)
-    assert table == {"length_ms": 1000.0, "per_trial": 2, "start_ms": 440.0}
+    assert table == {"length_ms": 2000.0, "per_trial": 1, "start_ms": 440.0}
     assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ less than half")
     assert suited.window(Recorded(np.full(20, 0.9), 100.0, touch_s=0.3))[0]["length_ms"] == 600
     assert suited.window(trials, {"window.length_ms": 2200})[0]["start_ms"] == 300
@@ -57,13 +57,15 @@ def test_windows_start_with_the_touch_unless_a_start_is_given():
         assert "start_ms" not in table  # the given one is set with the study
         assert not [note for note in notes if "Windows start" in note]
     _, notes = suited.window(Recorded(np.full(20, 5.0), 100.0, touch_s=0.5), {"window.per_trial": 1})
-    assert notes[-1].startswith("Only 1,000 ms of the median trial, 4,500 ms from there on, are used;")
+    assert notes[-1].startswith("Only 2,000 ms of the median trial, 4,500 ms from there on, are used;")
 
 
 def test_many_trials_have_fewer_windows_each():
-    table, _ = suited.window(Recorded(np.full(3000, 10.0), 1000.0))
-    assert table["per_trial"] == 1
-    assert suited.window(Recorded(np.full(1500, 10.0), 1000.0))[0]["per_trial"] == 2
+    assert suited.window(Recorded(np.full(1000, 10.0), 1000.0))[0]["per_trial"] == 2
+    assert suited.window(Recorded(np.full(1001, 10.0), 1000.0))[0]["per_trial"] == 1
+    short = {"window.length_ms": 300}
+    assert suited.window(Recorded(np.full(1000, 10.0), 1000.0), short)[0]["per_trial"] == 4
+    assert suited.window(Recorded(np.full(5000, 10.0), 1000.0), short)[0]["per_trial"] == 2
 
 
 def test_a_given_window_is_kept_and_an_odd_trial_is_named():
@@ -73,7 +75,8 @@ def test_a_given_window_is_kept_and_an_odd_trial_is_named():
     }
     table, (note,) = suited.window(Recorded(np.array([1.9, 1.9]), 1000.0), {"window.per_trial": 1})
     assert table["per_trial"] == 1
-    assert "1 s at most), one window per trial;" in note
+    assert "1900 ms (the shortest trial, 1,900 ms), one window per trial;" in note
+    assert "2000 ms (2 s at most), one window per trial;" in suited.window(Recorded(np.full(9, 2.1), 100.0))[1][0]
     _, notes = suited.window(Recorded(np.array([2.0, 0.1, 2.0]), 1000.0))
     assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
 
@@ -81,7 +84,7 @@ def test_a_given_window_is_kept_and_an_odd_trial_is_named():
 def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
     trials = Recorded(np.array([5.0, 5.0, 9.0]), 1000.0)
     _, notes = suited.window(trials, {"window.per_trial": 1})
-    assert notes[-1].startswith("Only the first 1,000 ms of the median trial, 5,000 ms, are used;")
+    assert notes[-1].startswith("Only the first 2,000 ms of the median trial, 5,000 ms, are used;")
     assert len(suited.window(trials)[1]) == 1
     for place in ({"window.start_ms": 2000}, {"window.align": "onset"}, {"window.length_ms": 1000.0}):
         assert len(suited.window(trials, {"window.per_trial": 1, **place})[1]) == 1
@@ -90,7 +93,7 @@ def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
 def test_windows_that_overlap_cover_less():
     trials = Recorded(np.full(20, 6.0), 100.0)
     _, notes = suited.window(trials, {"window.hop_ms": 500.0})
-    assert "the first 2,500 ms of the median trial" in notes[-1]  # four windows of 1 s, 500 ms apart
+    assert "the first 2,500 ms of the median trial" in notes[-1]  # two windows of 2 s, 500 ms apart
     _, notes = suited.window(trials)
     assert not [note for note in notes if "are used" in note]
 
@@ -116,21 +119,21 @@ def test_a_slow_recording_is_told_what_its_clock_means():
 
 def test_the_rest_before_the_touch_is_left_out(tmp_path):
     rng = np.random.default_rng(0)
-    signals = rng.normal(0, 0.1, (12, 150, 2))
-    signals[:, 45:] += rng.normal(0, 5, (12, 1, 2))
+    signals = rng.normal(0, 0.1, (12, 300, 2))
+    signals[:, 60:] += rng.normal(0, 5, (12, 1, 2))
     touches = Recordings(signals, 100.0, "mV", {"label": ["felt", "silk"] * 6})
     hdf5.save_recordings(touches, tmp_path / "touches.h5")
     what = loading.resolve("own-recordings", data=tmp_path / "touches.h5")
-    assert what.window == WindowSpec(length_ms=1000.0, start_ms=450.0, per_trial=1)
+    assert what.window == WindowSpec(length_ms=2000.0, start_ms=600.0, per_trial=1)
     what = loading.resolve("own-recordings", data=tmp_path / "touches.h5", overrides={"window.start_ms": 0})
     assert what.window.start_ms == 0
 
 
 def test_the_shipped_study_takes_any_recordings(tmp_path):
-    path = save(tmp_path / "touches.h5", [150] * 12, 93.0)
+    path = save(tmp_path / "touches.h5", [300] * 12, 93.0)
     what = loading.resolve("own-recordings", data=path)
     assert what.dataset.file == str(path)
-    assert what.window == WindowSpec(length_ms=1000.0, per_trial=1)
+    assert what.window == WindowSpec(length_ms=2000.0, per_trial=1)
     assert what.sweep["seed"] == [0]
     assert len(what.notes) == 3
     changed = loading.resolve("own-recordings", {"window.length_ms": 300.0, "sweep.seed": [5]}, data=path)
