@@ -71,7 +71,10 @@ def _few_candidates(monkeypatch):
     monkeypatch.setattr(
         preparation,
         "way_of",
-        lambda spec, given: (lambda recordings, spec: calibration.calibrate(recordings, spec, rule=RULE), 1),
+        lambda spec, given, choose_ema: (
+            lambda recordings, spec: calibration.calibrate(recordings, spec, rule=RULE),
+            1,
+        ),
     )
 
 
