@@ -10,8 +10,11 @@ from neurotact.data.recordings import Trials
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
-BINS, MOST_TRIALS = 50, 500
-"""Bins of the shortest trial, and the most trials, evenly spaced, in which `common_onset_s` looks for the touch."""
+BINS, MOST_TRIALS, MOST_VALUES = 50, 500, 20_000_000
+"""Bins of the shortest trial in which `common_onset_s` looks for the touch; the most trials, evenly spaced, and their
+most values in memory."""
+GLITCHES = 0.01
+"""Share of the largest and of the smallest values of a taxel that are clipped."""
 LATEST = 1 / 3
 """Share of the shortest trial after which no touch begins: trials that differ ever more from one another drift."""
 
@@ -84,8 +87,9 @@ def common_onset_s(trials: Trials) -> float:
     """The time at which the touch of recorded trials begins, in s from their start; 0 if they begin with it.
 
     At rest, trials differ little from one another. The touch begins with the first bin in which they differ at least
-    half as much as in any later one: the variance over trials of each taxel's mean and deviation in the bin, summed
-    over taxels. Bins are a fiftieth of the shortest trial. Labels are not used.
+    half as much as in any other: the variance over trials of each taxel's mean and deviation in the bin, summed over
+    taxels. Bins are a fiftieth of the shortest trial. Rare values are clipped, so that a glitch in one trial does not
+    decide. Labels are not used.
 
     >>> import pandas as pd
     >>> rng = np.random.default_rng(0)
@@ -98,14 +102,15 @@ def common_onset_s(trials: Trials) -> float:
     """
     shortest = int(trials.lengths.min())
     edges = np.unique(np.linspace(0, shortest, BINS + 1).astype(int)).tolist()
-    chosen = np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int)).tolist()
-    total, squares, first_trial = 0.0, 0.0, None
-    for trial in chosen:
-        bins = [trials.piece(trial, begin, end) for begin, end in pairwise(edges)]
-        features = np.array([[each.mean(axis=0, dtype=float), each.std(axis=0, dtype=float)] for each in bins])
-        first_trial = features if first_trial is None else first_trial
-        features = features - first_trial  # a large offset, squared, would hide small differences
-        total, squares = total + features, squares + features**2
-    variance = np.asarray(squares / len(chosen) - (total / len(chosen)) ** 2).clip(min=0).sum(axis=(1, 2))
+    most = max(2, min(MOST_TRIALS, MOST_VALUES // (2 * BINS * trials.n_channels)))
+    chosen = np.unique(np.linspace(0, len(trials) - 1, most).astype(int)).tolist()
+    features = np.empty((len(chosen), len(edges) - 1, 2, trials.n_channels))
+    for row, trial in enumerate(chosen):
+        for place, (begin, end) in enumerate(pairwise(edges)):
+            piece = trials.piece(trial, begin, end).astype(np.float64)
+            features[row, place] = piece.mean(axis=0), piece.std(axis=0)
+    features -= features[0]  # a large offset, squared, would hide small differences
+    low, high = np.quantile(features, [GLITCHES, 1 - GLITCHES], axis=(0, 1))
+    variance = features.clip(low, high).var(axis=0).sum(axis=(1, 2))
     first = edges[int(np.argmax(variance >= variance.max() / 2))]
     return first / trials.sampling_rate_Hz if first <= LATEST * shortest else 0.0

@@ -131,6 +131,23 @@ def test_trials_that_begin_in_contact_start_at_once():
     assert common_onset_s(Recordings(np.ones((2, 1, 1)), RATE_HZ, "mV", {"label": [*"ab"]})) == 0
 
 
+@pytest.mark.parametrize(("onset", "glitch"), [(0, 120), (120, 30), (120, 500)])
+def test_a_glitch_in_one_trial_does_not_decide(onset, glitch):
+    trials = touches(onset, np.random.default_rng(0))
+    trials.signals[7][glitch] += 1e6
+    found = common_onset_s(trials) * RATE_HZ
+    assert abs(found - onset) <= 600 // BINS + 2
+
+
+def test_many_taxels_of_which_each_trial_touches_few_show_the_onset():
+    rng = np.random.default_rng(0)
+    signals = rng.normal(0, 0.2, (60, 300, 100))
+    for trial in signals:
+        trial[50:, rng.choice(100, 5, replace=False)] += 8
+    found = common_onset_s(Recordings(signals, RATE_HZ, "mV", {"label": ["a", "b"] * 30})) * RATE_HZ
+    assert abs(found - 50) <= 300 // BINS
+
+
 def test_sensors_that_drift_apart_show_no_onset():
     rng = np.random.default_rng(0)
     signals = rng.normal(0, 1, (60, 600, 3)).cumsum(axis=1)
