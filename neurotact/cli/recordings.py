@@ -12,7 +12,7 @@ from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Source
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
-from neurotact.data.readers import arrays, event_files, folder, nwb
+from neurotact.data.readers import arrays, clock, event_files, folder, nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains
@@ -51,7 +51,7 @@ def import_folder(
     ] = None,
     time_column: Annotated[str | None, typer.Option("--time-column", help="The column of time stamps.")] = None,
     time_unit: Annotated[
-        Literal["s", "ms", "us", "ns"] | None,
+        clock.Unit | None,
         typer.Option(
             "--time-unit", help="Unit of the time stamps.", show_default="that of the column's name (t_ms), else s"
         ),
@@ -115,7 +115,7 @@ def import_events(
     out: OutFile,
     step_ms: Annotated[float, typer.Option("--step-ms", help="Time step of the spikes.")] = 1.0,
     time_unit: Annotated[
-        Literal["s", "ms", "us", "ns"] | None,
+        clock.Unit | None,
         typer.Option("--time-unit", help="Unit of the times.", show_default="of the file, else s; us for x, y, t, p"),
     ] = None,
     origin: Annotated[

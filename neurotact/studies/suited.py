@@ -147,16 +147,18 @@ def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str,
     whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
     length_ms = _number(given, "window.length_ms", min(LONGEST_MS, float(whole_ms)))
     asked = given.get("window.per_trial")  # a wrong value raises an error with the study
-    used_ms = longest_ms if isinstance(asked, int) else min(longest_ms, MOST_OF_TRIAL_MS, MOST_MS / len(room_ms))
-    most = asked if isinstance(asked, int) else MOST_PER_TRIAL
-    per_trial = max(1, min(most, int(used_ms // max(length_ms, 1e-9))))
+    divisor_ms = max(length_ms, 1e-9)  # a length of 0 raises an error with the study
+    if not isinstance(asked, int):
+        asked = min(MOST_PER_TRIAL, min(MOST_OF_TRIAL_MS, MOST_MS / len(room_ms)) // divisor_ms)
+    per_trial = int(max(1, min(asked, longest_ms // divisor_ms)))
     table = {"length_ms": length_ms, "per_trial": per_trial}
+    later = f" from {start_ms:g} ms on" if start_ms else ""
     if "window.length_ms" in given:
         why = "as given"
     elif length_ms == LONGEST_MS:
         why = f"{LONGEST_MS / 1e3:g} s at most"
     else:
-        why = f"the shortest trial, {shortest_ms:,.0f} ms"
+        why = f"the shortest trial, {shortest_ms:,.0f} ms{later}"
     up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
     notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with --window-ms."]
     if start_ms > 0 and not STARTS & {*given}:
@@ -188,8 +190,9 @@ def _on_coverage(room_ms: np.ndarray, start_ms: float, covered_ms: float, given:
     shortest_ms, median_ms = float(room_ms.min()), float(np.median(room_ms))
     if shortest_ms < min(SHORT * median_ms, LONGEST_MS):
         yield (
-            f"Trial {int(room_ms.argmin())} lasts {shortest_ms:,.0f} ms, the median trial {median_ms:,.0f} ms, and "
-            "all windows are as short; leave such trials out when you import, or accept it."
+            f"Trial {int(room_ms.argmin())} lasts {shortest_ms + start_ms:,.0f} ms, the median trial "
+            f"{median_ms + start_ms:,.0f} ms, and every window must fit into it; leave such trials out when you "
+            "import, or accept it."
         )
     elif covered_ms < SEEN * median_ms and not STARTS & {*given}:
         if start_ms:

@@ -49,7 +49,10 @@ def test_windows_start_with_the_touch_unless_a_start_is_given():
     table, notes = suited.window(trials)
     assert table == {"length_ms": 2000.0, "per_trial": 1, "start_ms": 440.0}
     assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ less than half")
-    assert suited.window(Recorded(np.full(20, 0.9), 100.0, touch_s=0.3))[0]["length_ms"] == 600
+    table, notes = suited.window(Recorded(np.array([0.9, 2.0, 2.0]), 100.0, touch_s=0.3))
+    assert table["length_ms"] == 600
+    assert "600 ms (the shortest trial, 600 ms from 300 ms on)" in notes[0]
+    assert "Trial 0 lasts 900 ms, the median trial 2,000 ms, and every window must fit into it;" in notes[-1]
     assert suited.window(trials, {"window.length_ms": 2200})[0]["start_ms"] == 300
     assert "start_ms" not in suited.window(trials, {"window.length_ms": 2500})[0]
     for given_start in ({"window.start_ms": 100}, {"window.start_ms": 0}, {"window.align": "onset"}):

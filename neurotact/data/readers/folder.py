@@ -195,18 +195,19 @@ def _check_unit(found_Hz: float, given_Hz: float | None, median_ms: float, folde
 
     Without a given rate, warn if they are too slow or too fast for touch. median_ms: length of the median trial.
     """
-    if given_Hz is not None and not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
-        raise InputError(
-            f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give the "
-            "unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
-        )
-    if given_Hz is None and found_Hz < SLOWEST_HZ:
+    if given_Hz is not None:
+        if not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
+            raise InputError(
+                f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give "
+                "the unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
+            )
+    elif found_Hz < SLOWEST_HZ:
         log.warning(
             "%s: the time stamps give %.3g Hz, which is slow for touch; if their unit is another, give it with "
             "--time-unit",
             folder, found_Hz,
         )  # fmt: skip
-    elif given_Hz is None and median_ms < SHORTEST_MS:
+    elif median_ms < SHORTEST_MS:
         log.warning(
             "%s: the time stamps give %.4g Hz and a median trial of %.3g ms, which is short for touch; if their unit "
             "is another, give it with --time-unit",
