@@ -18,6 +18,7 @@ from neurotact.data.readers import arrays, event_files, folder, nwb
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.window_choice import ARGUMENTS
 from neurotact.deploy import c_export, export, fine_tuning
 from neurotact.deploy.export import Exported
 from neurotact.encoders import calibration, firing, specs
@@ -226,8 +227,8 @@ def train(
     network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
-    length_ms: float = 150.0,
-    start_ms: float = 0.0,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
     hop_ms: float | None = None,
     per_trial: int | None = None,
     align: str = "trial",
@@ -263,6 +264,7 @@ def train(
     spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
     task = tasks.task_of("train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
+    task = tasks.with_suited_window(task, hdf5.load_spikes(spikes), ARGUMENTS)
     what = spec.resolve(RSNNSpec, network, settings)
     train_run.run(spikes, place, what, task, seed=seed, device=device, force=force, resume=resume)
     return summary_of(files.read_json(place / train_run.RESULT))
@@ -362,8 +364,8 @@ def tune(
     tuner: str = "tpe",
     assessor: str = "median-stop",
     start_epoch: int = 10,
-    length_ms: float = 150.0,
-    start_ms: float = 0.0,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
     hop_ms: float | None = None,
     per_trial: int | None = None,
     align: str = "trial",
@@ -391,8 +393,10 @@ def tune(
     """
     place = Path(folder)
     spikes = _file_of(spikes)
+    trains = hdf5.load_spikes(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
     task = tasks.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
+    task = tasks.with_suited_window(task, trains, ARGUMENTS)
     table = {
         "space": tuning.load_space(space) if isinstance(space, (str, Path)) else space,
         "trials": trials,
@@ -406,9 +410,7 @@ def tune(
         "batch": batch,
     }
     asked = spec.build(tuning.SearchSpec, table, source="tune")
-    problem = search.problem_of(
-        hdf5.load_spikes(spikes), asked, spec.resolve(RSNNSpec, network, settings), task, device
-    )
+    problem = search.problem_of(trains, asked, spec.resolve(RSNNSpec, network, settings), task, device)
     with files.locked(place):
         with population.runner(problem, spikes, workers, device) as run:
             found, _ = search.search(problem, place, run)

@@ -9,6 +9,7 @@ import typer
 from neurotact.cli.output import print_table
 from neurotact.data import description, hdf5
 from neurotact.data.onset import common_onset_s
+from neurotact.data.window_choice import timing_of
 
 
 def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings or spikes.")]) -> None:
@@ -24,14 +25,18 @@ def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings o
                 f"{file}: {len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"
             )
             print(description.lengths_line(data.lengths, data.sampling_rate_Hz))
-            onset_ms = 1e3 * common_onset_s(data)
-            if onset_ms:
-                print(f"the touch begins about {onset_ms:.0f} ms after the start of a trial (train --start-ms)")
+            _print_onset(common_onset_s(data))
             print_table(description.conditions_table(data.conditions))
             print_table(description.taxels_table(data))
         return
     spikes = hdf5.load_spikes(file)
     print(f"{file}: {spikes!r}")
     print(description.lengths_line(np.asarray(spikes.trial_steps), spikes.sampling_rate_Hz))
+    _print_onset(timing_of(spikes).touch_s)
     print_table(description.conditions_table(spikes.conditions))
     print_table(description.afferents_table(spikes))
+
+
+def _print_onset(onset_s: float) -> None:
+    if onset_s:
+        print(f"the touch begins about {1e3 * onset_s:.0f} ms after the start of a trial (train --start-ms)")

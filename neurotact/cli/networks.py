@@ -48,6 +48,7 @@ from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.window_choice import OPTIONS
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
@@ -73,8 +74,8 @@ def train_command(
     out: OutFolder,
     network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "default",
     set_: SetOption = None,
-    window_ms: WindowMs = 150.0,
-    start_ms: StartMs = 0.0,
+    window_ms: WindowMs = None,
+    start_ms: StartMs = None,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
     align: Align = "trial",
@@ -116,6 +117,7 @@ def train_command(
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold or 0)
     task = tasks.task_of("train", window, split, stratify, tolerance, exit_by)
+    task = tasks.with_suited_window(task, hdf5.load_spikes(spikes), OPTIONS)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
     options["tell"] = lambda line: None if as_json else print(line)
@@ -195,8 +197,8 @@ def tune(
     start_epoch: Annotated[
         int, typer.Option("--start-epoch", min=1, help="First epoch after which a trial may be stopped.")
     ] = 10,
-    window_ms: WindowMs = 150.0,
-    start_ms: StartMs = 0.0,
+    window_ms: WindowMs = None,
+    start_ms: StartMs = None,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
     align: Align = "trial",
@@ -235,9 +237,11 @@ def tune(
     }
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold)
+    trains = hdf5.load_spikes(spikes)
     task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by)
+    task = tasks.with_suited_window(task, trains, OPTIONS)
     problem = search.problem_of(
-        hdf5.load_spikes(spikes),
+        trains,
         spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
         spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
         task,

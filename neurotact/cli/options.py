@@ -44,14 +44,33 @@ SchedulerOption = Annotated[
 Seed = Annotated[
     int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the weights and of the order of windows.")
 ]
-WindowMs = Annotated[float, typer.Option("--window-ms", help="Length of a window, the unit that is classified.")]
-StartMs = Annotated[float, typer.Option("--start-ms", help="Start of the first window in each trial.")]
+WindowMs = Annotated[
+    float | None,
+    typer.Option(
+        "--window-ms",
+        show_default="the shortest trial from the touch on, at most 2000",
+        help="Length of a window, the unit that is classified.",
+    ),
+]
+StartMs = Annotated[
+    float | None,
+    typer.Option(
+        "--start-ms",
+        show_default="where the touch begins; 0 with --window-ms",
+        help="Start of the first window in each trial.",
+    ),
+]
 HopMs = Annotated[
     float | None,
     typer.Option("--hop-ms", help="Time between the starts of windows; the window length when absent."),
 ]
 PerTrial = Annotated[
-    int | None, typer.Option("--per-trial", help="Maximum number of windows per trial; all that fit when absent.")
+    int | None,
+    typer.Option(
+        "--per-trial",
+        show_default="up to 4 s of windows; all that fit with --window-ms",
+        help="Maximum number of windows per trial.",
+    ),
 ]
 Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split; may be repeated.")]
 SplitSeed = Annotated[
@@ -170,16 +189,16 @@ def say_if_seconds(window_ms: float | None) -> None:
 
 
 def window_table(
-    length_ms: float,
-    start_ms: float,
+    length_ms: float | None,
+    start_ms: float | None,
     hop_ms: float | None,
     per_trial: int | None,
     align: str,
     rest_ms: float,
     deviations: float,
 ) -> dict[str, Any]:
-    """The options for the windows, as the table of a window."""
+    """The options for the windows, as the table of a window; None means not given."""
     say_if_seconds(length_ms)
     onset = {"rest_ms": rest_ms, "bin_ms": min(10.0, rest_ms), "deviations": deviations}
-    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    return table | ({"onset": onset} if align == "onset" else {})
+    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
+    return table | ({"align": align, "onset": onset} if align != "trial" else {})

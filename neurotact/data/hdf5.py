@@ -238,6 +238,7 @@ def spike_writer(
     afferents: tuple[str, ...],
     encoder: Any,
     source: str,
+    touch_s: float | None = None,
 ) -> Iterator[SpikeWriter]:
     """Write a spikes file to `path`, whole or not at all: the block appends one trial for each row of `conditions`.
 
@@ -255,6 +256,8 @@ def spike_writer(
         file.attrs["afferents"] = json.dumps(afferents)
         file.attrs["encoder"] = json.dumps(encoder)
         file.attrs["source"] = source
+        if touch_s is not None:
+            file.attrs["touch_s"] = touch_s
         writer = SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
         yield writer
         writer.flush()
@@ -270,7 +273,7 @@ def spike_writer(
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
     """Write spike trains to `path`, whole or not at all."""
     about = (trains.conditions, trains.sampling_rate_Hz, trains.afferents, trains.encoder, trains.source)
-    with spike_writer(path, *about) as writer:
+    with spike_writer(path, *about, trains.touch_s) as writer:
         for trial in trains.trials():
             writer.append(trial)
 
@@ -321,6 +324,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             encoder=table(attribute(file, "encoder", path), dict),
             source=str(attribute(file, "source", path)),
             trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
+            touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
         )
     except InputError as error:
         raise InputError(f"{path}: {error}; write it again with neurotact encode") from error

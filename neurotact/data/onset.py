@@ -1,18 +1,20 @@
 """When a touch begins and ends: in one trial, by the band of a resting sensor; in many, by how much trials differ."""
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Trials
+from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.spec import Spec
 
 BINS, MOST_TRIALS, MOST_VALUES = 50, 500, 20_000_000
-"""Bins of the shortest trial in which `common_onset_s` looks for the touch; the most trials, evenly spaced, and their
-most values in memory."""
+"""Bins of the shortest trial in which the touch is looked for; the most trials, evenly spaced, and their most values in
+memory."""
+MOST_READ = 20_000
+"""Values of a trial that are read together."""
 GLITCHES = 0.01
 """Share of the largest and of the smallest values of a taxel that are clipped."""
 LATEST = 1 / 3
@@ -100,17 +102,72 @@ def common_onset_s(trials: Trials) -> float:
     >>> common_onset_s(Recordings(signals, 100.0, "mV", pd.DataFrame({"label": ["a", "b"] * 10})))
     0.6
     """
-    shortest = int(trials.lengths.min())
-    edges = np.unique(np.linspace(0, shortest, BINS + 1).astype(int)).tolist()
-    most = max(2, min(MOST_TRIALS, MOST_VALUES // (2 * BINS * trials.n_channels)))
-    chosen = np.unique(np.linspace(0, len(trials) - 1, most).astype(int)).tolist()
-    features = np.empty((len(chosen), len(edges) - 1, 2, trials.n_channels))
+    edges = _edges(int(trials.lengths.min()))
+    chosen = _sample(len(trials), 2 * trials.n_channels)
+    features = np.empty((len(chosen), len(edges) - 1, 2 * trials.n_channels), np.float32)
+    reference = _features(trials, chosen[0], edges)  # a large offset, squared, would hide small differences
     for row, trial in enumerate(chosen):
-        for place, (begin, end) in enumerate(pairwise(edges)):
-            piece = trials.piece(trial, begin, end).astype(np.float64)
-            features[row, place] = piece.mean(axis=0), piece.std(axis=0)
-    features -= features[0]  # a large offset, squared, would hide small differences
+        features[row] = _features(trials, trial, edges) - reference
+    return _begin(features, edges) / trials.sampling_rate_Hz
+
+
+def common_spike_onset_s(spikes: SpikeTrains) -> float:
+    """The time at which the touch begins in spike trains, in s from the start of a trial; 0 if they begin with it.
+
+    The rule of `common_onset_s`, with the rate of each afferent in a bin.
+
+    >>> import pandas as pd
+    >>> from neurotact.data.spikes import from_rasters
+    >>> rasters = np.random.default_rng(0).random((20, 500, 4)) < np.linspace(0, 1, 20)[:, None, None]
+    >>> rasters[:, :100] = 0
+    >>> common_spike_onset_s(from_rasters(rasters, 1000.0, "abcd", pd.DataFrame({"label": ["a", "b"] * 10})))
+    0.1
+    """
+    shortest = int(spikes.trial_steps.min())
+    if not shortest:
+        return 0.0
+    edges, n_afferents = _edges(shortest), len(spikes.afferents)
+    chosen = _sample(len(spikes), n_afferents)
+    rates = np.empty((len(chosen), len(edges) - 1, n_afferents), np.float32)
+    for row, trial in enumerate(chosen):
+        n_inside = np.searchsorted(spikes.steps[trial], shortest)
+        place = np.searchsorted(edges, spikes.steps[trial][:n_inside], "right") - 1
+        cell = place * n_afferents + spikes.units[trial][:n_inside]
+        counts = np.bincount(cell, minlength=rates[row].size).reshape(rates[row].shape)
+        rates[row] = counts / np.diff(edges)[:, None]
+    return _begin(rates, edges) / spikes.sampling_rate_Hz
+
+
+def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:
+    """Mean and standard deviation of each channel of a trial in each bin, `(bin, feature)`."""
+    n_bins = len(edges) - 1
+    found = np.empty((n_bins, 2, trials.n_channels))
+    together = max(1, MOST_READ * n_bins // (edges[-1] * trials.n_channels))
+    for first in range(0, n_bins, together):
+        inside = np.array(edges[first : first + together + 1])
+        piece = trials.piece(trial, inside[0], inside[-1]).astype(np.float64)
+        starts, widths = inside[:-1] - inside[0], np.diff(inside)
+        mean = np.add.reduceat(piece, starts) / widths[:, None]
+        piece -= np.repeat(mean, widths, axis=0)
+        deviation = np.sqrt(np.add.reduceat(piece**2, starts) / widths[:, None])
+        found[first : first + together] = np.stack([mean, deviation], axis=1)
+    return found.reshape(n_bins, -1)
+
+
+def _edges(shortest: int) -> list[int]:
+    """The edges of the bins, in samples."""
+    return np.unique(np.linspace(0, shortest, BINS + 1).astype(int)).tolist()
+
+
+def _sample(n_trials: int, n_features: int) -> list[int]:
+    """The trials that are compared, evenly spaced; `n_features` of each in a bin are in memory."""
+    most = max(2, min(MOST_TRIALS, MOST_VALUES // (BINS * max(1, n_features))))
+    return np.unique(np.linspace(0, n_trials - 1, most).astype(int)).tolist()
+
+
+def _begin(features: np.ndarray, edges: list[int]) -> int:
+    """The first sample of the bin in which the touch begins; `features` `(trial, bin, feature)` is overwritten."""
     low, high = np.quantile(features, [GLITCHES, 1 - GLITCHES], axis=(0, 1))
-    variance = features.clip(low, high).var(axis=0).sum(axis=(1, 2))
+    variance = np.clip(features, low, high, out=features).var(axis=0, dtype=np.float64).sum(axis=1)
     first = edges[int(np.argmax(variance >= variance.max() / 2))]
-    return first / trials.sampling_rate_Hz if first <= LATEST * shortest else 0.0
+    return first if first <= LATEST * edges[-1] else 0

@@ -61,6 +61,7 @@ class SpikeTrains:
     encoder: the encoder spec.
     source: the recordings that were encoded, usually a path.
     trial_digests: one digest per trial of the recording (`data.digests`); empty if unknown.
+    touch_s: when the touch begins in the recordings, in s from the start of a trial (`data.onset`); None if unknown.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
 
@@ -80,6 +81,7 @@ class SpikeTrains:
     encoder: Mapping[str, Any]
     source: str = ""
     trial_digests: tuple[str, ...] = ()
+    touch_s: float | None = None
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
@@ -90,6 +92,8 @@ class SpikeTrains:
             raise InputError("spikes, trial_steps and conditions differ in number of trials; give one each per trial")
         if self.trial_digests and len(self.trial_digests) != len(self.steps):
             raise InputError("spikes and trial_digests differ in number of trials; give one digest per trial, or none")
+        if self.touch_s is not None and not 0 <= self.touch_s < math.inf:
+            raise InputError(f"touch_s: must be a time in s, at least 0, or None; got {self.touch_s}")
         check_conditions(self.conditions, "spikes")
         for trial, (steps, units) in enumerate(zip(self.steps, self.units, strict=True)):
             if not _fits(np.asarray(steps), np.asarray(units), self.trial_steps[trial], len(self.afferents)):
@@ -205,6 +209,7 @@ def from_trials(
     conditions: pd.DataFrame,
     encoder: Mapping[str, Any] | None = None,
     source: str = "",
+    touch_s: float | None = None,
 ) -> SpikeTrains:
     """Spike trains from an iterator of trials, in the order of the rows of `conditions`."""
     found = list(trials)
@@ -218,6 +223,7 @@ def from_trials(
         encoder=dict(encoder or {}),
         source=source,
         trial_digests=tuple(trial.digest for trial in found) if all(trial.digest for trial in found) else (),
+        touch_s=touch_s,
     )
 
 

@@ -12,6 +12,7 @@ from neurotact.data.notebook import html_of
 from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.window_choice import ARGUMENTS, suited_window
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -133,8 +134,8 @@ class WindowedSplit(NamedTuple):
 
 def windows(
     spikes: SpikeTrains,
-    length_ms: float = 150.0,
-    start_ms: float = 0.0,
+    length_ms: float | None = None,
+    start_ms: float | None = None,
     *,
     hop_ms: float | None = None,
     per_trial: int | None = None,
@@ -143,9 +144,11 @@ def windows(
 ) -> WindowedSpikes:
     """Cut the trials of spike trains into windows.
 
-    length_ms: length of a window. start_ms: skipped at the beginning of each trial.
+    length_ms: length of a window. If None, windows are chosen, without labels, and the choice is logged: from the begin
+        of the touch to the end of the shortest trial, at most 2 s each, and up to 4 s of each trial.
+    start_ms: skipped at the beginning of each trial; if None, where the touch begins, or 0 with a given length.
     hop_ms: time between the starts of windows; the window's length when None.
-    per_trial: at most this many windows per trial; all that fit when None.
+    per_trial: at most this many windows per trial; all that fit when it is None and the length is given.
     align: "onset" makes `start_ms` count from the onset of contact, which `data.contact.OnsetSpec` defines.
     onset: keys of that rule: rest_ms, bin_ms, deviations. Warns of trials without an onset.
     Raises InputError when a trial holds no window, or for values out of range.
@@ -155,13 +158,16 @@ def windows(
     >>> felt = from_rasters(np.zeros((2, 700, 16)), 2000.0, ("SA-I taxel1",) * 16, pd.DataFrame({"label": ["a", "b"]}))
     >>> windows(felt, length_ms=150)
     WindowedSpikes(4 windows of 300 steps (150 ms) x 16 afferents, 2 classes, 2 trials)
+    >>> windows(felt).length_ms
+    350.0
     """
     if not isinstance(spikes, SpikeTrains):
         raise InputError(f"spikes: must be spike trains, as nt.encode returns them; got {type(spikes).__name__}")
-    table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
+    table = {key: value for key, value in given.items() if value is not None}
     if onset:
         table["onset"] = dict(onset)
-    spec = build(WindowSpec, table, source="windows")
+    spec = suited_window(spikes, build(WindowSpec, table, source="windows"), ARGUMENTS)
     complaint = spikes.onset_complaint(spec)
     if complaint:
         warnings.warn(complaint, stacklevel=2)

@@ -10,6 +10,7 @@ import numpy as np
 from neurotact.data import hdf5
 from neurotact.data.conditioning import condition, condition_pieces, conditioned_length, is_long
 from neurotact.data.digests import recorded_digest
+from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials, spikes_of
 from neurotact.encoders import firing
@@ -126,6 +127,7 @@ def _about(recordings: Trials, spec: EncoderSpec) -> dict[str, Any]:
         "conditions": recordings.conditions,
         "encoder": table,
         "source": recordings.source,
+        "touch_s": common_onset_s(recordings),
     }
 
 

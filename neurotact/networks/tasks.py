@@ -11,6 +11,7 @@ from pydantic import Field
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions
+from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
 from neurotact.networks import recipe
@@ -56,10 +57,16 @@ def task_of(
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
-    window, split: keys of `WindowSpec` and of `SplitSpec`.
+    window, split: keys of `WindowSpec` and of `SplitSpec`; in a window, None means not given.
     """
+    window = {key: value for key, value in window.items() if value is not None}
     table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
     return build(Task, {**table, "exit_choice": "steady", "exit_by": exit_by}, source=source)
+
+
+def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:
+    """The task with windows that suit the spike trains, where they are not given."""
+    return task.model_copy(update={"window": suited_window(trains, task.window, words)})
 
 
 class Sides(NamedTuple):

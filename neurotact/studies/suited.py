@@ -4,7 +4,7 @@ A study file leaves such a value open with `"auto"`; the rules below choose it b
 contains the chosen values and, in `notes`, the reasons.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,38 +15,30 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.sources import expand
+from neurotact.data.window_choice import Timing, Words, choose
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
 
 AUTO = "auto"
-LONGEST_MS = 2000.0
-"""Maximum length of a window: longer trials are cut into several."""
-MOST_PER_TRIAL, MOST_OF_TRIAL_MS, MOST_MS = 4, 4000.0, 4e6
-"""Maximum number of windows of one trial, their total length, and that of all trials: more windows take time and add
-little information."""
 SMALL = 1000
 """Number of trials up to which three seeds are trained."""
 FOLDS, FOLDED = 5, 300
 """Folds that test each trial once, and the most trials for which they are used: 15 % of 300 are 45 test trials."""
 SOURCES = ("simulate", "read", "file")
-SHORT = 0.5
-"""A shortest trial below this share of the median trial gives a note."""
-SEEN = 0.5
-"""Windows that cover less than this share of the median trial give a note."""
-STARTS = {"window.start_ms", "window.align"}
-"""Keys that place the beginning of the windows in the trial."""
+WORDS = Words("--window-ms", "--set window.start_ms=", "--set window.align=onset")
+"""How the keys of a window are given to a study."""
+WINDOW = "window."
 
 
 class Recorded(NamedTuple):
-    """The properties of recordings that the rules use: durations in seconds, `(trial,)`, sampling rate, class size.
+    """The properties of recordings that the rules use.
 
-    rarest: number of trials of the smallest class. touch_s: when the touch begins, from the start of the trials.
+    timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class.
     """
 
-    durations_s: np.ndarray
+    timing: Timing
     sampling_rate_Hz: float
     rarest: int = 0
-    touch_s: float = 0.0
 
 
 def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
@@ -67,7 +59,7 @@ def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path |
         raise InputError(f"{path}: '{AUTO}' is chosen from a file of recordings; name one with --data or dataset.file")
     recorded = look(expand(file), clock_of(table, overrides))
     if table.get("window") == AUTO:
-        table["window"], more = window(recorded, overrides)
+        table["window"], more = window(recorded.timing, overrides)
         notes += more
     if table.get("sweep", {}).get("seed") == AUTO:
         table, note = _with_seeds(table, overrides, recorded)
@@ -126,94 +118,25 @@ def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
         rarest = int(stored.conditions[LABEL].value_counts().min())
-        return Recorded(np.array(n_steps) / on_Hz, rate_Hz, rarest, common_onset_s(stored))
+        return Recorded(Timing(np.array(n_steps) / on_Hz, on_Hz, common_onset_s(stored)), rate_Hz, rarest)
 
 
-def window(recorded: Recorded, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
-    """The window of a study, and the rule in words.
-
-    Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
-    ms, but at most 2 s. A longer trial has as many windows as fit: at most 4, and at most 4 s together. If the windows
-    of all trials would last more than 4,000 s, a trial has fewer. given: dotted keys such as `window.length_ms`.
-
-    >>> window(Recorded(np.array([0.8, 1.2]), 1000.0))[0]
-    {'length_ms': 800.0, 'per_trial': 1}
-    >>> window(Recorded(np.array([2.5, 59.0]), 1000.0, touch_s=0.4))[0]
-    {'length_ms': 2000.0, 'per_trial': 2, 'start_ms': 400.0}
-    """
-    start_ms = _start_ms(recorded, given)
-    room_ms = 1e3 * recorded.durations_s - start_ms
-    shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
-    whole_ms = max(np.floor(shortest_ms + 1e-6), min(shortest_ms, 1.0))
-    length_ms = _number(given, "window.length_ms", min(LONGEST_MS, float(whole_ms)))
-    asked = given.get("window.per_trial")  # a wrong value raises an error with the study
-    divisor_ms = max(length_ms, 1e-9)  # a length of 0 raises an error with the study
-    if not isinstance(asked, int):
-        asked = min(MOST_PER_TRIAL, min(MOST_OF_TRIAL_MS, MOST_MS / len(room_ms)) // divisor_ms)
-    per_trial = int(max(1, min(asked, longest_ms // divisor_ms)))
-    table = {"length_ms": length_ms, "per_trial": per_trial}
-    later = f" from {start_ms:g} ms on" if start_ms else ""
-    if "window.length_ms" in given:
-        why = "as given"
-    elif length_ms == LONGEST_MS:
-        why = f"{LONGEST_MS / 1e3:g} s at most"
-    else:
-        why = f"the shortest trial, {shortest_ms:,.0f} ms{later}"
-    up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
-    notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with --window-ms."]
-    if start_ms > 0 and not STARTS & {*given}:
-        table["start_ms"] = start_ms
-        notes.append(
-            f"Windows start {start_ms:g} ms after the start of a trial: before, trials differ less than half as much "
-            "from one another as later, as if nothing was touched; change it with --set window.start_ms=0."
-        )
-    hop_ms = _number(given, "window.hop_ms", length_ms)
-    covered_ms = length_ms + (per_trial - 1) * min(hop_ms, length_ms)
-    return table, [*notes, *_on_coverage(room_ms, start_ms, covered_ms, given)]
+def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
+    """The window of a study, as `data.window_choice.choose`; given: dotted keys such as `window.length_ms`."""
+    known = {key.removeprefix(WINDOW): value for key, value in given.items() if key.startswith(WINDOW)}
+    for key in ("length_ms", "start_ms", "hop_ms"):
+        value = known.get(key, 0.0)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
+            raise InputError(f"--set {WINDOW}{key}: must be a number of ms; got {value!r}")
+    return choose(timing, known, WORDS)
 
 
-def _start_ms(recorded: Recorded, given: Mapping[str, Any]) -> float:
-    """The start of the windows in whole ms, such that a given length fits into the shortest trial."""
-    if STARTS & {*given}:
-        return _number(given, "window.start_ms", 0.0)
-    left_ms = 1e3 * float(recorded.durations_s.min()) - _number(given, "window.length_ms", 0.0)
-    return float(np.floor(max(0.0, min(1e3 * recorded.touch_s, left_ms))))
-
-
-def _on_coverage(room_ms: np.ndarray, start_ms: float, covered_ms: float, given: Mapping[str, Any]) -> Iterator[str]:
-    """The note on a trial that makes all windows short, or on windows that use little of the trials.
-
-    room_ms: of each trial from `start_ms` on, `(trial,)`. covered_ms: of a trial by its windows.
-    """
-    if "window.length_ms" in given:
-        return
-    shortest_ms, median_ms = float(room_ms.min()), float(np.median(room_ms))
-    if shortest_ms < min(SHORT * median_ms, LONGEST_MS):
-        yield (
-            f"Trial {int(room_ms.argmin())} lasts {shortest_ms + start_ms:,.0f} ms, the median trial "
-            f"{median_ms + start_ms:,.0f} ms, and every window must fit into it; leave such trials out when you "
-            "import, or accept it."
-        )
-    elif covered_ms < SEEN * median_ms and not STARTS & {*given}:
-        if start_ms:
-            yield (
-                f"Only {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms from there on, are used; if its "
-                "touch lasts longer, give a longer --window-ms."
-            )
-        else:
-            yield (
-                f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
-                "comes later, give a longer --window-ms, --set window.start_ms=MS or --set window.align=onset."
-            )
-
-
-def seeds(recorded: Recorded) -> tuple[list[int], str]:
+def seeds(n_trials: int) -> tuple[list[int], str]:
     """Three seeds for up to 1000 trials, one for more, and the rule in words.
 
-    >>> seeds(Recorded(np.ones(300), 1000.0))[0]
+    >>> seeds(300)[0]
     [0, 1, 2]
     """
-    n_trials = len(recorded.durations_s)
     if n_trials <= SMALL:
         return [0, 1, 2], f"Seeds: 3, since there are no more than {SMALL:,} trials ({n_trials:,})."
     return [0], f"Seeds: 1, since there are more than {SMALL:,} trials ({n_trials:,})."
@@ -224,8 +147,8 @@ def _with_seeds(table: dict[str, Any], given: Mapping[str, Any], recorded: Recor
 
     A few test trials give an uncertain accuracy; with folds, every trial is a test trial once.
     """
-    found, note = seeds(recorded)
-    n_trials = len(recorded.durations_s)
+    n_trials = len(recorded.timing.durations_s)
+    found, note = seeds(n_trials)
     is_given = any(key == "seed" or key.startswith(("split", "sweep.seed", "sweep.split")) for key in given)
     if is_given or table.get("split") or n_trials > FOLDED or recorded.rarest < FOLDS:
         return {**table, "sweep": {**table["sweep"], "seed": found}}, note
@@ -248,10 +171,3 @@ def clock(recorded: Recorded, clock_Hz: float | None) -> list[str]:
     sample_ms = 1e3 / rate_Hz
     between = f"{note}, where a sample lasts {sample_ms:.3g} ms; between samples the signal is interpolated"
     return [f"{between}; refractory periods below {sample_ms:.3g} ms limit rates, but show no finer detail."]
-
-
-def _number(given: Mapping[str, Any], key: str, otherwise: float) -> float:
-    value = given.get(key, otherwise)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
-        raise InputError(f"--set {key}: must be a number of ms; got {value!r}")
-    return float(value)

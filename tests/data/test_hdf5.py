@@ -4,6 +4,7 @@ import io
 import json
 import os
 import zlib
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -61,7 +62,8 @@ def spike_trains(draw) -> SpikeTrains:
     digest = st.text("0123456789abcdef", min_size=16, max_size=16)
     digests = draw(st.just([]) | st.lists(digest, min_size=n_trials, max_size=n_trials))
     encoder, source = {"sa1": {"gain": 3.2}}, draw(TEXT)
-    return from_rasters(rasters, rate_Hz, tuple(names), draw(tables(n_trials)), encoder, source, tuple(digests))
+    trains = from_rasters(rasters, rate_Hz, tuple(names), draw(tables(n_trials)), encoder, source, tuple(digests))
+    return replace(trains, touch_s=draw(st.none() | st.floats(0, 1e3)))
 
 
 def same_conditions(found: pd.DataFrame, given_: pd.DataFrame) -> None:
@@ -87,7 +89,7 @@ def test_recordings_come_back_equal(tmp_path, touch):
 def test_spike_trains_come_back_equal(tmp_path, trains):
     save_spikes(trains, tmp_path / "spikes.h5")
     again = load_spikes(tmp_path / "spikes.h5")
-    for name in ("sampling_rate_Hz", "afferents", "encoder", "source", "classes", "trial_digests"):
+    for name in ("sampling_rate_Hz", "afferents", "encoder", "source", "classes", "trial_digests", "touch_s"):
         assert getattr(again, name) == getattr(trains, name)
     for name in ("trial_steps", "labels", "is_sa"):
         np.testing.assert_array_equal(getattr(again, name), getattr(trains, name))
@@ -239,6 +241,9 @@ def events(name, *trials, kind=np.float64):
         (events("spikes/units", [0, 1, 2, 3], [0, 1, 2, -3], kind=np.int64), "trial 1 has spikes"),
         (lambda f: f.attrs.update(sampling_rate_Hz=np.nan), "sampling_rate_Hz must be a positive number"),
         (lambda f: f.pop("labels") and f.pop("trial_steps"), "cannot be read as spikes"),
+        (lambda f: f.attrs.update(touch_s=-0.1), "touch_s: must be a time in s, at least 0"),
+        (lambda f: f.attrs.update(touch_s=np.nan), "touch_s: must be a time in s, at least 0"),
+        (lambda f: f.attrs.update(touch_s="late"), "cannot be read as spikes"),
         (lambda f: f["conditions"].move("label", "lable"), "cannot be read as spikes"),
         (lambda f: f.attrs.update(encoder="[]"), "cannot be read as spikes (holds [] where a table is expected)"),
         (lambda f: f.create_dataset("trial_digests", data=[b"0" * 16]), "trial_digests differ in number of trials"),

@@ -1,6 +1,7 @@
 """Onset: where a touch begins, and what is cut from there."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,10 +12,12 @@ from neurotact.data.onset import (
     Activity,
     ActivityBand,
     common_onset_s,
+    common_spike_onset_s,
     cut_from_onset,
     find_activity,
 )
 from neurotact.data.recordings import Recordings
+from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
 from neurotact.spec import build
 
@@ -159,3 +162,35 @@ def test_most_of_the_shortest_trial_is_left(n_samples, seed):
     signals = np.random.default_rng(seed).normal(0, 1, (4, n_samples, 2))
     found = common_onset_s(Recordings(signals, RATE_HZ, "mV", {"label": [*"abab"]}))
     assert 0 <= found * RATE_HZ <= LATEST * n_samples
+
+
+def spiking(onset, rng, n_trials=40, n_steps=600):
+    """Spike trains with a rate of 1 % at rest, and of up to 30 % from `onset` on, of various lengths."""
+    rasters = []
+    for _ in range(n_trials):
+        rates = np.full((n_steps + int(rng.integers(100)), 3), 0.01)
+        rates[onset:] = rng.uniform(0.01, 0.3, 3)
+        rasters.append(rng.random(rates.shape) < rates)
+    return from_rasters(rasters, RATE_HZ, ("SA-I a", "SA-I b", "RA-I a"), pd.DataFrame({"label": ["a", "b"] * 20}))
+
+
+@given(onset=st.integers(24, 190), seed=st.integers(0, 99))
+def test_the_touch_begins_in_spikes_within_two_bins_of_its_onset(onset, seed):
+    found = common_spike_onset_s(spiking(onset, np.random.default_rng(seed))) * RATE_HZ
+    assert abs(found - onset) <= 2 * (600 // BINS + 2)
+
+
+@given(n_steps=st.integers(1, 130), seed=st.integers(0, 99))
+def test_spike_trains_that_begin_in_contact_start_near_their_beginning(n_steps, seed):
+    rng = np.random.default_rng(seed)
+    steady = rng.random((40, n_steps, 20)) < rng.uniform(0, 1, (40, 1, 20))
+    trains = from_rasters(steady, RATE_HZ, tuple(map(str, range(20))), pd.DataFrame({"label": ["a", "b"] * 20}))
+    assert common_spike_onset_s(trains) * RATE_HZ <= 2 * np.ceil(n_steps / BINS)
+
+
+def test_spike_trains_without_spikes_or_time_start_at_once():
+    conditions = pd.DataFrame({"label": [*"abab"]})
+    silent = from_rasters(np.zeros((4, 30, 2)), RATE_HZ, ("a", "b"), conditions)
+    assert common_spike_onset_s(silent) == 0
+    empty = from_rasters([np.zeros((n, 2)) for n in (30, 0, 30, 30)], RATE_HZ, ("a", "b"), conditions)
+    assert common_spike_onset_s(empty) == 0

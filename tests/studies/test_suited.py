@@ -3,20 +3,19 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import neurotact as nt
 from neurotact.data import hdf5
-from neurotact.data.conditioning import conditioned_length
-from neurotact.data.onset import LATEST
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import split_conditions
-from neurotact.data.windows import WindowSpec, cut
+from neurotact.data.window_choice import Timing
+from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.studies import loading, preparation, study, suited
 from neurotact.studies.suited import Recorded
 from neurotact.tables import read_table
+
+ONES = Timing(np.ones(2), 1000.0)
 
 
 def save(path, lengths, rate_Hz=500.0):
@@ -26,79 +25,16 @@ def save(path, lengths, rate_Hz=500.0):
     return path
 
 
-@given(
-    st.lists(st.integers(2, 5000), min_size=1, max_size=30),
-    st.sampled_from([35.6, 93.0, 200.0, 500.0, 1000.0, 2000.0, 1234.5]),
-    st.floats(0, LATEST),
-    st.sampled_from([{}, {"window.length_ms": 1.0}, {"window.length_ms": 0.75}, {"window.start_ms": 0}]),
-)
-def test_a_window_fits_into_every_trial(lengths, rate_Hz, touch, asked):
-    steps = np.array([conditioned_length(n, rate_Hz, 1000.0) for n in lengths])
-    shortest_ms = float(steps.min())
-    asked = {key: max(1.0, np.floor(value * shortest_ms)) if value else value for key, value in asked.items()}
-    table, _ = suited.window(Recorded(steps / 1000.0, rate_Hz, touch_s=touch * shortest_ms / 1e3), asked)
-    windows = cut(steps, 1000.0, WindowSpec(**table))
-    counts = np.bincount(windows.trial, minlength=len(steps))
-    assert counts.min() >= 1
-    assert counts.max() <= suited.MOST_PER_TRIAL
-    assert windows.n_steps <= asked.get("window.length_ms", suited.LONGEST_MS)
-
-
-def test_windows_start_with_the_touch_unless_a_start_is_given():
-    trials = Recorded(np.full(20, 2.5), 100.0, touch_s=0.4409)
-    table, notes = suited.window(trials)
-    assert table == {"length_ms": 2000.0, "per_trial": 1, "start_ms": 440.0}
-    assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ less than half")
-    table, notes = suited.window(Recorded(np.array([0.9, 2.0, 2.0]), 100.0, touch_s=0.3))
-    assert table["length_ms"] == 600
-    assert "600 ms (the shortest trial, 600 ms from 300 ms on)" in notes[0]
-    assert "Trial 0 lasts 900 ms, the median trial 2,000 ms, and every window must fit into it;" in notes[-1]
-    assert suited.window(trials, {"window.length_ms": 2200})[0]["start_ms"] == 300
-    assert "start_ms" not in suited.window(trials, {"window.length_ms": 2500})[0]
-    for given_start in ({"window.start_ms": 100}, {"window.start_ms": 0}, {"window.align": "onset"}):
-        table, notes = suited.window(trials, given_start)
-        assert "start_ms" not in table  # the given one is set with the study
-        assert not [note for note in notes if "Windows start" in note]
-    _, notes = suited.window(Recorded(np.full(20, 5.0), 100.0, touch_s=0.5), {"window.per_trial": 1})
-    assert notes[-1].startswith("Only 2,000 ms of the median trial, 4,500 ms from there on, are used;")
-
-
-def test_many_trials_have_fewer_windows_each():
-    assert suited.window(Recorded(np.full(1000, 10.0), 1000.0))[0]["per_trial"] == 2
-    assert suited.window(Recorded(np.full(1001, 10.0), 1000.0))[0]["per_trial"] == 1
-    short = {"window.length_ms": 300}
-    assert suited.window(Recorded(np.full(1000, 10.0), 1000.0), short)[0]["per_trial"] == 4
-    assert suited.window(Recorded(np.full(5000, 10.0), 1000.0), short)[0]["per_trial"] == 2
-
-
-def test_a_given_window_is_kept_and_an_odd_trial_is_named():
-    assert suited.window(Recorded(np.array([2.0, 2.0]), 1000.0), {"window.length_ms": 250})[0] == {
-        "length_ms": 250.0,
-        "per_trial": 4,
-    }
-    table, (note,) = suited.window(Recorded(np.array([1.9, 1.9]), 1000.0), {"window.per_trial": 1})
-    assert table["per_trial"] == 1
-    assert "1900 ms (the shortest trial, 1,900 ms), one window per trial;" in note
-    assert "2000 ms (2 s at most), one window per trial;" in suited.window(Recorded(np.full(9, 2.1), 100.0))[1][0]
-    _, notes = suited.window(Recorded(np.array([2.0, 0.1, 2.0]), 1000.0))
-    assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
-
-
-def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
-    trials = Recorded(np.array([5.0, 5.0, 9.0]), 1000.0)
-    _, notes = suited.window(trials, {"window.per_trial": 1})
-    assert notes[-1].startswith("Only the first 2,000 ms of the median trial, 5,000 ms, are used;")
-    assert len(suited.window(trials)[1]) == 1
-    for place in ({"window.start_ms": 2000}, {"window.align": "onset"}, {"window.length_ms": 1000.0}):
-        assert len(suited.window(trials, {"window.per_trial": 1, **place})[1]) == 1
-
-
-def test_windows_that_overlap_cover_less():
-    trials = Recorded(np.full(20, 6.0), 100.0)
-    _, notes = suited.window(trials, {"window.hop_ms": 500.0})
-    assert "the first 2,500 ms of the median trial" in notes[-1]  # two windows of 2 s, 500 ms apart
-    _, notes = suited.window(trials)
-    assert not [note for note in notes if "are used" in note]
+def test_keys_of_a_window_are_dotted_and_their_times_numbers():
+    timing = Timing(np.full(20, 2.5), 1000.0, touch_s=0.44)
+    given = {"window.length_ms": 300.0, "sweep.seed": [1]}
+    table, notes = suited.window(timing, given)
+    assert table == {"length_ms": 300.0, "per_trial": 4, "start_ms": 440.0}
+    assert notes[1].endswith("change it with --set window.start_ms=0.")
+    for key in ("length_ms", "start_ms", "hop_ms"):
+        for wrong in ("long", True, -1.0, float("nan")):
+            with pytest.raises(InputError, match=rf"--set window\.{key}: must be a number of ms; got"):
+                suited.window(timing, {f"window.{key}": wrong})
 
 
 def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
@@ -113,11 +49,11 @@ def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
 
 
 def test_a_slow_recording_is_told_what_its_clock_means():
-    (note,) = suited.clock(Recorded(np.ones(2), 93.0), 1000.0)
+    (note,) = suited.clock(Recorded(ONES, 93.0), 1000.0)
     assert "recorded at 93 Hz, where a sample lasts 10.8 ms" in note
-    (note,) = suited.clock(Recorded(np.ones(2), 5000.0), 1000.0)
+    (note,) = suited.clock(Recorded(ONES, 5000.0), 1000.0)
     assert "smoothed and resampled" in note
-    assert suited.clock(Recorded(np.ones(2), 1000.0), 1000.0) == suited.clock(Recorded(np.ones(2), 93.0), None) == []
+    assert suited.clock(Recorded(np.ones(2), 1000.0), 1000.0) == suited.clock(Recorded(ONES, 93.0), None) == []
 
 
 def test_the_rest_before_the_touch_is_left_out(tmp_path):

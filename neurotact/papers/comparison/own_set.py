@@ -14,7 +14,7 @@ from neurotact.data import hdf5
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, class_names
-from neurotact.data.spikes import SpikeTrains
+from neurotact.data.window_choice import timing_of
 from neurotact.data.windows import cut
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, PAST
@@ -65,7 +65,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     touches = _look(path, clock_Hz)
     if touches.unit is None and any(key.startswith("conditioning.") for key in of_set):
         raise InputError(f"conditioning: {path} holds events, which are not conditioned; leave it out")
-    window, notes = suited.window(touches.recorded, of_set)
+    window, notes = suited.window(touches.recorded.timing, of_set)
     chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
@@ -73,7 +73,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
         notes += suited.clock(touches.recorded, clock_Hz)
     table = override(chosen, of_set)
     if others.get(SEED) == AUTO:
-        others[SEED], note = suited.seeds(touches.recorded)
+        others[SEED], note = suited.seeds(len(touches.conditions))
         notes.append(note)
     _check(touches, build(SetSpec, table, source=str(path)), others.get(SEED))
     by = {"data.split": "groups"} if group else {}
@@ -118,7 +118,7 @@ def _look(path: Path, clock_Hz: float) -> Touches:
         recorded = suited.look(path, clock_Hz)
         with hdf5.open_recordings(path) as stored:
             unit, conditions, content = stored.unit, stored.conditions, content_digest(stored)
-        steps = np.round(recorded.durations_s * clock_Hz).astype(np.int64)
+        steps = np.round(recorded.timing.durations_s * clock_Hz).astype(np.int64)
         return Touches("recordings", unit, recorded, steps, clock_Hz, conditions, content)
     trains = hdf5.load_spikes(path)
     if trains.encoder:
@@ -126,12 +126,9 @@ def _look(path: Path, clock_Hz: float) -> Touches:
             f"{path}: holds spikes that an encoder made, with its refractory periods; give the recordings that they "
             "were made from, or events of a sensor that sends them (neurotact import events)"
         )
-    return Touches("events", None, _recorded(trains), trains.trial_steps, trains.sampling_rate_Hz, trains.conditions,
+    recorded = Recorded(timing_of(trains), trains.sampling_rate_Hz)
+    return Touches("events", None, recorded, trains.trial_steps, trains.sampling_rate_Hz, trains.conditions,
                    content_digest(trains))  # fmt: skip
-
-
-def _recorded(trains: SpikeTrains) -> Recorded:
-    return Recorded(trains.trial_steps / trains.sampling_rate_Hz, trains.sampling_rate_Hz)
 
 
 def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:

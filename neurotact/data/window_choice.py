@@ -1,0 +1,197 @@
+"""The windows of trials for which no length or no start is given: chosen from the trials, without their labels."""
+
+import logging
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from neurotact.data.onset import common_spike_onset_s
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import WindowSpec
+from neurotact.errors import InputError
+
+log = logging.getLogger("neurotact")
+
+LONGEST_MS = 2000.0
+"""Maximum length of a window: longer trials are cut into several."""
+MOST_PER_TRIAL, MOST_OF_TRIAL_MS, MOST_MS = 4, 4000.0, 4e6
+"""Maximum number of windows of one trial, their total length, and that of all trials: more windows take time and add
+little information."""
+SHORT = 0.5
+"""A shortest trial below this share of the median trial gives a note."""
+SEEN = 0.5
+"""Windows that cover less than this share of the median trial give a note."""
+PLACES = {"start_ms", "align"}
+"""Keys that place the beginning of the windows in the trial."""
+
+
+class Timing(NamedTuple):
+    """When trials end and when their touch begins.
+
+    durations_s: of each trial, `(trial,)`. clock_Hz: steps per second of the windows. touch_s: from the start of the
+    trials.
+    """
+
+    durations_s: np.ndarray
+    clock_Hz: float
+    touch_s: float = 0.0
+
+
+class Words(NamedTuple):
+    """How the user writes the keys of a window: its length, a start in ms, and the alignment to the onset."""
+
+    length: str
+    start: str
+    onset: str
+
+
+OPTIONS = Words("--window-ms", "--start-ms ", "--align onset")
+ARGUMENTS = Words("length_ms", "start_ms=", "align='onset'")
+"""The words of the command line, and of Python."""
+
+
+def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTIONS) -> WindowSpec:
+    """The windows of spike trains, chosen where they are not given; the choice is logged.
+
+    window: the fields that it was made with are given. Without a length, the others are those of `choose`. With a
+    length, they keep their defaults, and windows that hold rest before the touch are logged.
+    Raises InputError for a start after the end of a trial.
+
+    >>> import pandas as pd
+    >>> from neurotact.data.spikes import from_rasters
+    >>> felt = from_rasters(np.zeros((2, 700, 16)), 2000.0, ("SA-I taxel1",) * 16, pd.DataFrame({"label": ["a", "b"]}))
+    >>> suited_window(felt, WindowSpec(start_ms=100)).length_ms
+    250.0
+    """
+    if not len(spikes):
+        return window
+    given = {key: getattr(window, key) for key in window.model_fields_set}
+    known = {key: value for key, value in given.items() if value is not None and value != "trial"}
+    timing = timing_of(spikes)
+    if "length_ms" in known:
+        table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing, window, words)]
+    else:
+        table, notes = choose(timing, known, words)
+    for note in notes:
+        log.warning("%s", note)
+    return window.model_copy(update={**table, **known})
+
+
+def timing_of(spikes: SpikeTrains) -> Timing:
+    """The timing of spike trains; the touch begins as in their recordings, or where they are unknown as in spikes."""
+    clock_Hz = spikes.sampling_rate_Hz
+    touch_s = common_spike_onset_s(spikes) if spikes.touch_s is None else spikes.touch_s
+    return Timing(spikes.trial_steps / clock_Hz, clock_Hz, touch_s)
+
+
+def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = OPTIONS) -> tuple[dict[str, Any], list[str]]:
+    """The keys of a window that are not given, and the rule in words.
+
+    Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
+    ms, but at most 2 s and at least one step. A longer trial has as many windows as fit: at most 4, and at most 4 s
+    together. If the windows of all trials would last more than 4,000 s, a trial has fewer.
+
+    given: keys of `WindowSpec`, with times as numbers. Raises InputError for a start after the end of a trial.
+
+    >>> choose(Timing(np.array([0.8, 1.2]), 1000.0))[0]
+    {'length_ms': 800.0, 'per_trial': 1}
+    >>> choose(Timing(np.array([2.5, 59.0]), 1000.0, touch_s=0.4))[0]
+    {'length_ms': 2000.0, 'per_trial': 2, 'start_ms': 400.0}
+    """
+    start_ms = _start_ms(timing, given)
+    room_ms = _room_ms(timing, start_ms)
+    shortest_ms, longest_ms = float(room_ms.min()), float(room_ms.max())
+    whole_ms = max(float(np.floor(shortest_ms + 1e-6)), 1e3 / timing.clock_Hz)
+    length_ms = float(given.get("length_ms", min(LONGEST_MS, whole_ms)))
+    asked = given.get("per_trial")  # a wrong value raises an error with the whole window
+    divisor_ms = max(length_ms, 1e-9)  # so does a length of 0
+    if not isinstance(asked, int):
+        asked = min(MOST_PER_TRIAL, min(MOST_OF_TRIAL_MS, MOST_MS / len(room_ms)) // divisor_ms)
+    per_trial = int(max(1, min(asked, longest_ms // divisor_ms)))
+    table = {"length_ms": length_ms, "per_trial": per_trial}
+    later = f" from {start_ms:g} ms on" if start_ms else ""
+    if "length_ms" in given:
+        why = "as given"
+    elif length_ms == LONGEST_MS:
+        why = f"{LONGEST_MS / 1e3:g} s at most"
+    else:
+        why = f"the shortest trial, {shortest_ms:,.0f} ms{later}"
+    up_to = f"up to {per_trial} windows per trial" if per_trial > 1 else "one window per trial"
+    notes = [f"Window: {length_ms:g} ms ({why}), {up_to}; change it with {words.length}."]
+    if start_ms > 0 and not PLACES & {*given}:
+        table["start_ms"] = start_ms
+        notes.append(
+            f"Windows start {start_ms:g} ms after the start of a trial: before, trials differ less than half as much "
+            f"from one another as later, as if nothing was touched; change it with {words.start}0."
+        )
+    hop_ms = given.get("hop_ms", length_ms)
+    covered_ms = length_ms + (per_trial - 1) * min(hop_ms, length_ms)
+    return table, [*notes, *_on_coverage(room_ms, start_ms, covered_ms, given, words)]
+
+
+def _start_ms(timing: Timing, given: Mapping[str, Any]) -> float:
+    """The start of the windows in whole ms, such that a given length fits into the shortest trial."""
+    if PLACES & {*given}:
+        return float(given.get("start_ms", 0.0))
+    left_ms = 1e3 * float(timing.durations_s.min()) - _on_clock(given.get("length_ms", 0.0), timing)
+    return float(np.floor(max(0.0, min(1e3 * timing.touch_s, left_ms))))
+
+
+def _room_ms(timing: Timing, start_ms: float) -> np.ndarray:
+    """The time of each trial from the step of `start_ms` on, `(trial,)`."""
+    room_ms = 1e3 * timing.durations_s - _on_clock(start_ms, timing)
+    shortest = int(room_ms.argmin())
+    if room_ms[shortest] * timing.clock_Hz < 1e3 * (1 - 1e-6):
+        lasts_ms = 1e3 * timing.durations_s[shortest]
+        raise InputError(
+            f"window.start_ms: trial {shortest} lasts {lasts_ms:,.0f} ms, so no window can start at {start_ms:g} ms; "
+            "start earlier"
+        )
+    return room_ms
+
+
+def _on_clock(time_ms: float, timing: Timing) -> float:
+    """A time rounded to whole steps, as windows are cut."""
+    step_ms = 1e3 / timing.clock_Hz
+    return step_ms * float(np.round(time_ms / step_ms))
+
+
+def _on_coverage(
+    room_ms: np.ndarray, start_ms: float, covered_ms: float, given: Mapping[str, Any], words: Words
+) -> Iterator[str]:
+    """The note on a trial that makes all windows short, or on windows that use little of the trials.
+
+    room_ms: of each trial from `start_ms` on, `(trial,)`. covered_ms: of a trial by its windows.
+    """
+    if "length_ms" in given:
+        return
+    shortest_ms, median_ms = float(room_ms.min()), float(np.median(room_ms))
+    if shortest_ms < min(SHORT * median_ms, LONGEST_MS):
+        yield (
+            f"Trial {int(room_ms.argmin())} lasts {shortest_ms + start_ms:,.0f} ms, the median trial "
+            f"{median_ms + start_ms:,.0f} ms, and every window must fit into it; leave such trials out when you "
+            "import, or accept it."
+        )
+    elif covered_ms < SEEN * median_ms and not PLACES & {*given}:
+        if start_ms:
+            yield (
+                f"Only {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms from there on, are used; if its "
+                f"touch lasts longer, give a longer {words.length}."
+            )
+        else:
+            yield (
+                f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
+                f"comes later, give a longer {words.length}, {words.start}MS or {words.onset}."
+            )
+
+
+def _on_rest(timing: Timing, window: WindowSpec, words: Words) -> Iterator[str]:
+    """The note on windows that end before the touch begins."""
+    touch_ms = float(np.floor(1e3 * timing.touch_s))
+    fits = touch_ms + window.length_ms <= 1e3 * float(timing.durations_s.min())
+    if window.length_ms <= touch_ms and fits:
+        yield (
+            f"The touch seems to begin {touch_ms:g} ms after the start of a trial, and windows before it hold only "
+            f"rest; to leave them out, give {words.start}{touch_ms:g}."
+        )

@@ -1,0 +1,162 @@
+"""Windows that are not given: they begin with the touch and fit into every trial."""
+
+import logging
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import neurotact as nt
+from neurotact.data.onset import LATEST, common_onset_s
+from neurotact.data.spikes import from_rasters
+from neurotact.data.window_choice import (
+    ARGUMENTS,
+    LONGEST_MS,
+    MOST_PER_TRIAL,
+    Timing,
+    choose,
+    suited_window,
+    timing_of,
+)
+from neurotact.data.windows import WindowSpec, cut
+from neurotact.errors import InputError
+
+
+@given(
+    st.lists(st.integers(2, 5000), min_size=1, max_size=30),
+    st.sampled_from([35.6, 93.0, 200.0, 500.0, 1000.0, 2000.0, 1234.5]),
+    st.floats(0, LATEST),
+    st.sampled_from([{}, {"length_ms": 0.1}, {"length_ms": 0.75}, {"start_ms": 0}, {"start_ms": 0.4}]),
+)
+def test_a_window_fits_into_every_trial(lengths, clock_Hz, touch, shares):
+    steps = np.array(lengths)
+    shortest_ms = 1e3 * float(steps.min()) / clock_Hz
+    asked = {key: max(1e3 / clock_Hz, share * shortest_ms) if share else 0.0 for key, share in shares.items()}
+    table, _ = choose(Timing(steps / clock_Hz, clock_Hz, touch * shortest_ms / 1e3), asked)
+    windows = cut(steps, clock_Hz, WindowSpec(**{**table, **asked}))
+    counts = np.bincount(windows.trial, minlength=len(steps))
+    assert counts.min() >= 1
+    assert counts.max() <= MOST_PER_TRIAL
+    assert windows.n_steps <= np.ceil(asked.get("length_ms", LONGEST_MS) * clock_Hz / 1e3)
+
+
+def test_windows_start_with_the_touch_unless_a_start_is_given():
+    trials = Timing(np.full(20, 2.5), 100.0, touch_s=0.4409)
+    table, notes = choose(trials)
+    assert table == {"length_ms": 2000.0, "per_trial": 1, "start_ms": 440.0}
+    assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ less than half")
+    table, notes = choose(Timing(np.array([0.9, 2.0, 2.0]), 100.0, touch_s=0.3))
+    assert table["length_ms"] == 600
+    assert "600 ms (the shortest trial, 600 ms from 300 ms on)" in notes[0]
+    assert "Trial 0 lasts 900 ms, the median trial 2,000 ms, and every window must fit into it;" in notes[-1]
+    assert choose(trials, {"length_ms": 2200})[0]["start_ms"] == 300
+    assert "start_ms" not in choose(trials, {"length_ms": 2500})[0]
+    for given_start in ({"start_ms": 100}, {"start_ms": 0}, {"align": "onset"}):
+        table, notes = choose(trials, given_start)
+        assert "start_ms" not in table
+        assert not [note for note in notes if "Windows start" in note]
+    _, notes = choose(Timing(np.full(20, 5.0), 100.0, touch_s=0.5), {"per_trial": 1})
+    assert notes[-1].startswith("Only 2,000 ms of the median trial, 4,500 ms from there on, are used;")
+
+
+def test_many_trials_have_fewer_windows_each():
+    assert choose(Timing(np.full(1000, 10.0), 1000.0))[0]["per_trial"] == 2
+    assert choose(Timing(np.full(1001, 10.0), 1000.0))[0]["per_trial"] == 1
+    short = {"length_ms": 300}
+    assert choose(Timing(np.full(1000, 10.0), 1000.0), short)[0]["per_trial"] == 4
+    assert choose(Timing(np.full(5000, 10.0), 1000.0), short)[0]["per_trial"] == 2
+
+
+def test_a_given_window_is_kept_and_an_odd_trial_is_named():
+    assert choose(Timing(np.array([2.0, 2.0]), 1000.0), {"length_ms": 250})[0] == {
+        "length_ms": 250.0,
+        "per_trial": 4,
+    }
+    table, (note,) = choose(Timing(np.array([1.9, 1.9]), 1000.0), {"per_trial": 1})
+    assert table["per_trial"] == 1
+    assert "1900 ms (the shortest trial, 1,900 ms), one window per trial;" in note
+    assert "2000 ms (2 s at most), one window per trial;" in choose(Timing(np.full(9, 2.1), 100.0))[1][0]
+    _, notes = choose(Timing(np.array([2.0, 0.1, 2.0]), 1000.0))
+    assert "Trial 1 lasts 100 ms, the median trial 2,000 ms" in notes[-1]
+
+
+def test_windows_that_leave_most_of_the_trials_out_are_named_with_the_remedy():
+    trials = Timing(np.array([5.0, 5.0, 9.0]), 1000.0)
+    _, notes = choose(trials, {"per_trial": 1})
+    assert notes[-1].startswith("Only the first 2,000 ms of the median trial, 5,000 ms, are used;")
+    assert len(choose(trials)[1]) == 1
+    for place in ({"start_ms": 2000}, {"align": "onset"}, {"length_ms": 1000.0}):
+        assert len(choose(trials, {"per_trial": 1, **place})[1]) == 1
+
+
+def test_windows_that_overlap_cover_less():
+    trials = Timing(np.full(20, 6.0), 100.0)
+    _, notes = choose(trials, {"hop_ms": 500.0})
+    assert "the first 2,500 ms of the median trial" in notes[-1]  # two windows of 2 s, 500 ms apart
+    _, notes = choose(trials)
+    assert not [note for note in notes if "are used" in note]
+
+
+def test_a_start_after_the_end_of_a_trial_is_refused():
+    with pytest.raises(InputError, match=r"window\.start_ms: trial 1 lasts 500 ms, so no window can start at 500 ms"):
+        choose(Timing(np.array([2.0, 0.5, 2.0]), 1000.0), {"start_ms": 500.0})
+    assert choose(Timing(np.array([2.0, 0.5, 2.0]), 1000.0), {"start_ms": 499.0})[0]["length_ms"] == 1
+
+
+def late_touches(n_trials=12, n_steps=3000, begin=750):
+    """Spike trains on a clock of 1 kHz, silent up to `begin`, then with a rate of their own."""
+    rng = np.random.default_rng(0)
+    rasters = rng.random((n_trials, n_steps, 3)) < rng.uniform(0, 0.2, (n_trials, 1, 3))
+    rasters[:, :begin] = 0
+    conditions = pd.DataFrame({"label": ["felt", "silk"] * (n_trials // 2)})
+    return from_rasters(rasters, 1000.0, ("SA-I left", "SA-I right", "RA-I left"), conditions)
+
+
+def test_spike_trains_are_cut_where_their_touch_begins(caplog):
+    trains = late_touches()
+    assert timing_of(trains).touch_s == pytest.approx(0.75, abs=0.061)
+    start_ms = np.floor(1e3 * timing_of(trains).touch_s)
+    assert suited_window(trains, WindowSpec()) == WindowSpec(length_ms=2000, start_ms=start_ms, per_trial=1)
+    assert [record.getMessage().partition(":")[0] for record in caplog.records] == [
+        "Window",
+        f"Windows start {start_ms:g} ms after the start of a trial",
+    ]
+    window = suited_window(trains, WindowSpec(start_ms=500, hop_ms=100, per_trial=2))
+    assert window == WindowSpec(length_ms=2000, start_ms=500, hop_ms=100, per_trial=2)
+
+
+def test_the_touch_of_encoded_recordings_is_that_of_the_recordings():
+    rng = np.random.default_rng(0)
+    signals = rng.normal(0, 0.1, (12, 600, 2))
+    signals[:, 120:] += rng.normal(0, 5, (12, 1, 2))
+    touches = nt.Recordings(signals, 200.0, "mV", pd.DataFrame({"label": ["felt", "silk"] * 6}))
+    spikes = nt.encode(touches, settings={"conditioning.ema_cutoff_Hz": None, "conditioning.resample_Hz": 1000.0})
+    assert spikes.touch_s == common_onset_s(touches) == 0.6
+    assert timing_of(spikes).touch_s == timing_of(spikes.select([3])).touch_s == 0.6
+    assert set(nt.windows(spikes).start_steps.tolist()) == {600}
+
+
+def test_a_given_length_starts_with_the_trial_and_the_rest_is_named(caplog):
+    trains = late_touches()
+    for given_window in (WindowSpec(length_ms=800), WindowSpec(length_ms=150, start_ms=0), WindowSpec(length_ms=2900)):
+        assert suited_window(trains, given_window) == given_window
+    assert not caplog.records
+    assert suited_window(trains, WindowSpec(length_ms=150), ARGUMENTS) == WindowSpec(length_ms=150)
+    (record,) = caplog.records
+    assert record.levelno == logging.WARNING
+    touch_ms = np.floor(1e3 * timing_of(trains).touch_s)
+    assert record.getMessage() == (
+        f"The touch seems to begin {touch_ms:g} ms after the start of a trial, and windows before it hold only rest; "
+        f"to leave them out, give start_ms={touch_ms:g}."
+    )
+
+
+def test_python_cuts_the_same_windows_without_a_length():
+    trains = late_touches()
+    made = nt.windows(trains)
+    window = suited_window(trains, WindowSpec())
+    assert (made.length_ms, len(made)) == (window.length_ms, len(trains))
+    assert set(made.start_steps.tolist()) == {int(window.start_ms)}
+    assert len(nt.windows(trains, length_ms=150)) == len(trains) * 20
