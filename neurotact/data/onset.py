@@ -17,6 +17,8 @@ MOST_READ = 20_000
 """Values of a trial that are read together."""
 GLITCHES = 0.01
 """Share of the largest and of the smallest values of a taxel that are clipped."""
+RISEN = 0.4
+"""Share of the largest difference between trials with which the touch begins."""
 LATEST = 1 / 3
 """Share of the shortest trial after which no touch begins: trials that differ ever more from one another drift."""
 
@@ -88,10 +90,11 @@ def cut_from_onset(signal: np.ndarray, n_samples: int, band: ActivityBand) -> np
 def common_onset_s(trials: Trials) -> float:
     """The time at which the touch of recorded trials begins, in s from their start; 0 if they begin with it.
 
-    At rest, trials differ little from one another. The touch begins with the first bin in which they differ at least
-    half as much as in any other: the variance over trials of each taxel's mean and deviation in the bin, summed over
-    taxels. Bins are a fiftieth of the shortest trial. Rare values are clipped, so that a glitch in one trial does not
-    decide. Labels are not used.
+    At rest, trials differ little from one another. v is the variance over trials of a taxel's mean and deviation in a
+    bin, a fiftieth of the shortest trial, in units of its largest. Each taxel counts with (1 - min v)^2, the minimum
+    over bins in which a touch may begin: a taxel that is noise, or that differs from the start of trials on, hardly
+    counts, whatever its unit. The touch begins with the first bin in which the sum over taxels is at least 0.4 of
+    its largest. Rare values are clipped, so that a glitch in one trial does not decide. Labels are not used.
 
     >>> import pandas as pd
     >>> rng = np.random.default_rng(0)
@@ -104,8 +107,8 @@ def common_onset_s(trials: Trials) -> float:
     """
     edges = _edges(int(trials.lengths.min()))
     chosen = _sample(len(trials), 2 * trials.n_channels)
-    features = np.empty((len(chosen), len(edges) - 1, 2 * trials.n_channels), np.float32)
-    reference = _features(trials, chosen[0], edges)  # a large offset, squared, would hide small differences
+    features = np.empty((len(chosen), len(edges) - 1, 2, trials.n_channels), np.float32)
+    reference = _features(trials, chosen[0], edges)[0]  # a large offset, squared, would hide small differences
     for row, trial in enumerate(chosen):
         features[row] = _features(trials, trial, edges) - reference
     return _begin(features, edges) / trials.sampling_rate_Hz
@@ -128,18 +131,18 @@ def common_spike_onset_s(spikes: SpikeTrains) -> float:
         return 0.0
     edges, n_afferents = _edges(shortest), len(spikes.afferents)
     chosen = _sample(len(spikes), n_afferents)
-    rates = np.empty((len(chosen), len(edges) - 1, n_afferents), np.float32)
+    rates = np.empty((len(chosen), len(edges) - 1, 1, n_afferents), np.float32)
     for row, trial in enumerate(chosen):
         n_inside = np.searchsorted(spikes.steps[trial], shortest)
         place = np.searchsorted(edges, spikes.steps[trial][:n_inside], "right") - 1
         cell = place * n_afferents + spikes.units[trial][:n_inside]
-        counts = np.bincount(cell, minlength=rates[row].size).reshape(rates[row].shape)
-        rates[row] = counts / np.diff(edges)[:, None]
+        counts = np.bincount(cell, minlength=rates[row].size).reshape(-1, n_afferents)
+        rates[row, :, 0] = counts / np.diff(edges)[:, None]
     return _begin(rates, edges) / spikes.sampling_rate_Hz
 
 
 def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:
-    """Mean and standard deviation of each channel of a trial in each bin, `(bin, feature)`."""
+    """Mean and standard deviation of each channel of a trial in each bin, `(bin, 2, channel)`."""
     n_bins = len(edges) - 1
     found = np.empty((n_bins, 2, trials.n_channels))
     together = max(1, MOST_READ * n_bins // (edges[-1] * trials.n_channels))
@@ -151,7 +154,7 @@ def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:
         piece -= np.repeat(mean, widths, axis=0)
         deviation = np.sqrt(np.add.reduceat(piece**2, starts) / widths[:, None])
         found[first : first + together] = np.stack([mean, deviation], axis=1)
-    return found.reshape(n_bins, -1)
+    return found
 
 
 def _edges(shortest: int) -> list[int]:
@@ -166,8 +169,14 @@ def _sample(n_trials: int, n_features: int) -> list[int]:
 
 
 def _begin(features: np.ndarray, edges: list[int]) -> int:
-    """The first sample of the bin in which the touch begins; `features` `(trial, bin, feature)` is overwritten."""
+    """The first sample of the bin in which the touch begins.
+
+    features: `(trial, bin, feature, channel)`; they are overwritten.
+    """
     low, high = np.quantile(features, [GLITCHES, 1 - GLITCHES], axis=(0, 1))
     variance = np.clip(features, low, high, out=features).var(axis=0, dtype=np.float64).sum(axis=1)
-    first = edges[int(np.argmax(variance >= variance.max() / 2))]
-    return first if first <= LATEST * edges[-1] else 0
+    variance /= np.maximum(variance.max(axis=0), np.finfo(float).tiny)
+    early = np.array(edges[:-1]) <= LATEST * edges[-1]
+    differ = variance @ (1 - variance[early].min(axis=0)) ** 2
+    first = int(np.argmax(differ >= RISEN * differ.max()))
+    return edges[first] if early[first] else 0

@@ -122,8 +122,8 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = OPTIONS
     if start_ms > 0 and not PLACES & {*given}:
         table["start_ms"] = start_ms
         notes.append(
-            f"Windows start {start_ms:g} ms after the start of a trial: before, trials differ less than half as much "
-            f"from one another as later, as if nothing was touched; change it with {words.start}0."
+            f"Windows start {start_ms:g} ms after the start of a trial: before, trials differ much less from one "
+            f"another than later, as if nothing was touched; change it with {words.start}0."
         )
     hop_ms = given.get("hop_ms", length_ms)
     covered_ms = length_ms + (per_trial - 1) * min(hop_ms, length_ms)

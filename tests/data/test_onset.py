@@ -127,6 +127,27 @@ def test_neither_unit_nor_labels_nor_order_move_it(seed, scale, offset, onset):
     assert common_onset_s(other) == common_onset_s(trials)
 
 
+@given(
+    seed=st.integers(0, 99),
+    onset=st.sampled_from([0, 60, 150]),
+    scale=st.sampled_from([1e-3, 1.0, 1e5]),
+    kind=st.sampled_from(["unit", "noise", "offset"]),
+)
+def test_one_taxel_of_any_unit_does_not_decide(seed, onset, scale, kind):
+    rng = np.random.default_rng(seed)
+    trials = touches(onset, rng)
+    signals = [np.asarray(signal, np.float64) for signal in trials.signals]
+    for at, signal in enumerate(signals):
+        if kind == "unit":
+            signal[:, 1] *= scale
+        else:  # a taxel that is not touched: noise, or another value in each trial
+            noise = rng.normal(0, scale, (len(signal), 1))
+            more = noise if kind == "noise" else rng.normal(0, scale) + noise / 100
+            signals[at] = np.hstack([signal, more])
+    other = Recordings(signals, RATE_HZ, "mV", {"label": ["a", "b"] * 20})
+    assert abs(common_onset_s(other) - common_onset_s(trials)) * RATE_HZ <= 700 // BINS
+
+
 def test_trials_that_begin_in_contact_start_at_once():
     assert common_onset_s(touches(0, np.random.default_rng(0))) == 0
     assert common_onset_s(touches(0, np.random.default_rng(1), vibrates=True)) == 0

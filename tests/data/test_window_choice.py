@@ -46,7 +46,7 @@ def test_windows_start_with_the_touch_unless_a_start_is_given():
     trials = Timing(np.full(20, 2.5), 100.0, touch_s=0.4409)
     table, notes = choose(trials)
     assert table == {"length_ms": 2000.0, "per_trial": 1, "start_ms": 440.0}
-    assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ less than half")
+    assert notes[1].startswith("Windows start 440 ms after the start of a trial: before, trials differ much less")
     table, notes = choose(Timing(np.array([0.9, 2.0, 2.0]), 100.0, touch_s=0.3))
     assert table["length_ms"] == 600
     assert "600 ms (the shortest trial, 600 ms from 300 ms on)" in notes[0]
