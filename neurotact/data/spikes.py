@@ -164,11 +164,14 @@ class SpikeTrains:
         Raises InputError when a trial holds no window, or too many.
         """
         trials = np.arange(len(self)) if trials is None else np.asarray(trials)
-        begin = None
-        if spec.align == "onset":
-            found = [onset_of(self.steps[trial], self.sampling_rate_Hz, spec.onset) for trial in trials.tolist()]
-            begin = np.array([onset or 0 for onset in found], np.int64)
-        return cut(self.trial_steps[trials], self.sampling_rate_Hz, spec, trials, begin)
+        return cut(self.trial_steps[trials], self.sampling_rate_Hz, spec, trials, self.begins(spec, trials))
+
+    def begins(self, spec: WindowSpec, trials: np.ndarray) -> np.ndarray | None:
+        """The step of each given trial from which `start_ms` counts; None if it is the trial's beginning."""
+        if spec.align != "onset":
+            return None
+        found = [onset_of(self.steps[trial], self.sampling_rate_Hz, spec.onset) for trial in trials.tolist()]
+        return np.array([onset or 0 for onset in found], np.int64)
 
     def onset_complaint(self, spec: WindowSpec) -> str | None:
         """A note on trials whose windows do not start at the onset of contact as requested; None if all do."""

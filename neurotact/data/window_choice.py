@@ -22,6 +22,8 @@ SHORT = 0.5
 """A shortest trial below this share of the median trial gives a note."""
 SEEN = 0.5
 """Windows that cover less than this share of the median trial give a note."""
+LATE = 0.1
+"""Share of trials whose onset of contact may be too late for a window that starts there."""
 PLACES = {"start_ms", "align"}
 """Keys that place the beginning of the windows in the trial."""
 
@@ -29,13 +31,14 @@ PLACES = {"start_ms", "align"}
 class Timing(NamedTuple):
     """When trials end and when their touch begins.
 
-    durations_s: of each trial, `(trial,)`. clock_Hz: steps per second of the windows. touch_s: from the start of the
-    trials.
+    durations_s: of each trial, `(trial,)`; from_onset: from its onset of contact on. clock_Hz: steps per second of the
+    windows. touch_s: from the start of the trials.
     """
 
     durations_s: np.ndarray
     clock_Hz: float
     touch_s: float = 0.0
+    from_onset: bool = False
 
 
 class Words(NamedTuple):
@@ -68,19 +71,27 @@ def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTION
         return window
     given = {key: getattr(window, key) for key in window.model_fields_set}
     known = {key: value for key, value in given.items() if value is not None and value != "trial"}
-    timing = timing_of(spikes)
-    if "length_ms" in known:
-        table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing, window, words)]
+    if "length_ms" not in known:
+        table, notes = choose(timing_of(spikes, window), known, words)
     else:
-        table, notes = choose(timing, known, words)
+        table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing_of(spikes), window, words)]
     for note in notes:
         log.warning("%s", note)
     return window.model_copy(update={**table, **known})
 
 
-def timing_of(spikes: SpikeTrains) -> Timing:
-    """The timing of spike trains; the touch begins as in their recordings, or where they are unknown as in spikes."""
+def timing_of(spikes: SpikeTrains, window: WindowSpec = WindowSpec()) -> Timing:
+    """The timing of spike trains; the touch begins as in their recordings, or where they are unknown as in spikes.
+
+    window: if it is aligned to the onset of contact, durations count from there, and the few trials with a late onset
+    (`LATE`) as long as the next one: they use the last window that fits.
+    """
     clock_Hz = spikes.sampling_rate_Hz
+    begins = spikes.begins(window, np.arange(len(spikes)))
+    if begins is not None:
+        left = spikes.trial_steps - begins
+        least = int(np.quantile(left, LATE, method="lower"))
+        return Timing(np.minimum(np.maximum(left, least), spikes.trial_steps) / clock_Hz, clock_Hz, from_onset=True)
     touch_s = common_spike_onset_s(spikes) if spikes.touch_s is None else spikes.touch_s
     return Timing(spikes.trial_steps / clock_Hz, clock_Hz, touch_s)
 
@@ -110,7 +121,8 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = OPTIONS
         asked = min(MOST_PER_TRIAL, min(MOST_OF_TRIAL_MS, MOST_MS / len(room_ms)) // divisor_ms)
     per_trial = int(max(1, min(asked, longest_ms // divisor_ms)))
     table = {"length_ms": length_ms, "per_trial": per_trial}
-    later = f" from {start_ms:g} ms on" if start_ms else ""
+    later = " after its onset" if timing.from_onset else ""
+    later = f" from {start_ms:g} ms{later} on" if start_ms else later
     if "length_ms" in given:
         why = "as given"
     elif length_ms == LONGEST_MS:
@@ -146,7 +158,7 @@ def _room_ms(timing: Timing, start_ms: float) -> np.ndarray:
         lasts_ms = 1e3 * timing.durations_s[shortest]
         raise InputError(
             f"window.start_ms: trial {shortest} lasts {lasts_ms:,.0f} ms, so no window can start at {start_ms:g} ms; "
-            "start earlier"
+            "start earlier, or leave that trial out"
         )
     return room_ms
 

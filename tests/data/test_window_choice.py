@@ -138,6 +138,19 @@ def test_the_touch_of_encoded_recordings_is_that_of_the_recordings():
     assert set(nt.windows(spikes).start_steps.tolist()) == {600}
 
 
+def test_windows_from_the_onset_on_fit_after_it(caplog):
+    begins = [100, 150, 200, 250, 300, 350, 400, 450, 500, 600, 650, 900]
+    rasters = np.zeros((12, 1000, 2))
+    for raster, begin in zip(rasters, begins, strict=True):
+        raster[begin:] = 1
+    trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), pd.DataFrame({"label": ["felt", "silk"] * 6}))
+    window = suited_window(trains, WindowSpec(align="onset"))
+    latest = trains.cut(window.model_copy(update={"length_ms": 1.0, "per_trial": 1})).start[-2]
+    assert window.length_ms == 1000 - latest  # the last of twelve trials is the late one
+    assert f"(the shortest trial, {window.length_ms:g} ms after its onset), up to 2 " in caplog.records[0].getMessage()
+    assert trains.cut(window).start.tolist()[-3:] == [latest - 50, latest, latest]
+
+
 def test_a_given_length_starts_with_the_trial_and_the_rest_is_named(caplog):
     trains = late_touches()
     for given_window in (WindowSpec(length_ms=800), WindowSpec(length_ms=150, start_ms=0), WindowSpec(length_ms=2900)):
