@@ -126,10 +126,11 @@ def common_spike_onset_s(spikes: SpikeTrains) -> float:
     >>> common_spike_onset_s(from_rasters(rasters, 1000.0, "abcd", pd.DataFrame({"label": ["a", "b"] * 10})))
     0.1
     """
-    shortest = int(spikes.trial_steps.min())
-    if not shortest:
+    n_afferents = len(spikes.afferents)
+    shortest = int(spikes.trial_steps.min()) if len(spikes) else 0
+    if not (shortest and n_afferents):
         return 0.0
-    edges, n_afferents = _edges(shortest), len(spikes.afferents)
+    edges = _edges(shortest)
     chosen = _sample(len(spikes), n_afferents)
     rates = np.empty((len(chosen), len(edges) - 1, 1, n_afferents), np.float32)
     for row, trial in enumerate(chosen):

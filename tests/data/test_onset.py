@@ -215,3 +215,5 @@ def test_spike_trains_without_spikes_or_time_start_at_once():
     assert common_spike_onset_s(silent) == 0
     empty = from_rasters([np.zeros((n, 2)) for n in (30, 0, 30, 30)], RATE_HZ, ("a", "b"), conditions)
     assert common_spike_onset_s(empty) == 0
+    assert common_spike_onset_s(from_rasters(np.zeros((4, 30, 0)), RATE_HZ, (), conditions)) == 0
+    assert common_spike_onset_s(from_rasters([], RATE_HZ, ("a",), conditions[:0])) == 0
