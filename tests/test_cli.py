@@ -374,7 +374,10 @@ main()
 """
 
 
-@pytest.mark.parametrize("module", ["neurotact.cli", "typer", "torch._C", "numpy.random", "neurotact.networks.trained"])
+SLOWER = [pytest.param(module, marks=pytest.mark.slow) for module in ("typer", "numpy.random")]
+
+
+@pytest.mark.parametrize("module", ["neurotact.cli", "torch._C", "neurotact.networks.trained", *SLOWER])
 def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED_BY_IMPORT.format(module=module)],

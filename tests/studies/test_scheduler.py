@@ -196,6 +196,7 @@ def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
 # --- processes of this machine ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_cell_that_cannot_be_trained_is_one_sentence(tmp_path):
     process = typed("neurotact", "study", "run", TINY, *OPTIONS, "-o", tmp_path / "run")
     _, said = process.communicate(timeout=DEADLINE_S)

@@ -208,6 +208,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
+@pytest.mark.slow
 def test_the_bytes_are_the_same_for_any_number_of_workers(run, tmp_path):
     path, folder = run
     nt.run_study("ways-to-save", tmp_path / "run", SMALL, data=path, workers=2)
