@@ -170,14 +170,17 @@ class SpikeTrains:
         """The step of each given trial from which `start_ms` counts; None if it is the trial's beginning."""
         if spec.align != "onset":
             return None
-        found = [onset_of(self.steps[trial], self.sampling_rate_Hz, spec.onset) for trial in trials.tolist()]
-        return np.array([onset or 0 for onset in found], np.int64)
+        return np.array([onset or 0 for onset in self._onsets(spec, trials)], np.int64)
+
+    def _onsets(self, spec: WindowSpec, trials: np.ndarray) -> list[int | None]:
+        """The step of the onset of contact of each given trial; None without one."""
+        return [onset_of(self.steps[trial], self.sampling_rate_Hz, spec.onset) for trial in trials.tolist()]
 
     def onset_complaint(self, spec: WindowSpec) -> str | None:
         """A note on trials whose windows do not start at the onset of contact as requested; None if all do."""
         if spec.align != "onset" or not len(self):
             return None
-        onsets = [onset_of(steps, self.sampling_rate_Hz, spec.onset) for steps in self.steps]
+        onsets = self._onsets(spec, np.arange(len(self)))
         never = [trial for trial, onset in enumerate(onsets) if onset is None]
         wanted = np.array([onset or 0 for onset in onsets]) + round(spec.start_ms * 1e-3 * self.sampling_rate_Hz)
         late = np.flatnonzero(wanted + round(spec.length_ms * 1e-3 * self.sampling_rate_Hz) > self.trial_steps)

@@ -8,7 +8,7 @@ import numpy as np
 
 from neurotact.data.onset import common_spike_onset_s
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import WindowSpec
+from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
 
 log = logging.getLogger("neurotact")
@@ -165,8 +165,7 @@ def _room_ms(timing: Timing, start_ms: float) -> np.ndarray:
 
 def _on_clock(time_ms: float, timing: Timing) -> float:
     """A time rounded to whole steps, as windows are cut."""
-    step_ms = 1e3 / timing.clock_Hz
-    return step_ms * float(np.round(time_ms / step_ms))
+    return 1e3 * whole_steps(time_ms, timing.clock_Hz) / timing.clock_Hz
 
 
 def _on_coverage(

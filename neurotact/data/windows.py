@@ -92,8 +92,8 @@ def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
     >>> steps_of(WindowSpec(length_ms=150, start_ms=250), 2000.0)
     (300, 500, 300)
     """
-    length, first = _steps(spec.length_ms, sampling_rate_Hz), _steps(spec.start_ms, sampling_rate_Hz)
-    hop = length if spec.hop_ms is None else _steps(spec.hop_ms, sampling_rate_Hz)
+    length, first = whole_steps(spec.length_ms, sampling_rate_Hz), whole_steps(spec.start_ms, sampling_rate_Hz)
+    hop = length if spec.hop_ms is None else whole_steps(spec.hop_ms, sampling_rate_Hz)
     for key, n_steps, duration_ms in (
         ("length_ms", length, spec.length_ms),
         ("start_ms", first + 1, spec.start_ms),
@@ -111,5 +111,10 @@ def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:
     return length, first, hop
 
 
-def _steps(duration_ms: float, sampling_rate_Hz: float) -> int:
+def whole_steps(duration_ms: float, sampling_rate_Hz: float) -> int:
+    """The number of steps nearest to a duration.
+
+    >>> whole_steps(150.3, 2000.0)
+    301
+    """
     return round(min(duration_ms * 1e-3 * sampling_rate_Hz, 2.0 * LONGEST_STEPS))  # infinity cannot be rounded
