@@ -117,7 +117,7 @@ class EarlyExitSpec(Spec):
 class SelectionSpec(Spec):
     """How the best trade-off is selected, in the loop of the texture paper's Fig. 7 (`studies/selection.py`).
 
-    All criteria use validation trials and means over seeds.
+    All criteria use validation trials and means over seeds, and over swept keys of the simulation.
     """
 
     length_tolerance: float = Field(default=0.08, ge=0, lt=1)
@@ -214,8 +214,12 @@ class StudySpec(Spec):
 
     @model_validator(mode="after")
     def _selects_among_what_it_sweeps(self) -> "StudySpec":
-        if self.selection is not None and {*self.sweep} - {"seed"} != {LENGTH, PAIR, "network.hidden"}:
-            raise ValueError(f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden', and seed at most")
+        selected = {axis for axis in self.sweep if axis != "seed" and not axis.startswith(SOURCE)}
+        if self.selection is not None and selected != {LENGTH, PAIR, "network.hidden"}:
+            raise ValueError(
+                f"selection needs a sweep of '{LENGTH}', '{PAIR}' and 'network.hidden'; beside them only seed and keys "
+                f"of {SOURCE.rstrip('.')}, over which it averages"
+            )
         return self
 
 

@@ -96,6 +96,21 @@ def test_a_trade_off_that_does_not_persist_is_looked_for_at_the_next_length():
     assert all(chosen.last.persists)
 
 
+def test_starts_are_averaged_as_seeds_are():
+    starts = {"sweep.dataset.parameters.start_mm": [4.41, 9.41]}
+
+    def by_start(cell: Cell) -> dict:
+        """5&5 and 1&10 are accurate enough at one start each, and in the mean over both."""
+        favoured = {"5&5": 4.41, "1&10": 9.41}.get(selection._network(cell).pair)
+        here = study.value_at(cell, "dataset.parameters.start_mm") == favoured
+        published = as_published(cell)
+        return published | {"accuracy_validation": published["accuracy_validation"] + (0.1 if here else -0.1)}
+
+    chosen, without = found(make_study(**starts), by_start), found(WHAT, as_published)
+    assert (chosen.last.chosen, chosen.last.length_ms) == (without.last.chosen, without.last.length_ms)
+    assert (chosen.last.networks["networks"] == 2 * without.last.networks["networks"]).all()
+
+
 def test_test_trials_decide_nothing():
     def otherwise(cell: Cell) -> dict:
         return as_published(cell) | {"accuracy_test": np.random.default_rng(cell.seeds[0]).random(), "sops_total": 0.0}
@@ -234,3 +249,8 @@ def test_a_selection_needs_something_to_select_from(axis, tmp_path):
     (tmp_path / "lacking.toml").write_text("\n".join(line for line in lines if not line.startswith(f'"{axis}"')))
     with pytest.raises(InputError, match="selection needs a sweep of"):
         study.resolve(tmp_path / "lacking.toml")
+
+
+def test_a_selection_averages_over_no_key_of_the_network():
+    with pytest.raises(InputError, match="beside them only seed and keys of dataset.parameters"):
+        make_study(**{"sweep.network.surrogate_scale": [5.0, 10.0]})
