@@ -252,5 +252,5 @@ def test_a_selection_needs_something_to_select_from(axis, tmp_path):
 
 
 def test_a_selection_averages_over_no_key_of_the_network():
-    with pytest.raises(InputError, match="beside them only seed and keys of dataset.parameters"):
+    with pytest.raises(InputError, match=r"beside them only seed and keys of dataset\.parameters"):
         make_study(**{"sweep.network.surrogate_scale": [5.0, 10.0]})
