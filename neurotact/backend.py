@@ -23,7 +23,7 @@ def hold_torch_to_avx2() -> None:
 
     Some of torch's operations (normal numbers, log-softmax, Adam) round their last bits differently with AVX-512, and
     hundreds of training steps turn these into another network. The compiled kernels round the same on both. Call this
-    before torch is loaded: torch reads the variable then; spawned processes inherit it. A value set by the user stays.
+    before torch is loaded: torch reads the variable then; worker processes inherit it. A value set by the user stays.
     """
     if native is not None and native.widest_isa() == "avx512":
         os.environ.setdefault(TORCH_INSTRUCTIONS, "avx2")

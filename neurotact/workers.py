@@ -1,5 +1,7 @@
-"""Spawned processes that do jobs one after another, with one thread each.
+"""Worker processes that do jobs one after another, with one thread each.
 
+On Linux they are forked from a server process that has loaded modules and done nothing else, so only it takes the
+seconds that this needs; elsewhere each is spawned.
 Their number changes only the run time. A process keeps its state between jobs (the caches of a module) until the block
 is left. If a process dies, only its own job is lost, and that job starts again in a new process; InputError is raised
 when this happens to a job too often.
@@ -7,6 +9,7 @@ when this happens to a job too often.
 
 import os
 import signal
+import sys
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from multiprocessing.context import BaseContext
 from threading import Thread
 from typing import Any
 
@@ -28,12 +32,13 @@ Run = Callable[[Task, Sequence[Any]], Iterator[Any]]
 RunAsDone = Callable[[Task, Sequence[Any]], Iterator[tuple[int, Any]]]
 """`run(task, jobs)` yields each job's place in `jobs` and its result, in the order of completion."""
 ATTEMPTS = 3
+PACKAGE = __name__.partition(".")[0]
 
 
 @contextmanager
-def spawned(n_workers: int) -> Iterator[Run]:
+def pool(n_workers: int) -> Iterator[Run]:
     """Yield a `Run` in `n_workers` processes, which end when the block is left, however it is left."""
-    with spawned_as_done(n_workers) as run:
+    with pool_as_done(n_workers) as run:
 
         def in_order(task: Task, jobs: Sequence[Any]) -> Iterator[Any]:
             early: dict[int, Any] = {}
@@ -48,13 +53,14 @@ def spawned(n_workers: int) -> Iterator[Run]:
 
 
 @contextmanager
-def spawned_as_done(n_workers: int) -> Iterator[RunAsDone]:
-    """As `spawned`, for results in the order of completion."""
+def pool_as_done(n_workers: int) -> Iterator[RunAsDone]:
+    """As `pool`, for results in the order of completion."""
     started: list[ProcessPoolExecutor] = []
+    context = _context()
 
     def start() -> ProcessPoolExecutor:
-        # Spawned, not forked: a fork after an OpenMP call hangs. Pools of one: a process that dies breaks its pool.
-        started.append(ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=settle))
+        # Pools of one: a process that dies breaks its pool.
+        started.append(ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=(dict(os.environ),)))
         return started[-1]
 
     threads = os.environ.get("OMP_NUM_THREADS")
@@ -63,20 +69,29 @@ def spawned_as_done(n_workers: int) -> Iterator[RunAsDone]:
         idle: list[ProcessPoolExecutor] = [start() for _ in range(n_workers)]
         yield lambda task, jobs: _run(task, jobs, idle, start)
     except BaseException:
-        for process in [process for pool in started for process in (pool._processes or {}).values()]:
+        for process in [process for one in started for process in (one._processes or {}).values()]:
             process.terminate()
         raise
     finally:
-        for pool in started:
-            pool.shutdown(wait=True, cancel_futures=True)
+        for one in started:
+            one.shutdown(wait=True, cancel_futures=True)
         os.environ.pop("OMP_NUM_THREADS", None)
         if threads is not None:
             os.environ["OMP_NUM_THREADS"] = threads
 
 
+def _context() -> BaseContext:
+    """How processes start. None is forked from this one: a fork after an OpenMP call hangs."""
+    if sys.platform != "linux":
+        return get_context("spawn")
+    context = get_context("forkserver")
+    context.set_forkserver_preload([name for name in sys.modules if name.partition(".")[0] == PACKAGE])
+    return context
+
+
 def in_a_process(task: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a spawned process; its result."""
-    with spawned(1) as run:
+    """Call a function in a worker process; its result."""
+    with pool(1) as run:
         return next(run(_call, [(task, arguments)]))
 
 
@@ -93,14 +108,9 @@ def _run(
 
     def deal() -> None:
         while todo and idle:
-            process = idle.pop()
             place, attempt = todo.popleft()
             with _ignoring_interrupts():
-                try:
-                    future = process.submit(task, jobs[place])
-                except BrokenProcessPool:  # it died while it was idle
-                    process = start()
-                    future = process.submit(task, jobs[place])
+                process, future = _submit(idle.pop(), start, task, jobs[place])
             running[future] = process, place, attempt
 
     deal()
@@ -113,11 +123,27 @@ def _run(
             todo.appendleft((place, attempt + 1))
         idle.append(start() if died else process)
         if died and attempt == ATTEMPTS:
-            why = "usually too little memory, or a full disk"
-            raise InputError(f"{ATTEMPTS} worker processes died at the same job ({why}); free some and run it again")
+            raise _all_died()
         deal()
         if not died:
             yield place, future.result()
+
+
+def _submit(
+    process: ProcessPoolExecutor, start: Callable[[], ProcessPoolExecutor], task: Task, job: Any
+) -> tuple[ProcessPoolExecutor, Future]:
+    """Give a process a job; a new one if it died while it was idle, or if the server of processes died."""
+    for _ in range(ATTEMPTS):
+        try:
+            return process, process.submit(task, job)
+        except (BrokenProcessPool, EOFError, ConnectionError):
+            process = start()
+    raise _all_died()
+
+
+def _all_died() -> InputError:
+    why = "usually too little memory, or a full disk"
+    return InputError(f"{ATTEMPTS} worker processes died at the same job ({why}); free some and run it again")
 
 
 @contextmanager
@@ -129,6 +155,13 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def _begin(environment: dict[str, str]) -> None:
+    """In a new process: take over the environment of the parent, which may be newer than the server's, and settle."""
+    os.environ.clear()
+    os.environ.update(environment)
+    settle()
 
 
 def settle() -> None:

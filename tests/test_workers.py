@@ -6,9 +6,14 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import pytest
+from processes import descendants
+
+from neurotact import workers
+from neurotact.errors import InputError
 
 SCRIPT = """
 import signal
@@ -18,26 +23,21 @@ def heard(job):
     return signal.getsignal(signal.SIGINT) == signal.SIG_IGN, signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 if __name__ == "__main__":
-    with workers.spawned(1) as run:
+    with workers.pool(1) as run:
         print(*run(heard, [1]))
     print(signal.pthread_sigmask(signal.SIG_BLOCK, []))
 """
 
 
-def interrupt_children_of(process: subprocess.Popen, sent: list[int]) -> None:
-    """Send SIGINT to every child, all the time, from its birth on."""
+def interrupt_descendants_of(process: subprocess.Popen, sent: list[int]) -> None:
+    """Send SIGINT to every process that it starts, all the time, from its birth on."""
     while process.poll() is None:
-        for task in Path(f"/proc/{process.pid}/task").glob("*/children"):
+        for one in descendants(process.pid):
             try:
-                children = [int(child) for child in task.read_text().split()]
-            except OSError:
-                continue
-            for child in children:
-                try:
-                    os.kill(child, signal.SIGINT)
-                    sent.append(child)
-                except ProcessLookupError:
-                    pass
+                os.kill(one, signal.SIGINT)
+                sent.append(one)
+            except ProcessLookupError:
+                pass
         time.sleep(0.002)
 
 
@@ -48,11 +48,12 @@ def test_a_worker_that_loads_its_modules_hears_no_ctrl_c(tmp_path):
         [sys.executable, "script.py"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     sent: list[int] = []
-    striking = threading.Thread(target=interrupt_children_of, args=(process, sent))
+    striking = threading.Thread(target=interrupt_descendants_of, args=(process, sent))
     striking.start()
     out, err = process.communicate(timeout=120)
     striking.join()
     assert len(sent) > 100
+    assert len({*sent}) > 1
     assert (process.returncode, err) == (0, "")
     assert out.splitlines() == ["(True, set())", "set()"]
 
@@ -65,7 +66,7 @@ def job(_):
     warnings.warn("the gain silences RA-I", stacklevel=1)
 
 if __name__ == "__main__":
-    with workers.spawned(1) as run:
+    with workers.pool(1) as run:
         list(run(job, [1]))
 """
 
@@ -76,3 +77,47 @@ def test_a_warning_of_a_worker_is_one_line(tmp_path):
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0
     assert done.stderr.splitlines() == ["neurotact: the gain silences RA-I"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere each worker is spawned")
+def test_workers_are_forked_from_one_server_with_one_thread_and_know_the_environment_of_today(monkeypatch):
+    """So that only the first takes the seconds of the imports."""
+    servers = set()
+    for value in ("first", "second"):
+        monkeypatch.setenv("NEUROTACT_EXAMPLE", value)
+        with workers.pool(2) as run:
+            servers |= {*run(_server, range(2))}
+            assert [*run(os.getenv, ["NEUROTACT_EXAMPLE", "OMP_NUM_THREADS"])] == [value, "1"]
+    assert len(servers) == 1
+    ((server, threads),) = servers
+    assert (server == os.getpid(), threads) == (False, 1)  # a fork of a process with more threads may hang
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no server")
+def test_a_server_that_dies_is_replaced():
+    with workers.pool(1) as run:
+        ((server, _),) = run(_server, [0])
+    os.kill(server, signal.SIGKILL)
+    with workers.pool(1) as run:
+        assert [*run(_server, [0])] != [(server, 1)]
+
+
+@pytest.mark.parametrize("fault", [EOFError, ConnectionResetError, ConnectionRefusedError])
+def test_a_server_that_dies_while_it_starts_a_process_costs_nothing(fault, monkeypatch):
+    submit, faults = ProcessPoolExecutor.submit, [fault] * 2
+
+    def submit_in_the_end(*given):
+        if faults:
+            raise faults.pop()
+        return submit(*given)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", submit_in_the_end)
+    with workers.pool(1) as run:
+        assert [*run(abs, [-1, -2])] == [1, 2]
+    faults += [fault] * 3
+    with pytest.raises(InputError, match="3 worker processes died"), workers.pool(1) as run:
+        next(run(abs, [-1]))
+
+
+def _server(_: int) -> tuple[int, int]:
+    return os.getppid(), len([*Path(f"/proc/{os.getppid()}/task").iterdir()])

@@ -115,8 +115,8 @@ def here(trains: SpikeTrains, task: Task) -> Run:
 
 @contextmanager
 def processes(spikes: Path, n_workers: int) -> Iterator[Run]:
-    """Trials trained in spawned processes, which read the spike trains from their file."""
-    with workers.spawned(n_workers) as run:
+    """Trials trained in worker processes, which read the spike trains from their file."""
+    with workers.pool(n_workers) as run:
         yield lambda jobs: run(_try_from_disk, [(job, spikes) for job in jobs])
 
 

@@ -14,7 +14,7 @@ from neurotact.studies.cluster import cluster
 from neurotact.studies.device import on_device
 from neurotact.studies.engine import Engine, Load, MapCells, RunCell
 from neurotact.studies.store import AnyCell, Files, cell_folder
-from neurotact.workers import spawned_as_done
+from neurotact.workers import pool_as_done
 
 
 def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") -> AbstractContextManager[MapCells]:
@@ -27,7 +27,7 @@ def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") 
 @contextmanager
 def processes(n_workers: int) -> Iterator[MapCells]:
     """Compute cells in processes of this machine, which read their inputs from the run folder."""
-    with spawned_as_done(n_workers) as run:
+    with pool_as_done(n_workers) as run:
 
         def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
             functions = engine.load_given, engine.run_cell

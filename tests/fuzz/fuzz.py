@@ -27,7 +27,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).parent))  # started by another path, as a test does
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]  # started by another path, as a test does
 
 import cases
 import chain_cases

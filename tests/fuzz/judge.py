@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import mutations
+from processes import descendants
 
 MEMORY = 1_000_000_000
 """How many bytes a command may take with the processes that it starts."""
@@ -169,9 +170,9 @@ def _become_the_command(case: Case, place: Path, streams: Sequence[Path], second
 
 
 def _fork_workers() -> None:
-    """Workers that are to be spawned are forked: they inherit the imports that a spawned one takes seconds for."""
+    """Workers are forked from the command itself: they inherit the imports that another start takes seconds for."""
     contexts = multiprocessing.context._concrete_contexts  # type: ignore[attr-defined]
-    contexts["spawn"] = contexts["fork"]
+    contexts["spawn"] = contexts["forkserver"] = contexts["fork"]
 
 
 def _give_up_rights() -> None:
@@ -214,7 +215,7 @@ def _watch(child: int, deadline: float, ended_by: _CtrlC | None) -> tuple[int, i
         pid, status, used = os.wait4(child, os.WNOHANG)
         if pid:
             break
-        peak = max(peak, _resident(child) + sum(max(0, _resident(one) - at_start) for one in _descendants(child)))
+        peak = max(peak, _resident(child) + sum(max(0, _resident(one) - at_start) for one in descendants(child)))
         if peak > MEMORY or time.monotonic() > deadline:
             killed = "too much memory" if peak > MEMORY else "too long"
             _kill(child, tell=peak > MEMORY)
@@ -242,16 +243,6 @@ def _resident(pid: int) -> int:
         return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * resource.getpagesize()
     except (OSError, IndexError):
         return 0
-
-
-def _descendants(pid: int) -> list[int]:
-    try:
-        children = [
-            int(c) for task in Path(f"/proc/{pid}/task").iterdir() for c in (task / "children").read_text().split()
-        ]
-    except OSError:
-        return []
-    return [one for child in children for one in (child, *_descendants(child))]
 
 
 def _fault_of_end(code: int, said: str) -> str:

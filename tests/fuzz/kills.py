@@ -22,6 +22,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # started by its path
+
+from processes import workers_of
+
 ROOT = Path(__file__).parents[2]
 TINY = ROOT / "tests" / "studies" / "tiny.toml"
 NEUROTACT = [sys.executable, "-c", "from neurotact.cli import main; main()"]
@@ -155,7 +159,7 @@ def _strike(process: subprocess.Popen, kill: Kill) -> int:
     except subprocess.TimeoutExpired:
         pass
     try:
-        workers = _children(process.pid)
+        workers = workers_of(process.pid)
         if kill.whom == "group":
             os.killpg(process.pid, kill.how)
         else:
@@ -163,12 +167,6 @@ def _strike(process: subprocess.Popen, kill: Kill) -> int:
     except ProcessLookupError:
         return 0
     return 1
-
-
-def _children(pid: int) -> list[int]:
-    """The processes that it started, but for the one that tracks their resources."""
-    found = [int(child) for task in Path(f"/proc/{pid}/task").glob("*/children") for child in task.read_text().split()]
-    return [child for child in found if b"resource_tracker" not in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 def _ended(group: int) -> bool:

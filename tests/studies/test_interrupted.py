@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from processes import workers_of
 
 from neurotact import files
 from neurotact.data import hdf5
@@ -149,9 +150,11 @@ def test_the_second_of_two_runs_in_one_folder_is_refused_and_the_first_ends_well
     folder = tmp_path / "run"
     first = typed("study", "run", TINY, *SMALL, "-o", folder)
     wait_until((folder / "study.toml").is_file)
+    os.killpg(first.pid, signal.SIGSTOP)
     for words in (("run", TINY, *SMALL, "-o", folder), ("resume", folder), ("report", folder)):
         code, said = end_of(typed("study", *words))
         assert (code, f"(process {first.pid} on " in refusal_in(said)) == (2, True)
+    os.killpg(first.pid, signal.SIGCONT)
     assert end_of(first)[0] == 0
     assert not (folder / LOCK).exists()
 
@@ -215,11 +218,7 @@ def strike(process: subprocess.Popen, whom: str, draw: random.Random) -> None:
     elif whom == "command":
         process.kill()
     else:
-        workers = [
-            int(path.parent.name)
-            for path in Path("/proc").glob("[0-9]*/cmdline")
-            if os.getpgid(int(path.parent.name)) == process.pid and b"spawn_main" in path.read_bytes()
-        ]
+        workers = workers_of(process.pid)
         for worker in draw.sample(workers, min(1, len(workers))):
             os.kill(worker, signal.SIGKILL)
 

@@ -209,7 +209,7 @@ def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys
     died, other = tmp_path / "died", tmp_path / "other"
     dies_once = f"test -e {died} || {{ touch {died}; kill -9 $PPID; }}"  # the shell's parent is the worker process
     jobs = [dies_once, f"echo begun >> {other}; sleep 1"]
-    with workers.spawned(2) as run:
+    with workers.pool(2) as run:
         assert list(run(os.system, jobs)) == [0, 0]
     assert other.read_text() == "begun\n"
     assert capsys.readouterr().err.count("a worker process died") == 1
