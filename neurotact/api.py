@@ -28,7 +28,7 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures.raster import draw_raster, existing_trial
 from neurotact.figures.search import save_found
-from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained, tuning
+from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained
 from neurotact.networks.outcome import summary_of
 from neurotact.networks.population import trials as population
 from neurotact.networks.rsnn import RSNN
@@ -352,7 +352,7 @@ def fine_tune(
 def tune(
     spikes: str | Path,
     folder: str | Path,
-    space: str | Path | Mapping[str, Any] = "texture",
+    space: str | Path | Mapping[str, Any] | None = None,
     network: str | Path | RSNNSpec = "default",
     settings: Settings | None = None,
     *,
@@ -381,7 +381,8 @@ def tune(
 ) -> pd.DataFrame:
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
-    space: name or path of a search space in NNI's terms, or the space itself. trials: networks to train.
+    space: name or path of a search space in NNI's terms, or the space itself; when None, around the choices of the
+    network's recipe. trials: networks to train; the first is the network as given.
     objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` log10(SOPs). max_sops: budget of the
     best network, in mean SOPs per window.
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
@@ -398,7 +399,6 @@ def tune(
     task = tasks.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
     task = tasks.with_suited_window(task, trains, ARGUMENTS)
     table = {
-        "space": tuning.load_space(space) if isinstance(space, (str, Path)) else space,
         "trials": trials,
         "seed": seed,
         "objective": objective,
@@ -409,8 +409,9 @@ def tune(
         "start_epoch": start_epoch,
         "batch": batch,
     }
-    asked = spec.build(tuning.SearchSpec, table, source="tune")
-    problem = search.problem_of(trains, asked, spec.resolve(RSNNSpec, network, settings), task, device)
+    searched = spec.resolve(RSNNSpec, network, settings)
+    asked = search.asked("tune", space, searched, table, trains, task)
+    problem = search.problem_of(trains, asked, searched, task, device)
     with files.locked(place):
         with population.runner(problem, spikes, workers, device) as run:
             found, _ = search.search(problem, place, run)

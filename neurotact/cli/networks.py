@@ -52,7 +52,7 @@ from neurotact.data.window_choice import OPTIONS
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import inference, ledger, repeated, search, search_journal, tasks, train_run, trained, tuning
+from neurotact.networks import inference, ledger, repeated, search, search_journal, tasks, train_run, trained
 from neurotact.networks.population import trials as population
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
@@ -169,7 +169,10 @@ def _how_to_go_on(epochs: int) -> str:
 def tune(
     spikes: Spikes,
     out: OutFolder,
-    space: Annotated[str, typer.Option(help="Name or path of a search space, in NNI's terms.")] = "texture",
+    space: Annotated[
+        str | None,
+        typer.Option(help="Name or path of a search space, in NNI's terms; if absent, around the network's choices."),
+    ] = None,
     network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "default",
     set_: SetOption = None,
     trials: Annotated[int, typer.Option(min=1, help="Number of networks to train.")] = 100,
@@ -219,12 +222,11 @@ def tune(
     device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
-    """Search a network's hyperparameters on validation windows.
+    """Search a network's hyperparameters on validation windows; the first trial is the network as given.
 
     An interrupted search continues when the same command is given again.
     """
     settings = {
-        "space": tuning.load_space(space),
         "tuner": tuner,
         "trials": trials,
         "batch": batch,
@@ -240,12 +242,10 @@ def tune(
     trains = hdf5.load_spikes(spikes)
     task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by)
     task = tasks.with_suited_window(task, trains, OPTIONS)
+    searched = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
+    source = "tune" if space is None else f"tune --space {space}"
     problem = search.problem_of(
-        trains,
-        spec.build(tuning.SearchSpec, settings, source=f"tune --space {space}"),
-        spec.load(RSNNSpec, network, spec.parse_assignments(set_ or [])),
-        task,
-        device,
+        trains, search.asked(source, space, searched, settings, trains, task), searched, task, device
     )
     with files.locked(out):
         try:
@@ -263,6 +263,8 @@ def tune(
         print(
             f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s"
         )
+        if problem.search.first is not None:
+            print(search_journal.beside_given(found))
         print_outcome(outcome)
         print(f"its settings: {out / 'best.toml'}; every trial: {out / 'trials.csv'}; figure: {out / 'search.png'}")
         _print_next(out / "best", spikes)

@@ -7,7 +7,7 @@ read, changed and saved; given keys stay. `start` scales the initial weights and
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import torch
@@ -98,6 +98,32 @@ def choices(seen: Seen) -> list[Choice]:
     ]
 
 
+def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
+    """A search space around the choices of the recipe: for each key, the chosen value and others beside it.
+
+    spec: gives the size, around which others are tried. Keys that it gives are not searched, but for `hidden`.
+
+    >>> space(RSNNSpec(recipe="default", hidden=50), Seen(900, 1000, 1000.0, 50.0))["hidden"]
+    {'_type': 'choice', '_value': [20, 30, 50, 80]}
+    """
+    chosen, given = resolve(spec, seen), spec.model_dump(mode="json")
+    step_ms = 1e3 / seen.sampling_rate_Hz
+    values: dict[str, list[Any]] = {
+        "hidden": sorted({max(1, round(share * chosen.hidden)) for share in (0.4, 0.6, 1.0, 1.6)}),
+        "tau_mem_ms": _around(chosen.tau_mem_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
+        "tau_syn_ms": _around(chosen.tau_syn_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
+        "input_deviation": [0.5, 1.0, 2.0],
+        "surrogate_scale": _around(chosen.surrogate_scale, (0.5, 1.0, 2.0)),
+        "training.relative_learning_rate": [0.02, 0.05, 0.1],
+        "training.input_dropout": [0.0, 0.1, 0.2],
+        "training.readout_dropout": [0.0, 0.2, 0.4],
+    }
+    if chosen.recurrent:
+        values |= {"model": ["rsnn", "snn"], "training.rate_penalty": [0.0, 0.001, 0.01]}
+    known = {*given, *(f"training.{key}" for key in given.get("training", {}))} - {"hidden"}
+    return {key: {"_type": "choice", "_value": value} for key, value in values.items() if key not in known}
+
+
 def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     """The spec with the choices of its recipe for training windows; given keys stay.
 
@@ -136,6 +162,11 @@ def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
     for choice in choices(seen):
         if choice.key not in known:
             yield f"{choice.key} = {choice.value} ({choice.why})"
+
+
+def _around(value: float, factors: Sequence[float], least: float = 0.0) -> list[float]:
+    """Multiples of a chosen value, none below `least`, each once."""
+    return sorted({_short(max(factor * value, least)) for factor in factors})
 
 
 def _short(value: float) -> float:

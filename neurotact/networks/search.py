@@ -22,7 +22,7 @@ from neurotact import files, spec, workers
 from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import fitting, measuring, tasks, trained, tuning
+from neurotact.networks import fitting, measuring, recipe, tasks, trained, tuning
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.population import training as population
 from neurotact.networks.population.devices import device_of
@@ -43,7 +43,7 @@ from neurotact.networks.tasks import Sides, Task
 from neurotact.networks.training import Epoch, train
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
 from neurotact.progress import Advance, silent, time_left
-from neurotact.spec import Spec
+from neurotact.spec import Spec, build
 
 
 class Problem(Spec):
@@ -91,6 +91,31 @@ class Timing(NamedTuple):
 
     seconds: float
     proposals: float
+
+
+def asked(
+    source: str,
+    space: str | Path | tuning.Space | None,
+    network: RSNNSpec,
+    settings: Mapping[str, Any],
+    trains: SpikeTrains,
+    task: Task,
+) -> SearchSpec:
+    """The search that the arguments of a command or a call describe; its first trial is the network as given.
+
+    space: name or path of a space, or the space itself; None: around the choices of the network's recipe, or the space
+    of the texture paper for a network without one. settings: the other keys of `SearchSpec`.
+    InputError names `source` and the wrong value.
+    """
+    seen = tasks.seen(trains, task)
+    if space is None:
+        space = recipe.space(network, seen) if network.recipe else "texture"
+    table = tuning.flatten(space) if isinstance(space, Mapping) else tuning.load_space(space)
+    built = build(SearchSpec, {**settings, "space": table}, source=source)
+    tuning.check(built.space, network, source="search.space")
+    if built.tuner == "grid":
+        return built
+    return built.model_copy(update={"first": tuning.values_of(recipe.resolve(network, seen), built.space)})
 
 
 def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task: Task, device: str = "cpu") -> Problem:

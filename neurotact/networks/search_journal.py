@@ -101,6 +101,26 @@ def note(trials: Sequence[Trial]) -> str:
     return f"best {value_of(best):.4f} (trial {best.id}, validation accuracy {best.accuracy:.3f})"
 
 
+def beside_given(trials: Sequence[Trial]) -> str:
+    """The best trial beside the network as given, trial 0, in a sentence; both on validation windows.
+
+    >>> given, other = (Trial(i, {}, [x], "finished", x, sops, x) for i, x, sops in ((0, 0.8, 5e3), (1, 0.9, 4e3)))
+    >>> beside_given([given, other])
+    'validation accuracy 90.0 %, 4,000 SOPs per window; the network as given (trial 0) has 80.0 %, 5,000 SOPs'
+    """
+    best, given = best_of(trials), trials[0]
+    if best is given:
+        return f"no trial of {len(trials)} is better than the network as given (trial 0)"
+    shown = f"validation accuracy {_percent(best)}, {best.sops:,.0f} SOPs per window; the network as given (trial 0)"
+    if given.outcome == FAILED:
+        return f"{shown} cannot be trained"
+    return f"{shown} has {_percent(given)}, {given.sops:,.0f} SOPs"
+
+
+def _percent(trial: Trial) -> str:
+    return f"{100 * (trial.accuracy or 0):.1f} %"
+
+
 def value_of(trial: Trial) -> float:
     """The value that the tuner received; InputError if there is none."""
     if trial.value is None:

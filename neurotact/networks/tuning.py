@@ -10,13 +10,13 @@ import math
 import platform
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import cache
+from functools import cache, reduce
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal, NamedTuple
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from neurotact import spec as specs
 from neurotact.errors import InputError, nearest
@@ -44,7 +44,7 @@ LARGEST_LOGARITHM = math.log(specs.LARGEST)
 class SearchSpec(Spec):
     """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("max_sops",)
+    later_keys: ClassVar[tuple[str, ...]] = ("max_sops", "first")
     space: dict[str, dict[str, Any]]
     """What is searched: a table of `_type` and `_value` for each key of the network."""
     tuner: Literal["tpe", "random", "grid"] = "tpe"
@@ -65,6 +65,9 @@ class SearchSpec(Spec):
     """median-stop ends a trial whose best epoch is below the median of the finished trials' mean so far."""
     start_epoch: int = Field(default=10, ge=1)
     """The first epoch after which a trial may be stopped."""
+    first: dict[str, Any] | None = None
+    """Values of the keys of the space for the first trial, such as those of the network as given; the tuner proposes
+    the others. If absent, it proposes all."""
 
     @field_validator("space", mode="before")
     @classmethod
@@ -81,6 +84,13 @@ class SearchSpec(Spec):
             if complaint:
                 raise ValueError(f"'{key}' {complaint}")
         return space
+
+    @model_validator(mode="after")
+    def _begins_within_its_keys(self) -> "SearchSpec":
+        other = sorted({*(self.first or {})} - {*self.space})
+        if other:
+            raise ValueError(f"first: '{other[0]}' is not in the space; remove it, or search it")
+        return self
 
     def value(self, accuracy: float, sops: float) -> float:
         """What the tuner maximises.
@@ -139,6 +149,20 @@ def check(space: Space, network: RSNNSpec, source: str) -> None:
                 is_whole = "integer" in str(error) and dimension["_type"] not in ("choice", "randint")
                 hint = "; search whole numbers with quniform and q = 1" if is_whole else ""
                 raise InputError(f"{error}{hint}") from None
+
+
+def values_of(network: RSNNSpec, space: Space) -> dict[str, Any]:
+    """A network's own values of the keys of a space, without those that it does not have.
+
+    >>> values_of(RSNNSpec(hidden=40), {"hidden": {}, "training.batch": {}, "readout_tau_ms": {}})
+    {'hidden': 40, 'training.batch': 128}
+    """
+    found = {}
+    for key in space:
+        value = reduce(getattr, key.split("."), network)
+        if value is not None:
+            found[key] = list(value) if isinstance(value, tuple) else value
+    return found
 
 
 def apply(network: RSNNSpec, parameters: Mapping[str, Any], source: str) -> RSNNSpec:
@@ -212,6 +236,9 @@ class Tuner:
         if self._open:
             raise InputError(f"trial {self._open[0].id}: has no result yet; tell or fail it before asking for more")
         for number in range(self.asked, min(self.asked + self.spec.batch, self.spec.trials)):
+            if self._is_given(number):
+                self._open.append(Proposal(number, dict(self.spec.first or {})))
+                continue
             try:
                 proposed = self._tuner.generate_parameters(number)
             except _nni().NoMoreTrialError:
@@ -228,13 +255,19 @@ class Tuner:
         if not math.isfinite(value):
             raise InputError(f"trial {trial}: its value must be finite; got {value}; fail the trial instead")
         parameters = self._close(trial, epochs, finished=not stopped)
-        self._tuner.receive_trial_result(trial, parameters, value)
-        self._tuner.trial_end(trial, True)
+        if not self._is_given(trial):
+            self._tuner.receive_trial_result(trial, parameters, value)
+            self._tuner.trial_end(trial, True)
 
     def fail(self, trial: int, epochs: Sequence[float] = ()) -> None:
         """Report that a trial has no value; the tuner learns nothing from it."""
         self._close(trial, epochs, finished=False)
-        self._tuner.trial_end(trial, False)
+        if not self._is_given(trial):
+            self._tuner.trial_end(trial, False)
+
+    def _is_given(self, trial: int) -> bool:
+        """Whether a trial is the one that the spec gives; NNI, which did not propose it, cannot learn from it."""
+        return trial == 0 and self.spec.first is not None
 
     def _close(self, trial: int, epochs: Sequence[float], *, finished: bool) -> dict[str, Any]:
         if not self._open or self._open[0].id != trial:

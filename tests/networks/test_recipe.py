@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurotact import spec as specs
-from neurotact.networks import recipe
+from neurotact.networks import recipe, tuning
 from neurotact.networks.recipe import Seen, choices, free_moments, resolve, scale_readout, scale_weights, start
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
@@ -224,3 +224,25 @@ def test_a_spec_without_new_keys_is_written_as_before_there_were_any():
 
 def test_the_default_network_has_the_recipe_and_little_else():
     assert specs.load(RSNNSpec, "default").model_dump(mode="json") == {"recipe": "default", "hidden": 50}
+
+
+# --- the search space around the choices ------------------------------------------------------------------
+
+
+@given(seen=seen, hidden=st.integers(1, 600))
+def test_a_space_holds_what_is_chosen_and_nothing_that_a_network_cannot_have(seen, hidden):
+    asked = RSNNSpec(recipe="default", hidden=hidden)
+    space = recipe.space(asked, seen)
+    tuning.check(space, asked, source="space")
+    chosen = tuning.values_of(resolve(asked, seen), space)
+    assert {*chosen} == {*space}
+    assert all(chosen[key] in dimension["_value"] for key, dimension in space.items())
+    assert all(len(dimension["_value"]) > 1 for dimension in space.values() if hidden > 1)
+    assert min(space["tau_syn_ms"]["_value"]) >= recipe._short(1e3 / seen.sampling_rate_Hz)
+
+
+def test_what_is_given_is_not_searched_and_recurrence_only_where_it_is_chosen():
+    asked = RSNNSpec.model_validate({"recipe": "default", "tau_mem_ms": 7.0, "training": {"input_dropout": 0.3}})
+    short, long = (recipe.space(asked, Seen(100, steps, 1000.0, 50.0)) for steps in (200, 2000))
+    assert not {"tau_mem_ms", "training.input_dropout"} & {*short, *long}
+    assert {*short} - {*long} == {"model", "training.rate_penalty"}

@@ -21,7 +21,7 @@ from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.search import draw_search
-from neurotact.networks import measuring, search, search_importance, search_tables, tasks, trained
+from neurotact.networks import measuring, recipe, search, search_importance, search_tables, tasks, trained, tuning
 from neurotact.networks.search_journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Task
@@ -349,6 +349,26 @@ def test_tune_leaves_a_network_that_can_be_used(tuned):
     assert trained.restore(out / "best").task.exit_by == "margin"
     assert row["exit_patience"] is None
     assert row["accuracy_validation"] == best_of(read_journal(out / JOURNAL)).accuracy
+
+
+def test_the_first_trial_is_the_network_as_given_and_the_best_is_never_below_it(trains, tuned):
+    found = read_journal(tuned[0] / JOURNAL)
+    what = spec.build(search.Problem, json.loads((tuned[0] / "search.json").read_text()), source="search.json")
+    asked = what.network_of(found[0].parameters)
+    assert recipe.resolve(asked, tasks.seen(trains, what.task)) == recipe.resolve(
+        what.network, tasks.seen(trains, what.task)
+    )
+    assert best_of(found).value >= found[0].value
+
+
+def test_without_a_space_the_choices_of_the_recipe_are_searched(trains):
+    task = problem(trains).task
+    network = spec.load(RSNNSpec, "default", {"hidden": 10, "tau_syn_ms": 3.0})
+    asked = search.asked("tune", None, network, {"trials": 2}, trains, task)
+    assert asked.space == recipe.space(network, tasks.seen(trains, task))
+    assert asked.first == tuning.values_of(recipe.resolve(network, tasks.seen(trains, task)), asked.space)
+    assert search.asked("tune", None, NETWORK, {}, trains, task).space == load_space("texture")
+    assert search.asked("tune", SPACE, NETWORK, {"tuner": "grid"}, trains, task).first is None
 
 
 def test_two_processes_write_the_bytes_of_one(trains, tuned, tmp_path):

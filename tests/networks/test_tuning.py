@@ -66,6 +66,26 @@ def test_every_proposal_is_a_network(tuner):
         assert isinstance(trial.parameters["hidden"], int)
 
 
+def test_the_first_trial_can_be_given_and_the_tuner_proposes_the_others():
+    """What NNI proposes does not depend on the given trial, whose values need not lie in the space."""
+    space = {"hidden": {"_type": "choice", "_value": list(range(20, 60))}}
+    with_first, without = (Tuner(SearchSpec(space=space, trials=9, batch=3, first=f)) for f in ({"hidden": 7}, None))
+    found = []
+    while batch := with_first.ask():
+        found += batch
+        for trial in batch:
+            with_first.tell(trial.id, 100.0 if trial.id == 0 else trial.parameters["hidden"])
+    assert [trial.id for trial in found] == list(range(9))
+    assert found[0].parameters == {"hidden": 7}
+    assert all(trial.parameters["hidden"] in range(20, 60) for trial in found[1:])
+    assert len(without.ask()) == 3
+
+
+def test_a_given_first_trial_of_another_key_is_refused():
+    with pytest.raises(InputError, match="first: 'membrane' is not in the space"):
+        specs.build(SearchSpec, {"space": SPACE, "first": {"membrane": "delayed"}}, source="here")
+
+
 def test_tpe_finds_what_random_search_misses():
     late = {tuner: [score(t.parameters) for t in play(searching(tuner=tuner), 12)[60:]] for tuner in ("tpe", "random")}
     assert sum(late["tpe"]) > sum(late["random"])
