@@ -222,9 +222,9 @@ def tune(
     device: PopulationDevice = "cpu",
     as_json: Json = False,
 ) -> None:
-    """Search a network's hyperparameters on validation windows; the first trial is the network as given.
+    """Search a network's hyperparameters on validation windows.
 
-    An interrupted search continues when the same command is given again.
+    The first trial is the network as given. An interrupted search continues when the same command is given again.
     """
     settings = {
         "tuner": tuner,
