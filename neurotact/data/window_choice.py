@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neurotact.data.contact import OnsetSpec, onset_of
 from neurotact.data.onset import common_spike_onset_s
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import WindowSpec, whole_steps
@@ -23,7 +24,13 @@ SHORT = 0.5
 SEEN = 0.5
 """Windows that cover less than this share of the median trial give a note."""
 LATE = 0.1
-"""Share of trials whose onset of contact may be too late for a window that starts there."""
+"""Share of trials whose onset of contact may be too late for a window that starts there, or for the first window."""
+FOUND = 0.95
+"""Share of trials in which an onset of contact must be found before windows that start there are proposed."""
+RESTS = 0.8
+"""Share of the time before the touch that is rest: the touch begins within a bin."""
+MOST_TRIALS = 500
+"""Most trials, evenly spaced, in which onsets of contact are looked for."""
 PLACES = {"start_ms", "align"}
 """Keys that place the beginning of the windows in the trial."""
 
@@ -42,15 +49,20 @@ class Timing(NamedTuple):
 
 
 class Words(NamedTuple):
-    """How the user writes the keys of a window: its length, a start in ms, and the alignment to the onset."""
+    """How the user writes the keys of a window.
+
+    length, start: its length and its start in ms. onset: the alignment to the onset. each: one window per trial from
+    the onset on, with a place for the length of the rest in ms.
+    """
 
     length: str
     start: str
     onset: str
+    each: str
 
 
-OPTIONS = Words("--window-ms", "--start-ms ", "--align onset")
-ARGUMENTS = Words("length_ms", "start_ms=", "align='onset'")
+OPTIONS = Words("--window-ms", "--start-ms ", "--align onset", "--align onset --per-trial 1 --rest-ms {:g}")
+ARGUMENTS = Words("length_ms", "start_ms=", "align='onset'", "align='onset', per_trial=1, onset={{'rest_ms': {:g}}}")
 """The words of the command line, and of Python."""
 
 
@@ -72,7 +84,10 @@ def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTION
     given = {key: getattr(window, key) for key in window.model_fields_set}
     known = {key: value for key, value in given.items() if value is not None and value != "trial"}
     if "length_ms" not in known:
-        table, notes = choose(timing_of(spikes, window), known, words)
+        timing = timing_of(spikes, window)
+        table, notes = choose(timing, known, words)
+        if not PLACES & {*known}:
+            notes += _on_late_onsets(spikes, timing, table, words)
     else:
         table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing_of(spikes), window, words)]
     for note in notes:
@@ -195,6 +210,25 @@ def _on_coverage(
                 f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
                 f"comes later, give a longer {words.length}, {words.start}MS or {words.onset}."
             )
+
+
+def _on_late_onsets(spikes: SpikeTrains, timing: Timing, table: Mapping[str, Any], words: Words) -> Iterator[str]:
+    """The note on touches that begin at different times, many of them after the middle of the first window.
+
+    table: the windows that were chosen. Onsets are those of `OnsetSpec`, after a rest that ends before the touch.
+    """
+    rest_ms = float(np.floor(RESTS * 1e3 * timing.touch_s))
+    if rest_ms < OnsetSpec().bin_ms:
+        return
+    trials = np.unique(np.linspace(0, len(spikes) - 1, MOST_TRIALS).astype(int)).tolist()
+    found = [onset_of(spikes.steps[trial], timing.clock_Hz, OnsetSpec(rest_ms=rest_ms)) for trial in trials]
+    onsets_ms = np.array([1e3 * onset / timing.clock_Hz for onset in found if onset is not None])
+    n_late = int((onsets_ms > table.get("start_ms", 0.0) + table["length_ms"] / 2).sum())
+    if len(onsets_ms) >= FOUND * len(trials) and n_late > LATE * len(trials):
+        yield (
+            f"Touches begin at different times, in {n_late} of {len(trials)} trials after the middle of the first "
+            f"window; if they are short, try {words.each.format(rest_ms)}."
+        )
 
 
 def _on_rest(timing: Timing, window: WindowSpec, words: Words) -> Iterator[str]:

@@ -173,3 +173,33 @@ def test_python_cuts_the_same_windows_without_a_length():
     assert (made.length_ms, len(made)) == (window.length_ms, len(trains))
     assert set(made.start_steps.tolist()) == {int(window.start_ms)}
     assert len(nt.windows(trains, length_ms=150)) == len(trains) * 20
+
+
+def pressed(rng: np.random.Generator, onsets: np.ndarray, n_silent: int) -> nt.SpikeTrains:
+    """Trials of 3 s at 1000 Hz, four afferents, that fire for 400 ms from their onset on; the first ones never do."""
+    rasters = np.zeros((len(onsets), 3000, 4), bool)
+    for raster, onset in zip(rasters[n_silent:], onsets[n_silent:], strict=True):
+        raster[onset : onset + 400] = rng.random((400, 4)) < rng.uniform(0.1, 0.9)
+    return from_rasters(rasters, 1000.0, "abcd", pd.DataFrame({"label": ["a", "b"] * (len(onsets) // 2)}))
+
+
+@pytest.mark.parametrize(
+    ("latest", "n_silent", "is_named"),
+    [(2500, 0, True), (2500, 2, True), (2500, 6, False), (900, 0, False)],
+    ids=["at any time", "few trials without", "many trials without", "all in the first half"],
+)
+def test_touches_that_begin_at_different_times_are_named_with_the_remedy(latest, n_silent, is_named, caplog):
+    rng = np.random.default_rng(1)
+    trains = pressed(rng, rng.integers(400, latest, 60), n_silent)
+    with caplog.at_level(logging.WARNING, logger="neurotact"):
+        suited_window(trains, WindowSpec())
+    said = [line for line in caplog.messages if line.startswith("Touches begin at different times")]
+    assert len(said) == is_named
+    assert all("try --align onset --per-trial 1 --rest-ms " in line for line in said)
+
+
+def test_a_given_start_needs_no_note_on_onsets(caplog):
+    rng = np.random.default_rng(1)
+    with caplog.at_level(logging.WARNING, logger="neurotact"):
+        suited_window(pressed(rng, rng.integers(400, 2500, 60), 0), WindowSpec(start_ms=0.0))
+    assert not [line for line in caplog.messages if line.startswith("Touches begin")]
