@@ -251,11 +251,11 @@ def tune(
         try:
             with population.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
                 found, timing = search.search(problem, out, run, advance)
+            save_found(problem, found, out)
+            outcome = search.save_best(problem, spikes, out, found, device)
         except KeyboardInterrupt:
             say(f"interrupted; the same command continues in {out}")
             sys.exit(INTERRUPTED)
-        save_found(problem, found, out)
-        outcome = search.save_best(problem, spikes, out, found, device)
     best = search_journal.best_of(found)
     if as_json:
         print_json(outcome)

@@ -399,6 +399,20 @@ def test_tune_refuses_in_one_line(spikes, tmp_path, monkeypatch, capsys, more, m
     assert not (tmp_path / "tuned").exists()
 
 
+def test_ctrl_c_while_the_best_is_trained_again_says_how_to_go_on(spikes, tmp_path, monkeypatch, capsys):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    write_space(tmp_path)
+    monkeypatch.setattr(search, "save_best", interrupt)
+    monkeypatch.setattr(sys, "argv", words(spikes, tmp_path / "tuned", "--trials", "1", "--workers", "1"))
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert end.value.code == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"neurotact: interrupted; the same command continues in {tmp_path / 'tuned'}"
+
+
 @pytest.mark.slow
 def test_killed_and_resumed_gives_the_journal_of_the_uninterrupted_run(spikes, tmp_path):
     write_space(tmp_path)
