@@ -142,6 +142,15 @@ def common_spike_onset_s(spikes: SpikeTrains) -> float:
     return _begin(rates, edges) / spikes.sampling_rate_Hz
 
 
+def evenly(n_trials: int, most: int = MOST_TRIALS) -> np.ndarray:
+    """At most `most` trials, evenly spaced; all if there are fewer.
+
+    >>> evenly(10, 4).tolist(), evenly(3, 4).tolist()
+    ([0, 3, 6, 9], [0, 1, 2])
+    """
+    return np.unique(np.linspace(0, n_trials - 1, most).astype(int))
+
+
 def _features(trials: Trials, trial: int, edges: list[int]) -> np.ndarray:
     """Mean and standard deviation of each channel of a trial in each bin, `(bin, 2, channel)`."""
     n_bins = len(edges) - 1
@@ -165,8 +174,7 @@ def _edges(shortest: int) -> list[int]:
 
 def _sample(n_trials: int, n_features: int) -> list[int]:
     """The trials that are compared, evenly spaced; `n_features` of each in a bin are in memory."""
-    most = max(2, min(MOST_TRIALS, MOST_VALUES // (BINS * max(1, n_features))))
-    return np.unique(np.linspace(0, n_trials - 1, most).astype(int)).tolist()
+    return evenly(n_trials, max(2, min(MOST_TRIALS, MOST_VALUES // (BINS * max(1, n_features))))).tolist()
 
 
 def _begin(features: np.ndarray, edges: list[int]) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from neurotact.data.contact import onset_of
+from neurotact.data.contact import OnsetSpec, onset_of
 from neurotact.data.notebook import html_of
 from neurotact.data.recordings import (
     check_conditions,
@@ -170,17 +170,17 @@ class SpikeTrains:
         """The step of each given trial from which `start_ms` counts; None if it is the trial's beginning."""
         if spec.align != "onset":
             return None
-        return np.array([onset or 0 for onset in self._onsets(spec, trials)], np.int64)
+        return np.array([onset or 0 for onset in self.onsets(spec.onset, trials)], np.int64)
 
-    def _onsets(self, spec: WindowSpec, trials: np.ndarray) -> list[int | None]:
+    def onsets(self, rule: OnsetSpec, trials: np.ndarray) -> list[int | None]:
         """The step of the onset of contact of each given trial; None without one."""
-        return [onset_of(self.steps[trial], self.sampling_rate_Hz, spec.onset) for trial in trials.tolist()]
+        return [onset_of(self.steps[trial], self.sampling_rate_Hz, rule) for trial in trials.tolist()]
 
     def onset_complaint(self, spec: WindowSpec) -> str | None:
         """A note on trials whose windows do not start at the onset of contact as requested; None if all do."""
         if spec.align != "onset" or not len(self):
             return None
-        onsets = self._onsets(spec, np.arange(len(self)))
+        onsets = self.onsets(spec.onset, np.arange(len(self)))
         never = [trial for trial, onset in enumerate(onsets) if onset is None]
         wanted = np.array([onset or 0 for onset in onsets]) + round(spec.start_ms * 1e-3 * self.sampling_rate_Hz)
         late = np.flatnonzero(wanted + round(spec.length_ms * 1e-3 * self.sampling_rate_Hz) > self.trial_steps)

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurotact.data.contact import OnsetSpec, onset_of
-from neurotact.data.onset import common_spike_onset_s
+from neurotact.data.contact import OnsetSpec
+from neurotact.data.onset import common_spike_onset_s, evenly
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import WindowSpec, whole_steps
 from neurotact.errors import InputError
@@ -29,8 +29,6 @@ FOUND = 0.95
 """Share of trials in which an onset of contact must be found before windows that start there are proposed."""
 RESTS = 0.8
 """Share of the time before the touch that is rest: the touch begins within a bin."""
-MOST_TRIALS = 500
-"""Most trials, evenly spaced, in which onsets of contact are looked for."""
 PLACES = {"start_ms", "align"}
 """Keys that place the beginning of the windows in the trial."""
 
@@ -52,13 +50,13 @@ class Words(NamedTuple):
     """How the user writes the keys of a window.
 
     length, start: its length and its start in ms. onset: the alignment to the onset. each: one window per trial from
-    the onset on, with a place for the length of the rest in ms.
+    the onset on, with a place for the length of the rest in ms; only `suited_window`, which knows spikes, uses it.
     """
 
     length: str
     start: str
     onset: str
-    each: str
+    each: str = ""
 
 
 OPTIONS = Words("--window-ms", "--start-ms ", "--align onset", "--align onset --per-trial 1 --rest-ms {:g}")
@@ -220,8 +218,8 @@ def _on_late_onsets(spikes: SpikeTrains, timing: Timing, table: Mapping[str, Any
     rest_ms = float(np.floor(RESTS * 1e3 * timing.touch_s))
     if rest_ms < OnsetSpec().bin_ms:
         return
-    trials = np.unique(np.linspace(0, len(spikes) - 1, MOST_TRIALS).astype(int)).tolist()
-    found = [onset_of(spikes.steps[trial], timing.clock_Hz, OnsetSpec(rest_ms=rest_ms)) for trial in trials]
+    trials = evenly(len(spikes))
+    found = spikes.onsets(OnsetSpec(rest_ms=rest_ms), trials)
     onsets_ms = np.array([1e3 * onset / timing.clock_Hz for onset in found if onset is not None])
     n_late = int((onsets_ms > table.get("start_ms", 0.0) + table["length_ms"] / 2).sum())
     if len(onsets_ms) >= FOUND * len(trials) and n_late > LATE * len(trials):

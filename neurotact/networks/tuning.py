@@ -10,8 +10,9 @@ import math
 import platform
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import cache, reduce
+from functools import cache
 from importlib.util import find_spec
+from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -159,7 +160,7 @@ def values_of(network: RSNNSpec, space: Space) -> dict[str, Any]:
     """
     found = {}
     for key in space:
-        value = reduce(getattr, key.split("."), network)
+        value = attrgetter(key)(network)
         if value is not None:
             found[key] = list(value) if isinstance(value, tuple) else value
     return found
