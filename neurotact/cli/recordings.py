@@ -31,7 +31,7 @@ def import_folder(
     unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
     sampling_rate_hz: Annotated[
         float | None,
-        typer.Option("--sampling-rate-Hz", help="Samples per second; found from --time-column when absent."),
+        typer.Option("--sampling-rate-Hz", help="Samples per second; found from the time stamps when absent."),
     ] = None,
     levels: Annotated[
         str | None,
@@ -49,11 +49,18 @@ def import_folder(
         str | None,
         typer.Option(help="The taxels' columns, by numbers from 1 or by names, as in 1-5, left,right or p1-p8."),
     ] = None,
-    time_column: Annotated[str | None, typer.Option("--time-column", help="The column of time stamps.")] = None,
+    time_column: Annotated[
+        str | None,
+        typer.Option(
+            "--time-column", help="The column of time stamps.", show_default="one named time, timestamp, t, ... (t_ms)"
+        ),
+    ] = None,
     time_unit: Annotated[
         clock.Unit | None,
         typer.Option(
-            "--time-unit", help="Unit of the time stamps.", show_default="that of the column's name (t_ms), else s"
+            "--time-unit",
+            help="Unit of the time stamps.",
+            show_default="that of the column's name (t_ms), else the one that fits touch",
         ),
     ] = None,
     max_gap_ms: Annotated[

@@ -18,6 +18,13 @@ REGULAR = 0.01
 """Intervals that deviate by less than this share of the median one are regular."""
 MOST_DECIMALS = 9
 
+SLOWEST_HZ, FASTEST_HZ = 10.0, 100_000.0
+"""Sampling rates of touch."""
+SHORTEST_S, LONGEST_S = 0.02, 600.0
+"""Lengths of a trial of touch."""
+NEAR_RATE = 10.0
+"""Stamps in the right unit give a sampling rate within this factor of the user's."""
+
 
 class Stamps(NamedTuple):
     """The sampling times of one file.
@@ -58,6 +65,38 @@ def without_unit(name: str) -> str:
     ('time', 'Time', 'times')
     """
     return IN_NAME.sub("", name)
+
+
+class Timing(NamedTuple):
+    """What time stamps in one unit give: samples per second, and the length of the median trial in seconds."""
+
+    unit: Unit
+    rate_Hz: float
+    trial_s: float
+
+
+def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[Timing]:
+    """The units in which the stamps of these trials can be those of touch, the longest unit first.
+
+    The rate is within a factor of ten of the given one; without one it is 10 Hz to 100 kHz, and the median trial lasts
+    20 ms to 10 min. times: stamps of each trial, in the unknown unit.
+
+    >>> [each.unit for each in timings([np.arange(0, 5000, 28)])], [each.unit for each in timings([np.arange(9) * 1e3])]
+    (['ms'], [])
+    >>> [each.unit for each in timings([np.arange(2000) * 100.0])]
+    ['ms', 'us']
+    """
+    steps = [np.diff(time) for time in times]
+    usual = float(np.median([np.median(each[each != 0]) for each in steps if each.any()] or [0.0]))
+    if usual <= 0:
+        return []
+    length = float(np.median([time[-1] - time[0] for time in times]))
+    found = [Timing(unit, 1 / (usual * unit_s), length * unit_s) for unit, unit_s in UNIT_S.items()]
+    if given_Hz is not None:
+        return [each for each in found if 1 / NEAR_RATE < each.rate_Hz / given_Hz < NEAR_RATE]
+    return [
+        each for each in found if SLOWEST_HZ <= each.rate_Hz <= FASTEST_HZ and SHORTEST_S <= each.trial_s <= LONGEST_S
+    ]
 
 
 def stamps_of(time: np.ndarray, unit: Unit, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:

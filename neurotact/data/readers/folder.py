@@ -27,13 +27,18 @@ RATES_DIFFER = 0.1
 
 OTHER_UNIT = 100.0
 """If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
-SLOWEST_HZ, SHORTEST_MS = 10.0, 20.0
-"""Time stamps that give a slower sampling rate or a shorter median trial cause a warning."""
-
 LEAST_RISING = 20
 """Samples of a trial from which on a channel that never falls causes a warning."""
 
 log = logging.getLogger("neurotact")
+
+
+class _Read(NamedTuple):
+    """One trial as it was read: its file, how it is named in the conditions, and its samples."""
+
+    path: Path
+    file: str
+    table: Table
 
 
 class _Trial(NamedTuple):
@@ -58,7 +63,7 @@ def read(
     naming: keys of `naming.NamingSpec`: the source of the class and the conditions of each file; the first
     sub-folder is the label when absent.
     layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, the number format; all
-    columns are taxels when absent.
+    columns but the time are taxels when absent.
 
     CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
     names the columns. With a time column the sampling rate is that of the stamps, unless it is given, and irregular
@@ -87,19 +92,20 @@ def read(
         raise InputError(f"{folder}: the unit of the signals is empty; give one, such as mV")
     paths = _data_files(folder, names)
     files = [path.relative_to(folder).as_posix() for path in paths]
-    if sampling_rate_Hz is None and table.time_column is None:
-        _trials_of(paths[0], files[0], table)  # a column whose name is that of time stamps is the better message
-        raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     of_files = conditions_of(files, names, folder)
-    trials: list[_Trial] = []
+    read: list[_Read] = []
     row_of = []
     n_bytes = 0
     for row, path in enumerate(paths):
-        found = _trials_of(path, files[row], table)
-        trials += found
+        found = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
+        if sampling_rate_Hz is None and found[0].table.time is None:
+            raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
+        read += found
         row_of += [row] * len(found)
-        n_bytes += sum(trial.signal.nbytes for trial in found)
+        n_bytes += sum(each.table.signal.nbytes for each in found)
         check_size(folder, n_bytes)
+    unit_of_time = _unit_of_time([each.table for each in read], sampling_rate_Hz, folder)
+    trials = [_stamped(each, unit_of_time, table.max_gap_ms) for each in read]
     _check_same_channels({trial.file: trial.signal for trial in trials}, folder)
     channels = _same_names({trial.file: trial.names for trial in trials if trial.names}, folder)
     _warn_of_other_columns(trials, channels, folder)
@@ -109,24 +115,44 @@ def read(
     return Recordings(signals, rate_Hz, unit, conditions, channels, f"folder {folder.name}")
 
 
-def _trials_of(path: Path, file: str, layout: LayoutSpec) -> list[_Trial]:
+def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list[_Read]:
     if path.suffix.lower() in TEXTS:
-        table = read_table(path, layout)
-        return [_stamped(table, file, path, layout)]
+        return [_Read(path, file, read_table(path, layout, find_time=find_time))]
     if layout.time_column is not None or layout.columns:
         raise InputError(f"{path}: --columns and --time-column are for CSV files; save the chosen columns, or as CSV")
     arrays = read_arrays(path).items()
-    return [_Trial(f"{file}:{key}", (), as_signal(array, f"{path}, key '{key}'"), None) for key, array in arrays]
+    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays}
+    return [_Read(path, f"{file}:{key}", Table((), signal, None, 0)) for key, signal in signals.items()]
 
 
-def _stamped(table: Table, file: str, path: Path, layout: LayoutSpec) -> _Trial:
+def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, folder: Path) -> clock.Unit:
+    """The unit of the stamps whose files do not say it: seconds if these can be touch, else the one that can.
+
+    A warning names it if it is not seconds. InputError if several can.
+    """
+    times = [table.time for table in tables if table.time is not None and table.time_unit is None]
+    found = clock.timings(times, given_Hz) if times else []
+    if not found or found[0].unit == "s":
+        return "s"
+    said = [f"{each.unit} (trials of {each.trial_s:.3g} s at {each.rate_Hz:.4g} Hz)" for each in found]
+    if len(found) > 1:
+        raise InputError(f"{folder}: the time stamps may be in {' or '.join(said)}; give their unit with --time-unit")
+    log.warning(
+        "%s: the time stamps are taken as %s; if that is wrong, give their unit with --time-unit", folder, *said
+    )
+    return found[0].unit
+
+
+def _stamped(read: _Read, unit: clock.Unit, max_gap_ms: float | None) -> _Trial:
+    """The trial with the stamps of its samples; unit: of stamps whose file does not say it."""
+    path, table = read.path, read.table
     if table.time is None:
-        return _Trial(file, table.names, table.signal, None)
-    stamps = clock.stamps_of(table.time, table.time_unit, str(path), table.first_line, layout.max_gap_ms)
+        return _Trial(read.file, table.names, table.signal, None)
+    stamps = clock.stamps_of(table.time, table.time_unit or unit, str(path), table.first_line, max_gap_ms)
     dropped = len(table.time) - len(stamps.time_s)
     if dropped:
         log.warning("%s: %d rows repeat the time stamp of the row before them and are dropped", path, dropped)
-    return _Trial(file, table.names, table.signal[stamps.keep], stamps)
+    return _Trial(read.file, table.names, table.signal[stamps.keep], stamps)
 
 
 def _warn_of_other_columns(trials: Sequence[_Trial], channels: Sequence[str], folder: Path) -> None:
@@ -170,7 +196,7 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
         return float(given_Hz), [trial.signal for trial in trials]
     found_Hz = clock.rate_of(stamps)
     rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
-    _check_unit(found_Hz, given_Hz, 1e3 * float(np.median([each.time_s[-1] for each in stamps])), folder)
+    _check_unit(found_Hz, given_Hz, float(np.median([each.time_s[-1] for each in stamps])), folder)
     n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
     check_size(f"{folder} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
     signals = [
@@ -190,10 +216,10 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, folder: Path
     return rate_Hz, signals
 
 
-def _check_unit(found_Hz: float, given_Hz: float | None, median_ms: float, folder: Path) -> None:
+def _check_unit(found_Hz: float, given_Hz: float | None, median_s: float, folder: Path) -> None:
     """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong.
 
-    Without a given rate, warn if they are too slow or too fast for touch. median_ms: length of the median trial.
+    Without a given rate, warn if they are too slow or too fast for touch. median_s: length of the median trial.
     """
     if given_Hz is not None:
         if not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
@@ -201,17 +227,17 @@ def _check_unit(found_Hz: float, given_Hz: float | None, median_ms: float, folde
                 f"{folder}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give "
                 "the unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
             )
-    elif found_Hz < SLOWEST_HZ:
+    elif found_Hz < clock.SLOWEST_HZ:
         log.warning(
             "%s: the time stamps give %.3g Hz, which is slow for touch; if their unit is another, give it with "
             "--time-unit",
             folder, found_Hz,
         )  # fmt: skip
-    elif median_ms < SHORTEST_MS:
+    elif median_s < clock.SHORTEST_S:
         log.warning(
             "%s: the time stamps give %.4g Hz and a median trial of %.3g ms, which is short for touch; if their unit "
             "is another, give it with --time-unit",
-            folder, found_Hz, median_ms,
+            folder, found_Hz, 1e3 * median_s,
         )  # fmt: skip
 
 

@@ -1,7 +1,6 @@
 """The layout of the columns of a text file, and the reader of one file: taxels and, if any, time stamps."""
 
 import re
-import shlex
 import unicodedata
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -14,7 +13,10 @@ from neurotact.data.readers.tables import cells, check_width, is_value, numbers,
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
-TIME_COLUMN = re.compile(r"(time|timestamp|t)(?![a-z0-9])", re.IGNORECASE)
+TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros)(?![a-z0-9])", re.IGNORECASE)
+"""The beginning of a name that time stamps have."""
+FALLING = 0.1
+"""Share of the intervals that may be negative in a column that is named like time stamps."""
 SEPARATORS = (";", "\t", ",")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
@@ -26,9 +28,9 @@ class LayoutSpec(Spec):
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
     time_column: str | None = None
-    """The name or the number of the column of time stamps."""
+    """The name or the number of the column of time stamps; when absent, the first one whose name says so."""
     time_unit: Unit | None = None
-    """Unit of the stamps; when absent, the one at the end of the column's name (`t_ms`), else seconds."""
+    """Unit of the stamps; when absent, that at the end of the column's name (`t_ms`), else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
     """The longest interval between stamps; five median ones when absent."""
     decimal: Literal[".", ","] = "."
@@ -45,14 +47,14 @@ class LayoutSpec(Spec):
 class Table(NamedTuple):
     """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line.
 
-    time_unit: of the stamps, as asked for or as their column is named.
+    time_unit: of the stamps, as asked for or as their column is named; None if neither says it.
     """
 
     names: tuple[str, ...]
     signal: np.ndarray
     time: np.ndarray | None
     first_line: int
-    time_unit: Unit = "s"
+    time_unit: Unit | None = None
 
 
 class _Columns(NamedTuple):
@@ -63,11 +65,12 @@ class _Columns(NamedTuple):
     time: int | None
 
 
-def read_table(path: Path, layout: LayoutSpec) -> Table:
-    """The samples of a CSV file and, if the layout names a time column, their stamps.
+def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Table:
+    """The samples of a CSV file and their stamps, if the layout names a time column or the file has one by its name.
 
-    Columns are separated by `;`, by tabs or by commas, whichever the first line has; a separator at the end of each
-    line is ignored. Raises InputError, which names the file, the line and column, and the fix.
+    find_time: whether a column that the layout does not name may be the time. Columns are separated by `;`, by tabs or
+    by commas, whichever the first line has; a separator at the end of each line is ignored. Raises InputError, which
+    names the file, the line and column, and the fix.
     """
     text = read_text(path)
     head, body, first_line = _parted(text, path, layout)
@@ -82,7 +85,7 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
     check_width(path, n_columns)
     if len(first) == n_columns + 1 and not first[-1]:
         body = re.sub(rf"{separator}[ \t]*$" if separator != "\t" else r"\t *$", "", body, flags=re.MULTILINE)
-    columns = _columns_of(names, n_columns, layout, path)
+    columns = _columns_of(names, n_columns, layout, path, find_time)
     if layout.decimal == ",":
         _check_points(body, path)
         body = body.replace(",", ".")
@@ -94,10 +97,11 @@ def read_table(path: Path, layout: LayoutSpec) -> Table:
         columns=None if sorted(chosen) == list(range(n_columns)) else chosen,
     )  # fmt: skip
     time = None if columns.time is None else values[:, columns.time]
+    if time is not None and layout.time_column is None:
+        _check_rises(time, names[columns.time or 0], path)
     taxels = tuple(names[i] for i in columns.taxels) if names else ()
     named = unit_in(names[columns.time]) if names and columns.time is not None else None
-    unit = layout.time_unit or named or "s"
-    return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line, unit)
+    return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line, layout.time_unit or named)
 
 
 def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -> tuple[tuple[str, ...], int]:
@@ -153,7 +157,7 @@ def _named(row: list[str]) -> list[str]:
     return row[:-1] if len(row) > 1 and not row[-1] else row
 
 
-def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path: Path) -> _Columns:
+def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path: Path, find_time: bool) -> _Columns:
     seen: set[str] = set()
     for column, name in enumerate(names, 1):
         if name in seen:
@@ -161,24 +165,39 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
         if not is_text(name):
             raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
         seen.add(name)
+    chosen = [place for asked in layout.columns for place in _places(asked, names, n_columns, "--columns", path)]
     time = None
     if layout.time_column is not None:
         (time,) = _places(layout.time_column, names, n_columns, "--time-column", path) or [None]
-    taxels = [place for asked in layout.columns for place in _places(asked, names, n_columns, "--columns", path)] or [
-        place for place in range(n_columns) if place != time
-    ]
+    elif find_time:
+        named = [place for place, name in enumerate(names) if place not in chosen and TIME_COLUMN.match(name)]
+        time = named[0] if named else None
+    taxels = chosen or [place for place in range(n_columns) if place != time]
     if len(set(taxels)) < len(taxels) or time in taxels:
         raise InputError(f"{path}: --columns and --time-column name a column twice; name each once")
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
-    stamp = next((place for place in taxels if names and TIME_COLUMN.match(names[place])), None)
-    if stamp is not None and not layout.columns:
-        raise InputError(
-            f"{path}: column {stamp + 1} is '{names[stamp][:40]}', but every column is a taxel; "
-            f"pass --time-column {shlex.quote(names[stamp][:40])}, choose the taxels with --columns, or remove the "
-            "column"
-        )
+    if not chosen:
+        _check_no_time(taxels, names, path)
     return _Columns(names, taxels, time)
+
+
+def _check_no_time(taxels: list[int], names: tuple[str, ...], path: Path) -> None:
+    stamp = next((place for place in taxels if names and TIME_COLUMN.match(names[place])), None)
+    if stamp is not None:
+        raise InputError(
+            f"{path}: column {stamp + 1}, '{names[stamp][:40]}', is named like time stamps but is not the time column; "
+            "choose the taxels with --columns, or remove the column"
+        )
+
+
+def _check_rises(time: np.ndarray, name: str, path: Path) -> None:
+    """Refuse stamps that only the name of their column shows, if they often fall: `T` may be a temperature."""
+    if len(time) > 1 and (np.diff(time) < 0).mean() > FALLING:
+        raise InputError(
+            f"{path}: column '{name[:40]}' is named like time stamps, but its values fall; choose the taxels with "
+            "--columns, or the time with --time-column"
+        )
 
 
 def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:

@@ -229,8 +229,6 @@ def test_trials_of_other_taxels_are_refused(tmp_path):
         ("nan,nan\n1,2\n", "a.csv: line 1, column 1 is nan"),
         ("a,b,\n1,2,3\n", "a.csv: line 2 has 3 columns where 2 are expected"),
         ("a,a\n1,2\n", "a.csv: two columns are named 'a'"),
-        ("t (ms),a\n1,2\n", "a.csv: column 1 is 't (ms)', but every column is a taxel"),
-        ("Timestamp,a\n1,2\n", "a.csv: column 1 is 'Timestamp', but every column is a taxel"),
         ("0,1,2\n1,2,3\n", "a.csv: line 1 counts 0 to 2, which looks like column numbers"),
         ("a;b\n1,5;2,5\n", "a.csv: line 2 has decimal commas; pass --decimal , or write decimal points"),
     ],

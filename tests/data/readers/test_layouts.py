@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import neurotact as nt
@@ -207,13 +207,54 @@ def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
         assert "rises" not in caplog.text
 
 
-def test_without_a_rate_a_column_of_time_stamps_is_named_first(tmp_path):
-    write(tmp_path / "felt" / "a.csv", "t,p\n0.00,1\n0.01,2\n")
-    with pytest.raises(InputError, match="column 1 is 't', but every column is a taxel; pass --time-column t"):
-        nt.read_folder(tmp_path, unit="mV")
+def stamps(column: str, times, taxel: str = "p") -> str:
+    return "\n".join([f"{column},{taxel}", *(f"{time!r},{n % 7}" for n, time in enumerate(times))]) + "\n"
+
+
+def test_a_column_with_the_name_of_time_stamps_is_the_time(tmp_path, caplog):
+    """FabricSlide is read in one try: `timestamp` counts ms of a long day, and its rate is found."""
+    for label in ("felt", "silk"):
+        write(tmp_path / label / "a.csv", stamps("timestamp", range(4_277_465, 4_283_065, 28)))
+    found = nt.read_folder(tmp_path, unit="count")
+    assert found.channels == ("p",)
+    assert found.sampling_rate_Hz == pytest.approx(1e3 / 28, 1e-3)
+    assert "the time stamps are taken as ms (trials of 5.57 s at 35.71 Hz); if that is wrong, give" in caplog.text
+    caplog.clear()
+    assert nt.read_folder(tmp_path, unit="count", columns="p").sampling_rate_Hz == found.sampling_rate_Hz
+    assert nt.read_folder(tmp_path, 35.6, "count").sampling_rate_Hz == 35.6
+    assert nt.read_folder(tmp_path, 1000, "count", columns="p").sampling_rate_Hz == 1000, "the stamps are not read"
+
+
+def test_without_a_rate_or_time_stamps_the_rate_is_asked_for(tmp_path):
     write(tmp_path / "felt" / "a.csv", "q,p\n0.00,1\n0.01,2\n")
     with pytest.raises(InputError, match="the sampling rate is not known; give --sampling-rate-Hz, or --time-column"):
         nt.read_folder(tmp_path, unit="mV")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("T,p\n21.0,1\n20.9,2\n", "column 'T' is named like time stamps, but its values fall; choose the taxels with"),
+        ("t,time,p\n0.0,0,1\n0.1,1,2\n", "column 2, 'time', is named like time stamps but is not the time column"),
+    ],
+)
+def test_a_column_that_is_only_named_like_time_stamps_is_named(tmp_path, text, message):
+    write(tmp_path / "felt" / "a.csv", text)
+    with pytest.raises(InputError, match=message):
+        nt.read_folder(tmp_path, unit="mV")
+    assert nt.read_folder(tmp_path, 10, "mV", columns="p").channels == ("p",)
+
+
+@given(st.sampled_from(list(clock.UNIT_S)), st.floats(10.1, 9.9e4), st.integers(20, 4000), st.floats(0, 1e6))
+def test_the_unit_of_stamps_of_touch_is_found_or_asked_for(unit, rate_Hz, n_samples, first):
+    """Whatever the unit, it is among those that can be touch; given the rate, it is the only one."""
+    trial_s = (n_samples - 1) / rate_Hz
+    assume(0.0201 < trial_s < 599)
+    time = first + np.arange(n_samples) / rate_Hz / clock.UNIT_S[unit]
+    found = {each.unit: each for each in clock.timings([time, time + 7])}
+    assert found[unit].rate_Hz == pytest.approx(rate_Hz, 1e-3)
+    assert found[unit].trial_s == pytest.approx(trial_s, 1e-3)
+    assert [each.unit for each in clock.timings([time], rate_Hz * 1.5)] == [unit]
 
 
 @pytest.mark.parametrize(
@@ -266,26 +307,32 @@ def test_folders_less_deep_than_the_levels_are_named(tmp_path):
 
 def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
     for name in ("felt", "silk"):
-        (tmp_path / name).mkdir()
-        rows = [f"{4277465 + 28 * n},{n % 7}" for n in range(20)]
-        (tmp_path / name / "a.csv").write_text("\n".join(["timestamp,a", *rows]) + "\n")
+        write(tmp_path / name / "a.csv", stamps("timestamp", range(4_277_465, 4_278_025, 28)))
     with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and --sampling-rate-Hz says 35\.6 Hz; give the unit"):
-        nt.read_folder(tmp_path, 35.6, "count", time_column="timestamp")
-    assert nt.read_folder(tmp_path, 35.6, "count", time_column="timestamp", time_unit="ms").sampling_rate_Hz == 35.6
+        nt.read_folder(tmp_path, 35.6, "count", time_unit="s")
+    assert nt.read_folder(tmp_path, 35.6, "count", time_unit="ms").sampling_rate_Hz == 35.6
     assert "--time-unit" not in caplog.text
-    assert nt.read_folder(tmp_path, unit="count", time_column="timestamp").sampling_rate_Hz == pytest.approx(
-        1 / 28, 1e-3
-    )
+    assert nt.read_folder(tmp_path, unit="count", time_unit="s").sampling_rate_Hz == pytest.approx(1 / 28, 1e-3)
     assert "the time stamps give 0.0357 Hz, which is slow for touch; if their unit is another, give it" in caplog.text
     caplog.clear()
-    found = nt.read_folder(tmp_path, unit="count", time_column="timestamp", time_unit="us")
+    found = nt.read_folder(tmp_path, unit="count", time_unit="us")
     assert found.sampling_rate_Hz == pytest.approx(1e6 / 28, 1e-3)
     assert "give 3.571e+04 Hz and a median trial of 0.532 ms, which is short for touch; if their unit is" in caplog.text
+    caplog.clear()
+    assert nt.read_folder(tmp_path, 35.6, "count").sampling_rate_Hz == 35.6
+    assert "the time stamps are taken as ms (trials of 0.532 s at 35.71 Hz)" in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("name", "rate_Hz"), [("t_ms", 500), ("Time [us]", 5e5), ("time (s)", 0.5), ("T_S", 0.5), ("t", 0.5)]
-)
+def test_stamps_that_may_be_in_two_units_are_refused(tmp_path):
+    write(tmp_path / "felt" / "a.csv", stamps("time", range(0, 200_000, 100)))
+    message = r"may be in ms \(trials of 200 s at 10 Hz\) or us \(trials of 0.2 s at 1e\+04 Hz\); give their unit with"
+    with pytest.raises(InputError, match=message):
+        nt.read_folder(tmp_path, unit="mV")
+    assert nt.read_folder(tmp_path, 10_000, "mV").sampling_rate_Hz == 10_000
+    assert nt.read_folder(tmp_path, unit="mV", time_unit="us").sampling_rate_Hz == 10_000
+
+
+@pytest.mark.parametrize(("name", "rate_Hz"), [("t_ms", 500), ("Time [us]", 5e5), ("time (s)", 0.5), ("T_S", 0.5)])
 def test_the_name_of_the_time_column_says_its_unit(tmp_path, name, rate_Hz):
     for label in ("felt", "silk"):
         write(tmp_path / label / "a.csv", "\n".join([f"{name},a", *(f"{2 * n},{n % 7}" for n in range(50))]) + "\n")
@@ -305,9 +352,3 @@ def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog)
     with caplog.at_level(logging.WARNING):
         assert nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}.csv").classes == ("felt",)
     assert "3 files are ignored (hidden, or not recordings): foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
-
-
-def test_a_time_column_is_named_as_a_shell_takes_it(tmp_path):
-    write(tmp_path / "felt" / "a.csv", "Time [s],left\n0,1\n0.1,2\n")
-    with pytest.raises(InputError, match=r"pass --time-column 'Time \[s\]', choose"):
-        nt.read_folder(tmp_path, 10, "mV")
