@@ -52,7 +52,7 @@ def import_folder(
     time_column: Annotated[
         str | None,
         typer.Option(
-            "--time-column", help="The column of time stamps.", show_default="one named time, timestamp, t, ... (t_ms)"
+            "--time-column", help="The column of time stamps.", show_default="one named time, timestamp or t (t_ms)"
         ),
     ] = None,
     time_unit: Annotated[
