@@ -10,6 +10,7 @@ import pandas as pd
 
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.window_choice import on_late_onsets
 from neurotact.errors import InputError
 from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
@@ -19,6 +20,7 @@ from neurotact.networks.trained import LOG
 from neurotact.report import answer as answers
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Table
+from neurotact.studies import suited
 from neurotact.studies.cell import task_of
 from neurotact.studies.store import cell_folder, result_of
 from neurotact.studies.study import LENGTH, Cell, StudySpec, by_split, encoder_columns, split_columns, value_at
@@ -348,8 +350,9 @@ def beware(
             lines += [before + line for line in cautions.few_test_trials(front.sides.tested)]
             few = cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
             lines += [before + line for line in few]
-    note = None if trains is None else acausal_note(trains.encoder)
-    lines += [note] if note else []
+    if trains is not None:
+        note = acausal_note(trains.encoder)
+        lines += [*([note] if note else []), *on_late_onsets(trains, study.window, suited.WORDS)]
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
 
 

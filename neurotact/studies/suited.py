@@ -25,7 +25,12 @@ SMALL = 1000
 FOLDS, FOLDED = 5, 300
 """Folds that test each trial once, and the most trials for which they are used: 15 % of 300 are 45 test trials."""
 SOURCES = ("simulate", "read", "file")
-WORDS = Words("--window-ms", "--set window.start_ms=", "--set window.align=onset")
+WORDS = Words(
+    "--window-ms",
+    "--set window.start_ms=",
+    "--set window.align=onset",
+    "--set window.align=onset --set window.per_trial=1 --set window.onset.rest_ms={:g}",
+)
 """How the keys of a window are given to a study."""
 WINDOW = "window."
 
