@@ -42,6 +42,8 @@ def few_test_trials(per_class: Mapping[str, int]) -> Iterator[str]:
 
     >>> print(*few_test_trials({"felt": 3, "silk": 12}))
     class 'felt' has 3 test trials: one of them is 33.3 points of its accuracy, and 6.7 points of all 15; record more
+    >>> print(*few_test_trials({"felt": 1, "silk": 9}))
+    class 'felt' has 1 test trial: its accuracy is 0 or 100 %, and one trial is 10.0 points of all 10; record more
     """
     few = {name: n for name, n in per_class.items() if n < FEW_PER_CLASS}
     total = sum(per_class.values())
@@ -49,8 +51,9 @@ def few_test_trials(per_class: Mapping[str, int]) -> Iterator[str]:
         return
     fewest = min(few, key=lambda name: few[name])
     n = few[fewest]
-    share = f"one of them is {100 / n:.1f} points of its accuracy, and " if n else ""
-    all_of = f"{share}{'' if n else 'one trial is '}{100 / total:.1f} points of all {total}"
+    own = {0: "one trial is", 1: "its accuracy is 0 or 100 %, and one trial is"}
+    share = own.get(n, f"one of them is {100 / max(n, 1):.1f} points of its accuracy, and")
+    all_of = f"{share} {100 / total:.1f} points of all {total}"
     trials = f"{n} test trial{'' if n == 1 else 's'}"
     if len(few) == 1:
         yield f"class '{fewest}' has {trials}: {all_of}; record more"

@@ -10,6 +10,8 @@ from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error, wilson_interval
 
 Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better"]
+NOTHING = 0.005
+"""Share of the milliseconds and of the SOPs below which early exit saves nothing."""
 """nothing learned: no better than guessing. unclear: better, and chance alone may do as well."""
 
 
@@ -203,11 +205,7 @@ def details(found: Answer) -> Iterator[str]:
             f"{_lost(best.whole, cheapest.whole, found.trials.test)}."
         )
     if cheapest.early is not None:
-        yield (
-            f"With early exit it decides after {milliseconds(cheapest.early.ms)} of {milliseconds(cheapest.whole.ms)} "
-            f"on average: {_saved(cheapest.whole, cheapest.early)}, "
-            f"{_lost(cheapest.whole, cheapest.early, found.trials.test)}."
-        )
+        yield _early(cheapest.whole, cheapest.early, found.trials.test)
     rival = found.baseline
     spent = (cheapest.early or cheapest.whole).nJ
     if rival is not None and rival.nJ is not None and spent is not None:
@@ -244,6 +242,15 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
         "whole study if this is --quick": network,
     }
     yield from (words for words, loss in lost.items() if loss > 1 / found.trials.test)
+
+
+def _early(whole: Decision, early: Decision, n_test: int) -> str:
+    if early.ms >= (1 - NOTHING) * whole.ms and early.sops >= (1 - NOTHING) * whole.sops:
+        return f"Early exit saves nothing here: it decides at the end of the window, after {milliseconds(whole.ms)}."
+    return (
+        f"With early exit it decides after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
+        f"{_saved(whole, early)}, {_lost(whole, early, n_test)}."
+    )
 
 
 def _saved(before: Decision, after: Decision) -> str:

@@ -96,6 +96,16 @@ def test_the_baseline_is_chosen_on_validation_trials_and_of_equal_ones_the_cheap
     assert answer([network()], rivals, 0.25, TRIALS).baseline == rivals[2]
 
 
+@pytest.mark.parametrize(
+    ("ms", "sops", "saves"), [(1000.0, 1000.0, False), (990.0, 1000.0, True), (1000.0, 990.0, True)]
+)
+def test_an_early_exit_that_never_exits_is_told_so(ms, sops, saves):
+    early = Decision(0.9, sops, ms, 80.0, None)
+    said = " ".join(details(answer([network(early=early)], [], 0.25, TRIALS)))
+    assert ("Early exit saves nothing here: it decides at the end of the window, after 1,000 ms." in said) != saves
+    assert ("With early exit it decides" in said) == saves
+
+
 def test_early_exit_and_energy_are_told_of_the_cheapest():
     early = Decision(0.89, 500.0, 420.0, 40.0, 200.0)
     found = answer([network(early=early, nJ=390.0)], [Baseline("SVM", 0.9, 0.9, 24.0)], 0.25, TRIALS)
