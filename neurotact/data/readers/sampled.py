@@ -1,0 +1,214 @@
+"""Sampled trials as they were read from text or arrays: their stamps, one clock, the same taxels, what looks wrong."""
+
+import logging
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.readers import clock
+from neurotact.data.readers.layout import Table
+from neurotact.data.recordings import Recordings
+from neurotact.errors import InputError
+from neurotact.files import check_size
+
+MOST_NAMED = 5
+"""Names in a warning; the others are counted."""
+RATES_DIFFER = 0.1
+"""Share by which a trial's sampling rate may differ from the common one without a warning."""
+
+OTHER_UNIT = 100.0
+"""If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
+
+LEAST_RISING = 20
+"""Samples of a trial from which on a channel that never falls causes a warning."""
+
+log = logging.getLogger("neurotact")
+
+
+class Read(NamedTuple):
+    """One trial as it was read. where: begins messages. file: its name among the others."""
+
+    where: str
+    file: str
+    table: Table
+
+
+class _Trial(NamedTuple):
+    """One trial: its name among the others, its samples and their stamps."""
+
+    file: str
+    signal: np.ndarray
+    stamps: clock.Stamps | None
+
+
+def recordings(
+    read: Sequence[Read],
+    conditions: pd.DataFrame,
+    sampling_rate_Hz: float | None,
+    unit: str,
+    *,
+    max_gap_ms: float | None,
+    source: str,
+    where: str,
+) -> Recordings:
+    """The trials at one sampling rate, given or from their stamps; irregular samples are interpolated, with a warning.
+
+    where: of all trials, begins messages. Raises InputError for trials of other taxels, stamps that make no clock, or a
+    wrong unit of time.
+    """
+    _check_same_channels(read)
+    channels = _same_names(read)
+    unit_of_time = _unit_of_time([each.table for each in read], sampling_rate_Hz, where)
+    trials = [_stamped(each, unit_of_time, max_gap_ms) for each in read]
+    _warn_of_other_columns(trials, channels, where)
+    rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
+    return Recordings(signals, rate_Hz, unit, conditions, channels, source)
+
+
+def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -> clock.Unit:
+    """The unit of the stamps whose files do not say it: seconds if these can be touch, else the one that can.
+
+    A warning names it if it is not seconds. InputError if several can.
+    """
+    times = [table.time for table in tables if table.time is not None and table.time_unit is None]
+    found = clock.timings(times, given_Hz) if times else []
+    if not found or found[0].unit == "s":
+        return "s"
+    said = [f"{each.unit} (trials of {each.trial_s:.3g} s at {each.rate_Hz:.4g} Hz)" for each in found]
+    if len(found) > 1:
+        raise InputError(f"{where}: the time stamps may be in {' or '.join(said)}; give their unit with --time-unit")
+    log.warning("%s: the time stamps are taken as %s; if that is wrong, give their unit with --time-unit", where, *said)
+    return found[0].unit
+
+
+def _stamped(read: Read, unit: clock.Unit, max_gap_ms: float | None) -> _Trial:
+    """The trial with the stamps of its samples; unit: of stamps whose file does not say it."""
+    table = read.table
+    if table.time is None:
+        return _Trial(read.file, table.signal, None)
+    stamps = clock.stamps_of(table.time, table.time_unit or unit, read.where, table.first_line, max_gap_ms)
+    dropped = len(table.time) - len(stamps.time_s)
+    if dropped:
+        log.warning("%s: %d rows repeat the time stamp of the row before them and are dropped", read.where, dropped)
+    return _Trial(read.file, table.signal[stamps.keep], stamps)
+
+
+def _warn_of_other_columns(trials: Sequence[_Trial], channels: Sequence[str], where: str) -> None:
+    """Warn of columns that are rarely taxels: a constant one (a temperature of the board), and one that rises
+    throughout every trial while others fall (time stamps without a name, a counter of samples).
+    """
+    first = trials[0].signal[0]
+    constant = np.logical_and.reduce([(trial.signal == first).all(axis=0) for trial in trials])
+    if constant.any() and not constant.all():
+        log.warning(
+            "%s: every sample has the same value in %s; select the taxels with --columns",
+            where, _named_taxels(constant, channels),
+        )  # fmt: skip
+    rising = np.logical_and.reduce([_rises(trial.signal) for trial in trials])
+    if rising.any() and not rising.all():
+        log.warning(
+            "%s: %s rises throughout every trial, as time stamps or a counter do; give --time-column, or select the "
+            "taxels with --columns",
+            where, _named_taxels(rising, channels),
+        )  # fmt: skip
+
+
+def _rises(signal: np.ndarray) -> np.ndarray:
+    """Of each channel of `(time, channel)`, whether it rises and never falls over enough samples to be no chance."""
+    if len(signal) < LEAST_RISING:
+        return np.zeros(signal.shape[1], bool)
+    return (signal[1:] >= signal[:-1]).all(axis=0) & (signal[-1] > signal[0])
+
+
+def _named_taxels(chosen: np.ndarray, channels: Sequence[str]) -> str:
+    names = [channels[at] if channels else f"column {at + 1} of the taxels" for at in np.flatnonzero(chosen).tolist()]
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
+
+
+def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) -> tuple[float, list[np.ndarray]]:
+    """The sampling rate of all trials, given or from their stamps, and the samples at that rate."""
+    stamps = [trial.stamps for trial in trials if trial.stamps is not None]
+    if not stamps:
+        assert given_Hz is not None
+        return float(given_Hz), [trial.signal for trial in trials]
+    found_Hz = clock.rate_of(stamps)
+    rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
+    _check_unit(found_Hz, given_Hz, float(np.median([each.time_s[-1] for each in stamps])), where)
+    n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
+    check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
+    signals = [
+        trial.signal if trial.stamps is None else clock.on_clock(trial.signal, trial.stamps, rate_Hz)
+        for trial in trials
+    ]
+    n_moved = sum(signal is not trial.signal for signal, trial in zip(signals, trials, strict=True))
+    if n_moved:
+        jitter_ms = [1e3 * each.jitter_s for each in stamps]
+        worst_ms = 1e3 * max(float(np.diff(each.time_s).max()) for each in stamps)
+        log.warning(
+            "%s: the time stamps jitter by %.3g ms (standard deviation of the intervals; the longest is %.4g ms): %d "
+            "of %d trials are interpolated onto a regular clock of %g Hz",
+            where, float(np.median(jitter_ms)), worst_ms, n_moved, len(trials), rate_Hz,
+        )  # fmt: skip
+    _warn_of_other_rates(trials, rate_Hz, where)
+    return rate_Hz, signals
+
+
+def _check_unit(found_Hz: float, given_Hz: float | None, median_s: float, where: str) -> None:
+    """Refuse time stamps that are a hundred times faster or slower than the given rate: their unit is wrong.
+
+    Without a given rate, warn if they are too slow or too fast for touch. median_s: length of the median trial.
+    """
+    if given_Hz is not None:
+        if not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
+            raise InputError(
+                f"{where}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give "
+                "the unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
+            )
+    elif found_Hz < clock.SLOWEST_HZ:
+        log.warning(
+            "%s: the time stamps give %.3g Hz, which is slow for touch; if their unit is another, give it with "
+            "--time-unit",
+            where, found_Hz,
+        )  # fmt: skip
+    elif median_s < clock.SHORTEST_S:
+        log.warning(
+            "%s: the time stamps give %.4g Hz and a median trial of %.3g ms, which is short for touch; if their unit "
+            "is another, give it with --time-unit",
+            where, found_Hz, 1e3 * median_s,
+        )  # fmt: skip
+
+
+def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, where: str) -> None:
+    rates_Hz = {trial.file: 1 / trial.stamps.interval_s for trial in trials if trial.stamps is not None}
+    odd = [file for file, each_Hz in rates_Hz.items() if abs(each_Hz / rate_Hz - 1) > RATES_DIFFER]
+    if odd:
+        log.warning(
+            "%s: %d trials have another sampling rate than %g Hz and are resampled to it; the first is %s at %.4g Hz",
+            where, len(odd), rate_Hz, odd[0], rates_Hz[odd[0]],
+        )  # fmt: skip
+
+
+def _check_same_channels(read: Sequence[Read]) -> None:
+    first, expected = read[0].file, read[0].table.signal.shape[1]
+    for each in read:
+        if each.table.signal.shape[1] != expected:
+            raise InputError(
+                f"{each.where}: has {each.table.signal.shape[1]} channels where {first} has {expected}; "
+                "every trial needs the same taxels"
+            )
+
+
+def _same_names(read: Sequence[Read]) -> tuple[str, ...]:
+    """The names of the channels, which every trial that has names has in the same order."""
+    named = [each for each in read if each.table.names]
+    for each in named:
+        for column, (name, wanted) in enumerate(zip(each.table.names, named[0].table.names, strict=True), 1):
+            if name != wanted:
+                raise InputError(
+                    f"{each.where}: column {column} is '{name[:40]}' where {named[0].file} has '{wanted[:40]}'; "
+                    "give all files the same taxels in the same order"
+                )
+    return named[0].table.names if named else ()
