@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from neurotact import files, spec
+from neurotact import files, spec, tables
 from neurotact.data import hdf5, sources
-from neurotact.data.readers import arrays, event_files, folder, nwb
+from neurotact.data.readers import arrays, event_files, folder, nwb, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -35,7 +35,6 @@ from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.report import report
 from neurotact.studies import loading, runner
-from neurotact.tables import read_table
 
 Settings = Mapping[str, Any]
 """Changes of a spec: dotted keys and their values, such as `{"sa1.t_ref_ms": 5}`."""
@@ -96,6 +95,33 @@ def read_folder(
         "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     return folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+
+
+def read_table(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
+    *,
+    label: str | None = None,
+    trial: str | Sequence[str] = (),
+    columns: str | Sequence[str] = (),
+    time_column: str | None = None,
+    time_unit: str | None = None,
+    max_gap_ms: float | None = None,
+) -> Recordings:
+    """Read one CSV file with a row per sample of all trials: `neurotact import table`.
+
+    label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
+    apart, such as "subject,repetition"; one named trial, recording or touch when empty. columns: the taxels; all
+    columns of numbers that change within trials when empty; those that are constant within each trial are conditions.
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms: as of `read_folder`.
+    Raises InputError, which names the file, the line or the column, and the fix.
+    """
+    spec = {
+        "label": label, "trial": trial, "columns": columns, "time_column": time_column, "time_unit": time_unit,
+        "max_gap_ms": max_gap_ms,
+    }  # fmt: skip
+    return sample_table.read(path, sampling_rate_Hz, unit, spec)
 
 
 def read_arrays(
@@ -467,7 +493,7 @@ def load_network(folder: str | Path) -> RSNN:
 def _reported(folder: Path) -> pd.DataFrame:
     """Write the figures and the page from the tables of a study; its results."""
     report.write(folder)
-    return read_table(folder / "results.csv")
+    return tables.read_table(folder / "results.csv")
 
 
 def _window(window: dict[str, Any], onset: Settings | None) -> dict[str, Any]:

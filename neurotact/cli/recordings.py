@@ -12,7 +12,7 @@ from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, Source
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
-from neurotact.data.readers import arrays, clock, event_files, folder, nwb
+from neurotact.data.readers import arrays, clock, event_files, folder, nwb, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains
@@ -24,15 +24,43 @@ IMPORTED = (".csv", ".npz", ".npy", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".ts
 app = new_app("Convert recordings to one HDF5 file.")
 
 
+SignalUnit = Annotated[str, typer.Option("--unit", help="Unit of the signals, such as mV, V or count.")]
+RateOrStamps = Annotated[
+    float | None,
+    typer.Option("--sampling-rate-Hz", help="Samples per second; found from the time stamps when absent."),
+]
+TaxelColumns = Annotated[
+    str | None,
+    typer.Option("--columns", help="The taxels, by numbers from 1 or by names, as in 1-5, left,right or p1-p8."),
+]
+TimeColumn = Annotated[
+    str | None,
+    typer.Option(
+        "--time-column", help="The column of time stamps.", show_default="one named time, timestamp or t (t_ms)"
+    ),
+]
+TimeUnit = Annotated[
+    clock.Unit | None,
+    typer.Option(
+        "--time-unit",
+        help="Unit of the time stamps.",
+        show_default="that of the column's name (t_ms), else the one that fits touch",
+    ),
+]
+MaxGap = Annotated[
+    float | None,
+    typer.Option(
+        "--max-gap-ms", help="Longest allowed interval between time stamps.", show_default="five times the usual one"
+    ),
+]
+
+
 @app.command("folder")
 def import_folder(
     source: Source,
     out: OutFile,
-    unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
-    sampling_rate_hz: Annotated[
-        float | None,
-        typer.Option("--sampling-rate-Hz", help="Samples per second; found from the time stamps when absent."),
-    ] = None,
+    unit: SignalUnit,
+    sampling_rate_hz: RateOrStamps = None,
     levels: Annotated[
         str | None,
         typer.Option(
@@ -45,32 +73,10 @@ def import_folder(
     conditions: Annotated[
         Path | None, typer.Option(help="A CSV file with the column file and one column per condition.")
     ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(help="The taxels' columns, by numbers from 1 or by names, as in 1-5, left,right or p1-p8."),
-    ] = None,
-    time_column: Annotated[
-        str | None,
-        typer.Option(
-            "--time-column", help="The column of time stamps.", show_default="one named time, timestamp or t (t_ms)"
-        ),
-    ] = None,
-    time_unit: Annotated[
-        clock.Unit | None,
-        typer.Option(
-            "--time-unit",
-            help="Unit of the time stamps.",
-            show_default="that of the column's name (t_ms), else the one that fits touch",
-        ),
-    ] = None,
-    max_gap_ms: Annotated[
-        float | None,
-        typer.Option(
-            "--max-gap-ms",
-            help="Longest allowed interval between time stamps.",
-            show_default="five times the usual one",
-        ),
-    ] = None,
+    columns: TaxelColumns = None,
+    time_column: TimeColumn = None,
+    time_unit: TimeUnit = None,
+    max_gap_ms: MaxGap = None,
     decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal separator.")] = ".",
     header_lines: Annotated[
         int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
@@ -91,11 +97,45 @@ def import_folder(
     _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out)
 
 
+@app.command("table")
+def import_table(
+    source: Source,
+    out: OutFile,
+    unit: SignalUnit,
+    sampling_rate_hz: RateOrStamps = None,
+    label: Annotated[
+        str | None, typer.Option(help="The column of classes.", show_default="one named label, class, y or target")
+    ] = None,
+    trial: Annotated[
+        str | None,
+        typer.Option(
+            help="The columns that tell trials apart, as in subject,repetition.",
+            show_default="one named trial, recording or touch",
+        ),
+    ] = None,
+    columns: TaxelColumns = None,
+    time_column: TimeColumn = None,
+    time_unit: TimeUnit = None,
+    max_gap_ms: MaxGap = None,
+    force: Force = False,
+) -> None:
+    """Recordings in one CSV file: a row per sample of all trials, with the trial and the class of each.
+
+    Columns of numbers that change within trials are taxels; those that are constant within each trial are conditions.
+    """
+    _check_import(source, out, force)
+    spec = {
+        "label": label, "trial": trial or (), "columns": columns or (), "time_column": time_column,
+        "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+    }  # fmt: skip
+    _save(sample_table.read(source, sampling_rate_hz, unit, spec), out)
+
+
 @app.command("arrays")
 def import_arrays(
     source: Source,
     out: OutFile,
-    unit: Annotated[str, typer.Option(help="Unit of the signals, such as mV, V or count.")],
+    unit: SignalUnit,
     sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples per second.")],
     names: Annotated[
         list[str] | None,

@@ -52,6 +52,7 @@ COMMANDS: dict[str, tuple[list[str], tuple[str, ...]]] = {
         ["import", "arrays", "arrays.npz", "--sampling-rate-Hz", "100", "--unit", "V", "-o", "out.h5"],
         ("arrays.npz",),
     ),
+    "import table": (["import", "table", "table.csv", "--unit", "V", "-o", "out.h5"], ("table.csv",)),
     "info": (["info", "touch.h5"], ("touch.h5",)),
     "import fabricslide": (["import", "fabricslide", "fabric", "-o", "out.h5"], ("fabric",)),
     "import pvdf-hardness": (["import", "pvdf-hardness", "presses", "-o", "out.h5"], ("presses",)),
@@ -117,6 +118,11 @@ def make_folders(base: Path) -> None:
     make_events(base, rng)
     touched = {"X": rng.normal(size=(6, 40, 3)).astype("f4"), "y": np.arange(6) % 2, "person": np.array([*"aabbcc"])}
     _write(base / "arrays.npz", mutations.archive_of({**touched, "names": np.array(["x", "y", "z"])}))
+    samples = "trial,label,t_ms,force,a,b\n" + "".join(
+        f"{trial},{'xy'[trial % 2]},{10 * n},{trial % 3},{','.join(map(str, rng.integers(0, 900, 2)))}\n"
+        for trial in range(4) for n in range(30)
+    )  # fmt: skip
+    _write(base / "table.csv", samples.encode())
     with h5py.File(base / "arrays.h5", "w") as file:
         for name, array in touched.items():
             file[f"touches/{name}"] = array.astype("S1") if name == "person" else array

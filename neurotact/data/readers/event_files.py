@@ -1,10 +1,8 @@
 """Files of events: CSV tables, NumPy arrays, structured x, y, t, p arrays, and HDF5 in the Heidelberg layout."""
 
-import io
 import logging
 import os
 import re
-import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from neurotact.data.readers.archives import read_arrays
 from neurotact.data.readers.clock import UNIT_S, unit_in, without_unit
 from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.naming import NamingSpec, conditions_of
-from neurotact.data.readers.tables import cells, read_text
+from neurotact.data.readers.tables import columns_of, is_number, named_table, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, nearest
@@ -34,8 +32,6 @@ ALIASES = {
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
 POLARITY = "polarity"
 """Another name for the population, of which a sensor with polarities has two."""
-BYTES_PER_CELL = 120
-"""Bytes per cell of a table of texts in memory."""
 ARCHIVES, TABLES, HDF5 = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
 
 log = logging.getLogger("neurotact")
@@ -87,7 +83,7 @@ def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
 def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
     suffix = path.suffix.lower()
     if suffix in TABLES:
-        return _of_columns(_table(path), spec, names, path)
+        return _of_columns(columns_of(named_table(path)), spec, names, path)
     if suffix in ARCHIVES:
         arrays = _arrays(path)
         if all(array.dtype.names for array in arrays.values()):
@@ -148,7 +144,7 @@ def _of_columns(columns: Mapping[str, np.ndarray], spec: EventSpec, names: Mappi
     population = of_events.get("population")
     return Events(
         time_s, _channel(of_events["channel"], str(found["channel"]), path),
-        None if population is None else _values(population), trial, others, ignored=ignored,
+        None if population is None else values_of(population), trial, others, ignored=ignored,
     )  # fmt: skip
 
 
@@ -208,12 +204,12 @@ def _conditions(columns: Mapping[str, np.ndarray], label: str | None, path: Path
     table = pd.DataFrame({LABEL: [str(value) for value in columns[label].tolist()]})
     for name, values in columns.items():
         if name not in (label, LABEL):
-            table[name] = _values(values)
+            table[name] = values_of(values)
     return table
 
 
 def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    found = _values(values)
+    found = values_of(values)
     if found.dtype.kind != "f":
         return found
     if not (np.isfinite(found) & (found == np.floor(found)) & (np.abs(found) < 2**31)).all():
@@ -223,59 +219,12 @@ def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     return found.astype(np.int64)
 
 
-def _values(values: np.ndarray) -> np.ndarray:
-    """Texts as numbers if all of them are numbers; anything else unchanged."""
-    if values.dtype.kind in "OSU":
-        texts = values.astype(str)
-        numbers = pd.to_numeric(pd.Series(texts), errors="coerce").to_numpy()
-        return texts if np.isnan(numbers.astype(float)).any() else numbers
-    return values
-
-
 def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    found = _values(values)
+    found = values_of(values)
     if found.dtype.kind not in "iuf":
-        at = next(i for i, text in enumerate(found.astype(str)) if not _is_number(text) or not np.isfinite(float(text)))
+        at = next(i for i, text in enumerate(found.astype(str)) if not is_number(text) or not np.isfinite(float(text)))
         raise InputError(f"{path}: event {at} of '{name}' is {str(found[at])[:20]!r}, not a number; drop the event")
     return found.astype(float)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _table(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a text table as texts."""
-    text = read_text(path)
-    head, _, body = text.partition("\n")
-    separator = next((each for each in (";", "\t", ",") if each in head), ",")
-    names = cells(head, separator)
-    names = names[:-1] if len(names) > 1 and not names[-1] else names
-    first = cells(body.partition("\n")[0], separator)
-    names += [""] if len(first) == len(names) + 1 and not first[-1] else []  # a separator ends each line
-    check_size(path, BYTES_PER_CELL * (len(names) * (body.count("\n") + 1)))
-    if not body.strip():
-        raise InputError(f"{path}: holds no event below its header; give at least one")
-    if len(set(names)) < len(names):
-        raise InputError(f"{path}: line 1 names a column twice; give each its own name")
-    if all(_is_number(name) for name in names):
-        raise InputError(f"{path}: line 1 holds numbers where the columns are named, as in trial,time_s,channel,label")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
-            table = pd.read_csv(
-                io.StringIO(body), sep=separator, header=None, names=names, index_col=False, dtype=str,
-                keep_default_na=False, na_filter=False, skip_blank_lines=True, engine="c", on_bad_lines="error",
-            )  # fmt: skip
-    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
-        raise InputError(
-            f"{path}: cannot be read as a table ({str(error).splitlines()[0][:100]}); repair that line"
-        ) from error
-    return {name: table[name].to_numpy().astype(str) for name in names if name}
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:

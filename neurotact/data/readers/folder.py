@@ -59,6 +59,8 @@ def read(
     >>> touch.signals[0].shape, touch.channels, touch.classes
     ((2, 2), ('left', 'right'), ('felt',))
     """
+    if Path(folder).is_file():
+        raise InputError(f"{folder}: is one file, not a folder; neurotact import table reads one with all trials")
     folder = existing(folder, "folder")
     names, table = build(NamingSpec, naming or {}, "import folder"), build(LayoutSpec, layout or {}, "import folder")
     if sampling_rate_Hz is not None:

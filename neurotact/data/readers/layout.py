@@ -2,6 +2,7 @@
 
 import re
 import unicodedata
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from neurotact.data.readers.clock import Unit, unit_in
-from neurotact.data.readers.tables import cells, check_width, is_value, numbers, read_text
+from neurotact.data.readers.tables import SEPARATORS, cells, check_width, is_value, numbers, read_text
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
@@ -17,7 +18,6 @@ TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros
 """The beginning of a name that time stamps have."""
 FALLING = 0.1
 """Share of the intervals that may be negative in a column that is named like time stamps."""
-SEPARATORS = (";", "\t", ",")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
@@ -98,7 +98,7 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     )  # fmt: skip
     time = None if columns.time is None else values[:, columns.time]
     if time is not None and layout.time_column is None:
-        _check_rises(time, names[columns.time or 0], path)
+        check_rises(time, names[columns.time or 0], path)
     taxels = tuple(names[i] for i in columns.taxels) if names else ()
     named = unit_in(names[columns.time]) if names and columns.time is not None else None
     return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line, layout.time_unit or named)
@@ -165,13 +165,12 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
         if not is_text(name):
             raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
         seen.add(name)
-    chosen = [place for asked in layout.columns for place in _places(asked, names, n_columns, "--columns", path)]
+    chosen = [place for asked in layout.columns for place in places(asked, names, n_columns, "--columns", path)]
     time = None
     if layout.time_column is not None:
-        (time,) = _places(layout.time_column, names, n_columns, "--time-column", path) or [None]
+        (time,) = places(layout.time_column, names, n_columns, "--time-column", path) or [None]
     elif find_time:
-        named = [place for place, name in enumerate(names) if place not in chosen and TIME_COLUMN.match(name)]
-        time = named[0] if named else None
+        time = time_place([*names], chosen)
     taxels = chosen or [place for place in range(n_columns) if place != time]
     if len(set(taxels)) < len(taxels) or time in taxels:
         raise InputError(f"{path}: --columns and --time-column name a column twice; name each once")
@@ -180,6 +179,15 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
     if not chosen:
         _check_no_time(taxels, names, path)
     return _Columns(names, taxels, time)
+
+
+def time_place(names: Sequence[str], others: Collection[int]) -> int | None:
+    """The place of the first column that is named like time stamps; none of `others`, None if there is none.
+
+    >>> time_place(["n", "Time [us]", "t1"], []), time_place(["t", "taxel"], [0])
+    (1, None)
+    """
+    return next((at for at, name in enumerate(names) if at not in others and TIME_COLUMN.match(name)), None)
 
 
 def _check_no_time(taxels: list[int], names: tuple[str, ...], path: Path) -> None:
@@ -191,7 +199,7 @@ def _check_no_time(taxels: list[int], names: tuple[str, ...], path: Path) -> Non
         )
 
 
-def _check_rises(time: np.ndarray, name: str, path: Path) -> None:
+def check_rises(time: np.ndarray, name: str, path: Path) -> None:
     """Refuse stamps that only the name of their column shows, if they often fall: `T` may be a temperature."""
     if len(time) > 1 and (np.diff(time) < 0).mean() > FALLING:
         raise InputError(
@@ -200,7 +208,7 @@ def _check_rises(time: np.ndarray, name: str, path: Path) -> None:
         )
 
 
-def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
+def places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
     """The columns that a name, a number, or a range of numbers or of names stands for."""
     if asked in names:
         return [names.index(asked)]

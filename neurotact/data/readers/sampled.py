@@ -123,7 +123,16 @@ def _rises(signal: np.ndarray) -> np.ndarray:
 
 
 def _named_taxels(chosen: np.ndarray, channels: Sequence[str]) -> str:
-    names = [channels[at] if channels else f"column {at + 1} of the taxels" for at in np.flatnonzero(chosen).tolist()]
+    places = np.flatnonzero(chosen).tolist()
+    return some([channels[at] if channels else f"column {at + 1} of the taxels" for at in places])
+
+
+def some(names: Sequence[str]) -> str:
+    """The first names and the number of the others.
+
+    >>> some(["a", "b"]), some(list("abcdefg"))
+    ('a, b', 'a, b, c, d, e and 2 more')
+    """
     more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
     return ", ".join(names[:MOST_NAMED]) + more
 

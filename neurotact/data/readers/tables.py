@@ -3,9 +3,11 @@
 import csv
 import io
 import re
+import warnings
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,6 +18,9 @@ from neurotact.errors import InputError
 MAX_CHANNELS = 10_000
 """Maximum number of columns; a table with more is transposed, or is not a table."""
 FLOAT32_MAX = float(np.finfo(np.float32).max)
+SEPARATORS = (";", "\t", ",")
+BYTES_PER_TEXT, BYTES_PER_CELL = 120, 24
+"""Bytes in memory per cell of a table of texts, and of one that is mostly numbers."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
 
@@ -173,3 +178,69 @@ def _fault(cell: str) -> str:
     if NUMBER.fullmatch(cell):
         return f"is {cell[:20]}, more than float32 holds; use another unit"
     return f"is {cell[:20]!r}, not a number; write a number or drop the file"
+
+
+class NamedTable(NamedTuple):
+    """A text table with a header: the names of its columns (empty: a separator ends each line), and its other lines."""
+
+    path: Path
+    names: list[str]
+    separator: str
+    body: str
+
+
+def named_table(path: Path) -> NamedTable:
+    """The table of a file; InputError if its first line does not name the columns, or no line follows it."""
+    head, _, body = read_text(path).partition("\n")
+    separator = next((each for each in SEPARATORS if each in head), ",")
+    names = cells(head, separator)
+    names = names[:-1] if len(names) > 1 and not names[-1] else names
+    first = cells(body.partition("\n")[0], separator)
+    names += [""] if len(first) == len(names) + 1 and not first[-1] else []
+    if not body.strip():
+        raise InputError(f"{path}: holds no row below its header; give at least one")
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: line 1 names a column twice; give each its own name")
+    if all(is_number(name) for name in names):
+        raise InputError(f"{path}: line 1 holds numbers, but must name the columns, as in trial,time_s,label")
+    return NamedTable(path, names, separator, body)
+
+
+def columns_of(table: NamedTable, texts: Collection[str] | None = None) -> dict[str, np.ndarray]:
+    """The columns by their names. texts: those that are read as texts, all when None; others are numbers if all of
+    their cells are.
+    """
+    n_cells = len(table.names) * (table.body.count("\n") + 1)
+    files.check_size(table.path, n_cells * (BYTES_PER_TEXT if texts is None else BYTES_PER_CELL))
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
+            found = pd.read_csv(
+                io.StringIO(table.body), sep=table.separator, header=None, names=table.names, index_col=False,
+                dtype=str if texts is None else dict.fromkeys(texts, "str"), keep_default_na=False, na_filter=False,
+                skip_blank_lines=True, engine="c", on_bad_lines="error", low_memory=False,
+            )  # fmt: skip
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
+        raise InputError(
+            f"{table.path}: cannot be read as a table ({str(error).splitlines()[0][:100]}); repair that line"
+        ) from error
+    values = {name: found[name].to_numpy() for name in table.names if name}
+    return {name: each if each.dtype.kind in "iuf" else each.astype(str) for name, each in values.items()}
+
+
+def values_of(values: np.ndarray) -> np.ndarray:
+    """Texts as numbers if all of them are numbers; anything else unchanged."""
+    if values.dtype.kind in "OSU":
+        texts = values.astype(str)
+        numbers = pd.to_numeric(pd.Series(texts), errors="coerce").to_numpy()
+        return texts if np.isnan(numbers.astype(float)).any() else numbers
+    return values
+
+
+def is_number(text: str) -> bool:
+    """Whether a text reads as a number, NaN and infinity included."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
