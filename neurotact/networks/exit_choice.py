@@ -142,8 +142,8 @@ def steady(validation: Tensor, n_validation: int, training: Tensor, n_training: 
     >>> steady(torch.tensor([3, 2, 3]), 3, torch.tensor([9, 9, 9]), 9, tolerance=0.1)
     2
     """
-    accuracies = (validation / n_validation, (validation + training) / (n_validation + n_training))
-    lost = ~torch.stack([_within(accuracy.double(), tolerance) for accuracy in accuracies]).all(dim=0)
+    sides = ((validation, n_validation), (validation + training, n_validation + n_training))
+    lost = ~torch.stack([_within(right.double() / n_trials, tolerance) for right, n_trials in sides]).all(dim=0)
     worst = torch.nonzero(lost)
     return int(worst[-1]) + 1 if len(worst) else 0
 

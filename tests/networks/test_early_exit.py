@@ -181,6 +181,14 @@ def test_no_patience_above_the_steady_one_loses_more_than_it_may(one, other, see
     assert patience >= lowest.patience
 
 
+@pytest.mark.parametrize("n_right", range(1, 11))
+def test_a_loss_of_exactly_the_tolerance_is_accepted(n_right):
+    """One trial of ten, which float32 makes 0.10000002 for some counts."""
+    losing, none = torch.tensor([n_right - 1, n_right]), torch.zeros(2, dtype=torch.int64)
+    assert steady(losing, 10, none, 0, 0.1) == least(losing, 10, 0.1) == 0
+    assert steady(losing, 10, none, 0, 0.09) == least(losing, 10, 0.09) == 1
+
+
 def test_the_curve_of_exits_worked_by_hand():
     # Class 1 leads from step 1, class 0 draws level at step 4 and, being lower, leads; then class 1 again at 6.
     one = [[0, 1], [0, 0], [0, 0], [1, 0], [0, 0], [0, 1]]
