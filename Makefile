@@ -4,7 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 2
 STUDY := runs/refractory-period-quick
-INSTALL := $(BIN)/pip install --quiet -c constraints.txt
+# Python compiles the modules that are imported, and only these: all modules of all packages take a minute.
+INSTALL := $(BIN)/pip install --quiet --no-compile -c constraints.txt
 SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard native/*) neurotact/__init__.py
 
 # Where there is a compiler, a C++ error must not fall back silently to the slow reference.
