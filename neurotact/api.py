@@ -108,18 +108,19 @@ def read_table(
     time_column: str | None = None,
     time_unit: str | None = None,
     max_gap_ms: float | None = None,
+    decimal: str = ".",
 ) -> Recordings:
     """Read one CSV file with a row per sample of all trials: `neurotact import table`.
 
     label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
     apart, such as "subject,repetition"; one named trial, recording or touch when empty. columns: the taxels; all
     columns of numbers that change within trials when empty; those that are constant within each trial are conditions.
-    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms: as of `read_folder`.
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, decimal: as of `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
     """
     spec = {
         "label": label, "trial": trial, "columns": columns, "time_column": time_column, "time_unit": time_unit,
-        "max_gap_ms": max_gap_ms,
+        "max_gap_ms": max_gap_ms, "decimal": decimal,
     }  # fmt: skip
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 

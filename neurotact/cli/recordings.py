@@ -47,6 +47,7 @@ TimeUnit = Annotated[
         show_default="that of the column's name (t_ms), else the one that fits touch",
     ),
 ]
+Decimal = Annotated[Literal[".", ","], typer.Option("--decimal", help="Decimal separator.")]
 MaxGap = Annotated[
     float | None,
     typer.Option(
@@ -77,7 +78,7 @@ def import_folder(
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
-    decimal: Annotated[Literal[".", ","], typer.Option(help="Decimal separator.")] = ".",
+    decimal: Decimal = ".",
     header_lines: Annotated[
         int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
     ] = None,
@@ -117,6 +118,7 @@ def import_table(
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
+    decimal: Decimal = ".",
     force: Force = False,
 ) -> None:
     """Recordings in one CSV file: a row per sample of all trials, with the trial and the class of each.
@@ -126,7 +128,7 @@ def import_table(
     _check_import(source, out, force)
     spec = {
         "label": label, "trial": trial or (), "columns": columns or (), "time_column": time_column,
-        "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "time_unit": time_unit, "max_gap_ms": max_gap_ms, "decimal": decimal,
     }  # fmt: skip
     _save(sample_table.read(source, sampling_rate_hz, unit, spec), out)
 

@@ -1,9 +1,9 @@
 """One text table with the samples of all trials: a row per sample, with the trial and the class that it belongs to."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 from neurotact.data.readers import sampled
 from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.clock import Unit, unit_in
-from neurotact.data.readers.layout import Table, check_rises, places, time_place
+from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, places, time_place
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.tables import FLOAT32_MAX, columns_of, is_number, named_table, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_sampling_rate
@@ -43,6 +43,7 @@ class TableSpec(Spec):
     """Their unit; when absent, that at the end of the column's name, else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
     """The longest interval between stamps; five median ones when absent."""
+    decimal: Literal[".", ","] = "."
 
     @field_validator("columns", "trial", mode="before")
     @classmethod
@@ -99,24 +100,29 @@ def read(
     roles = _roles(names, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
-    columns = columns_of(table, {roles.label, *roles.trial})
+    columns = columns_of(table, {roles.label, *roles.trial}, asked.decimal)
     trials = _trials(columns, roles, path)
     taxels, conditions = _parted(columns, roles, trials, path)
-    signal = np.stack([_numbers(columns[name], name, path) for name in taxels], axis=1).astype(np.float32)
+    return sampled.recordings(
+        [*_cut(columns, roles._replace(taxels=taxels), trials, asked, path)], conditions, sampling_rate_Hz, unit,
+        max_gap_ms=asked.max_gap_ms, source=f"table {path.name}", where=str(path),
+    )  # fmt: skip
+
+
+def _cut(
+    columns: Mapping[str, np.ndarray], roles: _Roles, trials: _Trials, asked: TableSpec, path: Path
+) -> Iterator[Read]:
+    """The samples and the stamps of each trial."""
+    signal = np.stack([_numbers(columns[name], name, path) for name in roles.taxels], axis=1).astype(np.float32)
     time = None if roles.time is None else _numbers(columns[roles.time], roles.time, path)
-    unit_of_time = asked.time_unit or unit_in(roles.time or "")
-    found = []
-    for number, (begin, end) in enumerate(zip(*trials, strict=True)):
+    unit = asked.time_unit or unit_in(roles.time or "")
+    for begin, end in zip(*trials, strict=True):
         its_time = None if time is None else time[begin:end]
         if its_time is not None and asked.time_column is None:
             check_rises(its_time, roles.time or "", path)
-        name = " ".join(str(conditions[key][number]) for key in roles.trial if key in conditions)
-        its = Table(taxels, signal[begin:end], its_time, int(begin) + FIRST_LINE, unit_of_time)
-        found.append(Read(f"{path}, trial {name}", name, its))
-    return sampled.recordings(
-        found, conditions, sampling_rate_Hz, unit,
-        max_gap_ms=asked.max_gap_ms, source=f"table {path.name}", where=str(path),
-    )  # fmt: skip
+        name = " ".join(str(columns[key][begin]) for key in roles.trial)
+        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + FIRST_LINE, unit)
+        yield Read(f"{path}, trial {name}", name, its)
 
 
 def _roles(names: list[str], asked: TableSpec, *, find_time: bool, path: Path) -> _Roles:
@@ -180,6 +186,9 @@ def _parted(
     changing = [name for name in others if name not in constant]
     taxels = roles.taxels or tuple(name for name in changing if columns[name].dtype.kind in "iuf")
     ignored = [name for name in changing if name not in taxels]
+    commas = [name for name in (*ignored, *taxels) if DECIMAL_COMMA.fullmatch(str(columns[name][0]))]
+    if commas:
+        raise InputError(f"{path}: column {commas[0]} has decimal commas; pass --decimal , or write decimal points")
     if not taxels:
         raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with --columns")
     if constant and not roles.taxels:

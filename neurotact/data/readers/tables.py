@@ -7,7 +7,7 @@ import warnings
 from array import array
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -206,10 +206,16 @@ def named_table(path: Path) -> NamedTable:
     return NamedTable(path, names, separator, body)
 
 
-def columns_of(table: NamedTable, texts: Collection[str] | None = None) -> dict[str, np.ndarray]:
+def columns_of(
+    table: NamedTable, texts: Collection[str] | None = None, decimal: Literal[".", ","] = "."
+) -> dict[str, np.ndarray]:
     """The columns by their names. texts: those that are read as texts, all when None; others are numbers if all of
-    their cells are.
+    their cells are, with this decimal separator.
     """
+    if decimal == table.separator:
+        raise InputError(
+            f"{table.path}: has commas between its columns, so there are no decimal commas; drop --decimal"
+        )
     n_cells = len(table.names) * (table.body.count("\n") + 1)
     files.check_size(table.path, n_cells * (BYTES_PER_TEXT if texts is None else BYTES_PER_CELL))
     try:
@@ -218,7 +224,7 @@ def columns_of(table: NamedTable, texts: Collection[str] | None = None) -> dict[
             found = pd.read_csv(
                 io.StringIO(table.body), sep=table.separator, header=None, names=table.names, index_col=False,
                 dtype=str if texts is None else dict.fromkeys(texts, "str"), keep_default_na=False, na_filter=False,
-                skip_blank_lines=True, engine="c", on_bad_lines="error", low_memory=False,
+                skip_blank_lines=True, engine="c", on_bad_lines="error", low_memory=False, decimal=decimal,
             )  # fmt: skip
     except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
         raise InputError(

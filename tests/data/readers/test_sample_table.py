@@ -23,8 +23,9 @@ TRIALS = st.lists(
 )  # fmt: skip
 
 
-@given(TRIALS, st.sampled_from([",", ";", "\t"]), st.integers(0, 2**31))
-def test_a_table_is_read_back_trial_by_trial(tmp_path_factory, trials, separator, seed):
+@given(TRIALS, st.sampled_from([",.", ";.", ";,", "\t.", "\t,"]), st.integers(0, 2**31))
+def test_a_table_is_read_back_trial_by_trial(tmp_path_factory, trials, marks, seed):
+    separator, decimal = marks
     rng = np.random.default_rng(seed)
     signals = [rng.normal(size=(2 + n, 3)).astype(np.float32) for *_, n in trials]
     frames = [
@@ -34,8 +35,8 @@ def test_a_table_is_read_back_trial_by_trial(tmp_path_factory, trials, separator
         for (label, repetition, _), signal in zip(trials, signals, strict=True)
     ]
     path = tmp_path_factory.getbasetemp() / "table.csv"
-    pd.concat(frames).to_csv(path, index=False, sep=separator)
-    found = nt.read_table(path, 100, "mV", trial="class,repetition")
+    pd.concat(frames).to_csv(path, index=False, sep=separator, decimal=decimal)
+    found = nt.read_table(path, 100, "mV", trial="class,repetition", decimal=decimal)
     assert found.channels == ("a", "b", "c")
     assert found.conditions[["label", "repetition", "force_N"]].values.tolist() == [
         [label, repetition, 1.5] for label, repetition, _ in trials
@@ -89,6 +90,8 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
         ("trial,label,T,a\n1,x,21,3\n1,x,20,4\n", {"sampling_rate_Hz": None}, "'T' is named like time stamps, but"),
         ("1,x,2\n1,x,3\n", {}, "no column is called label"),
         ("trial,label,a\n", {}, "holds no row below its header"),
+        ("trial;label;a\n1;x;0,5\n1;x;2\n", {}, "column a has decimal commas; pass --decimal ,"),
+        ("trial,label,a\n1,x,2\n", {"decimal": ","}, "has commas between its columns, so there are no decimal commas"),
         ("trial,label,a\n1,x,2,5\n", {}, "cannot be read as a table"),
     ],
 )  # fmt: skip
