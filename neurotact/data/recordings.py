@@ -302,6 +302,14 @@ def check_unit(unit: object, where: str) -> None:
         raise InputError(f"{where}: unit must be text, such as 'mV'; got {unit!r}")
 
 
+def check_import(rate_Hz: float | None, unit: str, where: str) -> None:
+    """Refuse a sampling rate (None: not given) or a unit that imported recordings cannot have."""
+    if rate_Hz is not None:
+        check_sampling_rate(rate_Hz, where)
+    if not unit.strip():
+        raise InputError(f"{where}: the unit of the signals is empty; give one, such as mV")
+
+
 def check_conditions(conditions: pd.DataFrame, where: str) -> None:
     """Refuse a table of conditions with a trial that has no class name."""
     if LABEL not in conditions:

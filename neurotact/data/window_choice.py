@@ -85,7 +85,7 @@ def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTION
         timing = timing_of(spikes, window)
         table, notes = choose(timing, known, words)
         if not PLACES & {*known}:
-            notes += on_late_onsets(spikes, window.model_copy(update=table), words)
+            notes += on_late_onsets(spikes, timing, window.model_copy(update=table), words)
     else:
         table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing_of(spikes), window, words)]
     for note in notes:
@@ -105,32 +105,28 @@ def timing_of(spikes: SpikeTrains, window: WindowSpec = WindowSpec()) -> Timing:
         left = spikes.trial_steps - begins
         least = int(np.quantile(left, LATE, method="lower"))
         return Timing(np.minimum(np.maximum(left, least), spikes.trial_steps) / clock_Hz, clock_Hz, from_onset=True)
-    return Timing(spikes.trial_steps / clock_Hz, clock_Hz, _touch_s(spikes))
+    touch_s = common_spike_onset_s(spikes) if spikes.touch_s is None else spikes.touch_s
+    return Timing(spikes.trial_steps / clock_Hz, clock_Hz, touch_s)
 
 
-def on_late_onsets(spikes: SpikeTrains, window: WindowSpec, words: Words) -> Iterator[str]:
+def on_late_onsets(spikes: SpikeTrains, timing: Timing, window: WindowSpec, words: Words) -> Iterator[str]:
     """The note on touches that begin at different times, many of them after the middle of the first window.
 
     Onsets are those of `OnsetSpec`, after a rest that ends before the touch. Without a rest, or if windows are aligned,
     there is no note.
     """
-    rest_ms = float(np.floor(RESTS * 1e3 * _touch_s(spikes)))
+    rest_ms = float(np.floor(RESTS * 1e3 * timing.touch_s))
     if window.align != "trial" or rest_ms < OnsetSpec().bin_ms:
         return
     trials = evenly(len(spikes))
     found = spikes.onsets(OnsetSpec(rest_ms=rest_ms), trials)
-    onsets_ms = np.array([1e3 * onset / spikes.sampling_rate_Hz for onset in found if onset is not None])
+    onsets_ms = np.array([1e3 * onset / timing.clock_Hz for onset in found if onset is not None])
     n_late = int((onsets_ms > window.start_ms + window.length_ms / 2).sum())
     if len(onsets_ms) >= FOUND * len(trials) and n_late > LATE * len(trials):
         yield (
             f"Touches begin at different times, in {n_late} of {len(trials)} trials after the middle of the first "
             f"window; if they are short, try {words.each.format(rest_ms)}."
         )
-
-
-def _touch_s(spikes: SpikeTrains) -> float:
-    """Where the touch begins: as in the recordings, or where they are unknown as in spikes."""
-    return common_spike_onset_s(spikes) if spikes.touch_s is None else spikes.touch_s
 
 
 def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = OPTIONS) -> tuple[dict[str, Any], list[str]]:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.window_choice import on_late_onsets
+from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.errors import InputError
 from neurotact.metrics import paired
 from neurotact.metrics.paired import Paired
@@ -352,7 +352,7 @@ def beware(
             lines += [before + line for line in few]
     if trains is not None:
         note = acausal_note(trains.encoder)
-        lines += [*([note] if note else []), *on_late_onsets(trains, study.window, suited.WORDS)]
+        lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, suited.WORDS)]
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]
 
 

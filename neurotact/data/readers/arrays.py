@@ -12,7 +12,7 @@ import pandas as pd
 from neurotact.data.hdf5_input import Declared, reading
 from neurotact.data.readers.archives import read_arrays
 from neurotact.data.readers.tables import check_width
-from neurotact.data.recordings import LABEL, Recordings, check_sampling_rate
+from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest
 from neurotact.files import existing
 
@@ -63,9 +63,7 @@ def read(
     (Recordings(2 trials x 3 taxels, 50 samples at 100 Hz (0.5 s), count, 2 classes), [1, 1])
     """
     path = existing(path)
-    check_sampling_rate(sampling_rate_Hz, str(path))
-    if not unit.strip():
-        raise InputError(f"{path}: the unit of the signals is empty; give one, such as mV")
+    check_import(sampling_rate_Hz, unit, str(path))
     unknown = [name for name in names or {} if name not in (SIGNALS, *ALIASES)]
     if unknown:
         raise InputError(f"{path}: '{unknown[0]}' is not a known name; {nearest(unknown[0], (SIGNALS, *ALIASES))}")

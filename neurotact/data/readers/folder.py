@@ -11,7 +11,7 @@ from neurotact.data.readers.archives import as_signal, read_arrays
 from neurotact.data.readers.layout import LayoutSpec, Table, is_text, read_table
 from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
 from neurotact.data.readers.sampled import Read
-from neurotact.data.recordings import Recordings, check_sampling_rate
+from neurotact.data.recordings import Recordings, check_import
 from neurotact.errors import InputError
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
@@ -63,10 +63,7 @@ def read(
         raise InputError(f"{folder}: is one file, not a folder; neurotact import table reads one with all trials")
     folder = existing(folder, "folder")
     names, table = build(NamingSpec, naming or {}, "import folder"), build(LayoutSpec, layout or {}, "import folder")
-    if sampling_rate_Hz is not None:
-        check_sampling_rate(sampling_rate_Hz, str(folder))
-    if not unit.strip():
-        raise InputError(f"{folder}: the unit of the signals is empty; give one, such as mV")
+    check_import(sampling_rate_Hz, unit, str(folder))
     paths = _data_files(folder, names)
     files = [path.relative_to(folder).as_posix() for path in paths]
     of_files = conditions_of(files, names, folder)

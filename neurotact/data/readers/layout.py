@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -165,38 +165,55 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
         if not is_text(name):
             raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
         seen.add(name)
-    chosen = [place for asked in layout.columns for place in places(asked, names, n_columns, "--columns", path)]
-    time = None
-    if layout.time_column is not None:
-        (time,) = places(layout.time_column, names, n_columns, "--time-column", path) or [None]
-    elif find_time:
-        time = time_place([*names], chosen)
+    chosen, time = chosen_places(layout.columns, layout.time_column, names, n_columns, path, find_time=find_time)
     taxels = chosen or [place for place in range(n_columns) if place != time]
-    if len(set(taxels)) < len(taxels) or time in taxels:
-        raise InputError(f"{path}: --columns and --time-column name a column twice; name each once")
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
-    if not chosen:
-        _check_no_time(taxels, names, path)
+    second = None if chosen else _time_place(names, [time])
+    if second is not None:
+        raise InputError(
+            f"{path}: column {second + 1}, '{names[second][:40]}', is named like time stamps but is not the time "
+            "column; choose the taxels with --columns, or remove the column"
+        )
     return _Columns(names, taxels, time)
 
 
-def time_place(names: Sequence[str], others: Collection[int]) -> int | None:
+def chosen_places(
+    columns: Sequence[str],
+    time_column: str | None,
+    names: tuple[str, ...],
+    n_columns: int,
+    path: Path,
+    *,
+    find_time: bool,
+    others: Mapping[str, Sequence[int]] = {},
+) -> tuple[list[int], int | None]:
+    """The places of the taxels that are asked for (none: all others), and of the time stamps (None: there are none).
+
+    find_time: whether a column that is only named like time stamps may be the time. others: the places of columns that
+    are neither, by the option that names them. Raises InputError for a column that is named twice.
+    """
+    used = [place for those in others.values() for place in those]
+    chosen = [place for asked in columns for place in _places(asked, names, n_columns, "--columns", path)]
+    time = None
+    if time_column is not None:
+        (time,) = _places(time_column, names, n_columns, "--time-column", path) or [None]
+    elif find_time:
+        time = _time_place(names, [*used, *chosen])
+    named = [*chosen, *([] if time is None else [time])]
+    if len({*named}) < len(named) or {*named} & {*used}:
+        *options, last = ("--columns", "--time-column", *others)
+        raise InputError(f"{path}: {', '.join(options)} and {last} name a column twice; name each once")
+    return chosen, time
+
+
+def _time_place(names: Sequence[str], others: Collection[int | None]) -> int | None:
     """The place of the first column that is named like time stamps; none of `others`, None if there is none.
 
-    >>> time_place(["n", "Time [us]", "t1"], []), time_place(["t", "taxel"], [0])
+    >>> _time_place(["n", "Time [us]", "t1"], []), _time_place(["t", "taxel"], [0])
     (1, None)
     """
     return next((at for at, name in enumerate(names) if at not in others and TIME_COLUMN.match(name)), None)
-
-
-def _check_no_time(taxels: list[int], names: tuple[str, ...], path: Path) -> None:
-    stamp = next((place for place in taxels if names and TIME_COLUMN.match(names[place])), None)
-    if stamp is not None:
-        raise InputError(
-            f"{path}: column {stamp + 1}, '{names[stamp][:40]}', is named like time stamps but is not the time column; "
-            "choose the taxels with --columns, or remove the column"
-        )
 
 
 def check_rises(time: np.ndarray, name: str, path: Path) -> None:
@@ -208,7 +225,7 @@ def check_rises(time: np.ndarray, name: str, path: Path) -> None:
         )
 
 
-def places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
+def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, path: Path) -> list[int]:
     """The columns that a name, a number, or a range of numbers or of names stands for."""
     if asked in names:
         return [names.index(asked)]

@@ -12,10 +12,10 @@ from pydantic import Field, field_validator
 from neurotact.data.readers import sampled
 from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.clock import Unit, unit_in
-from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, places, time_place
+from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, chosen_places
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.tables import FLOAT32_MAX, columns_of, is_number, named_table, values_of
-from neurotact.data.recordings import LABEL, Recordings, check_sampling_rate
+from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest
 from neurotact.files import existing
 from neurotact.spec import Spec, build
@@ -91,10 +91,7 @@ def read(
     """
     path = existing(path)
     asked = build(TableSpec, spec or {}, "import table")
-    if sampling_rate_Hz is not None:
-        check_sampling_rate(sampling_rate_Hz, str(path))
-    if not unit.strip():
-        raise InputError(f"{path}: the unit of the signals is empty; give one, such as mV")
+    check_import(sampling_rate_Hz, unit, str(path))
     table = named_table(path)
     names = [name for name in table.names if name]
     roles = _roles(names, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
@@ -141,17 +138,10 @@ def _roles(names: list[str], asked: TableSpec, *, find_time: bool, path: Path) -
             f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with --trial, as in "
             "--trial subject,repetition"
         )
-    used = [names.index(name) for name in (label, *trial)]
-    width, all_names = len(names), tuple(names)
-    chosen = [at for each in asked.columns for at in places(each, all_names, width, "--columns", path)]
-    time = None
-    if asked.time_column is not None:
-        (time,) = places(asked.time_column, all_names, width, "--time-column", path)
-    elif find_time:
-        time = time_place(names, [*used, *chosen])
-    twice = {*chosen} & {*used, time} or len({*chosen}) < len(chosen) or time in used
-    if twice:
-        raise InputError(f"{path}: --columns, --time-column, --label and --trial name a column twice; name each once")
+    chosen, time = chosen_places(
+        asked.columns, asked.time_column, tuple(names), len(names), path, find_time=find_time,
+        others={"--label": [names.index(label)], "--trial": [names.index(name) for name in trial]},
+    )  # fmt: skip
     return _Roles(label, trial, None if time is None else names[time], tuple(names[at] for at in chosen))
 
 
