@@ -51,18 +51,17 @@ const Kernels<T>& kernels() {
 #define NT_TABLE(ISA)                                                                                     \
     {ISA::wide_forward<T>, ISA::wide_backward<T>, ISA::small_forward<T>, ISA::small_backward<T>, ISA::infer<T>, \
      ISA::encode<T>}
-#if defined(NT_X86_KERNELS)
-    if constexpr (sizeof(T) == sizeof(double)) {  // it checks gradients: half the vector does, and is a build less
-        static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx2)};
-        return tables[static_cast<int>(chosen())];
+    if constexpr (sizeof(T) == sizeof(double)) {  // it checks gradients: one build does for every processor
+        static const Kernels<T> table = NT_TABLE(plain);
+        return table;
     } else {
+#if defined(NT_X86_KERNELS)
         static const Kernels<T> tables[] = {NT_TABLE(plain), NT_TABLE(avx2), NT_TABLE(avx512)};
+#else
+        static const Kernels<T> tables[] = {NT_TABLE(plain)};
+#endif
         return tables[static_cast<int>(chosen())];
     }
-#else
-    static const Kernels<T> tables[] = {NT_TABLE(plain)};
-    return tables[static_cast<int>(chosen())];
-#endif
 #undef NT_TABLE
 }
 
