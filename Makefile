@@ -4,8 +4,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 WORKERS ?= 2
 STUDY := runs/refractory-period-quick
-# Python compiles the modules that are imported, and only these: all modules of all packages take a minute.
 INSTALL := $(BIN)/pip install --quiet --no-compile -c constraints.txt
+# pip compiles modules one by one, also the tests of packages. Without any, a process compiles what it imports, and where
+# PYTHONDONTWRITEBYTECODE is set each process does so anew: the import of torch and scipy takes twice as long. Some
+# packages hold files of later versions of Python, which fail.
+COMPILE := $(BIN)/python -m compileall -qq -j 0 -x '/tests?/' $(VENV)/lib neurotact || true
 SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard native/*) neurotact/__init__.py
 
 # Where there is a compiler, a C++ error must not fall back silently to the slow reference.
@@ -44,6 +47,7 @@ device: $(VENV)/.installed
 $(VENV)/.installed: $(SOURCES)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(INSTALL) -e '.[test]'
+	$(COMPILE)
 	touch $@
 
 $(VENV)/.linters: $(VENV)/.installed
