@@ -21,6 +21,7 @@ from neurotact.networks import tasks, trained
 from neurotact.networks.specs import TrainingSpec
 from neurotact.networks.training import Epoch
 from neurotact.report import front, networks, tables
+from neurotact.report import page as pages
 from neurotact.report.details import SOPS_COLUMNS
 from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import kept_epoch
@@ -106,6 +107,12 @@ def written(tmp_path_factory):
     return networks.write(what, folder)
 
 
+@pytest.fixture
+def text_alone(monkeypatch):
+    """Figures are drawn, but neither saved nor shown, which takes most of the time of a report."""
+    monkeypatch.setattr(pages, "_keep", lambda drawn, _: {"source": "", "width": 0, **drawn._asdict()})
+
+
 def test_the_report_needs_nothing_from_the_network(written):
     text = written.read_text()
     assert not re.search(r"(src|href|url\()\s*=?\s*[\"']?\s*(https?:)?//", text)
@@ -143,6 +150,7 @@ def test_each_claim_is_told_with_its_verdict(written):
     assert text.count("✗ no") == 1
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_reasons_are_those_of_the_study_as_it_ships_alone(tmp_path):
     what = make_study()
     text = Page(networks.write(what, make_run(what, tmp_path, grating_conditions()))).text
@@ -192,6 +200,7 @@ def test_one_seed_and_a_silent_population(tmp_path):
     assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path)).rows for cell in row)
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_the_report_shows_the_encoder_that_was_calibrated(tmp_path):
     what = make_study()
     folder = make_run(what, tmp_path, grating_conditions())
@@ -217,6 +226,7 @@ def test_the_epoch_that_was_kept_is_the_one_that_is_told(tmp_path, keep):
     assert kept_epoch(tmp_path, cell) == {"loss": 1, "both": 2}[keep]
 
 
+@pytest.mark.usefixtures("text_alone")
 @pytest.mark.parametrize("n_done", [1, 14])
 def test_a_run_that_is_not_complete_says_so(tmp_path, n_done):
     what = make_study()
@@ -234,6 +244,7 @@ def test_other_touch_than_gratings(tmp_path, stratify):
     assert "claims" not in page.ids
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_a_reason_that_claims_share_stands_once(tmp_path):
     claims = tuple(CLAIMS[1].model_copy(update={"name": name, "why": "Shared & told once."}) for name in ("a", "b"))
     what = make_study(claims=(*claims, CLAIMS[1]), as_shipped=True)
@@ -245,6 +256,7 @@ def test_a_reason_that_claims_share_stands_once(tmp_path):
     assert "no: Chance & noise." in " ".join(claims_told.split())
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_another_swept_key_tells_its_networks_apart(tmp_path):
     sweep = {"window.length_ms": [50.0, 100.0], "network.hidden": [20]}
     what = make_study(sweep=sweep, claims=())
@@ -252,6 +264,7 @@ def test_another_swept_key_tells_its_networks_apart(tmp_path):
     assert "v1 mix, window length 50 ms" in text
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_splits_are_averaged_as_seeds_are(tmp_path):
     sweep = {"network.hidden": [20], "split.seed": [0, 1]}
     what = make_study(sweep=sweep, claims=(), split={"seed": 0, "validation": 0.25, "test": 0.25})
@@ -326,6 +339,7 @@ def test_the_page_knows_of_each_cell_what_its_network_does(written):
     assert len({cell["raster"]["trial"] for cell in data["cells"] if cell["setting"] == "mixed"}) == 1
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_without_its_networks_a_run_is_still_reported(tmp_path):
     what = make_study()
     make_run(what, tmp_path, grating_conditions())
@@ -336,6 +350,7 @@ def test_without_its_networks_a_run_is_still_reported(tmp_path):
     assert all(cell["training"] for cell in data["cells"])
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_a_name_cannot_leave_the_script_that_holds_it(tmp_path):
     name = "</script><script>alert('&')</script>"
     sweep = {"dataset": [name], "network.hidden": [20]}
@@ -441,6 +456,7 @@ def test_the_first_screen_answers(written):
     assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["headline"][:20])
 
 
+@pytest.mark.usefixtures("text_alone")
 def test_what_to_beware_of_is_told_with_the_number_of_networks(tmp_path):
     what = make_study(network=study.PARTS["network"]("rsnn").model_copy(update={"training": TrainingSpec(epochs=20)}))
     networks.write(what, make_run(what, tmp_path, grating_conditions()))
