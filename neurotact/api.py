@@ -75,8 +75,10 @@ def read_folder(
     max_gap_ms: float | None = None,
     decimal: str = ".",
     header_lines: int | None = None,
+    array: str | None = None,
+    transpose: bool = False,
 ) -> Recordings:
-    """Read a folder of CSV or NPZ files, one row per sample and one column per taxel: `neurotact import folder`.
+    """Read a folder of CSV, NPZ or MATLAB files, a row per sample and a column per taxel: `neurotact import folder`.
 
     sampling_rate_Hz: samples per second; found from the time stamps when None. unit: of the signals, such as "count".
     levels: what the sub-folders are, from the top, such as "label,speed"; "label" when nothing else gives the label.
@@ -87,12 +89,14 @@ def read_folder(
         unit ("s", "ms", "us", "ns"), by default that of the column's name, else the one that fits touch; and their
         longest interval.
     decimal: "." or ",". header_lines: lines before the first sample; found out when None.
+    array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are
+        (taxel, time).
     Raises InputError, which names the file, the line and the fix.
     """
     naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
     layout = {
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal, "header_lines": header_lines,
+        "decimal": decimal, "header_lines": header_lines, "array": array, "transpose": transpose,
     }  # fmt: skip
     return folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
 
@@ -133,7 +137,7 @@ def read_arrays(
     names: Mapping[str, str] | None = None,
     axes: str = "trial,time,taxel",
 ) -> Recordings:
-    """Read one NPZ or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
+    """Read one NPZ, MATLAB or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
 
     names: what the file calls signals, label and channels, such as `{"label": "gesture"}`; signals are the only array
     with three axes, unless named. axes: theirs, in their order. Other arrays of one value a trial become conditions.

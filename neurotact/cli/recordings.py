@@ -18,7 +18,7 @@ from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
-IMPORTED = (".csv", ".npz", ".npy", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
+IMPORTED = (".csv", ".npz", ".npy", ".mat", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
 """Formats of recordings."""
 
 app = new_app("Convert recordings to one HDF5 file.")
@@ -82,9 +82,14 @@ def import_folder(
     header_lines: Annotated[
         int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
     ] = None,
+    array: Annotated[
+        str | None,
+        typer.Option(help="The array of each NPZ or MATLAB file that is its trial.", show_default="each is a trial"),
+    ] = None,
+    transpose: Annotated[bool, typer.Option("--transpose", help="Arrays are (taxel, time).")] = False,
     force: Force = False,
 ) -> None:
-    """Any recordings: a folder of CSV or NPZ files, one row per sample and one column per taxel.
+    """Any recordings: a folder of CSV, NPZ or MATLAB files, one row per sample and one column per taxel.
 
     One sub-folder per class, unless --levels, --pattern or --conditions say where the class and the conditions are.
     Time stamps that jitter are interpolated onto a regular clock.
@@ -93,7 +98,7 @@ def import_folder(
     naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
     layout = {
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal, "header_lines": header_lines,
+        "decimal": decimal, "header_lines": header_lines, "array": array, "transpose": transpose,
     }  # fmt: skip
     _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out)
 
@@ -149,7 +154,7 @@ def import_arrays(
     axes: Annotated[str, typer.Option(help="Axes of the signals, in their order.")] = "trial,time,taxel",
     force: Force = False,
 ) -> None:  # fmt: skip
-    """Recordings in one file of arrays, NPZ or HDF5: signals of all trials in one array, their classes in another.
+    """Recordings in one NPZ, MATLAB or HDF5 file: signals of all trials in one array, their classes in another.
 
     Further arrays with one value per trial become conditions.
     """

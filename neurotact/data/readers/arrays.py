@@ -1,4 +1,4 @@
-"""One file of arrays, NPZ or HDF5: signals `(trial, time, taxel)`, and the class and conditions of each trial."""
+"""One NPZ, MATLAB or HDF5 file: signals `(trial, time, taxel)`, and the class and conditions of each trial."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -11,6 +11,8 @@ import pandas as pd
 
 from neurotact.data.hdf5_input import Declared, reading
 from neurotact.data.readers.archives import read_arrays
+from neurotact.data.readers.matlab import MATLAB, read_variables
+from neurotact.data.readers.sampled import some
 from neurotact.data.readers.tables import check_width
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest
@@ -46,7 +48,7 @@ def read(
     names: Mapping[str, str] | None = None,
     axes: str = "trial,time,taxel",
 ) -> Recordings:
-    """The recordings in one .npz, .h5 or .hdf5 file.
+    """The recordings in one .npz, .mat, .h5 or .hdf5 file.
 
     names: the names of signals, label and channels in the file, such as `{"signals": "data", "label": "gesture"}`; by
     default the signals are the only array with three axes, and the label is one of `ALIASES`.
@@ -73,9 +75,16 @@ def read(
             return _recordings(
                 _Arrays(path, dict(_datasets(file, "")), declared.value), sampling_rate_Hz, unit, names, axes
             )
-    if path.suffix.lower() != ".npz":
-        raise InputError(f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .h5 or .hdf5")
-    arrays = read_arrays(path)
+    if path.suffix.lower() == MATLAB:
+        arrays, others = read_variables(path)
+        if others:
+            log.warning("%s: neither numbers nor texts, so not read: %s", path, some(others))
+    elif path.suffix.lower() == ".npz":
+        arrays = read_arrays(path)
+    else:
+        raise InputError(
+            f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .mat, .h5 or .hdf5"
+        )
     shapes = {name: array.shape for name, array in arrays.items()}
     return _recordings(_Arrays(path, shapes, arrays.__getitem__), sampling_rate_Hz, unit, names, axes)
 

@@ -1,4 +1,4 @@
-"""A plain folder of recordings: text or NPZ files, with conditions in sub-folders, file names or a table."""
+"""A plain folder of recordings: text, NPZ or MATLAB files, with conditions in sub-folders, file names or a table."""
 
 import logging
 import os
@@ -6,21 +6,24 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from neurotact.data.readers import sampled
 from neurotact.data.readers.archives import as_signal, read_arrays
 from neurotact.data.readers.layout import LayoutSpec, Table, is_text, read_table
+from neurotact.data.readers.matlab import MATLAB, read_variables
 from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
 from neurotact.data.readers.sampled import Read
 from neurotact.data.recordings import Recordings, check_import
-from neurotact.errors import InputError
+from neurotact.errors import InputError, nearest
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
-USUAL = (".csv", ".npz")
+USUAL = (".csv", ".npz", MATLAB)
 """Files that are read; other text files are notes, unless a folder holds none of these."""
 MOST_NAMED = 5
 """Ignored files named in a warning; the others are counted."""
-KINDS = ".csv, .tsv, .txt or .npz"
+KINDS = ".csv, .tsv, .txt, .npz or .mat"
 
 log = logging.getLogger("neurotact")
 
@@ -33,20 +36,20 @@ def read(
     naming: Mapping[str, Any] | None = None,
     layout: Mapping[str, Any] | None = None,
 ) -> Recordings:
-    """The recordings in a folder of CSV and NPZ files, at any depth, in the order of their paths.
+    """The recordings in a folder of CSV, NPZ and MATLAB files, at any depth, in the order of their paths.
 
     naming: keys of `naming.NamingSpec`: the source of the class and the conditions of each file; the first
     sub-folder is the label when absent.
     layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, the number format; all
-    columns but the time are taxels when absent.
+    columns but the time are taxels when absent. Of files of arrays: which array is the trial, and its axes.
 
     CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
     names the columns. With a time column the sampling rate is that of the stamps, unless it is given, and irregular
-    samples are interpolated onto a regular clock, with a warning. NPZ: each array is one trial,
-    (time, channel). All trials have the same taxels. Conditions: label, those of `naming`, file (its path in the
-    folder; of an array `file.npz:key`).
+    samples are interpolated onto a regular clock, with a warning. NPZ and MATLAB: each array is one trial, (time,
+    channel), but for the single numbers and texts of a MATLAB file. All trials have the same taxels. Conditions: label,
+    those of `naming`, file (its path in the folder; of an array `file.npz:key`).
 
-    If there is neither CSV nor NPZ, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
+    If there is none of these, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
     ignored, with a warning that names them.
 
     Raises InputError, which names the file, the line and column, and the fix.
@@ -78,6 +81,7 @@ def read(
         row_of += [row] * len(found)
         n_bytes += sum(each.table.signal.nbytes for each in found)
         check_size(folder, n_bytes)
+    _warn_of_axes(read, table, folder)
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [each.file for each in read]
     return sampled.recordings(
@@ -91,9 +95,43 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))]
     if layout.time_column is not None or layout.columns:
         raise InputError(f"{path}: --columns and --time-column are for CSV files; save the chosen columns, or as CSV")
-    arrays = read_arrays(path).items()
-    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays}
-    return [Read(f"{path}:{key}", f"{file}:{key}", Table((), signal, None, 0)) for key, signal in signals.items()]
+    arrays = _matrices(path, layout.array) if path.suffix.lower() == MATLAB else read_arrays(path)
+    if layout.array is not None:
+        if layout.array not in arrays:
+            raise InputError(f"{path}: holds no array '{layout.array[:40]}'; {nearest(layout.array, list(arrays))}")
+        arrays = {layout.array: arrays[layout.array]}
+    signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
+    return [
+        Read(f"{path}:{key}", f"{file}:{key}", Table((), each.T if layout.transpose else each, None, 0))
+        for key, each in signals.items()
+    ]
+
+
+def _matrices(path: Path, chosen: str | None) -> dict[str, np.ndarray]:
+    """The variables of a MATLAB file that can be trials, all but single numbers and texts.
+
+    chosen: the one that is; without it, other kinds are refused.
+    """
+    arrays, others = read_variables(path)
+    if others and chosen is None:
+        raise InputError(
+            f"{path}: '{others[0][:40]}' is neither numbers nor text; name the matrix of samples with --array"
+        )
+    found = {name: values for name, values in arrays.items() if values.dtype.kind in "iuf" and values.size > 1}
+    if not found:
+        raise InputError(f"{path}: holds no matrix of numbers; save one, (time, taxel)")
+    return {name: values[:, None] if values.ndim == 1 else values for name, values in found.items()}
+
+
+def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> None:
+    """Warn of arrays that all have more taxels than samples."""
+    shapes = [each.table.signal.shape for each in read if each.table.first_line == 0]
+    if shapes and all(taxels > samples for samples, taxels in shapes):
+        samples, taxels = shapes[0]
+        fix = "leave out --transpose" if layout.transpose else "use --transpose"
+        log.warning(
+            "%s: arrays of %d taxels, %d samples each; if it is the other way round, %s", folder, taxels, samples, fix
+        )
 
 
 def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:

@@ -37,6 +37,10 @@ class LayoutSpec(Spec):
     header_lines: int | None = Field(default=None, ge=0, le=10_000)
     """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
     that begin with `#`, and a first line without a single number."""
+    array: str | None = None
+    """The array of each NPZ or MATLAB file that is its trial; when absent, each array is a trial."""
+    transpose: bool = False
+    """Whether arrays are (taxel, time)."""
 
     @field_validator("columns", mode="before")
     @classmethod

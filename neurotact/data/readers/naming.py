@@ -15,7 +15,7 @@ from neurotact.spec import Spec
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt")
-SUFFIXES = (*TEXTS, ".npz")
+SUFFIXES = (*TEXTS, ".npz", ".mat")
 
 
 class NamingSpec(Spec):

@@ -83,8 +83,8 @@ def test_arrays_that_say_too_little_are_refused(tmp_path, suffix):
 def test_pickles_and_other_files_are_never_opened(tmp_path):
     np.savez(tmp_path / "a.npz", X=SIGNALS, y=np.array([{}, 1, 2, 3], object))
     refused("holds pickled Python objects", tmp_path / "a.npz", 100, "mV")
-    (tmp_path / "a.mat").write_text("")
-    refused("is not a file of arrays by its suffix", tmp_path / "a.mat", 100, "mV")
+    (tmp_path / "a.pkl").write_text("")
+    refused("is not a file of arrays by its suffix", tmp_path / "a.pkl", 100, "mV")
     (tmp_path / "a.h5").write_text("no HDF5")
     refused("cannot be read as arrays", tmp_path / "a.h5", 100, "mV")
     (tmp_path / "skin" / "felt").mkdir(parents=True)

@@ -1,0 +1,210 @@
+"""Variables of MATLAB files: matrices of numbers and texts; nothing else is loaded."""
+
+import math
+import struct
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import h5py
+import numpy as np
+
+from neurotact.data.hdf5_input import Declared, attribute, reading
+from neurotact.errors import InputError
+from neurotact.files import check_size, existing
+
+MATLAB = ".mat"
+HEADER_BYTES = 128
+ORDERS = {b"IM": "<", b"MI": ">"}
+"""Byte orders by the end of the header."""
+MATRIX, COMPRESSED = 14, 15
+"""Types of the elements of a file."""
+STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+"""Types of numbers in an element; those of a matrix of another class are cast."""
+TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
+CELL, CHARACTERS, COMPLEX = 1, 4, 0x800
+CLASSES = {
+    6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8",
+}  # fmt: skip
+"""Classes of matrices of numbers. (All of these: MAT-File Format, MathWorks, for versions 5 to 7.)"""
+PIECE_BYTES = 2**20
+CHARACTER_BYTES = 100
+"""Memory of a character while it is read."""
+
+
+class Variables(NamedTuple):
+    """What a file holds. arrays: numbers and texts by name; vectors have one axis, whether they were rows or columns.
+
+    others: the names of what was not read, such as structures and cell arrays of matrices.
+    """
+
+    arrays: dict[str, np.ndarray]
+    others: list[str]
+
+
+def read_variables(path: str | Path) -> Variables:
+    """The variables of a MATLAB file: `save` writes version 7, or with `-v7.3` HDF5.
+
+    A cell array of texts is an array of texts, as is a matrix of characters, row by row.
+
+    Raises InputError for a file that is damaged, too large, or holds neither numbers nor texts.
+
+    >>> import tempfile
+    >>> from scipy.io import savemat
+    >>> path = Path(tempfile.mkdtemp()) / "touch.mat"
+    >>> savemat(path, {"pressure": np.ones((50, 3)), "material": "felt", "rig": {"speed": 5}})
+    >>> found = read_variables(path)
+    >>> found.arrays["pressure"].shape, found.arrays["material"].tolist(), found.others
+    ((50, 3), ['felt'], ['rig'])
+    """
+    path = existing(path)
+    check_size(path, path.stat().st_size)
+    arrays, others = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
+    if not arrays:
+        held = f" ({', '.join(others[:5])})" if others else ""
+        raise InputError(
+            f"{path}: holds neither matrices of numbers nor texts{held}; save matrices, as in save('touch.mat', 'data')"
+        )
+    return Variables({name: _as_vector(values) for name, values in arrays.items()}, others)
+
+
+def _as_vector(values: np.ndarray) -> np.ndarray:
+    return values.ravel() if values.ndim == 2 and 1 in values.shape else values
+
+
+def _as_texts(cells: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    """The texts of a cell array; None if it holds anything else."""
+    texts = [str(each.item()) for each in cells if each is not None and each.size == 1 and each.dtype.kind == "U"]
+    return np.array(texts) if texts and len(texts) == len(cells) else None
+
+
+def _rows_of(characters: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
+    """The texts of a matrix of characters, without the spaces that fill them up."""
+    rows = np.array(characters).reshape(shape, order="F").reshape(shape[0], -1)
+    return np.array(["".join(row).rstrip() for row in rows])
+
+
+def _from_binary(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The variables of a file of version 5 to 7. (scipy's loadmat ends the process on some damaged files.)"""
+    content = memoryview(path.read_bytes())
+    order = ORDERS.get(bytes(content[126:HEADER_BYTES]))
+    if order is None:
+        raise InputError(f"{path}: is not a MATLAB file of version 5 or later; save it in MATLAB with -v7")
+    file = _Binary(path, order)
+    try:
+        found = file.variables(content[HEADER_BYTES:])
+    except InputError:
+        raise
+    except (ValueError, TypeError, LookupError, ArithmeticError, RecursionError, struct.error, zlib.error) as error:
+        why = str(error).split("\n")[0][:80]
+        raise InputError(f"{path}: is a damaged MATLAB file ({why}); save or copy it again") from error
+    arrays = {name: values for name, values in found.items() if values is not None and values.size}
+    return arrays, [name for name in found if name not in arrays]
+
+
+class _Binary(NamedTuple):
+    """A file of elements: a type, a length, and the content, which of a matrix is again a row of elements."""
+
+    path: Path
+    order: str
+
+    def variables(self, content: memoryview) -> dict[str, np.ndarray | None]:
+        """The matrices by name; None for those of another class."""
+        found: dict[str, np.ndarray | None] = {}
+        n_bytes = len(content)
+        while len(content):
+            kind, size = struct.unpack(f"{self.order}II", content[:8])
+            inside, content = content[8 : 8 + size], content[8 + size :]
+            if len(inside) < size:
+                raise ValueError("it was cut off")
+            if kind == COMPRESSED:
+                inside = self._inflated(inside, n_bytes)
+                n_bytes += len(inside)
+                kind, inside, _ = self._element(inside)
+            if kind == MATRIX:
+                name, values = self._matrix(inside)
+                if not name.isidentifier():
+                    raise ValueError("a variable has no name")
+                found[name] = values
+        return found
+
+    def _inflated(self, content: memoryview, n_bytes: int) -> memoryview:
+        """The content of a compressed element; n_bytes: of all others."""
+        stream, parts = zlib.decompressobj(), []
+        piece = bytes(content)
+        while not stream.eof and (part := stream.decompress(piece, PIECE_BYTES)):
+            parts.append(part)
+            n_bytes += len(part)
+            check_size(self.path, n_bytes)
+            piece = stream.unconsumed_tail
+        return memoryview(b"".join(parts))
+
+    def _element(self, content: memoryview) -> tuple[int, memoryview, memoryview]:
+        """The type and the content of the first element, and the elements after it."""
+        (kind,) = struct.unpack(f"{self.order}I", content[:4])
+        if kind >> 16:  # no longer than four bytes: type and length share a word
+            return kind & 0xFFFF, content[4 : 4 + min(kind >> 16, 4)], content[8:]
+        (size,) = struct.unpack(f"{self.order}I", content[4:8])
+        if size > len(content) - 8:
+            raise ValueError("it was cut off")
+        return kind, content[8 : 8 + size], content[8 + size + -size % 8 :]
+
+    def _matrix(self, content: memoryview) -> tuple[str, np.ndarray | None]:
+        _, flags, content = self._element(content)
+        _, sides, content = self._element(content)
+        _, name, content = self._element(content)
+        (flag,) = struct.unpack(f"{self.order}I", flags[:4])
+        shape = tuple(np.frombuffer(sides, f"{self.order}i4").tolist())
+        if len(shape) < 2 or min(shape) < 0:
+            raise ValueError("a matrix has no size")
+        return bytes(name).decode("ascii"), self._values(flag, shape, content)
+
+    def _values(self, flag: int, shape: tuple[int, ...], content: memoryview) -> np.ndarray | None:
+        kind, size = flag & 0xFF, math.prod(shape)
+        if kind == CELL:
+            cells = []
+            for _ in range(size):
+                _, inside, content = self._element(content)
+                cells.append(self._matrix(inside)[1])
+            return _as_texts(cells)
+        if flag & COMPLEX or kind not in (*CLASSES, CHARACTERS):
+            return None
+        stored, values, _ = self._element(content)
+        if kind == CHARACTERS:
+            check_size(self.path, CHARACTER_BYTES * len(values))
+            is_text = stored in TEXTS
+            numbers = [] if is_text else np.frombuffer(values, self.order + STORED[stored]).tolist()
+            text = str(values, TEXTS[stored], "replace") if is_text else "".join(map(chr, numbers))
+            return _rows_of([*text], shape) if size else None
+        check_size(self.path, size * np.dtype(CLASSES[kind]).itemsize)
+        numbers = np.frombuffer(values, self.order + STORED[stored]).reshape(shape, order="F")
+        with np.errstate(all="ignore"):
+            return numbers.astype(CLASSES[kind])
+
+
+def _from_hdf5(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+    """The variables of a file of version 7.3, which stores each matrix with its axes in the opposite order."""
+    arrays: dict[str, np.ndarray] = {}
+    with reading(path, "a MATLAB file", "save in MATLAB") as file:
+        declared = Declared(file, path)
+        names = [name for name in file if name.isidentifier()]
+        for name in names:
+            values = _of_dataset(declared, file.get(name))
+            if values is not None and values.size:
+                arrays[name] = values
+    return arrays, [name for name in names if name not in arrays]
+
+
+def _of_dataset(declared: Declared, found: Any) -> np.ndarray | None:
+    """An array of numbers or texts; None for anything else, and for an empty matrix, of which the sizes are stored."""
+    if not isinstance(found, h5py.Dataset) or found.name is None or "MATLAB_empty" in found.attrs:
+        return None
+    kind = attribute(found, "MATLAB_class", declared.path) if "MATLAB_class" in found.attrs else "double"
+    if kind == "cell":
+        check_size(declared.path, found.size * found.dtype.itemsize)
+        return _as_texts([_of_dataset(declared, declared.file[each]) for each in found[()].ravel()])
+    if kind in ("struct", "function_handle") or found.dtype.kind not in "iufb":
+        return None
+    values = np.asarray(declared.value(found.name.lstrip("/"))).T
+    return _rows_of([*map(chr, values.ravel(order="F"))], values.shape) if kind == "char" else values

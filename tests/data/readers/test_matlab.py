@@ -1,0 +1,166 @@
+"""MATLAB files of every version: numbers and texts come back as they were saved, and what is damaged is refused."""
+
+import zlib
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from scipy.io import savemat
+
+import neurotact as nt
+from neurotact.data.readers.matlab import read_variables
+from neurotact.errors import InputError
+from neurotact.files import MAX_MB
+
+SIGNALS = np.random.default_rng(2).normal(size=(4, 9, 3)).astype(np.float32)
+MATERIALS = ["felt", "silk", "felt", "silk"]
+VERSIONS = ["5", "7", "7.3"]
+
+
+def save(path, version, **variables):
+    """As `save` of MATLAB; a list of texts is a cell array."""
+    if version != "7.3":
+        cells = {k: np.array(v, object) if isinstance(v, list) else v for k, v in variables.items()}
+        savemat(path, cells, do_compression=version == "7")
+        return path
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            if isinstance(value, list):
+                made = [_characters(file, f"#refs#/{name}{i}", text) for i, text in enumerate(value)]
+                cell = file.create_dataset(name, (1, len(made)), h5py.ref_dtype)
+                cell[0] = [one.ref for one in made]
+                cell.attrs["MATLAB_class"] = np.bytes_("cell")
+            elif isinstance(value, str):
+                _characters(file, name, value)
+            elif isinstance(value, dict):
+                file.create_group(name).attrs["MATLAB_class"] = np.bytes_("struct")
+            else:
+                file[name] = np.atleast_2d(value).T  # MATLAB writes the last axis first
+                file[name].attrs["MATLAB_class"] = np.bytes_("double")
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM")
+    return path
+
+
+def _characters(file, name, text):
+    made = file.create_dataset(name, data=np.array([[ord(letter)] for letter in text], np.uint16))
+    made.attrs["MATLAB_class"] = np.bytes_("char")
+    return made
+
+
+def refused(message, call, *arguments, **options):
+    with pytest.raises(InputError) as refusal:
+        call(*arguments, **options)
+    assert message in str(refusal.value), str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@given(
+    values=arrays.arrays(
+        st.sampled_from([np.float64, np.float32, np.int16, np.uint8]),
+        arrays.array_shapes(min_dims=2, max_dims=3, min_side=2, max_side=5),
+        elements=st.integers(0, 100),
+    ),
+    version=st.sampled_from(VERSIONS),
+)
+def test_a_matrix_comes_back(tmp_path_factory, values, version):
+    path = save(tmp_path_factory.mktemp("mat") / "a.mat", version, data=values)
+    np.testing.assert_array_equal(read_variables(path).arrays["data"], values)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_texts_come_back_and_the_rest_is_named(tmp_path, version):
+    path = save(tmp_path / "a.mat", version, data=np.ones((3, 2)), material="felt", each=MATERIALS, rig={"speed": 5})
+    found = read_variables(path)
+    assert found.arrays["material"].tolist() == ["felt"]
+    assert found.arrays["each"].tolist() == MATERIALS
+    assert found.others == ["rig"]
+
+
+def test_version_4_says_how_to_save(tmp_path):
+    savemat(tmp_path / "a.mat", {"data": np.ones((3, 2))}, format="4")
+    refused(
+        "is not a MATLAB file of version 5 or later; save it in MATLAB with -v7", read_variables, tmp_path / "a.mat"
+    )
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_one_file_holds_all_trials(tmp_path, version, caplog):
+    path = save(
+        tmp_path / "a.mat", version, X=SIGNALS, y=MATERIALS, day=np.array([[1], [1], [2], [2]]), fs=100.0, rig={"a": 1}
+    )
+    found = nt.read_arrays(path, 100, "count")
+    np.testing.assert_array_equal(found.signals, SIGNALS)
+    assert found.conditions.to_dict("list") == {"label": MATERIALS, "day": [1, 1, 2, 2]}
+    assert "neither numbers nor texts, so not read: rig" in caplog.text
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_folder_holds_a_file_a_trial(tmp_path, version):
+    for material, trial in zip(MATERIALS, SIGNALS, strict=True):
+        place = tmp_path / material
+        place.mkdir(exist_ok=True)
+        path = place / f"{len(list(place.iterdir()))}.mat"
+        save(path, version, pressure=trial, fs=100.0, material=material, force=np.ones(9), rig={"a": 1})
+    found = nt.read_folder(tmp_path, 100, "count", array="pressure")
+    np.testing.assert_array_equal(found.signals, SIGNALS[[0, 2, 1, 3]])
+    assert found.conditions["label"].tolist() == ["felt", "felt", "silk", "silk"]
+    assert found.conditions["file"][0] == "felt/0.mat:pressure"
+    one = nt.read_folder(tmp_path, 100, "count", array="force")
+    assert one.signals[0].shape == (9, 1)
+    refused(
+        "'rig' is neither numbers nor text; name the matrix of samples with --array", nt.read_folder, tmp_path, 100, "V"
+    )
+    refused("holds no array 'presure'; did you mean 'pressure'", nt.read_folder, tmp_path, 100, "V", array="presure")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_arrays_may_be_the_other_way_round(tmp_path, suffix, caplog):
+    (tmp_path / "felt").mkdir()
+    write = np.savez if suffix == ".npz" else lambda path, **values: savemat(path, values)
+    write(tmp_path / "felt" / f"a{suffix}", data=SIGNALS[0].T)
+    found = nt.read_folder(tmp_path, 100, "count")
+    assert found.signals[0].shape == (3, 9)
+    assert "arrays of 9 taxels, 3 samples each; if it is the other way round, use --transpose" in caplog.text
+    caplog.clear()
+    np.testing.assert_array_equal(nt.read_folder(tmp_path, 100, "count", transpose=True).signals[0], SIGNALS[0])
+    assert not caplog.messages
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@given(seed=st.integers(0, 10_000))
+def test_a_damaged_file_is_refused_or_read(tmp_path_factory, version, seed):
+    draw = np.random.default_rng(seed)
+    folder = tmp_path_factory.mktemp("mat")
+    path = save(folder / "a.mat", version, data=SIGNALS[0], each=MATERIALS, rig={"a": 1})
+    content = bytearray(path.read_bytes())
+    for _ in range(draw.integers(1, 9)):
+        content[draw.integers(len(content))] = draw.integers(256)
+    path.write_bytes(content[: draw.integers(len(content) // 2, len(content) + 1)])
+    said = f"{path}: read"
+    try:
+        read_variables(path)
+    except InputError as error:
+        said = str(error)
+    assert said.startswith(f"{path}: ")
+    assert "\n" not in said
+
+
+def test_what_inflates_beyond_the_limit_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv(MAX_MB, "1")
+    path = tmp_path / "a.mat"
+    savemat(path, {"a": np.ones((2, 2))}, do_compression=True)
+    bomb = zlib.compress(bytes(2_000_000))
+    path.write_bytes(path.read_bytes()[:128] + np.array([15, len(bomb)], "<u4").tobytes() + bomb)
+    refused("more than the limit of 1 MB", read_variables, path)
+
+
+def test_a_file_of_structures_alone_says_what_to_save(tmp_path):
+    refused(
+        "holds neither matrices of numbers nor texts (rig)", read_variables, save(tmp_path / "a.mat", "7", rig={"a": 1})
+    )
+    (tmp_path / "b.mat").write_text("dear diary")
+    refused("is not a MATLAB file of version 5", read_variables, tmp_path / "b.mat")
