@@ -101,6 +101,10 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list
             raise InputError(f"{path}: holds no array '{layout.array[:40]}'; {nearest(layout.array, list(arrays))}")
         arrays = {layout.array: arrays[layout.array]}
     signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
+    widths = {each.shape[0 if layout.transpose else 1] for each in signals.values()}
+    if len(widths) > 1:
+        held = ", ".join(f"{key} {each.shape}" for key, each in signals.items())
+        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with --array")
     return [
         Read(f"{path}:{key}", f"{file}:{key}", Table((), each.T if layout.transpose else each, None, 0))
         for key, each in signals.items()

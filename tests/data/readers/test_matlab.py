@@ -117,6 +117,13 @@ def test_a_folder_holds_a_file_a_trial(tmp_path, version):
     refused("holds no array 'presure'; did you mean 'pressure'", nt.read_folder, tmp_path, 100, "V", array="presure")
 
 
+def test_arrays_of_different_taxels_are_not_all_trials(tmp_path):
+    (tmp_path / "felt").mkdir()
+    save(tmp_path / "felt" / "a.mat", "7", pressure=SIGNALS[0].T, force=np.ones(9))
+    refused("(pressure (3, 9), force (9, 1)); name one with --array", nt.read_folder, tmp_path, 100, "V")
+    refused("name one with --array", nt.read_folder, tmp_path, 100, "V", transpose=True)
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".mat"])
 def test_arrays_may_be_the_other_way_round(tmp_path, suffix, caplog):
     (tmp_path / "felt").mkdir()
