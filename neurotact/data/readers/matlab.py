@@ -22,8 +22,9 @@ MATRIX, COMPRESSED = 14, 15
 """Types of the elements of a file."""
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 """Types of numbers in an element; those of a matrix of another class are cast."""
-TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
-CELL, CHARACTERS, COMPLEX = 1, 4, 0x800
+ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
+CELL, CHARACTERS, OPAQUE, COMPLEX = 1, 4, 17, 0x800
+"""Classes of matrices, of which an opaque one holds an object such as a table, and the flag of complex numbers."""
 CLASSES = {
     6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8",
 }  # fmt: skip
@@ -124,20 +125,22 @@ class _Binary(NamedTuple):
                 kind, inside, _ = self._element(inside)
             if kind == MATRIX:
                 name, values = self._matrix(inside)
-                if not name.isidentifier():
-                    raise ValueError("a variable has no name")
-                found[name] = values
+                if name.isidentifier():  # what functions and objects need has no name
+                    found[name] = values
         return found
 
     def _inflated(self, content: memoryview, n_bytes: int) -> memoryview:
         """The content of a compressed element; n_bytes: of all others."""
         stream, parts = zlib.decompressobj(), []
-        piece = bytes(content)
-        while not stream.eof and (part := stream.decompress(piece, PIECE_BYTES)):
-            parts.append(part)
-            n_bytes += len(part)
-            check_size(self.path, n_bytes)
-            piece = stream.unconsumed_tail
+        for at in range(0, len(content), PIECE_BYTES):
+            piece = bytes(content[at : at + PIECE_BYTES])
+            while part := stream.decompress(piece, PIECE_BYTES):
+                parts.append(part)
+                n_bytes += len(part)
+                check_size(self.path, n_bytes)
+                piece = stream.unconsumed_tail
+        if not stream.eof:
+            raise ValueError("it was cut off")
         return memoryview(b"".join(parts))
 
     def _element(self, content: memoryview) -> tuple[int, memoryview, memoryview]:
@@ -152,9 +155,11 @@ class _Binary(NamedTuple):
 
     def _matrix(self, content: memoryview) -> tuple[str, np.ndarray | None]:
         _, flags, content = self._element(content)
+        (flag,) = struct.unpack(f"{self.order}I", flags[:4])
+        if flag & 0xFF == OPAQUE:
+            return bytes(self._element(content)[1]).decode("ascii"), None
         _, sides, content = self._element(content)
         _, name, content = self._element(content)
-        (flag,) = struct.unpack(f"{self.order}I", flags[:4])
         shape = tuple(np.frombuffer(sides, f"{self.order}i4").tolist())
         if len(shape) < 2 or min(shape) < 0:
             raise ValueError("a matrix has no size")
@@ -173,9 +178,10 @@ class _Binary(NamedTuple):
         stored, values, _ = self._element(content)
         if kind == CHARACTERS:
             check_size(self.path, CHARACTER_BYTES * len(values))
-            is_text = stored in TEXTS
-            numbers = [] if is_text else np.frombuffer(values, self.order + STORED[stored]).tolist()
-            text = str(values, TEXTS[stored], "replace") if is_text else "".join(map(chr, numbers))
+            if stored in ENCODINGS:
+                text = str(values, ENCODINGS[stored], "replace")
+            else:
+                text = "".join(map(chr, np.frombuffer(values, self.order + STORED[stored]).tolist()))
             return _rows_of([*text], shape) if size else None
         check_size(self.path, size * np.dtype(CLASSES[kind]).itemsize)
         numbers = np.frombuffer(values, self.order + STORED[stored]).reshape(shape, order="F")

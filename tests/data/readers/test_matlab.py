@@ -1,5 +1,6 @@
 """MATLAB files of every version: numbers and texts come back as they were saved, and what is damaged is refused."""
 
+import struct
 import zlib
 
 import h5py
@@ -78,6 +79,42 @@ def test_texts_come_back_and_the_rest_is_named(tmp_path, version):
     assert found.arrays["material"].tolist() == ["felt"]
     assert found.arrays["each"].tolist() == MATERIALS
     assert found.others == ["rig"]
+
+
+def element(kind, *parts):
+    content = b"".join(parts)
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def test_tables_functions_and_what_they_need_are_passed_over(tmp_path):
+    """An object has no size and a class of its own; what objects and functions need is a matrix without a name."""
+    path = save(tmp_path / "a.mat", "5", data=np.ones((3, 2)))
+    words = (
+        element(6, struct.pack("<II", 13, 0)),
+        element(5, struct.pack("<ii", 2, 1)),
+        element(1),
+        element(6, bytes(8)),
+    )
+    table = element(1, b"results"), element(1, b"MCOS"), element(1, b"table"), element(14, *words)
+    needed = (
+        element(6, struct.pack("<II", 9, 0)),
+        element(5, struct.pack("<ii", 1, 4)),
+        element(1),
+        element(2, bytes(4)),
+    )
+    more = element(14, element(6, struct.pack("<II", 17, 0)), *table) + element(14, *needed)
+    path.write_bytes(path.read_bytes() + more)
+    found = read_variables(path)
+    assert list(found.arrays) == ["data"]
+    assert found.others == ["results"]
+
+
+def test_a_compressed_variable_that_was_cut_off_is_refused(tmp_path):
+    path = save(tmp_path / "a.mat", "7", data=np.arange(1000.0).reshape(100, 10))
+    content = bytearray(path.read_bytes()[:-4])
+    content[132:136] = struct.pack("<I", len(content) - 136)
+    path.write_bytes(content)
+    refused("is a damaged MATLAB file (it was cut off)", read_variables, path)
 
 
 def test_version_4_says_how_to_save(tmp_path):
