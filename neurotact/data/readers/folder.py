@@ -92,6 +92,8 @@ def read(
 
 def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list[Read]:
     if path.suffix.lower() in TEXTS:
+        if layout.array is not None or layout.transpose:
+            raise InputError(f"{path}: --array and --transpose are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))]
     if layout.time_column is not None or layout.columns:
         raise InputError(f"{path}: --columns and --time-column are for CSV files; save the chosen columns, or as CSV")
@@ -129,7 +131,7 @@ def _matrices(path: Path, chosen: str | None) -> dict[str, np.ndarray]:
 
 def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> None:
     """Warn of arrays that all have more taxels than samples."""
-    shapes = [each.table.signal.shape for each in read if each.table.first_line == 0]
+    shapes = [each.table.signal.shape for each in read if each.table.first_line == 0]  # arrays have no lines
     if shapes and all(taxels > samples for samples, taxels in shapes):
         samples, taxels = shapes[0]
         fix = "leave out --transpose" if layout.transpose else "use --transpose"

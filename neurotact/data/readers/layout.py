@@ -23,7 +23,7 @@ RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
 class LayoutSpec(Spec):
-    """The columns of each file; columns are counted from 1, including the time column."""
+    """The columns of each text file, counted from 1, including the time column; or the array of each file of arrays."""
 
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""

@@ -161,6 +161,13 @@ def test_arrays_of_different_taxels_are_not_all_trials(tmp_path):
     refused("name one with --array", nt.read_folder, tmp_path, 100, "V", transpose=True)
 
 
+@pytest.mark.parametrize("option", [{"array": "pressure"}, {"transpose": True}])
+def test_options_of_arrays_are_refused_for_text(tmp_path, option):
+    (tmp_path / "felt").mkdir()
+    (tmp_path / "felt" / "a.csv").write_text("1,2\n3,4\n")
+    refused("--array and --transpose are for NPZ and MATLAB files", nt.read_folder, tmp_path, 100, "V", **option)
+
+
 @pytest.mark.parametrize("suffix", [".npz", ".mat"])
 def test_arrays_may_be_the_other_way_round(tmp_path, suffix, caplog):
     (tmp_path / "felt").mkdir()
