@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.networks.comparison import Comparison
-from neurotact.networks.specs import TrainingSpec
+from neurotact.networks.specs import MOST_HIDDEN, RSNNSpec, TrainingSpec
 
 FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
@@ -27,13 +27,16 @@ def not_learned(accuracy: float, low: float, guess: float) -> Iterator[str]:
         )
 
 
-def worse_than_linear(found: Comparison) -> Iterator[str]:
-    """Whether logistic regression on the same spikes is clearly better than the network."""
+def worse_than_linear(found: Comparison, spec: RSNNSpec) -> Iterator[str]:
+    """Whether logistic regression on the same spikes is clearly better than the network of this spec."""
     if found.linear > found.high:
+        remedies = [
+            *(["--network default"] if spec.input_deviation is None else []),
+            *([f"more hidden neurons (--set hidden={2 * spec.hidden})"] if spec.hidden <= MOST_HIDDEN // 2 else []),
+        ]
         yield (
-            f"logistic regression on the spike counts of the same windows is better, "
-            f"{100 * found.linear:.1f} % against {100 * found.accuracy:.1f} %; try --network default, more hidden "
-            "neurons (--set hidden=100) or neurotact tune"
+            f"logistic regression on the spike counts of the same windows is better, {100 * found.linear:.1f} % against "
+            f"{100 * found.accuracy:.1f} %; try {' or '.join([*remedies, 'neurotact tune'])}"
         )
 
 
@@ -77,23 +80,25 @@ def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
         )
 
 
-def training(log: pd.DataFrame, spec: TrainingSpec) -> Iterator[str]:
+def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "") -> Iterator[str]:
     """Whether a training diverged, or stopped at its largest number of epochs.
 
-    log: one row per epoch (`training.csv`). If the learning rates fall to 0, all epochs always run: no caution.
+    log: one row per epoch (`training.csv`). keys: what stands before `training.` where the spec is set.
+    If the learning rates fall to 0, all epochs always run: no caution.
+
+    >>> print(*training(pd.DataFrame({"epoch": [1, 2], "train_loss": [2.0, np.inf]}), TrainingSpec(), "network."))
+    the loss became infinite; lower the learning rate (--set network.training.learning_rate=0.0005)
     """
     losses = log["train_loss"].to_numpy(float)
     if not len(losses):
         return
+    lower = f"lower the learning rate (--set {keys}{spec.lower_rate})"
     if not np.isfinite(losses).all():
-        yield "the loss became infinite; lower the learning rate (--set training.relative_learning_rate=0.02)"
+        yield f"the loss became infinite; {lower}"
     elif losses[-1] > max(losses[0], 2 * losses.min()):
-        yield (
-            f"training diverged, from a loss of {losses.min():.3g} to {losses[-1]:.3g}; lower the learning rate "
-            "(--set training.relative_learning_rate=0.02)"
-        )
+        yield f"training diverged, from a loss of {losses.min():.3g} to {losses[-1]:.3g}; {lower}"
     elif spec.schedule == "constant" and len(losses) >= spec.epochs and log["epoch"].max() + 1 >= spec.epochs:
-        yield f"training stopped after epoch {spec.epochs}, its last, before it converged; raise training.epochs"
+        yield f"training stopped after epoch {spec.epochs}, its last, before it converged; raise {keys}training.epochs"
 
 
 def together(found: Sequence[Sequence[str]]) -> list[str]:

@@ -56,7 +56,8 @@ def save(network: RSNN, folder: str | Path, extra: Mapping[str, Any] | None = No
         )
     for name, tensor in network.state_dict().items():
         if not tensor.isfinite().all():
-            raise InputError(f"network: '{name}' holds NaN or infinity; train it with a lower training.learning_rate")
+            lower = network.spec.training.lower_rate
+            raise InputError(f"network: '{name}' holds NaN or infinity; train it with a lower rate, as in {lower}")
     extra = dict(extra or {})
     try:
         json.dumps(extra, allow_nan=False)

@@ -67,8 +67,9 @@ def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -
 
 def _cautions(fitted: Trained, trains: SpikeTrains, parts: Split, task: Task, compared: Comparison) -> Iterator[str]:
     yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest))
-    yield from cautions.worse_than_linear(compared)
-    yield from cautions.training(pd.DataFrame(fitted.training.epochs), fitted.network.spec.training)
+    spec = fitted.network.spec
+    yield from cautions.worse_than_linear(compared, spec)
+    yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training)
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
     yield from cautions.few_test_trials({trains.classes[label]: int((tested == label).sum()) for label in known})

@@ -8,6 +8,8 @@ from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
 Keep = Literal["loss", "accuracy", "both"]
+MOST_HIDDEN = 1024
+"""Neurons of the largest hidden layer."""
 LATER_KEYS = (
     "recurrent_delay_steps", "readout_surrogate_scale", "readout", "readout_tau_ms", "input_deviation", "recipe",
     "threshold_adaptation", "tau_adaptation_ms",
@@ -59,6 +61,16 @@ class TrainingSpec(Spec):
     """Share of hidden neurons from which an integrator receives nothing in training. They are drawn for each window, or
     for each training step if the integrator leaks or takes a maximum. A readout that counts receives all."""
 
+    @property
+    def lower_rate(self) -> str:
+        """The learning rate that applies, halved, as the key and value that set it.
+
+        >>> TrainingSpec(learning_rate=0.001).lower_rate, TrainingSpec(relative_learning_rate=0.05).lower_rate
+        ('training.learning_rate=0.0005', 'training.relative_learning_rate=0.025')
+        """
+        key = "learning_rate" if self.relative_learning_rate is None else "relative_learning_rate"
+        return f"training.{key}={getattr(self, key) / 2:g}"
+
 
 class RSNNSpec(Spec):
     """A spiking network: recurrent (texture paper, Fig. 1c and Eqs. 4 to 7) or feed-forward.
@@ -71,7 +83,7 @@ class RSNNSpec(Spec):
 
     model: Literal["rsnn", "snn"] = "rsnn"
     """rsnn: the hidden layer is recurrent; snn: it is not, and the two `recurrent_...` keys are ignored."""
-    hidden: int = Field(default=30, ge=1, le=1024)
+    hidden: int = Field(default=30, ge=1, le=MOST_HIDDEN)
     """Neurons in the hidden layer."""
     membrane: Membrane = "eq4"
     """How current enters the membrane: `eq4` b(U[t] + I[t]), `delayed` b U[t] + I[t], `immediate` b U[t] + I[t+1],

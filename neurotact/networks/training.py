@@ -116,7 +116,7 @@ def train(
         fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
         log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
         if not all(p.isfinite().all() for p in network.parameters()):
-            raise not_finite(len(log))
+            raise not_finite(len(log), network.spec.training)
         if progress:
             progress(log[-1])
         if best_of(log, network.spec.training.keep) is log[-1]:
@@ -155,9 +155,11 @@ def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
     return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
 
 
-def not_finite(epoch: int) -> InputError:
+def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
     """The error for weights that are no longer finite."""
-    return InputError(f"training: weights are not finite after epoch {epoch}; lower training.learning_rate")
+    return InputError(
+        f"training: weights are not finite after epoch {epoch}; lower the learning rate, as in {spec.lower_rate}"
+    )
 
 
 def _optimiser(network: RSNN) -> torch.optim.Optimizer:

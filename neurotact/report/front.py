@@ -359,7 +359,7 @@ def beware(
 def _of_training(folder: Path, cell: Cell) -> Iterator[str]:
     log = cell_folder(folder, cell) / LOG
     if cell.network is not None and log.is_file():
-        yield from cautions.training(pd.read_csv(log), recipe.training_of(cell.network))
+        yield from cautions.training(pd.read_csv(log), recipe.training_of(cell.network), "network.")
 
 
 def chosen(trains: SpikeTrains | None, done: Sequence[Cell]) -> list[str]:

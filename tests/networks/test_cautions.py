@@ -6,7 +6,7 @@ import pytest
 
 from neurotact.networks import cautions
 from neurotact.networks.comparison import Comparison
-from neurotact.networks.specs import TrainingSpec
+from neurotact.networks.specs import RSNNSpec, TrainingSpec
 
 
 @pytest.mark.parametrize(
@@ -20,9 +20,20 @@ from neurotact.networks.specs import TrainingSpec
 )
 def test_a_network_that_stays_behind_is_named(low, high, linear, expected):
     one = Comparison((low + high) / 2, low, high, 100, 0.25, 0.4, linear)
-    found = [*cautions.not_learned(one.accuracy, one.low, one.commonest), *cautions.worse_than_linear(one)]
+    found = [*cautions.not_learned(one.accuracy, one.low, one.commonest), *cautions.worse_than_linear(one, RSNNSpec())]
     assert len(found) == len(expected)
     assert all(words in line for words, line in zip(expected, found, strict=True))
+
+
+@pytest.mark.parametrize(("given", "expected"), [
+    ({"hidden": 30}, "try --network default or more hidden neurons (--set hidden=60) or neurotact tune"),
+    ({"hidden": 128, "input_deviation": 1.0}, "try more hidden neurons (--set hidden=256) or neurotact tune"),
+    ({"hidden": 600, "input_deviation": 1.0}, "; try neurotact tune"),
+])  # fmt: skip
+def test_the_remedy_for_a_network_behind_a_linear_classifier_changes_this_network(given, expected):
+    one = Comparison(0.7, 0.6, 0.8, 100, 0.25, 0.4, 0.9)
+    (line,) = cautions.worse_than_linear(one, RSNNSpec(**given))
+    assert expected in line
 
 
 @pytest.mark.parametrize(

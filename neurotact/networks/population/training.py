@@ -195,7 +195,7 @@ class _Group:
                 log, spec = logs[place], self.members[place].network.spec.training
                 log.append(Epoch(len(log) + 1, *numbers))
                 if not is_finite:
-                    error = single.not_finite(len(log))
+                    error = single.not_finite(len(log), spec)
                     ended[place] = Ended(Training(tuple(log), log[-1]), error=error)
                 elif watch(place, log[-1]):
                     ended[place] = Ended(Training(tuple(log), log[-1]), stopped=True)
