@@ -36,7 +36,9 @@ TaxelColumns = Annotated[
 TimeColumn = Annotated[
     str | None,
     typer.Option(
-        "--time-column", help="The column of time stamps.", show_default="one named time, timestamp or t (t_ms)"
+        "--time-column",
+        help="The column of time stamps, or in files of arrays their array.",
+        show_default="one named time, timestamp or t (t_ms), else one of times of day",
     ),
 ]
 TimeUnit = Annotated[

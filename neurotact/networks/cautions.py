@@ -35,8 +35,8 @@ def worse_than_linear(found: Comparison, spec: RSNNSpec) -> Iterator[str]:
             *([f"more hidden neurons (--set hidden={2 * spec.hidden})"] if spec.hidden <= MOST_HIDDEN // 2 else []),
         ]
         yield (
-            f"logistic regression on the spike counts of the same windows is better, {100 * found.linear:.1f} % against "
-            f"{100 * found.accuracy:.1f} %; try {' or '.join([*remedies, 'neurotact tune'])}"
+            f"logistic regression on the spike counts of the same windows is better, {100 * found.linear:.1f} % "
+            f"against {100 * found.accuracy:.1f} %; try {' or '.join([*remedies, 'neurotact tune'])}"
         )
 
 

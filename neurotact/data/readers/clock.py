@@ -1,7 +1,8 @@
 """Time stamps: their unit, the sampling rate of their samples, and resampling to a regular clock."""
 
 import re
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple, cast
 
 import numpy as np
@@ -12,11 +13,17 @@ Unit = Literal["s", "ms", "us", "ns"]
 UNIT_S: dict[Unit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 IN_NAME = re.compile(r"(?:_|\s*\[|\s*\()(s|ms|us|ns)[])]?$", re.IGNORECASE)
 """The unit at the end of a column's name: `t_ms`, `Time [us]`, `time (s)`."""
+TIME_OF_DAY = re.compile(
+    r"(?:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4})[ T]+)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z| ?[+-]\d{2}:?\d{2})?",
+    re.ASCII,
+)
+"""A time stamp with hours, minutes and seconds, with or without a date: `2024-01-31 12:00:00.25`."""
 GAP = 5.0
 """An interval longer than this many median ones is a gap, unless the user gives a length."""
 REGULAR = 0.01
 """Intervals that deviate by less than this share of the median one are regular."""
 MOST_DECIMALS = 9
+DAY_S = 86_400.0
 
 SLOWEST_HZ, FASTEST_HZ = 10.0, 100_000.0
 """Sampling rates of touch."""
@@ -67,6 +74,42 @@ def without_unit(name: str) -> str:
     return IN_NAME.sub("", name)
 
 
+def is_time_of_day(cell: str) -> bool:
+    """Whether a cell of text is a time stamp with hours, minutes and seconds.
+
+    >>> [is_time_of_day(cell) for cell in ("2024-01-31T23:59:59.5Z", "31.1.2024 12:00:00,25", "12:00:00", "12:00")]
+    [True, True, True, False]
+    """
+    return bool(TIME_OF_DAY.fullmatch(cell))
+
+
+def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, unit: Unit | None) -> np.ndarray:
+    """Seconds since midnight of the first day for time stamps with hours, minutes and seconds.
+
+    A stamp whose date is another than that of the stamp before is of the next day. unit: the one that is asked for.
+    Raises InputError, which begins with `where`, for a cell that is no such stamp, and for another unit than seconds.
+
+    >>> seconds_of(["2024-01-31 23:59:59.5", "2024-02-01 00:00:00.5"], "felt.csv", "time", 2, None).tolist()
+    [86399.5, 86400.5]
+    """
+    if unit not in (None, "s"):
+        raise InputError(f"{where}: column {column} holds times of day, which are in seconds; leave --time-unit out")
+    seconds = array("d")
+    days, last = -1, None
+    for line, cell in enumerate(cells, first_line):
+        found = TIME_OF_DAY.fullmatch(cell)
+        if found is None:
+            raise InputError(
+                f"{where}: line {line}, column {column} is {cell[:30]!r}, not a time as in 12:00:00.25; repair it or "
+                "drop the file"
+            )
+        date, hours, minutes, of_minute = found.groups()
+        days += date != last or days < 0
+        last = date
+        seconds.append(DAY_S * days + 3600 * int(hours) + 60 * int(minutes) + float(of_minute.replace(",", ".")))
+    return np.array(seconds)
+
+
 class Timing(NamedTuple):
     """What time stamps in one unit give: samples per second, and the length of the median trial in seconds."""
 
@@ -102,9 +145,11 @@ def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[
 def stamps_of(time: np.ndarray, unit: Unit, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:
     """The stamps of a file; rows that repeat the previous stamp are dropped.
 
-    first_line: the line of the first sample. max_gap_ms: the longest interval; five median ones when None.
+    first_line: the line of the first sample, 0 in an array. max_gap_ms: the longest interval; five median ones when
+    None.
     Raises InputError, which begins with `where`, for stamps that go back, for a gap and for less than two times.
     """
+    row = "line" if first_line else "sample"
     time_s = (time - time[0]) * UNIT_S[unit]
     keep = np.concatenate([[True], np.diff(time_s) != 0])
     lines = np.flatnonzero(keep) + first_line
@@ -114,13 +159,13 @@ def stamps_of(time: np.ndarray, unit: Unit, where: str, first_line: int, max_gap
     intervals = np.diff(time_s)
     if (intervals < 0).any():
         line = lines[int(np.argmax(intervals < 0)) + 1]
-        raise InputError(f"{where}: line {line} is earlier than the line before it; sort the rows or drop the file")
+        raise InputError(f"{where}: {row} {line} is earlier than the {row} before it; sort the rows or drop the file")
     usual = float(np.median(intervals))
     most = GAP * usual if max_gap_ms is None else max_gap_ms * 1e-3
     if intervals.max() > most:
         at = int(np.argmax(intervals > most))
         raise InputError(
-            f"{where}: line {lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the line before it, where "
+            f"{where}: {row} {lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the {row} before it, where "
             f"{1e3 * usual:.4g} ms is usual; cut the file there, or allow such gaps with --max-gap-ms"
         )
     without_gaps = intervals[intervals <= GAP * usual]

@@ -10,7 +10,8 @@ import numpy as np
 
 from neurotact.data.readers import sampled
 from neurotact.data.readers.archives import as_signal, read_arrays
-from neurotact.data.readers.layout import LayoutSpec, Table, is_text, read_table
+from neurotact.data.readers.clock import unit_in
+from neurotact.data.readers.layout import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
 from neurotact.data.readers.matlab import MATLAB, read_variables
 from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
 from neurotact.data.readers.sampled import Read
@@ -41,13 +42,14 @@ def read(
     naming: keys of `naming.NamingSpec`: the source of the class and the conditions of each file; the first
     sub-folder is the label when absent.
     layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, the number format; all
-    columns but the time are taxels when absent. Of files of arrays: which array is the trial, and its axes.
+    columns but the time are taxels when absent. Of files of arrays: which array is the trial, its axes, and the array
+    of time stamps.
 
     CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
-    names the columns. With a time column the sampling rate is that of the stamps, unless it is given, and irregular
-    samples are interpolated onto a regular clock, with a warning. NPZ and MATLAB: each array is one trial, (time,
-    channel), but for the single numbers and texts of a MATLAB file. All trials have the same taxels. Conditions: label,
-    those of `naming`, file (its path in the folder; of an array `file.npz:key`).
+    names the columns. NPZ and MATLAB: each array is one trial, (time, channel), but for the time stamps and for the
+    single numbers and texts of a MATLAB file. With time stamps the sampling rate is theirs, unless it is given, and
+    irregular samples are interpolated onto a regular clock, with a warning. All trials have the same taxels.
+    Conditions: label, those of `naming`, file (its path in the folder; of an array `file.npz:key`).
 
     If there is none of these, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
     ignored, with a warning that names them.
@@ -95,22 +97,55 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: --array and --transpose are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))]
-    if layout.time_column is not None or layout.columns:
-        raise InputError(f"{path}: --columns and --time-column are for CSV files; save the chosen columns, or as CSV")
+    if layout.columns:
+        raise InputError(f"{path}: --columns is for CSV files; save the chosen columns, or as CSV")
     arrays = _matrices(path, layout.array) if path.suffix.lower() == MATLAB else read_arrays(path)
-    if layout.array is not None:
-        if layout.array not in arrays:
-            raise InputError(f"{path}: holds no array '{layout.array[:40]}'; {nearest(layout.array, list(arrays))}")
-        arrays = {layout.array: arrays[layout.array]}
+    for asked in (layout.array, layout.time_column):
+        if asked is not None and asked not in arrays:
+            raise InputError(f"{path}: holds no array '{asked[:40]}'; {nearest(asked, list(arrays))}")
+    time_at = layout.time_column or (_stamps_at(arrays, layout) if find_time else None)
+    time = None if time_at is None else _stamps(arrays[time_at], f"{path}, key '{time_at}'")
+    chosen = {key: each for key, each in arrays.items() if key != time_at and layout.array in (None, key)}
+    if not chosen:
+        raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
+    signals = _signals(chosen, path, transpose=layout.transpose)
+    for key, each in signals.items():
+        if time is not None and len(time) != len(each):
+            raise InputError(
+                f"{path}: '{key}' has {len(each)} samples and '{time_at}' {len(time)} time stamps; give each sample one"
+                f"{'' if layout.transpose else ', or use --transpose'}"
+            )
+    unit = layout.time_unit or unit_in(time_at or "")
+    return [Read(f"{path}:{key}", f"{file}:{key}", Table((), each, time, 0, unit)) for key, each in signals.items()]
+
+
+def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -> dict[str, np.ndarray]:
+    """The arrays as `(time, taxel)`; InputError if they do not have the same taxels."""
     signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
-    widths = {each.shape[0 if layout.transpose else 1] for each in signals.values()}
-    if len(widths) > 1:
+    if len({each.shape[0 if transpose else 1] for each in signals.values()}) > 1:
         held = ", ".join(f"{key} {each.shape}" for key, each in signals.items())
         raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with --array")
-    return [
-        Read(f"{path}:{key}", f"{file}:{key}", Table((), each.T if layout.transpose else each, None, 0))
-        for key, each in signals.items()
-    ]
+    return {key: each.T for key, each in signals.items()} if transpose else signals
+
+
+def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> str | None:
+    """The first array of one number per sample that is named like time stamps; None if there is none."""
+    axis = 1 if layout.transpose else 0
+    samples = {key: each.shape[axis] for key, each in arrays.items() if each.ndim == 2 and layout.array in (None, key)}
+    for key, each in arrays.items():
+        others = {n for name, n in samples.items() if name != key}
+        if key != layout.array and TIME_COLUMN.match(key) and others == {each.size} and each.size == max(each.shape):
+            return key
+    return None
+
+
+def _stamps(array: np.ndarray, where: str) -> np.ndarray:
+    if array.dtype.kind not in "iuf" or array.ndim == 0 or array.size != max(array.shape):
+        raise InputError(f"{where}: must hold one number per sample as time stamps; got {array.dtype} {array.shape}")
+    stamps = array.astype(np.float64).ravel()
+    if not np.isfinite(stamps).all():
+        raise InputError(f"{where}: time stamp {np.argmin(np.isfinite(stamps))} is not finite; repair it")
+    return stamps
 
 
 def _matrices(path: Path, chosen: str | None) -> dict[str, np.ndarray]:

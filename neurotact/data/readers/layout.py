@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
-from neurotact.data.readers.clock import Unit, unit_in
+from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.tables import SEPARATORS, cells, check_width, is_value, numbers, read_text
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
@@ -28,7 +28,8 @@ class LayoutSpec(Spec):
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
     time_column: str | None = None
-    """The name or the number of the column of time stamps; when absent, the first one whose name says so."""
+    """The name or the number of the column of time stamps; when absent, the first one whose name says so, or that holds
+    times of day. In a file of arrays, the name of the array of stamps."""
     time_unit: Unit | None = None
     """Unit of the stamps; when absent, that at the end of the column's name (`t_ms`), else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
@@ -89,7 +90,8 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     check_width(path, n_columns)
     if len(first) == n_columns + 1 and not first[-1]:
         body = re.sub(rf"{separator}[ \t]*$" if separator != "\t" else r"\t *$", "", body, flags=re.MULTILINE)
-    columns = _columns_of(names, n_columns, layout, path, find_time)
+    columns = _columns_of(names, [*first, *[""] * n_columns][:n_columns], layout, path, find_time)
+    times, body = _times_of_day(body, columns.time, separator, path, first_line, layout.time_unit)
     if layout.decimal == ",":
         _check_points(body, path)
         body = body.replace(",", ".")
@@ -100,12 +102,31 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
         body, path, separator=separator, first_line=first_line, names=names, width=n_columns,
         columns=None if sorted(chosen) == list(range(n_columns)) else chosen,
     )  # fmt: skip
-    time = None if columns.time is None else values[:, columns.time]
-    if time is not None and layout.time_column is None:
-        check_rises(time, names[columns.time or 0], path)
     taxels = tuple(names[i] for i in columns.taxels) if names else ()
-    named = unit_in(names[columns.time]) if names and columns.time is not None else None
-    return Table(taxels, values[:, columns.taxels].astype(np.float32), time, first_line, layout.time_unit or named)
+    signal = values[:, columns.taxels].astype(np.float32)
+    if columns.time is None or times is not None:
+        return Table(taxels, signal, times, first_line, "s" if times is not None else None)
+    time = values[:, columns.time]
+    if layout.time_column is None:
+        check_rises(time, names[columns.time], path)
+    named = unit_in(names[columns.time]) if names else None
+    return Table(taxels, signal, time, first_line, layout.time_unit or named)
+
+
+def _times_of_day(
+    body: str, place: int | None, separator: str, path: Path, first_line: int, unit: Unit | None
+) -> tuple[np.ndarray | None, str]:
+    """The seconds of a column of times of day, and the lines with 0 in its place; None and the lines if it is none."""
+    lines = body.rstrip("\n").split("\n")
+    first = cells(lines[0], separator)
+    if place is None or len(first) <= place or not is_time_of_day(first[place]):
+        return None, body
+    stamps = []
+    for at, line in enumerate(lines):
+        row = cells(line, separator)
+        stamps.append(row[place] if place < len(row) else "")
+        lines[at] = separator.join([*row[:place], "0", *row[place + 1 :]])
+    return seconds_of(stamps, str(path), str(place + 1), first_line, unit), "\n".join(lines)
 
 
 def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -> tuple[tuple[str, ...], int]:
@@ -161,7 +182,9 @@ def _named(row: list[str]) -> list[str]:
     return row[:-1] if len(row) > 1 and not row[-1] else row
 
 
-def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path: Path, find_time: bool) -> _Columns:
+def _columns_of(
+    names: tuple[str, ...], first: Sequence[str], layout: LayoutSpec, path: Path, find_time: bool
+) -> _Columns:
     seen: set[str] = set()
     for column, name in enumerate(names, 1):
         if name in seen:
@@ -169,11 +192,11 @@ def _columns_of(names: tuple[str, ...], n_columns: int, layout: LayoutSpec, path
         if not is_text(name):
             raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
         seen.add(name)
-    chosen, time = chosen_places(layout.columns, layout.time_column, names, n_columns, path, find_time=find_time)
-    taxels = chosen or [place for place in range(n_columns) if place != time]
+    chosen, time = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
+    taxels = chosen or [place for place in range(len(first)) if place != time]
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
-    second = None if chosen else _time_place(names, [time])
+    second = None if chosen else _time_place(names, [], [time])
     if second is not None:
         raise InputError(
             f"{path}: column {second + 1}, '{names[second][:40]}', is named like time stamps but is not the time "
@@ -186,7 +209,7 @@ def chosen_places(
     columns: Sequence[str],
     time_column: str | None,
     names: tuple[str, ...],
-    n_columns: int,
+    first: Sequence[str],
     path: Path,
     *,
     find_time: bool,
@@ -194,16 +217,17 @@ def chosen_places(
 ) -> tuple[list[int], int | None]:
     """The places of the taxels that are asked for (none: all others), and of the time stamps (None: there are none).
 
-    find_time: whether a column that is only named like time stamps may be the time. others: the places of columns that
-    are neither, by the option that names them. Raises InputError for a column that is named twice.
+    first: the cells of the first row. find_time: whether a column that only looks like time stamps may be the time.
+    others: the places of columns that are neither, by the option that names them.
+    Raises InputError for a column that is named twice.
     """
     used = [place for those in others.values() for place in those]
-    chosen = [place for asked in columns for place in _places(asked, names, n_columns, "--columns", path)]
+    chosen = [place for asked in columns for place in _places(asked, names, len(first), "--columns", path)]
     time = None
     if time_column is not None:
-        (time,) = _places(time_column, names, n_columns, "--time-column", path) or [None]
+        (time,) = _places(time_column, names, len(first), "--time-column", path) or [None]
     elif find_time:
-        time = _time_place(names, [*used, *chosen])
+        time = _time_place(names, first, [*used, *chosen])
     named = [*chosen, *([] if time is None else [time])]
     if len({*named}) < len(named) or {*named} & {*used}:
         *options, last = ("--columns", "--time-column", *others)
@@ -211,13 +235,19 @@ def chosen_places(
     return chosen, time
 
 
-def _time_place(names: Sequence[str], others: Collection[int | None]) -> int | None:
-    """The place of the first column that is named like time stamps; none of `others`, None if there is none.
+def _time_place(names: Sequence[str], first: Sequence[str], others: Collection[int | None]) -> int | None:
+    """The place of the first column that is named like time stamps, else of the first one that holds times of day.
 
-    >>> _time_place(["n", "Time [us]", "t1"], []), _time_place(["t", "taxel"], [0])
+    first: the cells of the first row. None if there is no such column beside `others`.
+
+    >>> _time_place(["n", "Time [us]", "t1"], [], []), _time_place(["t", "taxel"], [], [0])
     (1, None)
+    >>> _time_place([], ["0.5", "12:00:00.25"], [])
+    1
     """
-    return next((at for at, name in enumerate(names) if at not in others and TIME_COLUMN.match(name)), None)
+    named = (at for at, name in enumerate(names) if TIME_COLUMN.match(name))
+    timed = (at for at, cell in enumerate(first) if is_time_of_day(cell))
+    return next((at for at in (*named, *timed) if at not in others), None)
 
 
 def check_rises(time: np.ndarray, name: str, path: Path) -> None:

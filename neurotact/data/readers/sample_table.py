@@ -1,7 +1,8 @@
 """One text table with the samples of all trials: a row per sample, with the trial and the class that it belongs to."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -11,7 +12,7 @@ from pydantic import Field, field_validator
 
 from neurotact.data.readers import sampled
 from neurotact.data.readers.arrays import ALIASES
-from neurotact.data.readers.clock import Unit, unit_in
+from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, chosen_places
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.tables import FLOAT32_MAX, columns_of, is_number, named_table, values_of
@@ -94,7 +95,8 @@ def read(
     check_import(sampling_rate_Hz, unit, str(path))
     table = named_table(path)
     names = [name for name in table.names if name]
-    roles = _roles(names, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
+    first = [cell for cell, name in zip_longest(table.first_row, table.names, fillvalue="") if name]
+    roles = _roles(names, first, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     columns = columns_of(table, {roles.label, *roles.trial}, asked.decimal)
@@ -111,10 +113,13 @@ def _cut(
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     signal = np.stack([_numbers(columns[name], name, path) for name in roles.taxels], axis=1).astype(np.float32)
-    time = None if roles.time is None else _numbers(columns[roles.time], roles.time, path)
+    time = None if roles.time is None else _stamps(columns[roles.time], roles.time, path)
     unit = asked.time_unit or unit_in(roles.time or "")
     for begin, end in zip(*trials, strict=True):
         its_time = None if time is None else time[begin:end]
+        if its_time is not None and its_time.dtype.kind == "U":
+            its_time = seconds_of(its_time.tolist(), str(path), roles.time or "", begin + FIRST_LINE, asked.time_unit)
+            unit = "s"
         if its_time is not None and asked.time_column is None:
             check_rises(its_time, roles.time or "", path)
         name = " ".join(str(columns[key][begin]) for key in roles.trial)
@@ -122,7 +127,7 @@ def _cut(
         yield Read(f"{path}, trial {name}", name, its)
 
 
-def _roles(names: list[str], asked: TableSpec, *, find_time: bool, path: Path) -> _Roles:
+def _roles(names: list[str], first: Sequence[str], asked: TableSpec, *, find_time: bool, path: Path) -> _Roles:
     lower = {name.lower(): name for name in reversed(names)}
     label = asked.label or next((lower[alias] for alias in ALIASES[LABEL] if alias in lower), None)
     trial = asked.trial or tuple(lower[alias] for alias in TRIALS if alias in lower)[:1]
@@ -139,7 +144,7 @@ def _roles(names: list[str], asked: TableSpec, *, find_time: bool, path: Path) -
             "--trial subject,repetition"
         )
     chosen, time = chosen_places(
-        asked.columns, asked.time_column, tuple(names), len(names), path, find_time=find_time,
+        asked.columns, asked.time_column, tuple(names), first, path, find_time=find_time,
         others={"--label": [names.index(label)], "--trial": [names.index(name) for name in trial]},
     )  # fmt: skip
     return _Roles(label, trial, None if time is None else names[time], tuple(names[at] for at in chosen))
@@ -194,6 +199,12 @@ def _parted(
         if name not in (roles.label, LABEL):
             table[name] = values_of(columns[name][trials.begin])
     return taxels, table
+
+
+def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """A column of time stamps: finite numbers, or the texts of times of day."""
+    is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
+    return values if is_of_day else _numbers(values, name, path)
 
 
 def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:

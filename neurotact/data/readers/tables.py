@@ -188,6 +188,11 @@ class NamedTable(NamedTuple):
     separator: str
     body: str
 
+    @property
+    def first_row(self) -> list[str]:
+        """The cells of the first line below the header."""
+        return cells(self.body.partition("\n")[0], self.separator)
+
 
 def named_table(path: Path) -> NamedTable:
     """The table of a file; InputError if its first line does not name the columns, or no line follows it."""

@@ -1,9 +1,11 @@
 """Folders of other makers: conditions in places, names and tables; time stamps; separators, headers, chosen columns."""
 
 import logging
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -225,6 +227,62 @@ def test_a_column_with_the_name_of_time_stamps_is_the_time(tmp_path, caplog):
     assert nt.read_folder(tmp_path, 1000, "count", columns="p").sampling_rate_Hz == 1000, "the stamps are not read"
 
 
+def day_times(form: str, n: int = 50, begin: str = "2024-01-31T23:59:59.7") -> list[str]:
+    """Stamps of 100 Hz around midnight."""
+    times = np.datetime64(begin) + 10 * np.arange(n) * np.timedelta64(1, "ms")
+    return [f"{time.astype(datetime):{form}}" for time in times]
+
+
+@pytest.mark.parametrize(
+    ("form", "separator", "options"),
+    [
+        ("%Y-%m-%d %H:%M:%S.%f", ",", {}),
+        ("%Y-%m-%dT%H:%M:%S.%f+01:00", ";", {}),
+        ("%d.%m.%Y %H:%M:%S,%f", ";", {"decimal": ","}),
+        ('"%m/%d/%Y %H:%M:%S.%f"', "\t", {"columns": "left", "time_column": "1"}),
+    ],
+)
+@pytest.mark.parametrize("name", ["logged", "Time"])
+def test_times_of_day_are_the_time(tmp_path, form, separator, options, name, caplog):
+    rows = [separator.join([time, f"{n % 7}{options.get('decimal', '.')}5"]) for n, time in enumerate(day_times(form))]
+    write(tmp_path / "felt" / "a.csv", "\n".join([f"{name}{separator}left", *rows]) + "\n")
+    found = nt.read_folder(tmp_path, unit="count", **options)
+    assert (found.sampling_rate_Hz, found.channels) == (100.0, ("left",))
+    assert found.signals[0][:, 0].tolist() == [n % 7 + 0.5 for n in range(50)]
+    assert caplog.text == ""
+
+
+def test_times_of_day_need_no_header(tmp_path):
+    write(tmp_path / "felt" / "a.csv", "".join(f"{n},12:00:0{n}.25Z\n" for n in range(9)))
+    assert nt.read_folder(tmp_path, unit="V").sampling_rate_Hz == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("time,p\n12:00:01,1\n12:00,2\n", {}, "line 3, column 1 is '12:00', not a time as in 12:00:00.25; repair it"),
+        ("time,p\n12:00:01,1\n", {"time_unit": "ms"}, "column 1 holds times of day, which are in seconds; leave"),
+        ("time,p\n12:00:01,1\n11:59:59,2\n", {}, "line 3 is earlier than the line before it"),
+        ("p,time\n1,12:00:01\n2\n", {}, "line 3, column 2 is '', not a time"),
+        ("p,at\n1,12:00:01,9\n2,12:00:02\n", {}, "line 2 has 3 columns where 2 are expected"),
+    ],
+)  # fmt: skip
+def test_wrong_times_of_day_are_refused(tmp_path, text, options, message):
+    write(tmp_path / "felt" / "a.csv", text)
+    with pytest.raises(InputError, match=message):
+        nt.read_folder(tmp_path, unit="V", **options)
+
+
+@given(st.lists(st.integers(0, 86_399_999_999), min_size=2, max_size=20), st.booleans())
+def test_seconds_since_the_first_day_are_those_of_the_calendar(steps_us, is_dated):
+    """Stamps less than a day apart; without a date, all of one day."""
+    since = np.cumsum(steps_us) if is_dated else np.sort(steps_us)
+    times = [datetime(2024, 2, 28) + timedelta(microseconds=int(us)) for us in since]
+    cells = [f"{time:%Y-%m-%d %H:%M:%S.%f}" if is_dated else f"{time:%H:%M:%S.%f}" for time in times]
+    found = clock.seconds_of(cells, "a.csv", "time", 2, None)
+    np.testing.assert_allclose(np.diff(found), np.diff(since) / 1e6, atol=1e-8)
+
+
 def test_without_a_rate_or_time_stamps_the_rate_is_asked_for(tmp_path):
     write(tmp_path / "felt" / "a.csv", "q,p\n0.00,1\n0.01,2\n")
     with pytest.raises(InputError, match="the sampling rate is not known; give --sampling-rate-Hz, or --time-column"):
@@ -352,3 +410,50 @@ def test_text_files_are_recordings_where_there_is_nothing_else(tmp_path, caplog)
     with caplog.at_level(logging.WARNING):
         assert nt.read_folder(tmp_path, 100, "mV", pattern="{label}_{n}.csv").classes == ("felt",)
     assert "3 files are ignored (hidden, or not recordings): foam_1.tsv, gel_1.txt, gel_2.TXT" in caplog.text
+
+
+def arrays_of(folder, suffix: str, **arrays) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    if suffix == ".mat":
+        scipy.io.savemat(folder / "a.mat", arrays)
+    else:
+        np.savez(folder / "a.npz", **arrays)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+@pytest.mark.parametrize("transpose", [False, True])
+@pytest.mark.parametrize(("name", "options"), [("t", {}), ("time_ms", {}), ("clock", {"time_column": "clock"})])
+def test_an_array_of_stamps_gives_the_rate(tmp_path, suffix, transpose, name, options):
+    stamps_s = np.arange(80) * 0.004 + 3.0
+    touch = np.arange(240).reshape(80, 3) % 11
+    stamps = stamps_s * (1e3 if name.endswith("ms") else 1)
+    arrays_of(tmp_path / "felt", suffix, touch=touch.T if transpose else touch, **{name: stamps})
+    found = nt.read_folder(tmp_path, unit="V", transpose=transpose, **options)
+    assert (len(found), found.sampling_rate_Hz) == (1, 250.0)
+    assert (found.signals[0] == touch).all()
+    assert nt.read_folder(tmp_path, 125, "V", transpose=transpose, **options).lengths.tolist() == [40]
+
+
+def test_an_array_of_another_length_is_no_stamps(tmp_path):
+    arrays_of(tmp_path / "felt", ".npz", touch=np.ones((80, 3)), t=np.ones((79, 3)))
+    assert len(nt.read_folder(tmp_path, 100, "V")) == 2
+
+
+@pytest.mark.parametrize(
+    ("arrays", "options", "message"),
+    [
+        ({"touch": np.ones((9, 3)), "clock": np.arange(8.0)}, {}, "'touch' has 9 samples and 'clock' 8 time stamps"),
+        ({"touch": np.ones((3, 9)), "clock": np.arange(9.0)}, {}, "give each sample one, or use --transpose"),
+        ({"touch": np.ones((9, 3))}, {}, "holds no array 'clock'; known: touch"),
+        ({"clock": np.arange(9.0)}, {}, "holds no array but the time stamps; save the samples too"),
+        ({"touch": np.ones((9, 3)), "clock": np.ones((9, 3))}, {}, "must hold one number per sample as time stamps"),
+        ({"touch": np.ones((9, 3)), "clock": np.full(9, np.nan)}, {}, "time stamp 0 is not finite"),
+        ({"touch": np.ones((3, 3)), "clock": [0.0, 0.2, 0.1]}, {}, "sample 2 is earlier than the sample before it"),
+        ({"touch": np.ones((9, 3))}, {"time_column": None}, "the sampling rate is not known"),
+        ({"touch": np.ones((9, 3))}, {"columns": "1"}, "--columns is for CSV files"),
+    ],
+)
+def test_wrong_arrays_of_stamps_are_refused(tmp_path, arrays, options, message):
+    arrays_of(tmp_path / "felt", ".npz", **arrays)
+    with pytest.raises(InputError, match=message):
+        nt.read_folder(tmp_path, unit="V", **{"time_column": "clock"} | options)

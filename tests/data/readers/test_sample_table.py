@@ -57,6 +57,18 @@ def test_stamps_give_the_rate_and_go_on_over_trials(tmp_path, caplog):
     assert nt.read_table(path, 50, "count", columns="left").lengths.tolist() == [40] * 4, "the stamps are not read"
 
 
+@pytest.mark.parametrize("name", ["time", "logged"])
+def test_times_of_day_may_cross_midnight_within_a_trial(tmp_path, name):
+    rows = [
+        f"{trial},{'ab'[trial % 2]},{date} {time},{n}"
+        for trial in range(4)
+        for n, (date, time) in enumerate([("31.1.24", "23:59:59.9"), ("1.2.24", "00:00:00"), ("1.2.24", "00:00:00.1")])
+    ]
+    path = write(tmp_path / "all.csv", "\n".join([f"trial,label,{name},left", *rows]) + "\n")
+    found = nt.read_table(path, unit="count")
+    assert (found.sampling_rate_Hz, found.channels, found.lengths.tolist()) == (10.0, ("left",), [3] * 4)
+
+
 def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
     text = "subject,trial,label,note,left,dead,board\n"
     text += "".join(f"s{trial // 2},{trial},x{trial % 2},n{n},{n},0,{trial}\n" for trial in range(4) for n in range(3))
