@@ -1,4 +1,6 @@
-"""The one error that means: what you gave cannot be used, and this is how to mend it."""
+"""The one error that means: what you gave cannot be used, and this is how to mend it; and words for messages."""
+
+from collections.abc import Sequence
 
 INTERRUPTED = 130
 """The exit code after Ctrl-C."""
@@ -30,3 +32,13 @@ def nearest(word: str, known: "list[str] | tuple[str, ...]") -> str:
     if close:
         return f"did you mean '{close[0]}'?"
     return "known: " + ", ".join(known)
+
+
+def some(names: Sequence[str], most: int = 5, between: str = ", ") -> str:
+    """The first names and the number of the others.
+
+    >>> some(["a", "b"]), some(list("abcdefg"))
+    ('a, b', 'a, b, c, d, e and 2 more')
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return between.join(names[:most]) + more

@@ -1025,7 +1025,7 @@ def test_a_folder_that_holds_another_study_is_refused(refused, tmp_path):
     words = ("study", "run", "refractory-period", "-o", tmp_path / "run")
     message = refused(words, f"{tmp_path / 'run'}: already holds another study")
     assert "(dataset.parameters.trials = 25, here 100; " in message
-    assert message.endswith(" more keys); choose another folder or remove it\n")
+    assert message.endswith(" more); choose another folder or remove it\n")
 
 
 def test_a_folder_without_a_study_cannot_be_resumed(refused, tmp_path):
@@ -1062,6 +1062,19 @@ def test_info_says_what_recordings_and_spikes_hold(neurotact, refused, made, tmp
     assert " SA-I " in out
     (tmp_path / "a.csv").write_text("1,2")
     refused(("info", tmp_path / "a.csv"), "cannot be read as recordings or spikes")
+
+
+def test_info_summarises_many_taxels_and_names_constant_ones(neurotact, tmp_path):
+    signals = np.random.default_rng(0).normal(0, 1, (4, 20, 50)) + np.arange(50.0)
+    signals[:, :, [3, 7]] = np.arange(4.0)[:, None, None]  # another value in each trial
+    save_recordings(Recordings(signals, 100.0, "mV", {"label": ["felt", "silk"] * 2}), tmp_path / "grid.h5")
+    out = neurotact("info", tmp_path / "grid.h5")[1]
+    row = next(line.split() for line in out.splitlines() if line.startswith(" median "))
+    means = signals.mean(axis=(0, 1))
+    assert float(row[2]) == pytest.approx(np.median(means), rel=1e-3)
+    assert "constant within every trial: taxel4, taxel8\n" in out
+    assert " taxel9 " not in out
+    assert " taxel9 " in neurotact("info", tmp_path / "grid.h5", "--all")[1]
 
 
 def test_info_says_when_the_touch_begins(neurotact, tmp_path):

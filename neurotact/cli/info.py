@@ -4,15 +4,22 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
 
 from neurotact.cli.output import print_table
 from neurotact.data import description, hdf5
 from neurotact.data.onset import common_onset_s
 from neurotact.data.window_choice import timing_of
+from neurotact.errors import some
 
 
-def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings or spikes.")]) -> None:
+def info(
+    file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings or spikes.")],
+    all_: Annotated[
+        bool, typer.Option("--all", help=f"Print a row for each taxel of more than {description.MOST_TAXELS} too.")
+    ] = False,
+) -> None:
     """Describe the content of a file of recordings or spikes.
 
     Prints its classes and conditions, the length and the rate of its trials, when the touch begins, and the range of
@@ -27,7 +34,7 @@ def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings o
             print(description.lengths_line(data.lengths, data.sampling_rate_Hz))
             _print_onset(common_onset_s(data))
             print_table(description.conditions_table(data.conditions))
-            print_table(description.taxels_table(data))
+            _print_taxels(description.taxels_table(data), every=all_)
         return
     spikes = hdf5.load_spikes(file)
     print(f"{file}: {spikes!r}")
@@ -35,6 +42,15 @@ def info(file: Annotated[Path, typer.Argument(help="An HDF5 file of recordings o
     _print_onset(timing_of(spikes).touch_s)
     print_table(description.conditions_table(spikes.conditions))
     print_table(description.afferents_table(spikes))
+
+
+def _print_taxels(taxels: pd.DataFrame, *, every: bool) -> None:
+    few = every or len(taxels) <= description.MOST_TAXELS
+    print_table(taxels if few else description.taxels_summary(taxels))
+    if dead := description.constant_taxels(taxels):
+        print(f"constant within every trial: {some(dead)}")
+    if not few:
+        print("--all prints a row for each taxel")
 
 
 def _print_onset(onset_s: float) -> None:

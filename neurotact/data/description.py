@@ -8,6 +8,8 @@ from neurotact.data.spikes import SpikeTrains
 
 MOST_VALUES = 12
 """Values of a condition to list; if there are more, only their number is shown."""
+MOST_TAXELS = 40
+"""Taxels with a row each; of more, a summary is shown."""
 PIECE = 100_000
 """Samples of a trial that are read at once."""
 
@@ -56,6 +58,22 @@ def taxels_table(trials: Trials) -> pd.DataFrame:
             f"highest {unit}": high, f"deviation {unit}": np.sqrt(within / n_samples),
         }
     )  # fmt: skip
+
+
+def taxels_summary(taxels: pd.DataFrame) -> pd.DataFrame:
+    """The lowest, median and highest value over taxels of each column of `taxels_table`.
+
+    >>> taxels_summary(pd.DataFrame({"taxel": ["a", "b", "c"], "mean (V)": [3.0, 1.0, 7.0]})).values.tolist()
+    [['lowest', 1.0], ['median', 3.0], ['highest', 7.0]]
+    """
+    values = taxels.drop(columns="taxel")
+    shown = pd.DataFrame({"lowest": values.min(), "median": values.median(), "highest": values.max()}).T
+    return shown.rename_axis(f"of {len(taxels)} taxels").reset_index()
+
+
+def constant_taxels(taxels: pd.DataFrame) -> list[str]:
+    """The names of the taxels of `taxels_table` that do not change within any trial."""
+    return taxels["taxel"][taxels.iloc[:, -1] == 0].tolist()
 
 
 def afferents_table(trains: SpikeTrains) -> pd.DataFrame:

@@ -8,6 +8,7 @@ import pandas as pd
 from neurotact.data.conditioning import Baseline, condition_pieces
 from neurotact.data.recordings import Trials
 from neurotact.encoders.afferents import AfferentSpec, afferent_names, encode
+from neurotact.errors import some
 
 REST_MS, SEEN_MS = 100.0, 2000.0
 """Length of a trial's beginning that counts as rest, and of the part of the trial that is used."""
@@ -15,7 +16,6 @@ MOST_TRIALS = 128
 RESTLESS = 0.5
 """An afferent with at least this share of its later rate at rest counts as restless."""
 LEAST_Hz = 1.0
-MOST_NAMED = 4
 SMOOTH = "smooth the signal (conditioning.ema_cutoff_Hz)"
 
 
@@ -54,17 +54,16 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline 
     restless = table[table["restless"]].sort_values("share", ascending=False)
     if restless.empty:
         return None
-    shown = ", ".join(
+    shown = [
         f"{name} ({rest_Hz:.0f} Hz at rest, {later_Hz:.0f} Hz later, {100 * share:.1f} % of all spikes)"
-        for name, rest_Hz, later_Hz, _, share, _ in restless.head(MOST_NAMED).itertuples(index=False)
-    )
-    more = f" and {len(restless) - MOST_NAMED} more" if len(restless) > MOST_NAMED else ""
+        for name, rest_Hz, later_Hz, _, share, _ in restless.itertuples(index=False)
+    ]
     if len(restless) > 0.5 * len(table):
         off = "subtract a baseline (conditioning.baseline=start)"
         remedy = f"if trials begin in contact this is touch; else {off if baseline == 'none' else SMOOTH}"
     else:
         remedy = f"leave these taxels out (import --columns), {SMOOTH} or lower the gain"
-    return f"fire in the first {rest_ms:g} ms of trials nearly as much as afterwards: {shown}{more}; {remedy}"
+    return f"fire in the first {rest_ms:g} ms of trials nearly as much as afterwards: {some(shown, 4)}; {remedy}"
 
 
 def _encoded(recordings: Trials, spec: AfferentSpec, rest_ms: float) -> Iterator[tuple[np.ndarray, int]]:

@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from neurotact import files
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
 from neurotact.progress import say, track
 from neurotact.spec import digest, leaves, without_defaults
@@ -27,8 +27,8 @@ VERSIONS = "versions.json"
 DEVICE = "device"
 WORDS = {"title", "about", "claims", "notes", "as_shipped", "first_look"}
 """Keys of a study that change none of its numbers."""
-MOST_NAMED, LONGEST_VALUE = 3, 40
-"""Limits of a message on two different studies: keys, and characters of each value."""
+LONGEST_VALUE = 40
+"""Characters of each value in a message on two different studies."""
 
 
 def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None, device: str = "cpu") -> None:
@@ -175,9 +175,8 @@ def _differing(study: Study, path: Path) -> str:
     keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
     if not keys:
         return ""
-    shown = [f"{key} = {_short(there.get(key))}, here {_short(here.get(key))}" for key in keys[:MOST_NAMED]]
-    more = f" and {len(keys) - MOST_NAMED} more keys" if len(keys) > MOST_NAMED else ""
-    return f" ({'; '.join(shown)}{more})"
+    shown = [f"{key} = {_short(there.get(key))}, here {_short(here.get(key))}" for key in keys]
+    return f" ({some(shown, 3, '; ')})"
 
 
 def _short(value: Any) -> str:

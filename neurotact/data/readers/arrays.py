@@ -12,10 +12,9 @@ import pandas as pd
 from neurotact.data.hdf5_input import Declared, reading
 from neurotact.data.readers.archives import read_arrays
 from neurotact.data.readers.matlab import MATLAB, read_variables
-from neurotact.data.readers.sampled import some
 from neurotact.data.readers.tables import check_width
 from neurotact.data.recordings import LABEL, Recordings, check_import
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
 
 AXES = ("trial", "time", "taxel")

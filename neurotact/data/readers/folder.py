@@ -16,14 +16,12 @@ from neurotact.data.readers.matlab import MATLAB, read_variables
 from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
 from neurotact.data.readers.sampled import Read
 from neurotact.data.recordings import Recordings, check_import
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
 USUAL = (".csv", ".npz", MATLAB)
 """Files that are read; other text files are notes, unless a folder holds none of these."""
-MOST_NAMED = 5
-"""Ignored files named in a warning; the others are counted."""
 KINDS = ".csv, .tsv, .txt, .npz or .mat"
 
 log = logging.getLogger("neurotact")
@@ -192,7 +190,7 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
                 f"{folder}: the name {str(inside)!a} is not printable UTF-8 text; rename that file or folder"
             )
     if ignored:
-        names = ", ".join(map(str, ignored[:MOST_NAMED])) + (", ..." if len(ignored) > MOST_NAMED else "")
+        names = some([str(path) for path in ignored])
         log.warning("%s: %d files are ignored (hidden, or not recordings): %s", folder, len(ignored), names)
     return [folder / inside for inside in found]
 

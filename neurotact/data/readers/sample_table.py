@@ -17,7 +17,7 @@ from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, cho
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.tables import FLOAT32_MAX, columns_of, is_number, named_table, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
 from neurotact.spec import Spec, build
 
@@ -190,10 +190,10 @@ def _parted(
         log.warning(
             "%s: constant within each trial, so conditions and not taxels: %s; to change that, name the taxels with "
             "--columns",
-            path, sampled.some(constant),
+            path, some(constant),
         )  # fmt: skip
     if ignored:
-        log.warning("%s: not used: %s", path, sampled.some(ignored))
+        log.warning("%s: not used: %s", path, some(ignored))
     table = pd.DataFrame({LABEL: columns[roles.label][trials.begin]})
     for name in (*roles.trial, *constant):
         if name not in (roles.label, LABEL):

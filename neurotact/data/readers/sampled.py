@@ -10,11 +10,9 @@ import pandas as pd
 from neurotact.data.readers import clock
 from neurotact.data.readers.layout import Table
 from neurotact.data.recordings import Recordings
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.files import check_size
 
-MOST_NAMED = 5
-"""Names in a warning; the others are counted."""
 RATES_DIFFER = 0.1
 """Share by which a trial's sampling rate may differ from the common one without a warning."""
 
@@ -125,16 +123,6 @@ def _rises(signal: np.ndarray) -> np.ndarray:
 def _named_taxels(chosen: np.ndarray, channels: Sequence[str]) -> str:
     places = np.flatnonzero(chosen).tolist()
     return some([channels[at] if channels else f"column {at + 1} of the taxels" for at in places])
-
-
-def some(names: Sequence[str]) -> str:
-    """The first names and the number of the others.
-
-    >>> some(["a", "b"]), some(list("abcdefg"))
-    ('a, b', 'a, b, c, d, e and 2 more')
-    """
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return ", ".join(names[:MOST_NAMED]) + more
 
 
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) -> tuple[float, list[np.ndarray]]:

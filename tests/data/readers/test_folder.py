@@ -82,7 +82,7 @@ def test_trials_come_label_by_label_in_the_order_of_the_files(tmp_path, caplog):
         touch = folder.read(tmp_path, 100, "mV")
     assert caplog.messages == [
         f"{tmp_path}: 6 files are ignored (hidden, or not recordings): "
-        ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv, ..."
+        ".git, README, __MACOSX, a/deeper/one.lvm, silk/.b.csv and 1 more"
     ]
     assert list(touch.conditions.file) == [
         "a/deeper/two.csv", "felt/y.npz:two", "felt/y.npz:one", "felt/z.csv", "silk/a.CSV", "silk/b.csv"
