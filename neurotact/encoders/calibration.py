@@ -20,7 +20,7 @@ from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
 from neurotact.encoders import grading
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, AfferentType
-from neurotact.encoders.excerpts import Excerpts, cut, draw, standardise
+from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standardise
 from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
@@ -55,7 +55,8 @@ class Calibration:
         afferent), `admissible`, `chosen`.
     isi: one row per population, gain, label and bin: `afferent`, `gain`, `label`, `isi_ms` (the bin's geometric middle,
         infinite for trials without an interval), `share`, over trials and afferents.
-    rates, rates_ra: of SA-I and RA-I at the chosen gains, in spikes per second, `(trial, afferent)`.
+    rates, rates_ra: of SA-I and RA-I at the chosen gains, in spikes per second, `(trial, afferent)`, of the taxels on
+        which the gains were chosen.
     labels: the classes, `(trial,)`.
     notes: the changes of the spec, and warnings.
     """
@@ -130,8 +131,16 @@ def calibrate(
     scaling = fit_scaling(drawn, excerpts, conditioning.baseline, inverted=inverted, rest_sd=rest_sd)
     conditioning = conditioning.model_copy(update={"offset": scaling.offset, "scale": scaling.scale})
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
-    standardised = Spool(standardise(excerpts, conditioning))
-    conditioned = Excerpts(standardised, drawn.labels, drawn.classes, clock_Hz, _source(recordings))
+    standardised = standardise(excerpts, conditioning)
+    if drawn.n_channels > rule.taxels:
+        standardised = Spool(standardised)
+        taxels = liveliest(standardised, rule.taxels)
+        standardised = (signal[:, taxels] for signal in standardised)
+        notes.append(
+            f"gains are chosen on {rule.taxels} of the {drawn.n_channels} taxels, those that vary most in one trial "
+            "after the other"
+        )
+    conditioned = Excerpts(Spool(standardised), drawn.labels, drawn.classes, clock_Hz, _source(recordings))
 
     table, isi, rates = search(conditioned, fitted, rule, rng, progress)
     chosen = {}

@@ -61,6 +61,20 @@ def _stretch(pieces: Iterable[np.ndarray], start: int, stop: int) -> np.ndarray:
     return np.concatenate(found)
 
 
+def liveliest(signals: Iterable[np.ndarray], most: int) -> np.ndarray:
+    """At most `most` taxels: the one that varies most in each signal, then the second of each, and so on.
+
+    So each touch moves one of them, wherever on the sensor it is. Returns sorted indices.
+
+    >>> one, other = np.array([[0.0, 0.0, 0.0], [9.0, 5.0, 1.0]]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 3.0]])
+    >>> liveliest([one, other], 2).tolist(), liveliest([one, other], 3).tolist()
+    ([0, 2], [0, 1, 2])
+    """
+    orders = np.stack([np.argsort(-signal.std(axis=0), kind="stable") for signal in signals])
+    in_turn = dict.fromkeys(orders.T.ravel().tolist())
+    return np.sort(np.array([*in_turn][:most]))
+
+
 def standardise(excerpts: Iterable[np.ndarray], conditioning: ConditioningSpec) -> Iterator[np.ndarray]:
     """The excerpts after standardisation, as the populations receive them."""
     for signal in excerpts:

@@ -16,7 +16,7 @@ from neurotact.encoders.afferents import POPULATIONS, AfferentSpec, encode
 from neurotact.encoders.excerpts import Excerpts
 from neurotact.errors import InputError
 from neurotact.metrics.isi_distributions import bin_edges, separation, shares_of
-from neurotact.metrics.spike_trains import events_of_raster, isis_ms
+from neurotact.metrics.spike_trains import Intervals, events_of_raster, isis_ms, spike_counts
 from neurotact.neurons import LIF
 from neurotact.spec import Spec
 
@@ -49,6 +49,8 @@ class CalibrationRule(Spec):
     """Maximum number of trials of each class, drawn at random."""
     excerpt_s: float = Field(default=2.0, gt=0)
     """Maximum length of the stretch of each of them, at a random time."""
+    taxels: int = Field(default=128, ge=1)
+    """Maximum number of taxels: of more, those that vary most in one trial after the other."""
     shuffles: int = Field(default=8, ge=1)
     """Random permutations of the labels; their separation is the chance level."""
     seed: int = Field(default=0, ge=0)
@@ -128,15 +130,19 @@ def _fire(excerpts: Excerpts, spec: AfferentSpec) -> Iterator[Fired]:
     for signal, n_steps in _side_by_side(excerpts.signals):
         spikes, _ = encode(signal, excerpts.sampling_rate_Hz, spec)
         spikes[np.arange(signal.shape[1]) >= n_steps[:, None]] = 0
+        events = events_of_raster(spikes)
+        counts, isi = spike_counts(events), isis_ms(events, 1e3)  # at 1 kHz an ISI in ms is its number of steps
         n_sa1 = excerpts.n_channels * len(spec.sa1.gains)
-        for part, raster in zip(POPULATIONS, (spikes[..., :n_sa1], spikes[..., n_sa1:]), strict=True):
-            isi_steps = isis_ms(events_of_raster(raster), 1e3)  # at 1 kHz an ISI in ms is its number of steps
+        for part, first, last in zip(POPULATIONS, (0, n_sa1), (n_sa1, spikes.shape[2]), strict=True):
+            mine = (isi.afferent >= first) & (isi.afferent < last)
+            isi_steps = Intervals(isi.trial[mine], isi.afferent[mine] - first, isi.isi_ms[mine])
+            of_part = counts[:, first:last]
             neuron = spec.neuron(getattr(spec, part), excerpts.sampling_rate_Hz)
             parts[part].append(
                 Fired(
-                    shares=shares_of(isi_steps, raster.shape, edges[part]),
-                    counts=raster.sum(axis=1, dtype=np.int64),
-                    n_firing=int(raster.any(axis=(1, 2)).sum()),
+                    shares=shares_of(isi_steps, of_part.shape, edges[part]),
+                    counts=of_part,
+                    n_firing=int(of_part.any(axis=1).sum()),
                     n_at_floor=_n_at_floor(isi_steps.isi_ms, neuron),
                     n_intervals=len(isi_steps.isi_ms),
                 )

@@ -63,14 +63,17 @@ def overlap(counts: np.ndarray) -> float:
     return float(np.minimum(shares[one], shares[other]).sum(axis=1).mean())
 
 
-def shares_of(isi_steps: Intervals, shape: tuple[int, ...], edges: np.ndarray) -> np.ndarray:
+def shares_of(isi_steps: Intervals, shape: tuple[int, int], edges: np.ndarray) -> np.ndarray:
     """ISI distribution of each trial and afferent, `(trial, afferent, bin)`, each summing to 1.
 
+    isi_steps: intervals as whole numbers of steps. shape: the numbers of trials and afferents.
     Every trial has the same weight, for any number of spikes; the last bin holds those without any interval.
     """
-    n_trials, _, n_afferents = shape
+    n_trials, n_afferents = shape
     n_bins = len(edges)
-    bins = np.clip(np.searchsorted(edges, isi_steps.isi_ms, side="right") - 1, 0, n_bins - 2)
+    steps = isi_steps.isi_ms.astype(np.int64)
+    bin_of = np.searchsorted(edges, np.arange(steps.max(initial=0) + 1), side="right") - 1
+    bins = np.clip(bin_of, 0, n_bins - 2)[steps]
     cell = (isi_steps.trial * n_afferents + isi_steps.afferent) * n_bins + bins
     counts = np.bincount(cell, minlength=n_trials * n_afferents * n_bins).reshape(n_trials, n_afferents, n_bins)
     counts[..., -1] = counts.sum(axis=-1) == 0

@@ -207,13 +207,14 @@ def _group(spikes: Events) -> np.ndarray:
 
 
 def _checked(raster: np.ndarray) -> np.ndarray:
+    """The raster, as truth values if its elements are bytes: NumPy finds those that are true several times faster."""
     raster = np.asarray(raster)
     if raster.ndim != 3:
         raise InputError(f"spikes: a raster is (trial, time, afferent); got shape {raster.shape}")
     is_bits = raster.dtype == bool or (raster.dtype == np.uint8 and raster.max(initial=0) <= 1)
     if not is_bits and not ((raster == 0) | (raster == 1)).all():
         raise InputError("spikes: a raster holds zeros and ones; got other values")
-    return raster
+    return raster.view(bool) if raster.dtype == np.uint8 else raster
 
 
 def check_rate(sampling_rate_Hz: float) -> None:

@@ -23,7 +23,7 @@ from neurotact.encoders import gain_search
 from neurotact.encoders.afferents import POPULATIONS, AfferentSpec
 from neurotact.encoders.calibration import Calibration, _best_of, calibrate, calibrate_causally, way_of
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.encoders.excerpts import Excerpts
+from neurotact.encoders.excerpts import Excerpts, liveliest
 from neurotact.encoders.gain_search import CalibrationRule
 from neurotact.errors import InputError
 from neurotact.figures.calibration import draw_calibration
@@ -298,7 +298,7 @@ def test_a_short_trial_ends_where_it_ends():
 def test_a_silent_afferent_has_a_bin_of_its_own():
     raster = np.zeros((2, 12, 1), np.uint8)
     raster[1, [0, 2, 4]] = 1
-    shares = shares_of(isis_ms(events_of_raster(raster), 1e3), raster.shape, np.array([1.5, 3.5, 8.5]))
+    shares = shares_of(isis_ms(events_of_raster(raster), 1e3), (2, 1), np.array([1.5, 3.5, 8.5]))
     assert shares[:, 0].tolist() == [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]
 
 
@@ -352,6 +352,38 @@ def pressed(levels: tuple[float, float], drift: float) -> Recordings:
     shift = [levels[label] + drift * rng.normal() for label in recordings.labels]
     signals = [signal + zero for signal, zero in zip(recordings.signals, shift, strict=True)]
     return replace(recordings, signals=signals)
+
+
+def test_gains_of_a_large_sensor_are_those_of_the_taxels_that_each_touch_moves():
+    """Three of nine taxels move in some trials; with all nine as with those three, at most one step apart."""
+    recordings, rng = slides(), np.random.default_rng(2)
+    places = [4, 0, 7]
+    signals = [rng.normal(0, 0.01, (len(signal), 9)) for signal in recordings.signals]
+    for grown, signal in zip(signals, recordings.signals, strict=True):
+        grown[:, places] += signal
+    large = Recordings(signals, 1000.0, "mV", recordings.conditions)
+    few = calibrate(large, SPEC, rule=RULE.model_copy(update={"taxels": 3}))
+    assert few.rates.shape[1] == 3
+    assert len(few.encoder.conditioning.scale) == 9
+    own = calibrate(recordings, SPEC, rule=RULE)
+    assert few.encoder.sa1.gain == pytest.approx(own.encoder.sa1.gain, rel=RULE.step - 1)
+    assert few.encoder.ra1.gain == pytest.approx(own.encoder.ra1.gain, rel=RULE.step - 1)
+    assert any("gains are chosen on 3 of the 9 taxels" in note for note in few.notes)
+    assert not any("gains are chosen on" in note for note in own.notes)
+
+
+@given(
+    signals=hnp.arrays(np.float64, st.tuples(st.integers(1, 5), st.integers(2, 6), st.integers(1, 8)),
+                       elements=st.floats(-1e3, 1e3)),
+    most=st.integers(1, 8),
+)  # fmt: skip
+def test_each_signal_has_its_liveliest_taxel_among_those_chosen(signals, most):
+    chosen = liveliest(signals, most)
+    n = signals.shape[2]
+    assert len(chosen) == min(most, n)
+    assert (np.diff(chosen) > 0).all()
+    if most >= len(signals):
+        assert {int(np.argmax(signal.std(axis=0))) for signal in signals} <= {*chosen.tolist()}
 
 
 def test_a_static_level_that_tells_classes_apart_is_kept():
