@@ -24,7 +24,7 @@ from neurotact.encoders.excerpts import Excerpts, cut, draw, liveliest, standard
 from neurotact.encoders.gain_search import CalibrationRule, Progress, choose, drives, search
 from neurotact.encoders.scaling import REST_SD
 from neurotact.encoders.scaling import fit as fit_scaling
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.metrics.linear import cross_validated_accuracy
 from neurotact.metrics.shares import standard_error
 from neurotact.spec import refuse
@@ -133,9 +133,8 @@ def calibrate(
     fitted = spec.model_copy(update={"unit": recordings.unit, "conditioning": conditioning})
     standardised = standardise(excerpts, conditioning)
     if drawn.n_channels > rule.taxels:
-        standardised = Spool(standardised)
         taxels = liveliest(standardised, rule.taxels)
-        standardised = (signal[:, taxels] for signal in standardised)
+        standardised = (signal[:, taxels] for signal in standardise(excerpts, conditioning))
         notes.append(
             f"gains are chosen on {rule.taxels} of the {drawn.n_channels} taxels, those that vary most in one trial "
             "after the other"
@@ -160,11 +159,11 @@ def calibrate(
     less = "less than a tenth of that of the most active taxel"
     if scaling.noise:
         notes.append(
-            f"treated as noise, since its deviation is {less} and similar in all classes: {', '.join(scaling.noise)}"
+            f"treated as noise, since its deviation is {less} and similar in all classes: {some(scaling.noise)}"
         )
     if scaling.small:
-        names = ", ".join(scaling.small)
-        notes.append(f"scaled by its own deviation, which is {less} but differs between classes: {names}")
+        own = f"scaled by its own deviation, which is {less} but differs between classes"
+        notes.append(f"{own}: {some(scaling.small)}")
     if tell:
         _log(notes, recordings)
     sa, ra = (rates[afferent, chosen[part].gain] for part, afferent in POPULATIONS.items())

@@ -174,29 +174,26 @@ def _short(value: float) -> float:
     return float(f"{value:.4g}")
 
 
-def free_moments(spikes: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> tuple[Tensor, Tensor]:
-    """Mean `(afferent,)` and covariance `(afferent, afferent)` of the free membranes that each afferent alone drives.
+def free_deviation(spikes: Tensor, weights: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> Tensor:
+    """Standard deviation of each neuron's free membrane, over trials and time, `(neuron,)` in float64.
 
-    spikes: `(trial, time, afferent)`; the moments are over trials and time, of weights 1, in float64.
-    A free membrane neither fires nor resets, so it is linear: with weights w it has mean m w and variance w C w.
+    A free membrane neither fires nor resets. spikes: `(trial, time, afferent)`. weights: `(afferent, neuron)`.
 
     >>> one = torch.tensor([[[0.0], [1.0]]])
-    >>> mean, covariance = free_moments(one, CubaLIF("immediate"), 0.5, 0.5)
-    >>> mean.item(), covariance.item()
-    (0.5, 0.25)
+    >>> free_deviation(one, torch.tensor([[1.0, 3.0]]), CubaLIF("immediate"), 0.5, 0.5).tolist()
+    [0.5, 1.5]
     """
-    n_trials, n_steps, n_afferents = spikes.shape
-    like = torch.zeros(1, dtype=torch.float64)
-    state = cuba_lif_start(n_trials, n_afferents, like)
-    total, squares = torch.zeros(n_afferents, dtype=like.dtype), torch.zeros(n_afferents, n_afferents, dtype=like.dtype)
+    n_trials, n_steps, _ = spikes.shape
+    weights = weights.double()
+    state = cuba_lif_start(n_trials, weights.shape[1], weights)
+    total, squares = torch.zeros_like(weights[0]), torch.zeros_like(weights[0])
     for arriving in spikes.unbind(dim=1):
-        current = alpha * state.current + arriving.to(like.dtype)
+        current = alpha * state.current + arriving.to(weights.dtype) @ weights
         _, state = cuba_lif_step(neuron, current, state, beta, NEVER, FastSigmoid())
         total += state.membrane.sum(dim=0)
-        squares += state.membrane.T @ state.membrane
+        squares += state.membrane.square().sum(dim=0)
     n_values = max(1, n_trials * n_steps)
-    mean = total / n_values
-    return mean, squares / n_values - torch.outer(mean, mean)
+    return (squares / n_values - (total / n_values).square()).clamp(min=0).sqrt()
 
 
 def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
@@ -223,9 +220,7 @@ def scale_weights(network: RSNN, spikes: Tensor) -> None:
     """
     assert network.spec.input_deviation is not None
     alpha, beta = float(network.alpha[0]), float(network.beta[0])
-    _, covariance = free_moments(spikes.cpu(), network.neuron, alpha, beta)
-    w = network.w_in.double().cpu()
-    deviation = ((w.T @ covariance) * w.T).sum(dim=1).clamp(min=0).sqrt()
+    deviation = free_deviation(spikes.cpu(), network.w_in.cpu(), network.neuron, alpha, beta)
     wanted = network.spec.input_deviation * float(network.threshold[0])
     factor = torch.where(deviation > 0, wanted / deviation, 1.0)
     network.w_in.mul_(factor.to(network.w_in))
