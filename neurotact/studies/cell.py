@@ -1,5 +1,6 @@
 """One cell of a study: train a network on spike trains, then measure the cost of its decisions."""
 
+from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -7,17 +8,31 @@ from typing import Any, NamedTuple
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.metrics import paired
-from neurotact.networks import fitting, measuring, search, search_journal, search_tables, tasks, trained, truncated
+from neurotact.networks import (
+    fitting,
+    measuring,
+    recipe,
+    search,
+    search_journal,
+    search_tables,
+    tasks,
+    trained,
+    truncated,
+)
 from neurotact.networks.conditions import by_condition
 from neurotact.networks.population.devices import device_of
 from neurotact.networks.population.trials import on_device
 from neurotact.networks.search_tables import as_cell
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Task
+from neurotact.networks.training import Epoch
+from neurotact.progress import say
 from neurotact.studies import encoded
 from neurotact.studies.store import RESULT, TIMING, Files, cell_folder
 from neurotact.studies.study import Cell
 
+JUDGED_S, LONG_MIN = 20.0, 5.0
+"""Seconds of a training after which its time is estimated, and the minutes from which on a line is printed."""
 SEARCH = "search"
 """The folder of a cell's search."""
 
@@ -35,11 +50,42 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: 
     began = perf_counter()
     task = task_of(cell)
     if cell.search is None:
-        fitted, sides = fitting.fit(trains, cell.network, task, cell.seeds)
+        spec = cell.network
+        long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training.epochs)
+        fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=long)
         return left_by(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty, device)
     return left_by(cell, trains, searched.fitted, searched.sides, perf_counter() - began, searched)
+
+
+class LongTraining:
+    """Called after each epoch; says once in a process if its first network takes minutes, and what takes less.
+
+    epochs: gives the most epochs of the training.
+    """
+
+    is_judged = False
+
+    def __init__(self, epochs: Callable[[], int]) -> None:
+        self._epochs = epochs
+        self._first: tuple[float, int] | None = None
+
+    def __call__(self, epoch: Epoch) -> None:
+        if LongTraining.is_judged:
+            return
+        began, before = self._first = self._first or (perf_counter(), epoch.epoch)
+        seconds = perf_counter() - began
+        if seconds < JUDGED_S:
+            return
+        LongTraining.is_judged = True
+        most = self._epochs()
+        minutes = seconds / (epoch.epoch - before) * most / 60
+        if minutes > LONG_MIN:
+            say(
+                f"a network takes up to {minutes:.0f} min ({most} epochs); fewer taxels, shorter windows (--window-ms) "
+                f"or fewer epochs (--set network.training.epochs={max(1, most // 4)}) take less"
+            )
 
 
 def left_by(

@@ -1,0 +1,37 @@
+"""A study says early when its networks take minutes."""
+
+import pytest
+
+from neurotact.networks.training import Epoch
+from neurotact.studies import cell
+from neurotact.studies.cell import LongTraining
+
+
+@pytest.fixture
+def epochs(monkeypatch):
+    """Call a training's `progress` after each of some epochs of so many seconds."""
+    monkeypatch.setattr(LongTraining, "is_judged", False)
+    now = [100.0]
+    monkeypatch.setattr(cell, "perf_counter", lambda: now[0])
+
+    def run(n: int, seconds: float, most: int) -> None:
+        progress = LongTraining(lambda: most)
+        for number in range(1, n + 1):
+            now[0] += seconds
+            progress(Epoch(number, 1.0, 0.5, 1.0, 0.5))
+
+    return run
+
+
+def test_a_network_of_minutes_is_said_once_with_what_takes_less(epochs, capsys):
+    epochs(100, 0.75, 1000)
+    epochs(100, 0.75, 1000)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("neurotact: a network takes up to 12 min (1000 epochs); fewer taxels, shorter windows")
+    assert "--set network.training.epochs=250" in line
+
+
+@pytest.mark.parametrize(("n", "seconds", "most"), [(100, 0.75, 300), (20, 0.75, 1000), (1, 50.0, 1000)])
+def test_nothing_is_said_of_shorter_ones_or_before_it_is_known(epochs, capsys, n, seconds, most):
+    epochs(n, seconds, most)
+    assert capsys.readouterr().err == ""
