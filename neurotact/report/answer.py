@@ -10,9 +10,9 @@ from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import standard_error, wilson_interval
 
 Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better"]
+"""nothing learned: no better than guessing. unclear: better, and chance alone may do as well."""
 NOTHING = 0.005
 """Share of the milliseconds and of the SOPs below which early exit saves nothing."""
-"""nothing learned: no better than guessing. unclear: better, and chance alone may do as well."""
 
 
 class Decision(NamedTuple):
