@@ -14,6 +14,7 @@ from typing import Any
 import h5py
 import mutations
 import numpy as np
+import scipy.io
 import typer
 from judge import Case
 
@@ -134,6 +135,12 @@ def make_folders(base: Path) -> None:
     row = "\t".join(["1.65"] * 17) + "\n"
     for label in ("brushing", "rolling", "sliding"):
         _write(base / "modality" / label / "1.lvm", (row * 30_000).encode())
+    scipy.io.savemat(base / "arrays.mat", touched, do_compression=True)
+    for label in ("rough", "smooth"):
+        matrices = {"touch": rng.normal(size=(60, 3)), "t_ms": np.cumsum(rng.normal(10.7, 1.0, 60)), "fs": 93.0}
+        (base / "matrices" / label).mkdir(parents=True)
+        scipy.io.savemat(base / "matrices" / label / "a.mat", matrices)
+        _write(base / "matrices" / label / "b.npz", mutations.archive_of({**matrices, "fs": np.array([[93.0]])}))
 
 
 def make_events(base: Path, rng: np.random.Generator) -> None:
@@ -169,6 +176,10 @@ ARRAY_OPTIONS = [
     [], [], [], ["--names", "signals=X"], ["--names", "label=person"], ["--names", "label=X"], ["--names", "a=b=c"],
     ["--names", "signals=touches/X"], ["--names", "channels=names,label=y"], ["--axes", "taxel,time,trial"],
 ]  # fmt: skip
+MATRIX_OPTIONS = [
+    [], ["--array", "touch"], ["--array", "touch"], ["--array", "t_ms"], ["--array", "fs"], ["--array", "x"],
+    ["--array", "touch", "--transpose"],
+]  # fmt: skip
 EVENT_OPTIONS = [
     [], [], ["--step-ms", "5"], ["--origin", "first"], ["--polarity", "merge"], ["--polarity", "on"],
     ["--duration-ms", "100"], ["--n-channels", "9"], ["--channels", "a,b,c,d,e"], ["--time-unit", "us"],
@@ -198,7 +209,7 @@ def events(rng: random.Random, place: Path, base: Path) -> Case:
 
 def array_files(rng: random.Random, place: Path, base: Path) -> Case:
     """One file of arrays, damaged or not, with any options of its import."""
-    name = rng.choice(["arrays.npz", "arrays.h5"])
+    name = rng.choice(["arrays.npz", "arrays.h5", "arrays.mat"])
     fetch(base, place, name)
     if rng.random() < 0.85:
         mutations.spoil_file(place / name, rng)
@@ -211,20 +222,22 @@ def facts(rng: random.Random, place: Path, base: Path) -> Case:
     name = rng.choice(["touch.h5", "spikes.h5", "digits.h5"])
     fetch(base, place, name)
     mutations.spoil_file(place / name, rng)
-    return Case("facts", ["info", name, *rng.choice([[], ["--json"]])])
+    return Case("facts", ["info", name, *rng.choice([[], ["--all"]])])
 
 
 def layouts(rng: random.Random, place: Path, base: Path) -> Case:
-    """A folder with time stamps, damaged or not, with any options of its import."""
-    fetch(base, place, "stamped")
+    """A folder with time stamps, of text or arrays, damaged or not, with any options of its import."""
+    folder = rng.choice(["stamped", "stamped", "matrices"])
+    fetch(base, place, folder)
     if rng.random() < 0.5:
-        mutations.spoil_file(rng.choice(sorted(p for p in (place / "stamped").rglob("*") if p.is_file())), rng)
+        mutations.spoil_file(rng.choice(sorted(p for p in (place / folder).rglob("*") if p.is_file())), rng)
     elif rng.random() < 0.6:
-        mutations.spoil_folder(place / "stamped", rng)
-    words = [*rng.choice(LAYOUT_OPTIONS), *rng.choice(LAYOUT_OPTIONS)]
+        mutations.spoil_folder(place / folder, rng)
+    kind = LAYOUT_OPTIONS if folder == "stamped" else MATRIX_OPTIONS
+    words = [*rng.choice(kind), *rng.choice(LAYOUT_OPTIONS)]
     stamps = ["--time-column", rng.choice(["t_ms", "t_ms", "t_ms", "1", "a", "7", ""]), "--time-unit", "ms"]
     return Case(
-        "layouts", ["import", "folder", "stamped", "--unit", "count", *stamps, *words, "-o", "out.h5"], out="out.h5"
+        "layouts", ["import", "folder", folder, "--unit", "count", *stamps, *words, "-o", "out.h5"], out="out.h5"
     )
 
 
