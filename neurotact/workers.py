@@ -10,6 +10,7 @@ when this happens to a job too often.
 import os
 import signal
 import sys
+import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -32,6 +33,8 @@ Run = Callable[[Task, Sequence[Any]], Iterator[Any]]
 RunAsDone = Callable[[Task, Sequence[Any]], Iterator[tuple[int, Any]]]
 """`run(task, jobs)` yields each job's place in `jobs` and its result, in the order of completion."""
 ATTEMPTS = 3
+DYING_S = 0.2
+"""Seconds to wait for the end of a server of processes that was killed: until then no process can be started."""
 PACKAGE = __name__.partition(".")[0]
 
 
@@ -137,6 +140,7 @@ def _submit(
         try:
             return process, process.submit(task, job)
         except (BrokenProcessPool, EOFError, ConnectionError):
+            time.sleep(DYING_S)
             process = start()
     raise _all_died()
 

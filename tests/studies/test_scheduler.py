@@ -72,7 +72,7 @@ def dask(tmp_path_factory) -> Iterator[tuple[str, dict[str, subprocess.Popen]]]:
         for name in ("first", "second")
     }  # fmt: skip
     try:
-        wait_for(file.is_file)
+        wait_for(lambda: file.is_file() and file.read_text().rstrip().endswith("}"))  # it is written in place
         yield read_json(file)["address"], started
     finally:
         for process in (*started.values(), scheduler):
