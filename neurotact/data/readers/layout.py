@@ -117,11 +117,10 @@ def _times_of_day(
     body: str, place: int | None, separator: str, path: Path, first_line: int, unit: Unit | None
 ) -> tuple[np.ndarray | None, str]:
     """The seconds of a column of times of day, and the lines with 0 in its place; None and the lines if it is none."""
-    lines = body.rstrip("\n").split("\n")
-    first = cells(lines[0], separator)
+    first = cells(body.partition("\n")[0], separator)
     if place is None or len(first) <= place or not is_time_of_day(first[place]):
         return None, body
-    stamps = []
+    stamps, lines = [], body.rstrip("\n").split("\n")
     for at, line in enumerate(lines):
         row = cells(line, separator)
         stamps.append(row[place] if place < len(row) else "")
@@ -196,11 +195,12 @@ def _columns_of(
     taxels = chosen or [place for place in range(len(first)) if place != time]
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
-    second = None if chosen else _time_place(names, [], [time])
+    second = None if chosen else _time_place(names, first, [time])
     if second is not None:
+        named = f" ('{names[second][:40]}')" if names else ""
         raise InputError(
-            f"{path}: column {second + 1}, '{names[second][:40]}', is named like time stamps but is not the time "
-            "column; choose the taxels with --columns, or remove the column"
+            f"{path}: column {second + 1}{named} looks like time stamps but is not the time column; choose the taxels "
+            "with --columns, or remove the column"
         )
     return _Columns(names, taxels, time)
 
