@@ -294,7 +294,6 @@ def test_without_a_rate_or_time_stamps_the_rate_is_asked_for(tmp_path):
     [
         ("T,p\n21.0,1\n20.9,2\n", "column 'T' is named like time stamps, but its values fall; choose the taxels with"),
         ("t,time,p\n0.0,0,1\n0.1,1,2\n", r"column 2 \('time'\) looks like time stamps but is not the time column"),
-        ("12:00:00,12:00:00,1\n12:00:01,12:00:01,2\n", "column 2 looks like time stamps but is not the time column"),
         ("at,t_s,p\n12:00:00,0,1\n12:00:01,1,2\n", r"column 1 \('at'\) looks like time stamps but is not"),
     ],
 )
