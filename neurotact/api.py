@@ -108,6 +108,9 @@ def read_table(
     *,
     label: str | None = None,
     trial: str | Sequence[str] = (),
+    segments: bool = False,
+    annotations: str | Path | None = None,
+    leave_out: str | Sequence[str] = (),
     columns: str | Sequence[str] = (),
     time_column: str | None = None,
     time_unit: str | None = None,
@@ -117,14 +120,18 @@ def read_table(
     """Read one CSV file with a row per sample of all trials: `neurotact import table`.
 
     label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
-    apart, such as "subject,repetition"; one named trial, recording or touch when empty. columns: the taxels; all
-    columns of numbers that change within trials when empty; those that are constant within each trial are conditions.
+    apart, such as "subject,repetition"; one named trial, recording or touch when empty. segments: whether each stretch
+    of samples of one class is a trial, as in a continuous recording. annotations: a CSV file with the columns begin,
+    end and label, a row per touch, in place of both. leave_out: classes that are no touch, such as "rest". columns: the
+    taxels; all columns of numbers that change within trials when empty; those that are constant within each trial are
+    conditions.
     sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, decimal: as of `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
     """
     spec = {
-        "label": label, "trial": trial, "columns": columns, "time_column": time_column, "time_unit": time_unit,
-        "max_gap_ms": max_gap_ms, "decimal": decimal,
+        "label": label, "trial": trial, "segments": segments,
+        "annotations": None if annotations is None else str(annotations), "leave_out": leave_out, "columns": columns,
+        "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms, "decimal": decimal,
     }  # fmt: skip
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 

@@ -121,6 +121,17 @@ def import_table(
             show_default="one named trial, recording or touch",
         ),
     ] = None,
+    segments: Annotated[
+        bool,
+        typer.Option(
+            "--segments", help="Each stretch of samples of one class is a trial, as in a continuous recording."
+        ),
+    ] = False,
+    annotations: Annotated[
+        Path | None,
+        typer.Option(help="A CSV file with begin, end and label of each touch in a continuous recording."),
+    ] = None,
+    leave_out: Annotated[str | None, typer.Option(help="Classes that are no touch, as in rest,moving.")] = None,
     columns: TaxelColumns = None,
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
@@ -131,11 +142,14 @@ def import_table(
     """Recordings in one CSV file: a row per sample of all trials, with the trial and the class of each.
 
     Columns of numbers that change within trials are taxels; those that are constant within each trial are conditions.
+    One continuous recording is cut into trials by the class of each sample (--segments) or by --annotations.
     """
-    _check_import(source, out, force)
+    _check_import(source, out, force, annotations)
     spec = {
-        "label": label, "trial": trial or (), "columns": columns or (), "time_column": time_column,
-        "time_unit": time_unit, "max_gap_ms": max_gap_ms, "decimal": decimal,
+        "label": label, "trial": trial or (), "segments": segments,
+        "annotations": str(annotations) if annotations else None, "leave_out": leave_out or (),
+        "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "decimal": decimal,
     }  # fmt: skip
     _save(sample_table.read(source, sampling_rate_hz, unit, spec), out)
 

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import neurotact as nt
@@ -86,8 +86,8 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
     ("text", "options", "message"),
     [
         ("trial,a\n1,2\n", {}, r"no column is called label \(trial, a\); name the class of a trial with --label"),
-        ("label,a\nx,2\n", {}, r"no column is called trial \(label, a\); name .* --trial subject,repetition"),
-        ("trial,label,a\n1,x,2\n1,y,3\n", {}, "'label' changes within a trial; .* as in --trial label,trial"),
+        ("label,a\nx,2\n", {}, r"no column is called trial \(label, a\); .* subject,repetition, or .* --segments"),
+        ("trial,label,a\n1,x,2\n1,y,3\n", {}, "'label' changes within a trial; .* --trial label,trial, or .*segments"),
         (
             "trial,label,a\n1,x,2\n1,x,3\n2,x,1\n2,x,2\n1,y,3\n", {},
             "trial 1 begins again at line 6; if trials are numbered anew .* as in --trial label,trial; else sort",
@@ -105,6 +105,10 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
         ("trial;label;a\n1;x;0,5\n1;x;2\n", {}, "column a has decimal commas; pass --decimal ,"),
         ("trial,label,a\n1,x,2\n", {"decimal": ","}, "has commas between its columns, so there are no decimal commas"),
         ("trial,label,a\n1,x,2,5\n", {}, "cannot be read as a table"),
+        ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "y"}, "--leave-out: no class is 'y'; known: x"),
+        ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "x"}, "--leave-out names every class"),
+        ("label,a\nx,2\ny,3\n,4\n,5\n", {"segments": True}, "no trial has two samples of one class"),
+        ("label,a\nx,2\nx,3\n", {"segments": True, "annotations": "m.csv"}, "leave out --segments and --trial"),
     ],
 )  # fmt: skip
 def test_a_table_that_cannot_be_read_is_named(tmp_path, text, options, message):
@@ -127,3 +131,103 @@ def test_a_damaged_table_is_refused_by_name(tmp_path, text):
     path = write(tmp_path / "all.csv", text)
     with pytest.raises(InputError, match=r"all\.csv"):
         nt.read_table(path, 100, "mV")
+
+
+STRETCHES = st.lists(st.tuples(st.sampled_from(["tap", "rub", "rest", ""]), st.integers(3, 30)), min_size=2, max_size=8)
+
+
+@settings(max_examples=15)
+@given(STRETCHES, st.sampled_from(["time", "t_ms"]), st.sampled_from(["s", "ms"]), st.integers(0, 2**31))
+def test_classes_of_samples_and_annotations_cut_the_same_trials(tmp_path_factory, stretches, stamps, unit, seed):
+    stretches = [each for k, each in enumerate(stretches) if each[0] != [*stretches, ("", 0)][k - 1][0]]
+    assume({label for label, _ in stretches} & {"tap", "rub"} and len(stretches) > 1)
+    folder = tmp_path_factory.getbasetemp()
+    ends = np.cumsum([n for _, n in stretches])
+    rows = np.arange(ends[-1])
+    taxels = dict(zip("ab", np.random.default_rng(seed).normal(size=(2, len(rows))).round(4), strict=True))
+    label = np.repeat([label for label, _ in stretches], [n for _, n in stretches])
+    recording = pd.DataFrame({stamps: rows * (10.0 if stamps == "t_ms" else 0.01), **taxels})
+    recording.assign(label=label).to_csv(folder / "labelled.csv", index=False)
+    recording.to_csv(folder / "recording.csv", index=False)
+    scale = {"s": 0.01, "ms": 10.0}[unit]
+    marks = {f"begin_{unit}": (ends - [n for _, n in stretches] - 0.5) * scale, f"end_{unit}": (ends - 0.5) * scale}
+    pd.DataFrame({**marks, "label": [label for label, _ in stretches]}).to_csv(folder / "marks.csv", index=False)
+
+    leave_out = "rest" if "rest" in label else ()
+    by_class = nt.read_table(folder / "labelled.csv", unit="V", segments=True, leave_out=leave_out)
+    by_mark = nt.read_table(folder / "recording.csv", unit="V", annotations=folder / "marks.csv", leave_out=leave_out)
+    wanted = [(name, end - n, end) for (name, n), end in zip(stretches, ends, strict=True) if name in ("tap", "rub")]
+    assert by_class.conditions.values.tolist() == [[name, k] for k, (name, *_) in enumerate(wanted, 1)]
+    pd.testing.assert_frame_equal(by_mark.conditions, by_class.conditions)
+    for one, other, (_, begin, end) in zip(by_class.signals, by_mark.signals, wanted, strict=True):
+        np.testing.assert_array_equal(one, np.stack([each[begin:end] for each in taxels.values()], 1, dtype=np.float32))
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_segment_also_ends_where_a_trial_ends_and_one_sample_is_none(tmp_path, caplog):
+    rows = "1,x,2\n1,x,3\n2,x,1\n2,x,2\n2,y,3\n2,x,5\n2,x,6\n"
+    path = write(tmp_path / "all.csv", "session,label,a\n" + rows)
+    found = nt.read_table(path, 100, "mV", trial="session", segments=True)
+    assert found.conditions.values.tolist() == [["x", 1, 1], ["x", 2, 2], ["x", 2, 3]]
+    assert [signal[:, 0].tolist() for signal in found.signals] == [[2, 3], [1, 2], [5, 6]]
+    assert "fewer than two samples make no trial; left out: the segment from line 6" in caplog.text
+
+
+MARKS = "start,stop,class,force\n0,0.03,x,3\n0.05,0.09,y,6\n"
+
+
+@pytest.mark.parametrize(
+    ("marks", "rate_Hz", "recording", "lengths"),
+    [
+        (MARKS, 100, "a\n", [3, 4]),
+        (MARKS, None, "time,a\n", [3, 4]),
+        (MARKS.replace("start,stop", "Begin Time_s,End Time_s"), None, "t_ms,a\n", [3, 4]),
+        (MARKS.replace(",", ";").replace("start", "onset").replace("stop", "duration"), 100, "a\n", [3, 5]),
+        (MARKS.replace("0.09", "9"), 100, "a\n", [3, 5]),
+    ],
+)
+def test_annotations_cut_a_recording(tmp_path, marks, rate_Hz, recording, lengths):
+    scale = 10 if "ms" in recording else 0.01
+    rows = "".join(f"{n * scale},{n}\n" if "," in recording else f"{n}\n" for n in range(10))
+    path, annotations = write(tmp_path / "all.csv", recording + rows), write(tmp_path / "marks.csv", marks)
+    found = nt.read_table(path, rate_Hz, "mV", annotations=annotations)
+    assert found.conditions.to_dict("list") == {"label": ["x", "y"], "force": [3, 6], "segment": [1, 2]}
+    assert found.lengths.tolist() == lengths
+    assert [signal[0, 0] for signal in found.signals] == [0, 5]
+
+
+def test_annotations_may_count_from_the_first_sample_and_overlap_with_a_warning(tmp_path, caplog):
+    rows = "".join(f"2026-03-01 09:15:00.{n:02d},{n % 7}\n" for n in range(10))
+    path = write(tmp_path / "all.csv", "when,a\n" + rows)
+    marks = write(tmp_path / "marks.tsv", "onset\tduration\ttrial_type\n0\t0.05\ttap\n0.04\t0.03\trub\n")
+    found = nt.read_table(path, unit="mV", annotations=marks)
+    assert (found.sampling_rate_Hz, found.lengths.tolist()) == (100.0, [5, 3])
+    assert "its times count from the first sample" in caplog.text
+    assert "1 annotations begin before another one ends" in caplog.text
+    marks.write_text("begin,end,label\n09:15:00.02,09:15:00.05,tap\n")
+    assert nt.read_table(path, unit="mV", annotations=marks).signals[0][:, 0].tolist() == [2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("marks", "message"),
+    [
+        ("begin,end\n0,1\n", "there is no column of classes called label; name it with --label, of begin, end"),
+        ("begin,label\n0,x\n", r"no column is called end or duration \(begin, label\); rename the columns"),
+        ("end,label\n1,x\n", "no column is called begin"),
+        ("begin,end,label\n0.05,0.02,x\n", "line 2 ends before it begins"),
+        (
+            "begin,end,label\n0,0.05,x\n7,8,y\n",
+            "marks.csv: line 3: 7 to 8 lies outside of .*all.csv, which goes from 0",
+        ),
+        ("begin,end,label\n0,soon,x\n", "line 2, column end is 'soon', not a time"),
+        ("begin_ms,end_s,label\n0,1,x\n", "are in different units"),
+        ("begin,end,label\n0,0.001,x\n", "no trial has two samples"),
+        ("begin,end,label\n", "holds no row below its header"),
+    ],
+)
+def test_annotations_that_cannot_be_used_are_named(tmp_path, marks, message):
+    path = write(tmp_path / "all.csv", "a\n" + "".join(f"{n % 4}\n" for n in range(10)))
+    with pytest.raises(InputError, match=message):
+        nt.read_table(path, 100, "mV", annotations=write(tmp_path / "marks.csv", marks))
+    with pytest.raises(InputError, match="no such file"):
+        nt.read_table(path, 100, "mV", annotations=tmp_path / "absent.csv")

@@ -1,0 +1,236 @@
+"""The trials of a table of samples: by columns that tell them apart, by the class of each sample, or by annotations."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, field_validator, model_validator
+
+from neurotact.data.readers import annotations
+from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
+from neurotact.data.readers.tables import FLOAT32_MAX, is_number, values_of
+from neurotact.data.recordings import LABEL
+from neurotact.errors import InputError, nearest, some
+from neurotact.files import existing
+from neurotact.spec import Spec
+
+SEGMENT = "segment"
+"""The condition that numbers the segments of a continuous recording."""
+FIRST_LINE = 2
+"""Line of the first sample, below the names of the columns."""
+
+log = logging.getLogger("neurotact")
+
+
+class TableSpec(Spec):
+    """What the columns are."""
+
+    label: str | None = None
+    """The class of each sample's trial; when absent, a column called label, class, y or target."""
+    trial: tuple[str, ...] = ()
+    """The columns that tell trials apart; when absent, one called trial, recording or touch."""
+    segments: bool = False
+    """Whether each stretch of samples of one class is a trial: a continuous recording with a class for each sample."""
+    annotations: str | None = None
+    """A CSV file that says when each touch of a continuous recording begins and ends, and its class."""
+    leave_out: tuple[str, ...] = ()
+    """Classes that are no touch, such as `rest`."""
+    columns: tuple[str, ...] = ()
+    """The taxels, by names or by numbers; all columns of numbers that change within a trial when absent."""
+    time_column: str | None = None
+    """The time stamps; when absent, the first column whose name says so."""
+    time_unit: Unit | None = None
+    """Their unit; when absent, that at the end of the column's name, else the one that fits touch."""
+    max_gap_ms: float | None = Field(default=None, gt=0)
+    """The longest interval between stamps; five median ones when absent."""
+    decimal: Literal[".", ","] = "."
+
+    @field_validator("columns", "trial", "leave_out", mode="before")
+    @classmethod
+    def _apart(cls, names: Any) -> Any:
+        return tuple(part.strip() for part in names.split(",")) if isinstance(names, str) else names
+
+    @model_validator(mode="after")
+    def _has_one_source_of_trials(self) -> "TableSpec":
+        if self.annotations is not None and (self.segments or self.trial):
+            raise ValueError("--annotations says where trials begin and end; leave out --segments and --trial")
+        return self
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether trials are cut from a continuous recording."""
+        return self.segments or self.annotations is not None
+
+
+class Roles(NamedTuple):
+    """The names of the columns.
+
+    label: empty with annotations. time: None without stamps. taxels: the chosen ones; none: all other columns.
+    """
+
+    label: str
+    trial: tuple[str, ...]
+    time: str | None
+    taxels: tuple[str, ...]
+
+
+class Trials(NamedTuple):
+    """The first row of each trial, `(trial,)`, the row after its last, its name, and its class and conditions."""
+
+    begin: np.ndarray
+    end: np.ndarray
+    names: list[str]
+    conditions: pd.DataFrame
+
+    def are_constant(self, values: np.ndarray) -> bool:
+        """Whether a column has one value within each trial."""
+        changes = np.flatnonzero(values[1:] != values[:-1]) + 1
+        return bool((np.searchsorted(changes, self.begin, "right") >= np.searchsorted(changes, self.end)).all())
+
+    def chosen(self, keep: np.ndarray) -> "Trials":
+        """The trials of which `keep`, `(trial,)`, is true."""
+        names = [name for name, kept in zip(self.names, keep, strict=True) if kept]
+        return Trials(self.begin[keep], self.end[keep], names, self.conditions[keep].reset_index(drop=True))
+
+
+def find_trials(
+    columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, sampling_rate_Hz: float | None, path: Path
+) -> Trials:
+    """The trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
+
+    Raises InputError for trials that begin again or have two classes, and for annotations of another recording.
+    """
+    if asked.annotations is not None:
+        trials = _annotated(columns, roles, asked, sampling_rate_Hz, path)
+    else:
+        trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
+    trials = _without(trials, asked.leave_out, path)
+    if not asked.is_continuous:
+        return trials
+    return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))
+
+
+def _trials(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Trials:
+    """The trials: rows one after another with the same values in the columns that tell trials apart."""
+    begin, end, firsts = _stretches(columns, roles.trial)
+    again = np.flatnonzero(firsts.duplicated().to_numpy())
+    if len(again):
+        name = " ".join(firsts.iloc[again[0]])
+        raise InputError(
+            f"{path}: trial {name[:40]} begins again at line {begin[again[0]] + FIRST_LINE}; if trials are numbered "
+            f"anew for each class or subject, name all columns that tell them apart, as in --trial "
+            f"{roles.label},{','.join(roles.trial)}; else sort the rows by trial"
+        )
+    names = [f"trial {' '.join(row)}" for row in firsts.itertuples(index=False)]
+    trials = Trials(begin, end, names, _conditions(columns, roles, begin))
+    if not trials.are_constant(columns[roles.label]):
+        raise InputError(
+            f"{path}: '{roles.label}' changes within a trial; give each trial one class, name all columns that tell "
+            f"trials apart, as in --trial {roles.label},{','.join(roles.trial)}, or take each stretch of one class as "
+            "a trial with --segments"
+        )
+    return trials
+
+
+def _segments(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Trials:
+    """The trials: rows one after another with the same class, and the same in the columns that tell trials apart."""
+    begin, end, _ = _stretches(columns, tuple(dict.fromkeys((*roles.trial, roles.label))))
+    conditions = _conditions(columns, roles, begin)
+    names = [f"the segment from line {row + FIRST_LINE}" for row in begin]
+    return _touches(Trials(begin, end, names, conditions), path)
+
+
+def _annotated(
+    columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, sampling_rate_Hz: float | None, path: Path
+) -> Trials:
+    """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
+    marks = annotations.read(existing(asked.annotations or ""), asked.label, asked.decimal)
+    if roles.time is None:
+        assert sampling_rate_Hz is not None
+        time, unit = np.arange(len(next(iter(columns.values())))) / sampling_rate_Hz, "s"
+    else:
+        time, unit = stamps(columns[roles.time], roles.time, path), asked.time_unit or unit_in(roles.time)
+        if time.dtype.kind == "U":
+            time, unit = seconds_of(time.tolist(), str(path), roles.time, FIRST_LINE, asked.time_unit), "s"
+    back = np.flatnonzero(np.diff(time) < 0)
+    if len(back):
+        raise InputError(
+            f"{path}: line {back[0] + 1 + FIRST_LINE} is earlier than the line before it; annotations need one "
+            "continuous recording"
+        )
+    begin, end = marks.on(time, unit, str(path))
+    order = np.argsort(begin, kind="stable")
+    shared = int((begin[order][1:] < end[order][:-1]).sum())
+    if shared:
+        log.warning(
+            "%s: %d annotations begin before another one ends; their common samples may be in training and test trials",
+            marks.path, shared,
+        )  # fmt: skip
+    names = [f"the touch of {marks.path.name}, line {at + annotations.FIRST_LINE}" for at in range(len(begin))]
+    return _touches(Trials(begin, end, names, marks.conditions), path)
+
+
+def _touches(found: Trials, path: Path) -> Trials:
+    """The trials with a class and at least two samples; a warning names the others that have a class."""
+    is_touch = (found.conditions[LABEL] != "").to_numpy()
+    short = is_touch & (found.end - found.begin < 2)
+    if short.any():
+        which = [name for name, is_short in zip(found.names, short, strict=True) if is_short]
+        log.warning("%s: fewer than two samples make no trial; left out: %s", path, some(which))
+    if not (is_touch & ~short).any():
+        raise InputError(f"{path}: no trial has two samples of one class; check the classes and the times of touches")
+    return found.chosen(is_touch & ~short)
+
+
+def _stretches(columns: Mapping[str, np.ndarray], names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, pd.DataFrame]:
+    """Where stretches of rows with the same values in these columns begin and end, and their values."""
+    keys = pd.DataFrame({name: columns[name] for name in names})
+    begin = np.flatnonzero((keys != keys.shift()).any(axis=1).to_numpy())
+    return begin, np.append(begin[1:], len(keys)), keys.iloc[begin]
+
+
+def _conditions(columns: Mapping[str, np.ndarray], roles: Roles, begin: np.ndarray) -> pd.DataFrame:
+    """The class of each trial, and the values that tell trials apart."""
+    table = pd.DataFrame({LABEL: columns[roles.label][begin]})
+    for name in roles.trial:
+        if name not in (roles.label, LABEL):
+            table[name] = values_of(columns[name][begin])
+    return table
+
+
+def _without(trials: Trials, classes: Sequence[str], path: Path) -> Trials:
+    """The trials of other classes than these."""
+    labels = trials.conditions[LABEL]
+    for name in classes:
+        if name not in labels.values:
+            raise InputError(f"{path}: --leave-out: no class is '{name[:40]}'; {nearest(name, sorted(set(labels)))}")
+    keep = ~labels.isin(classes).to_numpy()
+    if not keep.any():
+        raise InputError(f"{path}: --leave-out names every class; name those that are no touch")
+    return trials.chosen(keep) if classes else trials
+
+
+def stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """A column of time stamps: finite numbers, or the texts of times of day."""
+    is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
+    return values if is_of_day else numbers(values, name, path)
+
+
+def numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """A column of finite numbers; InputError with the line of the first cell that is none."""
+    if values.dtype.kind not in "iuf":
+        at = next((row for row, cell in enumerate(values) if not is_number(cell)), None)
+        if at is not None:
+            raise InputError(
+                f"{path}: line {at + FIRST_LINE}, column {name} is {values[at][:20]!r}, not a number; write a number, "
+                "or name the taxels with --columns"
+            )
+    found = values.astype(np.float64)
+    wrong = np.flatnonzero(~(np.abs(found) <= FLOAT32_MAX))
+    if len(wrong):
+        line = wrong[0] + FIRST_LINE
+        raise InputError(f"{path}: line {line}, column {name} is {found[wrong[0]]}; repair the gap or drop the trial")
+    return found
