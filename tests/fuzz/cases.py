@@ -54,6 +54,14 @@ COMMANDS: dict[str, tuple[list[str], tuple[str, ...]]] = {
         ("arrays.npz",),
     ),
     "import table": (["import", "table", "table.csv", "--unit", "V", "-o", "out.h5"], ("table.csv",)),
+    "import table --segments": (
+        ["import", "table", "session.csv", "--unit", "V", "--segments", "--leave-out", "rest", "-o", "out.h5"],
+        ("session.csv",),
+    ),
+    "import table --annotations": (
+        ["import", "table", "session.csv", "--unit", "V", "--annotations", "marks.csv", "-o", "out.h5"],
+        ("session.csv", "marks.csv"),
+    ),
     "info": (["info", "touch.h5"], ("touch.h5",)),
     "import fabricslide": (["import", "fabricslide", "fabric", "-o", "out.h5"], ("fabric",)),
     "import pvdf-hardness": (["import", "pvdf-hardness", "presses", "-o", "out.h5"], ("presses",)),
@@ -124,6 +132,13 @@ def make_folders(base: Path) -> None:
         for trial in range(4) for n in range(30)
     )  # fmt: skip
     _write(base / "table.csv", samples.encode())
+    session = "label,time_ms,left,right\n" + "".join(
+        f"{('rest', 'tap', 'rub')[n // 30 % 3]},{10 * n},{','.join(map(str, rng.integers(0, 900, 2)))}\n"
+        for n in range(360)
+    )
+    _write(base / "session.csv", session.encode())
+    marks = "".join(f"{0.3 * n},{0.3 * n + 0.25},{'ab'[n % 2]},{n % 3}\n" for n in range(12))
+    _write(base / "marks.csv", f"begin_s,end_s,label,force\n{marks}".encode())
     with h5py.File(base / "arrays.h5", "w") as file:
         for name, array in touched.items():
             file[f"touches/{name}"] = array.astype("S1") if name == "person" else array
@@ -450,6 +465,13 @@ def tables(rng: random.Random, place: Path, base: Path) -> Case:
     return Case("tables", _import(layout), out="out.h5")
 
 
+def sample_tables(rng: random.Random, place: Path, base: Path) -> Case:
+    words, inputs = COMMANDS[rng.choice([name for name in COMMANDS if name.startswith("import table")])]
+    fetch(base, place, *inputs)
+    mutations.spoil_file(place / rng.choice(inputs), rng)
+    return Case("sample tables", list(words), out="out.h5")
+
+
 def folders(rng: random.Random, place: Path, base: Path) -> Case:
     layout = rng.choices(["csv", "npz", "fabric", "presses", "cubes", "modality"], [5, 3, 2, 3, 2, 1])[0]
     fetch(base, place, layout)
@@ -559,8 +581,8 @@ def _read_only(folder: Path) -> None:
 
 KINDS: dict[Kind, float] = {
     options: 16, sets: 9, encoder: 6, network: 5, space: 2, study_spec: 10, tiny_study: 1.5, recordings: 11, spikes: 11,
-    events: 8, array_files: 5, facts: 4, layouts: 6, archives: 6, tables: 9, folders: 8, checkpoint: 8, run_folder: 5,
-    journal: 1.5, names: 4, outputs: 5,
+    events: 8, array_files: 5, facts: 4, layouts: 6, archives: 6, tables: 9, sample_tables: 4, folders: 8,
+    checkpoint: 8, run_folder: 5, journal: 1.5, names: 4, outputs: 5,
 }  # fmt: skip
 """Each kind and its share."""
 
