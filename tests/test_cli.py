@@ -630,6 +630,7 @@ INPUTS = [
     ("sops", "run", "-o", "run/network.json"),
     ("copy", "mine.toml", "-o", "./mine.toml"),
     ("import", "folder", "in", "--sampling-rate-Hz", 3, "--unit", "V", "-o", "in/felt/a.csv"),
+    ("import", "table", "in/felt/a.csv", "--annotations", "mine.toml", "--unit", "V", "-o", "mine.toml"),
 ]
 
 
