@@ -392,6 +392,9 @@ def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, 
         for name in (name for name in given if name in taken):
             yield from _misread(given[name], taken[name], f"{key}.{name}" if key else str(name))
     elif isinstance(given, (list, tuple)) and isinstance(taken, list):
+        kinds = {*map(type, given), *map(type, taken)}
+        if len(kinds) == 1 and kinds <= {str, bool, int, float}:
+            return  # all alike, such as the thousands of trials of a network
         for place, pair in enumerate(zip(given, taken, strict=False)):
             yield from _misread(*pair, f"{key}.{place}")
     elif isinstance(taken, (bool, int, float)):

@@ -245,7 +245,7 @@ def conditions_table(conditions: Any, where: str) -> pd.DataFrame:
 
 def class_names(conditions: pd.DataFrame) -> tuple[str, ...]:
     """The classes in a table of conditions, sorted."""
-    return tuple(sorted(set(conditions[LABEL].astype(str))))
+    return tuple(sorted(conditions[LABEL].drop_duplicates().astype(str).unique()))
 
 
 def class_indices(conditions: pd.DataFrame) -> np.ndarray:
