@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 import pandas as pd
 
+from neurotact.data.splits import SplitSpec
 from neurotact.networks.comparison import Comparison
 from neurotact.networks.specs import MOST_HIDDEN, RSNNSpec, TrainingSpec
 
@@ -40,13 +41,16 @@ def worse_than_linear(found: Comparison, spec: RSNNSpec) -> Iterator[str]:
         )
 
 
-def few_test_trials(per_class: Mapping[str, int]) -> Iterator[str]:
-    """per_class: test trials of each class.
+def few_test_trials(per_class: Mapping[str, int], split: SplitSpec) -> Iterator[str]:
+    """per_class: test trials of each class. split: the one that chose them.
 
-    >>> print(*few_test_trials({"felt": 3, "silk": 12}))
+    >>> by_day = SplitSpec(order="day")
+    >>> print(*few_test_trials({"felt": 3, "silk": 12}, by_day))
     class 'felt' has 3 test trials: one of them is 33.3 points of its accuracy, and 6.7 points of all 15; record more
-    >>> print(*few_test_trials({"felt": 1, "silk": 9}))
+    >>> print(*few_test_trials({"felt": 1, "silk": 9}, by_day))
     class 'felt' has 1 test trial: its accuracy is 0 or 100 %, and one trial is 10.0 points of all 10; record more
+    >>> [words.rpartition("; ")[2] for words in few_test_trials({"felt": 1}, SplitSpec())]
+    ['record more, or test every trial once with --folds 5']
     """
     few = {name: n for name, n in per_class.items() if n < FEW_PER_CLASS}
     total = sum(per_class.values())
@@ -58,13 +62,12 @@ def few_test_trials(per_class: Mapping[str, int]) -> Iterator[str]:
     share = own.get(n, f"one of them is {100 / max(n, 1):.1f} points of its accuracy, and")
     all_of = f"{share} {100 / total:.1f} points of all {total}"
     trials = f"{n} test trial{'' if n == 1 else 's'}"
-    if len(few) == 1:
-        yield f"class '{fewest}' has {trials}: {all_of}; record more"
-    else:
-        yield (
-            f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; class '{fewest}' has "
-            f"{trials}: {all_of}; record more"
-        )
+    others = (
+        f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
+    )
+    is_random = not (split.test_where or split.order or split.folds)
+    remedy = "record more, or test every trial once with --folds 5" if is_random else "record more"
+    yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
 
 
 def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:

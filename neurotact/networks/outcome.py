@@ -72,5 +72,6 @@ def _cautions(fitted: Trained, trains: SpikeTrains, parts: Split, task: Task, co
     yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training)
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
-    yield from cautions.few_test_trials({trains.classes[label]: int((tested == label).sum()) for label in known})
+    per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
+    yield from cautions.few_test_trials(per_class, task.split)
     yield from cautions.few_for_exit(len(parts.validation), task.exit_tolerance)

@@ -347,7 +347,7 @@ def beware(
             lines += [before + line for line in cautions.not_learned(one.best.whole.accuracy, low, one.guess)]
         lines += [before + line for line in front.lost]
         if trains is not None:
-            lines += [before + line for line in cautions.few_test_trials(front.sides.tested)]
+            lines += [before + line for line in cautions.few_test_trials(front.sides.tested, study.split)]
             few = cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
             lines += [before + line for line in few]
     if trains is not None:

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from neurotact.data.splits import SplitSpec
 from neurotact.networks import cautions
 from neurotact.networks.comparison import Comparison
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
@@ -47,9 +48,19 @@ def test_the_remedy_for_a_network_behind_a_linear_classifier_changes_this_networ
     ],
 )  # fmt: skip
 def test_a_class_with_few_test_trials_is_named(per_class, expected):
-    found = list(cautions.few_test_trials(per_class))
+    found = list(cautions.few_test_trials(per_class, SplitSpec()))
     assert len(found) == bool(expected)
     assert all(words in found[0] for words in expected)
+
+
+@pytest.mark.parametrize(
+    ("split", "helps"),
+    [({}, True), ({"group": "subject"}, True), ({"folds": 3}, False), ({"order": "day"}, False),
+     ({"test_where": {"speed": 450}}, False)],
+)  # fmt: skip
+def test_folds_are_named_where_test_trials_are_drawn_at_random(split, helps):
+    (found,) = cautions.few_test_trials({"felt": 4, "silk": 20}, SplitSpec.model_validate(split))
+    assert found.endswith("--folds 5") == helps
 
 
 def test_an_exit_chosen_on_few_trials_is_named():
