@@ -21,6 +21,8 @@ END = re.compile(r"(end|stop|offset|to)([ _]?time)?", re.IGNORECASE)
 DURATION = re.compile(r"duration|length", re.IGNORECASE)
 FIRST_LINE = 2
 """Line of the first annotation, below the names of the columns."""
+ROUNDING = 1e-3
+"""Share of a sample's interval by which a time may be off: 0.1 s and 0.2 s are a little more than 0.3 s."""
 
 log = logging.getLogger("neurotact")
 
@@ -54,7 +56,8 @@ class Annotations(NamedTuple):
                 f"which goes from {time[0]:.10g} to {time[-1]:.10g}; give both times on one clock, with their "
                 "units, as in begin_ms"
             )
-        return np.searchsorted(time, begin), np.searchsorted(time, end)
+        rounding = ROUNDING * (time[-1] - time[0]) / max(1, len(time) - 1)
+        return np.searchsorted(time, begin - rounding), np.searchsorted(time, end - rounding)
 
 
 def read(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".") -> Annotations:

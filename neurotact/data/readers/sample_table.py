@@ -119,8 +119,7 @@ def _parted(
     columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, path: Path
 ) -> tuple[tuple[str, ...], pd.DataFrame]:
     """The names of the taxels, and the conditions of the trials; columns that are neither are named in a warning."""
-    known = {roles.label, *roles.trial, roles.time, *roles.taxels, *trials.conditions}
-    others = [name for name in columns if name not in known]
+    others = [name for name in columns if name not in (roles.label, *roles.trial, roles.time, *roles.taxels)]
     constant = [name for name in others if trials.are_constant(columns[name])]
     changing = [name for name in others if name not in constant]
     taxels = roles.taxels or tuple(name for name in changing if columns[name].dtype.kind in "iuf")
@@ -130,6 +129,7 @@ def _parted(
         raise InputError(f"{path}: column {commas[0]} has decimal commas; pass --decimal , or write decimal points")
     if not taxels:
         raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with --columns")
+    constant = [name for name in constant if name not in trials.conditions]
     if constant and not roles.taxels:
         log.warning(
             "%s: constant within each trial, so conditions and not taxels: %s; to change that, name the taxels with "

@@ -166,7 +166,7 @@ def _annotated(
     shared = int((begin[order][1:] < end[order][:-1]).sum())
     if shared:
         log.warning(
-            "%s: %d annotations begin before another one ends; their common samples may be in training and test trials",
+            "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
             marks.path, shared,
         )  # fmt: skip
     names = [f"the touch of {marks.path.name}, line {at + annotations.FIRST_LINE}" for at in range(len(begin))]

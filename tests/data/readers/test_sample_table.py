@@ -196,6 +196,23 @@ def test_annotations_cut_a_recording(tmp_path, marks, rate_Hz, recording, length
     assert [signal[0, 0] for signal in found.signals] == [0, 5]
 
 
+@pytest.mark.parametrize("end", ["end_s", "duration_s"])
+def test_times_that_are_rounded_lose_and_win_no_sample(tmp_path, end):
+    rows = "".join(f"{10 * n},{n}\n" for n in range(400))
+    path = write(tmp_path / "all.csv", "time_ms,a\n" + rows)
+    begins = range(0, 390, 7)
+    marks = "".join(f"{n / 100},{(n if end == 'end_s' else 0) / 100 + 0.03:.2f},x\n" for n in begins)
+    found = nt.read_table(path, unit="mV", annotations=write(tmp_path / "marks.csv", f"begin_s,{end},label\n{marks}"))
+    assert [signal[:, 0].tolist() for signal in found.signals] == [[n, n + 1, n + 2] for n in begins]
+
+
+def test_a_condition_may_have_the_name_of_a_taxel(tmp_path):
+    path = write(tmp_path / "all.csv", "force,label\n" + "".join(f"{n},z\n" for n in range(10)))
+    found = nt.read_table(path, 100, "N", annotations=write(tmp_path / "marks.csv", MARKS))
+    assert (found.channels, found.conditions["force"].tolist()) == (("force",), [3, 6])
+    assert found.conditions["label"].tolist() == ["x", "y"]
+
+
 def test_annotations_may_count_from_the_first_sample_and_overlap_with_a_warning(tmp_path, caplog):
     rows = "".join(f"2026-03-01 09:15:00.{n:02d},{n % 7}\n" for n in range(10))
     path = write(tmp_path / "all.csv", "when,a\n" + rows)
@@ -203,7 +220,7 @@ def test_annotations_may_count_from_the_first_sample_and_overlap_with_a_warning(
     found = nt.read_table(path, unit="mV", annotations=marks)
     assert (found.sampling_rate_Hz, found.lengths.tolist()) == (100.0, [5, 3])
     assert "its times count from the first sample" in caplog.text
-    assert "1 annotations begin before another one ends" in caplog.text
+    assert "annotations that begin before another one ends: 1;" in caplog.text
     marks.write_text("begin,end,label\n09:15:00.02,09:15:00.05,tap\n")
     assert nt.read_table(path, unit="mV", annotations=marks).signals[0][:, 0].tolist() == [2, 3, 4]
 
