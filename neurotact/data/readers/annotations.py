@@ -10,7 +10,7 @@ import pandas as pd
 
 from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.clock import UNIT_S, Unit, is_time_of_day, seconds_of, unit_in, without_unit
-from neurotact.data.readers.tables import columns_of, named_table, values_of
+from neurotact.data.readers.tables import FIRST_LINE, called, columns_of, named_table, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
 
@@ -19,8 +19,6 @@ LABELS = (*ALIASES[LABEL], "trial_type", "annotation")
 BEGIN = re.compile(r"(begin|start|onset|from)([ _]?time)?", re.IGNORECASE)
 END = re.compile(r"(end|stop|offset|to)([ _]?time)?", re.IGNORECASE)
 DURATION = re.compile(r"duration|length", re.IGNORECASE)
-FIRST_LINE = 2
-"""Line of the first annotation, below the names of the columns."""
 ROUNDING = 1e-3
 """Share of a sample's interval by which a time may be off: 0.1 s and 0.2 s are a little more than 0.3 s."""
 
@@ -79,8 +77,7 @@ def read(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".")
     """
     table = named_table(path)
     names = [name for name in table.names if name]
-    lower = {name.lower(): name for name in reversed(names)}
-    its_label = label or next((lower[alias] for alias in LABELS if alias in lower), None)
+    its_label = label or called(names, LABELS)
     if its_label not in names:
         hint = f"{nearest(label, names)}" if label else f"name it with --label, of {some(names)}"
         raise InputError(f"{path}: there is no column of classes called {label or LABEL}; {hint}")

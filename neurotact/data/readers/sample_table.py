@@ -11,11 +11,10 @@ import pandas as pd
 
 from neurotact.data.readers import sampled
 from neurotact.data.readers.arrays import ALIASES
-from neurotact.data.readers.clock import seconds_of, unit_in
 from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, chosen_places
 from neurotact.data.readers.sampled import Read
-from neurotact.data.readers.table_trials import FIRST_LINE, Roles, TableSpec, Trials, find_trials, numbers, stamps
-from neurotact.data.readers.tables import columns_of, named_table, values_of
+from neurotact.data.readers.table_trials import Clock, Roles, TableSpec, Trials, clock_of, find_trials, numbers
+from neurotact.data.readers.tables import FIRST_LINE, called, columns_of, named_table, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
@@ -54,38 +53,34 @@ def read(
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     columns = columns_of(table, {roles.label, *roles.trial} & {*names}, asked.decimal)
-    trials = find_trials(columns, roles, asked, sampling_rate_Hz, path)
+    clock = clock_of(columns, roles, asked, path)
+    trials = find_trials(columns, roles, clock, asked, sampling_rate_Hz, path)
     taxels, conditions = _parted(columns, roles, trials, path)
     return sampled.recordings(
-        [*_cut(columns, roles._replace(taxels=taxels), trials, asked, path)], conditions, sampling_rate_Hz, unit,
+        [*_cut(columns, roles._replace(taxels=taxels), trials, clock, asked, path)], conditions, sampling_rate_Hz, unit,
         max_gap_ms=asked.max_gap_ms, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
 
 
 def _cut(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, asked: TableSpec, path: Path
+    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, asked: TableSpec, path: Path
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
     signal = np.stack([numbers(columns[name], name, path) for name in roles.taxels], axis=1).astype(np.float32)
-    time = None if roles.time is None else stamps(columns[roles.time], roles.time, path)
-    unit = asked.time_unit or unit_in(roles.time or "")
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
-        its_time = None if time is None else time[begin:end]
-        if its_time is not None and its_time.dtype.kind == "U":
-            its_time = seconds_of(its_time.tolist(), str(path), roles.time or "", begin + FIRST_LINE, asked.time_unit)
-            unit = "s"
+        its_time = None if clock.time is None else clock.time[begin:end]
         if its_time is not None and asked.time_column is None:
             check_rises(its_time, roles.time or "", path)
-        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + FIRST_LINE, unit)
+        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + FIRST_LINE, clock.unit)
         yield Read(f"{path}, {name}", name, its)
 
 
 def _roles(names: list[str], first: Sequence[str], asked: TableSpec, *, find_time: bool, path: Path) -> Roles:
     if asked.annotations is not None:
         return _with_taxels(names, first, asked, "", (), find_time=find_time, path=path)
-    lower = {name.lower(): name for name in reversed(names)}
-    label = asked.label or next((lower[alias] for alias in ALIASES[LABEL] if alias in lower), None)
-    trial = asked.trial or tuple(lower[alias] for alias in TRIALS if alias in lower)[:1]
+    label = asked.label or called(names, ALIASES[LABEL])
+    found = called(names, TRIALS)
+    trial = asked.trial or ((found,) if found else ())
     for role, each in (("--label", (label,) if label else ()), ("--trial", trial)):
         for name in each:
             if name not in names:

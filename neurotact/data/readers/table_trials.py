@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neurotact.data.readers import annotations
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
-from neurotact.data.readers.tables import FLOAT32_MAX, is_number, values_of
+from neurotact.data.readers.tables import FIRST_LINE, FLOAT32_MAX, is_number, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
@@ -19,8 +19,6 @@ from neurotact.spec import Spec
 
 SEGMENT = "segment"
 """The condition that numbers the segments of a continuous recording."""
-FIRST_LINE = 2
-"""Line of the first sample, below the names of the columns."""
 
 log = logging.getLogger("neurotact")
 
@@ -96,15 +94,23 @@ class Trials(NamedTuple):
         return Trials(self.begin[keep], self.end[keep], names, self.conditions[keep].reset_index(drop=True))
 
 
+class Clock(NamedTuple):
+    """The time stamps of all rows, `(row,)`, None without, and their unit, None if nothing says it."""
+
+    time: np.ndarray | None
+    unit: Unit | None
+
+
 def find_trials(
-    columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, sampling_rate_Hz: float | None, path: Path
+    columns: Mapping[str, np.ndarray], roles: Roles, clock: Clock, asked: TableSpec, rate_Hz: float | None, path: Path
 ) -> Trials:
     """The trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
 
+    rate_Hz: the given sampling rate, which tells the times of rows without stamps.
     Raises InputError for trials that begin again or have two classes, and for annotations of another recording.
     """
     if asked.annotations is not None:
-        trials = _annotated(columns, roles, asked, sampling_rate_Hz, path)
+        trials = _annotated(clock, len(next(iter(columns.values()))), asked, rate_Hz, path)
     else:
         trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
     trials = _without(trials, asked.leave_out, path)
@@ -143,18 +149,13 @@ def _segments(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Tr
     return _touches(Trials(begin, end, names, conditions), path)
 
 
-def _annotated(
-    columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, sampling_rate_Hz: float | None, path: Path
-) -> Trials:
+def _annotated(clock: Clock, n_rows: int, asked: TableSpec, rate_Hz: float | None, path: Path) -> Trials:
     """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
     marks = annotations.read(existing(asked.annotations or ""), asked.label, asked.decimal)
-    if roles.time is None:
-        assert sampling_rate_Hz is not None
-        time, unit = np.arange(len(next(iter(columns.values())))) / sampling_rate_Hz, "s"
-    else:
-        time, unit = stamps(columns[roles.time], roles.time, path), asked.time_unit or unit_in(roles.time)
-        if time.dtype.kind == "U":
-            time, unit = seconds_of(time.tolist(), str(path), roles.time, FIRST_LINE, asked.time_unit), "s"
+    time, unit = clock
+    if time is None:
+        assert rate_Hz is not None
+        time, unit = np.arange(n_rows) / rate_Hz, "s"
     back = np.flatnonzero(np.diff(time) < 0)
     if len(back):
         raise InputError(
@@ -169,7 +170,7 @@ def _annotated(
             "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
             marks.path, shared,
         )  # fmt: skip
-    names = [f"the touch of {marks.path.name}, line {at + annotations.FIRST_LINE}" for at in range(len(begin))]
+    names = [f"the touch of {marks.path.name}, line {at + FIRST_LINE}" for at in range(len(begin))]
     return _touches(Trials(begin, end, names, marks.conditions), path)
 
 
@@ -213,10 +214,14 @@ def _without(trials: Trials, classes: Sequence[str], path: Path) -> Trials:
     return trials.chosen(keep) if classes else trials
 
 
-def stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    """A column of time stamps: finite numbers, or the texts of times of day."""
-    is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
-    return values if is_of_day else numbers(values, name, path)
+def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, path: Path) -> Clock:
+    """The column of time stamps: finite numbers, or times of day in seconds."""
+    if roles.time is None:
+        return Clock(None, None)
+    values = columns[roles.time]
+    if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
+        return Clock(seconds_of(values.tolist(), str(path), roles.time, FIRST_LINE, asked.time_unit), "s")
+    return Clock(numbers(values, roles.time, path), asked.time_unit or unit_in(roles.time))
 
 
 def numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:

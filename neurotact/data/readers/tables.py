@@ -180,6 +180,10 @@ def _fault(cell: str) -> str:
     return f"is {cell[:20]!r}, not a number; write a number or drop the file"
 
 
+FIRST_LINE = 2
+"""Line of the first row of a `NamedTable`, below the names of its columns."""
+
+
 class NamedTable(NamedTuple):
     """A text table with a header: the names of its columns (empty: a separator ends each line), and its other lines."""
 
@@ -209,6 +213,16 @@ def named_table(path: Path) -> NamedTable:
     if all(is_number(name) for name in names):
         raise InputError(f"{path}: line 1 holds numbers, but must name the columns, as in trial,time_s,label")
     return NamedTable(path, names, separator, body)
+
+
+def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
+    """The column that has the first of these names, in upper or lower case; None if there is none.
+
+    >>> called(["a", "Class", "label"], ["label", "class"]), called(["a", "Class"], ["label", "class"])
+    ('label', 'Class')
+    """
+    lower = {name.lower(): name for name in reversed(names)}
+    return next((lower[alias] for alias in aliases if alias in lower), None)
 
 
 def columns_of(
