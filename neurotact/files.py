@@ -228,6 +228,20 @@ def read_bytes(path: str | Path) -> bytes:
         return path.read_bytes()
 
 
+def read_head(path: str | Path, n_bytes: int) -> bytes:
+    """The first bytes of a file of any size; InputError as in `read_bytes`.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "touch.csv"
+    >>> write_text(path, "left,right")
+    >>> read_head(path, 4)
+    b'left'
+    """
+    path = existing(path)
+    with _readable(path), path.open("rb") as file:
+        return file.read(n_bytes)
+
+
 def sha256(path: str | Path) -> str:
     """The SHA-256 of a file's content, read piece by piece; InputError as in `read_bytes`.
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact import files
+from neurotact.data.readers.contents import LVM, content_of
 from neurotact.errors import InputError
 
 MAX_CHANNELS = 10_000
@@ -26,7 +27,13 @@ NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
 
 
 def read_text(path: str | Path) -> str:
-    """The file's text, its line ends as `\\n`, without a byte-order mark; InputError if it is not UTF-8 text."""
+    """The file's text, its line ends as `\\n`, without a byte-order mark.
+
+    InputError if it is not UTF-8 text, or holds another kind of data (`contents`).
+    """
+    kind = content_of(path)
+    if kind not in (None, LVM):
+        raise kind.refusal(path)
     return files.read_text(path).replace("\r\n", "\n").replace("\r", "\n")
 
 
