@@ -2,6 +2,10 @@
 
 import sys
 
+if __name__ == "__main__" and not sys.flags.safe_path:
+    # `python -m` looks for modules in the current folder first: a signal.py there would replace Python's own.
+    sys.path.append(sys.path.pop(0))
+
 
 def main() -> None:
     """Load the command line and run it; see `neurotact.cli.main` for the exit codes."""

@@ -4,11 +4,12 @@ On Linux they are forked from a server process that has loaded modules and done 
 seconds that this needs; elsewhere each is spawned.
 Their number changes only the run time. A process keeps its state between jobs (the caches of a module) until the block
 is left. If a process dies, only its own job is lost, and that job starts again in a new process; InputError is raised
-when this happens to a job too often.
+when this happens to a job too often, and when a process has loaded another neurotact than this one.
 """
 
 import os
 import signal
+import subprocess
 import sys
 import time
 import warnings
@@ -19,11 +20,14 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from multiprocessing.context import BaseContext
+from pathlib import Path
 from threading import Thread
 from typing import Any
 
 import torch
 
+import neurotact
+from neurotact.backend import native
 from neurotact.errors import InputError
 from neurotact.progress import say
 
@@ -36,6 +40,9 @@ ATTEMPTS = 3
 DYING_S = 0.2
 """Seconds to wait for the end of a server of processes that was killed: until then no process can be started."""
 PACKAGE = __name__.partition(".")[0]
+SAFE_PATH, PATH, THREADS = "PYTHONSAFEPATH", "PYTHONPATH", "OMP_NUM_THREADS"
+HINTS = {"SIGKILL": "if its memory ran out, use fewer processes", "SIGBUS": "if a disk of it is full, free some"}
+"""What may be behind a signal that ended a process."""
 
 
 @contextmanager
@@ -63,24 +70,59 @@ def pool_as_done(n_workers: int) -> Iterator[RunAsDone]:
 
     def start() -> ProcessPoolExecutor:
         # Pools of one: a process that dies breaks its pool.
-        started.append(ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=(dict(os.environ),)))
+        given = {**os.environ, THREADS: "1"}
+        with _safe_path():  # a process that tracks its locks may start, too
+            started.append(ProcessPoolExecutor(1, mp_context=context, initializer=_begin, initargs=(given,)))
         return started[-1]
 
-    threads = os.environ.get("OMP_NUM_THREADS")
-    os.environ["OMP_NUM_THREADS"] = "1"
     try:
-        idle: list[ProcessPoolExecutor] = [start() for _ in range(n_workers)]
-        yield lambda task, jobs: _run(task, jobs, idle, start)
+        with _environment({THREADS: "1"}):
+            idle: list[ProcessPoolExecutor] = [start() for _ in range(n_workers)]
+            yield lambda task, jobs: _run(task, jobs, idle, start)
     except BaseException:
-        for process in [process for one in started for process in (one._processes or {}).values()]:
+        for process in [process for one in started for process in _processes(one)]:
             process.terminate()
         raise
     finally:
         for one in started:
             one.shutdown(wait=True, cancel_futures=True)
-        os.environ.pop("OMP_NUM_THREADS", None)
-        if threads is not None:
-            os.environ["OMP_NUM_THREADS"] = threads
+
+
+@contextmanager
+def _environment(changes: dict[str, str]) -> Iterator[None]:
+    """Within it, these variables of the environment have these values."""
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Processes that start within it find modules where this one does, but in the current folder last.
+
+    Python looks for them there first in a process that `-c` starts, as it does in a notebook: a `signal.py` or a clone
+    of neurotact would be imported in place of Python's own or of the installed one.
+    """
+    before, path = sys.path, _path()
+    with _environment({SAFE_PATH: "1", PATH: os.pathsep.join(path)}):
+        sys.path = path  # what the new process takes over
+        try:
+            yield
+        finally:
+            sys.path = before
+
+
+def _path() -> list[str]:
+    own, here = str(Path(neurotact.__file__).parents[1]), os.getcwd()
+    is_script = hasattr(sys.modules["__main__"], "__file__")  # Python then puts the script's folder first
+    last = [] if is_script else [entry for entry in sys.path if entry in ("", here)]
+    return [*([own] if own == here else []), *(entry for entry in sys.path if entry not in last), *last]
 
 
 def _context() -> BaseContext:
@@ -113,7 +155,7 @@ def _run(
         while todo and idle:
             place, attempt = todo.popleft()
             with _ignoring_interrupts():
-                process, future = _submit(idle.pop(), start, task, jobs[place])
+                process, future = _submit(idle.pop(), start, (task, jobs[place], identity()))
             running[future] = process, place, attempt
 
     deal()
@@ -124,30 +166,78 @@ def _run(
         if died and attempt < ATTEMPTS:
             say("a worker process died; its job starts again in another")
             todo.appendleft((place, attempt + 1))
-        idle.append(start() if died else process)
         if died and attempt == ATTEMPTS:
-            raise _all_died()
+            raise _all_died(process)
+        idle.append(start() if died else process)
         deal()
         if not died:
             yield place, future.result()
 
 
 def _submit(
-    process: ProcessPoolExecutor, start: Callable[[], ProcessPoolExecutor], task: Task, job: Any
+    process: ProcessPoolExecutor, start: Callable[[], ProcessPoolExecutor], job: tuple[Task, Any, dict[str, str]]
 ) -> tuple[ProcessPoolExecutor, Future]:
     """Give a process a job; a new one if it died while it was idle, or if the server of processes died."""
     for _ in range(ATTEMPTS):
         try:
-            return process, process.submit(task, job)
+            with _safe_path():
+                return process, process.submit(_do, job)
         except (BrokenProcessPool, EOFError, ConnectionError):
             time.sleep(DYING_S)
-            process = start()
-    raise _all_died()
+            died, process = process, start()
+    raise _all_died(died)
 
 
-def _all_died() -> InputError:
-    why = "usually too little memory, or a full disk"
-    return InputError(f"{ATTEMPTS} worker processes died at the same job ({why}); free some and run it again")
+def _do(job: tuple[Task, Any, dict[str, str]]) -> Any:
+    """In a worker process: do a job, unless its numbers might differ from those of the parent."""
+    task, what, expected = job
+    found = identity()
+    differing = [name for name in expected if found.get(name) != expected[name]]
+    if differing:
+        name = differing[0]
+        raise InputError(
+            f"worker processes: {name} is {found.get(name)} there and {expected[name]} here; leave one neurotact on "
+            "Python's path and start again"
+        )
+    return task(what)
+
+
+def identity() -> dict[str, str]:
+    """Which neurotact this process has loaded, and with which kernels."""
+    return {
+        "neurotact": str(neurotact.__file__),
+        "its version": neurotact.__version__,
+        "its compiled kernels": "none" if native is None else str(native.__file__),
+    }
+
+
+def _processes(pool: ProcessPoolExecutor) -> list[Any]:
+    return list((pool._processes or {}).values())
+
+
+def _all_died(pool: ProcessPoolExecutor) -> InputError:
+    """The error for a job that ended every process, with what was seen of the end of the last one."""
+    processes = _processes(pool)
+    pool.shutdown(wait=True)
+    code = processes[0].exitcode if processes else None
+    about = f"{ATTEMPTS} worker processes"
+    if code is not None and code < 0:
+        name = signal.Signals(-code).name
+        hint = HINTS.get(name, "look for the cause in the log of the system")
+        return InputError(f"{about} were killed at the same job (signal {-code}, {name}) on this machine; {hint}")
+    fault = _fault_of_a_start()
+    if fault:
+        return InputError(f"{about} could not start: {fault}; mend what Python imports there")
+    ended = "lost their server" if code is None else f"ended with code {code}"
+    return InputError(f"{about} {ended} at the same job; what they printed says why")
+
+
+def _fault_of_a_start() -> str:
+    """The error of a new process that loads what worker processes do; empty if there is none."""
+    with _safe_path():
+        words = [sys.executable, "-c", f"import {__name__}"]
+        done = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+    return "" if done.returncode == 0 else (done.stderr.strip().splitlines() or [f"code {done.returncode}"])[-1]
 
 
 @contextmanager

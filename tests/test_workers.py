@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from processes import descendants
 
+import neurotact
 from neurotact import workers
 from neurotact.errors import InputError
 
@@ -71,12 +72,60 @@ if __name__ == "__main__":
 """
 
 
-def test_a_warning_of_a_worker_is_one_line(tmp_path):
-    script = tmp_path / "warning.py"
+def lay_traps(folder: Path) -> None:
+    """Modules of the user's own, with the names of Python's and of the package."""
+    for name in ("signal", "queue", "selectors", "neurotact"):
+        (folder / f"{name}.py").write_text(f"raise RuntimeError('{name}.py of the current folder')")
+
+
+def test_a_warning_of_a_worker_is_one_line_and_no_module_is_that_of_the_current_folder(tmp_path):
+    script, here = tmp_path / "warning.py", tmp_path / "here"
+    here.mkdir()
+    lay_traps(here)
     script.write_text(WARNING)
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120, cwd=here)
     assert done.returncode == 0
     assert done.stderr.splitlines() == ["neurotact: the gain silences RA-I"]
+
+
+NOTEBOOK = """
+import os, sys
+from importlib.util import find_spec
+from neurotact import workers
+
+sys.path.insert(0, "")  # as IPython does, when its own modules are loaded
+before, environment = [*sys.path], {**os.environ}
+with workers.pool(1) as run:
+    print(*(found.origin for found in run(find_spec, ["queue", "mine", "signal"])))
+assert sys.path == before
+assert os.environ == environment
+"""
+
+
+def test_a_notebook_beside_modules_of_its_own_has_them_but_never_in_place_of_pythons(tmp_path):
+    lay_traps(tmp_path)
+    (tmp_path / "mine.py").write_text("")
+    words = [sys.executable, "-P", "-c", NOTEBOOK]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    queue, mine, signals = map(Path, done.stdout.split())
+    assert mine == tmp_path / "mine.py"
+    assert tmp_path not in (*queue.parents, *signals.parents)
+
+
+def test_the_package_runs_as_a_module_beside_a_module_with_the_name_of_pythons(tmp_path):
+    (tmp_path / "signal.py").write_text("raise RuntimeError('signal.py of the current folder')")
+    words = [sys.executable, "-m", "neurotact", "--version"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert (done.stdout.strip(), done.stderr) == (neurotact.__version__, "")
+
+
+@pytest.mark.parametrize("name", workers.identity())
+def test_a_worker_that_has_loaded_another_neurotact_does_nothing(monkeypatch, name):
+    here = workers.identity() | {name: "another"}
+    monkeypatch.setattr(workers, "identity", lambda: here)
+    with pytest.raises(InputError, match=f"worker processes: {name} is .* there and another here; leave one"):
+        workers.in_a_process(abs, -1)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere each worker is spawned")
@@ -115,8 +164,19 @@ def test_a_server_that_dies_while_it_starts_a_process_costs_nothing(fault, monke
     with workers.pool(1) as run:
         assert [*run(abs, [-1, -2])] == [1, 2]
     faults += [fault] * 3
-    with pytest.raises(InputError, match="3 worker processes died"), workers.pool(1) as run:
+    monkeypatch.setattr(workers, "_fault_of_a_start", lambda: "")
+    with pytest.raises(InputError, match="3 worker processes lost their server"), workers.pool(1) as run:
         next(run(abs, [-1]))
+
+
+def test_what_a_new_process_cannot_import_is_said(monkeypatch):
+    def refuse(*_):
+        raise EOFError
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", refuse)
+    monkeypatch.setattr(workers, "__name__", "neurotact.absent")
+    with pytest.raises(InputError, match=r"could not start: ModuleNotFoundError: No module named 'neurotact\.absent';"):
+        workers.in_a_process(abs, -1)
 
 
 def _server(_: int) -> tuple[int, int]:

@@ -215,6 +215,15 @@ def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys
     assert capsys.readouterr().err.count("a worker process died") == 1
 
 
-def test_a_job_that_kills_every_process_ends_the_run():
-    with pytest.raises(InputError, match=r"3 worker processes died at the same job .*too little memory"):
-        workers.in_a_process(os.system, "kill -9 $PPID")
+@pytest.mark.parametrize(
+    ("task", "job", "seen"),
+    [
+        (os.system, "kill -KILL $PPID", r"were killed .* \(signal 9, SIGKILL\) .*; if its memory ran out, use fewer"),
+        (os.system, "kill -SEGV $PPID", r"were killed .* \(signal 11, SIGSEGV\) .*; look for the cause in the log"),
+        (os._exit, 3, "ended with code 3 at the same job"),
+    ],
+)
+def test_a_job_that_ends_every_process_ends_the_run_with_what_was_seen(task, job, seen):
+    with pytest.raises(InputError, match=f"^3 worker processes {seen}") as refusal:
+        workers.in_a_process(task, job)
+    assert ("memory" in str(refusal.value)) == ("SIGKILL" in seen)
