@@ -42,3 +42,13 @@ def some(names: Sequence[str], most: int = 5, between: str = ", ") -> str:
     """
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return between.join(names[:most]) + more
+
+
+def first_line(error: BaseException) -> str:
+    """An error of other code in one line: its type and the first line of its message.
+
+    >>> first_line(KeyError("gain")), first_line(ValueError("no gain\\nat line 3")), first_line(StopIteration())
+    ("KeyError: 'gain'", 'ValueError: no gain', 'StopIteration')
+    """
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__

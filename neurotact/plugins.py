@@ -8,9 +8,10 @@ from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
 
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, first_line, nearest
 
 Group = Literal["simulators", "readers", "protocols"]
+OURS = __name__.partition(".")[0]
 
 
 def names(group: Group) -> list[str]:
@@ -22,10 +23,11 @@ def names(group: Group) -> list[str]:
     return sorted(_found(group))
 
 
-def load(group: Group, name: str) -> Any:
+def load(group: Group, name: str, kind: type | None = None) -> Any:
     """Import the part of a group with this name.
 
-    Raises InputError when there is none, when two packages provide one of that name, or when it cannot be imported.
+    Raises InputError, which names the package, when there is none, when two packages provide one of that name, when it
+    cannot be imported, and when it is not of a `kind`.
 
     >>> load("protocols", "stifness")
     Traceback (most recent call last):
@@ -35,13 +37,39 @@ def load(group: Group, name: str) -> Any:
     if found is None:
         raise InputError(f"{group}: there is none called '{name}'; {nearest(name, names(group))}")
     if len(found) > 1:
-        packages = " and ".join(sorted(_package(point) for point in found))
-        raise InputError(f"{group}: '{name}' is provided by {packages}; uninstall one of them")
+        raise _twice(group, name, [_package(point) for point in found])
     try:
-        return found[0].load()
-    except (ImportError, AttributeError) as error:
-        package = _package(found[0])
-        raise InputError(f"{group}: '{name}' of {package} cannot be imported ({error}); update {package}") from error
+        part = found[0].load()
+    except (Exception, SystemExit) as error:  # the code of another package runs here
+        raise InputError(
+            f"{_about(group, name)} cannot be imported ({first_line(error)}); update or remove it"
+        ) from error
+    if kind is not None and not isinstance(part, kind):
+        raise unfit(group, name, f"is of the type {type(part).__name__} where a {kind.__name__} is expected")
+    return part
+
+
+def unfit(group: Group, name: str, why: str) -> InputError:
+    """The error for a part that can be imported and not used; `why`, in words."""
+    return InputError(f"{_about(group, name)} {why}; update or remove it")
+
+
+def refuse_taken(group: Group, name: str) -> None:
+    """InputError if another package has a part of a name that neurotact has, as a part or as a command."""
+    others = [package for package in map(_package, _found(group).get(name, [])) if package != OURS]
+    if others:
+        raise _twice(group, name, [OURS, *others])
+
+
+def _twice(group: Group, name: str, packages: list[str]) -> InputError:
+    others = [package for package in packages if package != OURS]
+    remedy = f"uninstall {others[0]}" if len(others) < len(packages) and others else "uninstall one of them"
+    return InputError(f"{group}: '{name}' is provided by {' and '.join(sorted(packages))}; {remedy}")
+
+
+def _about(group: Group, name: str) -> str:
+    (point,) = _found(group)[name]
+    return f"{group}: '{name}' of the package {_package(point)} ({point.value})"
 
 
 @lru_cache

@@ -8,6 +8,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from neurotact import plugins
+from neurotact.errors import InputError
 
 Help = str | Callable[[], str]
 """A command's line in its group's help, or a function that finds it."""
@@ -58,24 +59,38 @@ class LazyCommands(MutableMapping[str, Any]):
         return len(list(iter(self)))
 
 
-def add_plugins(app: typer.Typer, kind: plugins.Group, command: Callable[[str, Any], Callable[..., None]]) -> None:
+def add_plugins(
+    app: typer.Typer,
+    kind: plugins.Group,
+    plugin_of: Callable[[str], Any],
+    command: Callable[[str, Any], Callable[..., None]],
+) -> None:
     """Give `app` a command for each plug-in of a kind, such as "readers", with its `about` as the first line of help.
 
-    command: returns the function of a command for the name of a plug-in and the plug-in; its docstring, if any,
-        follows in the help.
+    plugin_of: returns the plug-in of a name. command: returns the function of a command for the name of a plug-in and
+        the plug-in; its docstring, if any, follows in the help.
     """
 
     def load(name: str) -> Any:
-        plugin = plugins.load(kind, name)
+        plugin = plugin_of(name)
         run = command(name, plugin)
         run.__doc__ = f"{plugin.about}\n\n{run.__doc__ or ''}"
         return command_of(run)
 
+    def about(name: str) -> str:
+        try:
+            return plugin_of(name).about
+        except InputError as error:  # the others are shown all the same
+            return f"Cannot be used: {error}."
+
     def helps() -> dict[str, Help]:
-        return {name: lambda name=name: plugins.load(kind, name).about for name in plugins.names(kind)}
+        return {name: lambda name=name: about(name) for name in plugins.names(kind)}
+
+    def begin(context: typer.Context) -> None:
+        plugins.refuse_taken(kind, context.invoked_subcommand or "")
 
     app.info.cls = lazy_group(helps, load)
-    app.callback()(lambda: None)  # so that it is a group although it has no other command
+    app.callback()(begin)  # it is a group although it may have no other command
 
 
 def lazy_group(helps: Callable[[], Mapping[str, Help]], load: Callable[[str], Any]) -> type[TyperGroup]:

@@ -14,7 +14,7 @@ from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
 from neurotact.data.readers import arrays, clock, event_files, folder, nwb, sample_table
 from neurotact.data.recordings import Recordings
-from neurotact.data.sources import Reader
+from neurotact.data.sources import Reader, reader
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
@@ -287,7 +287,7 @@ def _command(name: str, form: Reader) -> Callable[..., None]:
     return run if form.step_ms is None else run_on_clock
 
 
-add_plugins(app, "readers", _command)
+add_plugins(app, "readers", reader, _command)
 
 
 def _check_import(source: Path, out: Path, force: bool, table: Path | None = None) -> None:

@@ -7,7 +7,7 @@ from neurotact import files, spec
 from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, OutFile, SetOption
 from neurotact.cli.output import save_recordings
-from neurotact.data.sources import Simulator
+from neurotact.data.sources import Simulator, simulator
 from neurotact.progress import counting, track
 
 app = new_app("Simulate an experiment.")
@@ -29,4 +29,4 @@ def _command(name: str, experiment: Simulator) -> Callable[..., None]:
     return run
 
 
-add_plugins(app, "simulators", _command)
+add_plugins(app, "simulators", simulator, _command)

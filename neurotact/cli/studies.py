@@ -111,7 +111,9 @@ def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | No
             runner.run(what, out, workers or 2, scheduler, device)
             page = report.write(out)
     except KeyboardInterrupt:
-        say(f"interrupted; go on with: neurotact study resume {out}")
+        is_begun = (out / runner.STUDY).is_file()
+        go_on = f"go on with: neurotact study resume {out}" if is_begun else "the study had not begun; nothing is saved"
+        say(f"interrupted; {go_on}")
         sys.exit(INTERRUPTED)
     _print_report(page, as_json)
 

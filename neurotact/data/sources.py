@@ -97,13 +97,19 @@ class Reader(NamedTuple):
 
 
 def simulator(name: str) -> Simulator:
-    """The simulator of that name; InputError when there is none."""
-    return plugins.load("simulators", name)
+    """The simulator of that name; InputError when there is none, or it cannot be used."""
+    found = plugins.load("simulators", name, Simulator)
+    if not (isinstance(found.model, type) and issubclass(found.model, Spec) and callable(found.simulate)):
+        raise plugins.unfit("simulators", name, "has a model that is not a Spec, or nothing to call")
+    return found
 
 
 def reader(name: str) -> Reader:
-    """The reader of that name; InputError when there is none."""
-    return plugins.load("readers", name)
+    """The reader of that name; InputError when there is none, or it cannot be used."""
+    found = plugins.load("readers", name, Reader)
+    if not callable(found.read):
+        raise plugins.unfit("readers", name, "has nothing to call")
+    return found
 
 
 def read_recordings(name: str, path: Path) -> Recordings:

@@ -14,7 +14,7 @@ from uuid import uuid4
 import torch
 
 from neurotact.backend import TORCH_INSTRUCTIONS
-from neurotact.errors import InputError
+from neurotact.errors import InputError, first_line
 from neurotact.studies.engine import Engine, MapCells, RunCell
 from neurotact.studies.store import AnyCell, Files
 from neurotact.versions import versions
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 REACH_S = 10.0
 """Time limit for the scheduler to answer, and then for its first worker to join."""
 RETRIES = 2
+OURS = "neurotact"
+SAME = "install the same everywhere (pip install -c constraints.txt)"
 
 
 @contextmanager
@@ -38,20 +40,37 @@ def cluster(address: str) -> Iterator[MapCells]:
         import distributed
     except ImportError as error:
         raise InputError("--scheduler needs Dask; install it with pip install 'neurotact[dask]'") from error
-    option = f"--scheduler {address}"
     for name in ("distributed", "distributed.client"):  # the errors raised here say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
     asyncio.run(_reach(address))
     with distributed.Client(address, timeout=REACH_S, set_as_default=False) as client:
         try:
             client.wait_for_workers(1, timeout=REACH_S)
+            _check_packages(client)
             client.run(_check_worker, versions())
         except TimeoutError as error:
             start = f"start some with dask worker {address} --nworkers -1 --nthreads 1"
-            raise InputError(f"{option}: no worker joined it within {REACH_S:g} s; {start}") from error
-        except ModuleNotFoundError as error:
-            raise InputError(f"{option}: a worker lacks {error.name}; install neurotact[dask] there") from error
+            raise InputError(f"--scheduler {address}: no worker joined it within {REACH_S:g} s; {start}") from error
+        except (ImportError, AttributeError) as error:
+            raise InputError(
+                f"--scheduler {address}: a worker lacks something ({first_line(error)}); {SAME}"
+            ) from error
         yield partial(_map_cells, client, address)
+
+
+def _check_packages(client: "Client") -> None:
+    """Raise InputError for a worker with another neurotact, or without one.
+
+    Dask itself asks: the functions of this version may not exist there.
+    """
+    found: Any = client.get_versions(packages=[OURS])
+    here = found["client"]["packages"][OURS]
+    for address, about in found["workers"].items():
+        there = about["packages"][OURS]
+        if there is None:
+            raise InputError(f"worker {address}: lacks {OURS}; install neurotact[dask] there")
+        if there != here:
+            raise InputError(f"worker {address}: {OURS} is {there} there and {here} here; {SAME}")
 
 
 async def _reach(address: str) -> None:
@@ -77,7 +96,7 @@ def _map_cells(
     from distributed import KilledWorker, as_completed
 
     cell_of = _submit(client, engine, cells, folder)
-    go_on = f"then neurotact study resume {folder}"
+    go_on = "then give the same command again: what is done is kept"
     for future in as_completed(list(cell_of), loop=client.loop):
         cell = cell_of.pop(future)
         try:
@@ -88,6 +107,11 @@ def _map_cells(
             raise InputError(f"--scheduler {address}: {why}; {look}, {go_on}") from error
         except CancelledError as error:
             raise InputError(f"--scheduler {address}: the scheduler was lost; start it again, {go_on}") from error
+        except InputError:
+            raise
+        except Exception:
+            _check_packages(client)  # of a worker that has joined since
+            raise
         yield cell, files
 
 
@@ -133,13 +157,10 @@ def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None)
     from distributed import get_worker
 
     worker, found = dask_worker or get_worker(), versions()
-    for name in (name for name in expected if name != "python" and found[name] != expected[name]):
-        remedy = (
-            f"start it with {TORCH_INSTRUCTIONS}={expected[name].lower()}"
-            if name == "instructions"
-            else "install the same everywhere (pip install -c constraints.txt)"
-        )
-        raise InputError(f"worker {worker.address}: {name} is {found[name]} there and {expected[name]} here; {remedy}")
+    for name in (name for name in expected if name != "python" and found.get(name) != expected[name]):
+        remedy = f"start it with {TORCH_INSTRUCTIONS}={expected[name].lower()}" if name == "instructions" else SAME
+        there = found.get(name, "unknown")
+        raise InputError(f"worker {worker.address}: {name} is {there} there and {expected[name]} here; {remedy}")
     if worker.state.nthreads != 1:
         raise InputError(
             f"worker {worker.address}: has {worker.state.nthreads} threads, but a cell needs its own process; "

@@ -146,5 +146,11 @@ def optional(
 
 
 def module_of(name: str) -> ProtocolModule:
-    """The module of a protocol; for an unknown name, InputError with the nearest known one."""
-    return cast(ProtocolModule, plugins.load("protocols", name))
+    """The module of a protocol; InputError for an unknown name, with the nearest, and for a module without a part."""
+    module = plugins.load("protocols", name)
+    lacking = [part for part in ("Parameters", "VIEW", "load", "run", "draw") if not hasattr(module, part)]
+    if lacking:
+        raise plugins.unfit("protocols", name, f"has no {lacking[0]}")
+    if not (isinstance(module.Parameters, type) and issubclass(module.Parameters, Spec)):
+        raise plugins.unfit("protocols", name, "has Parameters that are not a Spec")
+    return cast(ProtocolModule, module)

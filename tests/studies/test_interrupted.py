@@ -240,7 +240,7 @@ def test_a_disk_that_is_full_ends_a_study_in_one_line_and_it_goes_on_to_the_same
     for n in (0, *(size - 1 for size in sizes[:: len(sizes) // 4])):
         code, said = end_of(typed(*words, "-o", folder, before=LIMIT.format(n=n)))
         assert code == 2, (n, said)
-        assert re.search("cannot be written|worker processes died .* a full disk", refusal_in(said))
+        assert "cannot be written" in refusal_in(said)
         assert not list(folder.rglob(".*"))
     assert end_of(typed("study", "resume", folder))[0] == 0
     assert left_by(folder) == left_by(whole)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from neurotact import files
+from neurotact import cli, files
 from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.studies import runner, study
@@ -90,6 +90,18 @@ def test_the_end_of_a_time_limit_says_how_to_go_on(tmp_path):
     assert process.returncode == 130
     assert err.splitlines()[-1] == f"neurotact: interrupted; go on with: neurotact study resume {tmp_path / 'run'}"
     assert "leaked" not in err
+
+
+def test_an_interruption_before_the_study_began_names_no_folder_to_resume(tmp_path, monkeypatch, capsys):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, "executor", interrupt)
+    monkeypatch.setattr(sys, "argv", ["neurotact", "study", "run", str(TINY), "-o", str(tmp_path / "run")])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert (end.value.code, (tmp_path / "run").exists()) == (130, False)
+    assert capsys.readouterr().err == "neurotact: interrupted; the study had not begun; nothing is saved\n"
 
 
 def test_a_folder_that_holds_another_study_is_refused(finished):

@@ -7,8 +7,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from pathlib import Path
 from threading import Thread
+from unittest.mock import Mock
 
 import pytest
 
@@ -103,6 +105,61 @@ def test_a_worker_with_other_versions_is_refused(dask, tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"worker tcp://.*: torch is .* there and 0\.1 here; install the same"):
         runner.run(study.resolve(TINY), tmp_path / "run", scheduler=dask[0])
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("here", "there", "expected"),
+    [
+        ("0.9", "0.1", "neurotact is 0.1 there and 0.9 here; install the same"),
+        ("0.9", None, "lacks neurotact; install"),
+    ],
+)
+def test_a_worker_with_another_neurotact_is_refused_before_it_is_given_any_of_its_functions(here, there, expected):
+    class Client:
+        def get_versions(self, packages: list[str]):
+            found = {
+                one: {"packages": dict.fromkeys(packages, version)} for one, version in (("a", here), ("b", there))
+            }
+            return {"client": found["a"], "workers": found}
+
+    with pytest.raises(InputError, match=f"^worker b: {expected}"):
+        cluster._check_packages(Client())
+
+
+def map_one(monkeypatch, error: Exception) -> None:
+    """Compute one cell, whose future raises this error, on a made cluster."""
+    future = Mock(**{"result.side_effect": error})
+    monkeypatch.setattr("distributed.as_completed", lambda futures, loop: futures)
+    monkeypatch.setattr(cluster, "_submit", lambda *_: {future: Mock()})
+    list(cluster._map_cells(Mock(), "tcp://here", None, [], Path("run")))
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_an_odd_error_of_a_cell_is_of_a_worker_with_another_neurotact_that_joined_late_or_is_ours(monkeypatch, late):
+    pytest.importorskip("distributed", reason=WITHOUT_DASK)
+
+    def check(client):
+        if late:
+            raise InputError("worker tcp://late: neurotact is another")
+
+    monkeypatch.setattr(cluster, "_check_packages", check)
+    with pytest.raises(InputError if late else TypeError, match="tcp://late" if late else "takes 2"):
+        map_one(monkeypatch, TypeError("run_cell() takes 2 positional arguments"))
+
+
+def test_a_cluster_that_is_lost_names_no_folder_that_may_be_gone(monkeypatch):
+    """A study that is refused before its first cell is done leaves its folder free."""
+    pytest.importorskip("distributed", reason=WITHOUT_DASK)
+    lost = {CancelledError(): "the scheduler was lost; start it again, ", killed(): "several workers were lost"}
+    for error, words in lost.items():
+        with pytest.raises(InputError, match=f"{words}.*then give the same command again: what is done is kept$"):
+            map_one(monkeypatch, error)
+
+
+def killed() -> Exception:
+    from distributed import KilledWorker
+
+    return KilledWorker("cell", None, 4)
 
 
 def test_a_worker_that_computes_with_other_instructions_is_refused(dask, tmp_path, monkeypatch):
