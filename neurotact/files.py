@@ -1,7 +1,6 @@
 """Files are written whole and then renamed, outputs never replace inputs, and the size of an input is limited."""
 
 import errno
-import fcntl
 import hashlib
 import json
 import os
@@ -16,6 +15,11 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from neurotact.errors import InputError
+
+try:
+    import fcntl
+except ImportError:  # Windows: folders are not locked there
+    fcntl = None
 
 DRAFT = ".draft-"
 """Prefix of a file that is being written; one that is left shows a process that was killed."""
@@ -110,7 +114,8 @@ def locked(folder: str | Path) -> Iterator[None]:
     """Lock `folder` (created if absent) for this process; InputError names the process that has locked it already.
 
     The operating system releases the lock when the process ends, however it ends. The lock file is removed, and so are
-    the folders that this call created and nothing was written to.
+    the folders that this call created and nothing was written to. Where the operating system or the file system has no
+    such locks, every process may work.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -134,7 +139,7 @@ def locked(folder: str | Path) -> Iterator[None]:
         who = {"pid": os.getpid(), "host": socket.gethostname(), "since": f"{datetime.now():%Y-%m-%d %H:%M:%S}"}
         with _writable(path):
             os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, json.dumps(who).encode(), 0)
+            os.write(descriptor, json.dumps(who).encode())
         yield
     finally:
         with suppress(OSError):  # the folder may have become read-only; a released lock file may stay
@@ -148,7 +153,9 @@ def locked(folder: str | Path) -> Iterator[None]:
 def _take(path: Path) -> int | None:
     """The descriptor of the locked file `path`; None if another process has locked it."""
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)  # no process that this one starts inherits it
+        if fcntl is None:
+            return descriptor
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -1,6 +1,8 @@
 """A file is whole or as it was before, whatever happens while it is written."""
 
 import errno
+import importlib.util
+import json
 import os
 import stat
 import subprocess
@@ -11,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from neurotact import files
 from neurotact.errors import InputError
 from neurotact.files import (
     MAX_MB,
@@ -231,6 +234,19 @@ def test_a_lock_ends_with_its_block_however_that_ends(tmp_path):
         raise RuntimeError
     with locked(tmp_path):
         pass
+
+
+def test_without_locks_of_the_system_a_folder_is_used_all_the_same(tmp_path, monkeypatch):
+    """As on Windows, which has no fcntl."""
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    there = importlib.util.spec_from_file_location("files_there", files.__file__)
+    assert there is not None
+    assert there.loader is not None
+    module = importlib.util.module_from_spec(there)
+    there.loader.exec_module(module)
+    with module.locked(tmp_path), module.locked(tmp_path):
+        assert json.loads((tmp_path / ".lock").read_text())["pid"] == os.getpid()
+    assert os.listdir(tmp_path) == []
 
 
 def test_the_size_of_an_input_is_bounded_before_it_is_read(tmp_path, monkeypatch):

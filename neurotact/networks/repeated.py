@@ -59,21 +59,22 @@ def run(
 
     options: of `train_run.run`; with `resume`, finished trainings are not repeated.
     """
-    single = [name for name in train_run.LEFT if (folder / name).exists()]
-    if single:
-        raise InputError(f"{folder}: holds a single training; choose another folder")
-    if not (force or resume) and (folder / TABLE).exists():
-        raise InputError(f"{folder / TABLE}: already exists; choose another folder, or pass --force or --resume")
-    rows = []
-    for name, task in tasks.items():
-        subfolder = folder / name
-        train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
-        tell = _silent  # the recipe's choices are printed only for the first split
-        result = files.read_json(subfolder / train_run.RESULT)
-        split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
-        rows.append({"folder": name, **split, **result["row"], "linear": result["compared"]["linear"]})
-    table = pd.DataFrame(rows)
-    write_table(table, folder / TABLE)
+    with files.locked(folder):
+        single = [name for name in train_run.LEFT if (folder / name).exists()]
+        if single:
+            raise InputError(f"{folder}: holds a single training; choose another folder")
+        if not (force or resume) and (folder / TABLE).exists():
+            raise InputError(f"{folder / TABLE}: already exists; choose another folder, or pass --force or --resume")
+        rows = []
+        for name, task in tasks.items():
+            subfolder = folder / name
+            train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
+            tell = _silent  # the recipe's choices are printed only for the first split
+            result = files.read_json(subfolder / train_run.RESULT)
+            split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
+            rows.append({"folder": name, **split, **result["row"], "linear": result["compared"]["linear"]})
+        table = pd.DataFrame(rows)
+        write_table(table, folder / TABLE)
     first = next(iter(tasks.values())).split
     share = 1 / first.folds if first.folds else first.test
     return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))

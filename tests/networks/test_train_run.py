@@ -15,10 +15,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import safetensors.torch
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from neurotact import cli, files
+from neurotact import cli, files, spec
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
@@ -61,6 +62,22 @@ def whole(spikes) -> dict[str, bytes]:
     left = contents(spikes.parent / "whole")
     assert set(left) == set(LEFT) - {CHECKPOINT}
     return left
+
+
+@pytest.mark.parametrize(
+    "network", [NETWORK, spec.load(RSNNSpec, "default", {"training.epochs": 3})], ids=["own", "default"]
+)
+def test_the_number_of_threads_changes_no_byte(spikes, network):
+    """Nor, so, does the number of trainings that run side by side in processes of one thread each."""
+    left, before = [], torch.get_num_threads()
+    try:
+        for n_threads in (1, 2, 5):
+            torch.set_num_threads(n_threads)
+            left.append(new_folder(spikes))
+            run(spikes, left[-1], network, TASK)
+    finally:
+        torch.set_num_threads(before)
+    assert contents(left[0]) == contents(left[1]) == contents(left[2])
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -14,11 +13,13 @@ from pathlib import Path
 import pytest
 from processes import workers_of
 
-from neurotact import files
+from neurotact import api, files
 from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
+from neurotact.networks import repeated
+from neurotact.networks.specs import RSNNSpec
 from neurotact.studies import preparation, runner, study
 
 HERE = Path(__file__).parent
@@ -133,6 +134,9 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
         lambda: runner.run(what, folder),
         lambda: runner.run(runner.load(folder), folder),
         lambda: runner.write_tables(folder),
+        lambda: api.train(spikes, folder, length_ms=50),
+        lambda: api.tune(spikes, folder, length_ms=50, per_trial=1),
+        lambda: repeated.run(spikes, folder, RSNNSpec(), {}),
     ):
         with pytest.raises(InputError, match=said):
             work()
