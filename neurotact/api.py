@@ -18,6 +18,7 @@ from neurotact.data.readers import arrays, event_files, folder, nwb, sample_tabl
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.deploy import c_export, export, fine_tuning
 from neurotact.deploy.export import Exported
@@ -38,6 +39,8 @@ from neurotact.studies import loading, runner
 
 Settings = Mapping[str, Any]
 """Changes of a spec: dotted keys and their values, such as `{"sa1.t_ref_ms": 5}`."""
+LeftOut = str | Sequence[str] | Mapping[str, Any] | None
+"""Trials to leave out: by conditions, such as `{"material": "wood"}`, or by class, such as "rest,moving"."""
 
 
 def simulate(
@@ -56,9 +59,17 @@ def simulate(
     return found.simulate(found.build(changes, f"simulate {name}"), progress)
 
 
-def read(name: str, path: str | Path) -> Recordings | SpikeTrains:
-    """Read recordings, or spikes, as they were published; `name` is a reader's, such as "fabricslide"."""
-    return sources.reader(_text("name", name)).read(Path(path))
+def read(
+    name: str, path: str | Path, *, where: Settings | None = None, leave_out: LeftOut = None
+) -> Recordings | SpikeTrains:
+    """Read recordings, or spikes, as they were published; `name` is a reader's, such as "fabricslide".
+
+    where: conditions of the trials to keep, such as `{"speed": 300, "force_N": [3, 6]}`, one or several values each.
+    leave_out: conditions of trials to leave out, or classes. A line says how many trials are kept.
+    Raises InputError for a condition or a value that no trial has.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    return chosen_trials(sources.reader(_text("name", name)).read(Path(path)), choice, str(path))
 
 
 def read_folder(
@@ -77,6 +88,8 @@ def read_folder(
     header_lines: int | None = None,
     array: str | None = None,
     transpose: bool = False,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
 ) -> Recordings:
     """Read a folder of CSV, NPZ or MATLAB files, a row per sample and a column per taxel: `neurotact import folder`.
 
@@ -91,14 +104,17 @@ def read_folder(
     decimal: "." or ",". header_lines: lines before the first sample; found out when None.
     array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are
         (taxel, time).
+    where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the line and the fix.
     """
+    choice = TrialChoice.of(where, leave_out)
     naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
     layout = {
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
         "decimal": decimal, "header_lines": header_lines, "array": array, "transpose": transpose,
     }  # fmt: skip
-    return folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+    found = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
+    return chosen_trials(found, choice, str(path))
 
 
 def read_table(
@@ -110,7 +126,8 @@ def read_table(
     trial: str | Sequence[str] = (),
     segments: bool = False,
     annotations: str | Path | None = None,
-    leave_out: str | Sequence[str] = (),
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
     columns: str | Sequence[str] = (),
     time_column: str | None = None,
     time_unit: str | None = None,
@@ -122,16 +139,17 @@ def read_table(
     label: the column of classes; one named label, class, y or target when None. trial: the columns that tell trials
     apart, such as "subject,repetition"; one named trial, recording or touch when empty. segments: whether each stretch
     of samples of one class is a trial, as in a continuous recording. annotations: a CSV file with the columns begin,
-    end and label, a row per touch, in place of both. leave_out: classes that are no touch, such as "rest". columns: the
-    taxels; all columns of numbers that change within trials when empty; those that are constant within each trial are
-    conditions.
+    end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
+    trials when empty; those that are constant within each trial are conditions.
+    where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
     sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, decimal: as of `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
     """
     spec = {
         "label": label, "trial": trial, "segments": segments,
-        "annotations": None if annotations is None else str(annotations), "leave_out": leave_out, "columns": columns,
-        "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms, "decimal": decimal,
+        "annotations": None if annotations is None else str(annotations), **TrialChoice.of(where, leave_out)._asdict(),
+        "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
+        "decimal": decimal,
     }  # fmt: skip
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 
@@ -143,14 +161,18 @@ def read_arrays(
     *,
     names: Mapping[str, str] | None = None,
     axes: str = "trial,time,taxel",
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
 ) -> Recordings:
     """Read one NPZ, MATLAB or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
 
     names: what the file calls signals, label and channels, such as `{"label": "gesture"}`; signals are the only array
     with three axes, unless named. axes: theirs, in their order. Other arrays of one value a trial become conditions.
+    where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the array and the fix.
     """
-    return arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes)
+    choice = TrialChoice.of(where, leave_out)
+    return chosen_trials(arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes), choice, str(path))
 
 
 def read_events(
@@ -159,22 +181,34 @@ def read_events(
     *,
     names: Mapping[str, str] | None = None,
     naming: Settings | None = None,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
 ) -> SpikeTrains:
     """Spike trains from a file of events (CSV, NPZ, NPY, HDF5) or a folder of one file per trial.
 
     settings: step_ms, time_unit, origin, duration_ms, polarity, polarities, channels, n_channels, sensor.
     names: what the file calls time, channel, population, trial and label. naming: of a folder: levels, pattern, table.
+    where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file and the place.
     """
-    return event_files.read(path, settings, names=names, naming=naming)
+    choice = TrialChoice.of(where, leave_out)
+    return chosen_trials(event_files.read(path, settings, names=names, naming=naming), choice, str(path))
 
 
-def read_nwb(path: str | Path, settings: Settings | None = None) -> Recordings | SpikeTrains:
+def read_nwb(
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
+) -> Recordings | SpikeTrains:
     """The spike trains of the units of an NWB file, cut into its trials; with `series` recordings of a time series.
 
-    settings: trials, label, step_ms, name, series, unit. Raises InputError, which names the file and the fix.
+    settings: trials, label, step_ms, name, series, unit. where, leave_out: the trials to keep and to leave out, by the
+    columns of the table of trials, as of `read`. Raises InputError, which names the file and the fix.
     """
-    return nwb.read(path, settings)
+    choice = TrialChoice.of(where, leave_out)
+    return chosen_trials(nwb.read(path, settings), choice, str(path))
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:
@@ -198,11 +232,14 @@ def encode(
     encoder: str | Path | EncoderSpec = "sa1-ra1-lif",
     settings: Settings | None = None,
     *,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
     progress: Callable[[int], None] | None = None,
 ) -> SpikeTrains:
     """Spikes of SA-I and RA-I afferents for whole trials.
 
     encoder: a spec, or the name or path of one. settings: changes of it, dotted keys.
+    where, leave_out: the trials to encode, as of `read`.
     progress: called with the number of trials done since its last call.
     Warns (`FiringWarning`) of a population that is silent, or whose every firing afferent is saturated.
 
@@ -211,6 +248,7 @@ def encode(
     ('SA-I taxel1', 5.0)
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
+    recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
     what = specs.resolve(encoder, settings)
     trains = encode_recordings(recordings, what, progress)
     counts = np.bincount(np.concatenate(trains.units), minlength=len(trains.afferents))
@@ -227,15 +265,19 @@ def calibrate(
     split_seed: int = 0,
     stratify: Sequence[str] = (),
     split: Settings | None = None,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
 ) -> AfferentSpec:
     """An encoder with gains for a sensor, from the training trials of the split with that random seed.
 
     split: how else trials are divided, as for `train`; the gains know nothing of its validation and test trials.
+    where, leave_out: the trials that are divided, as of `read`.
     settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
     past alone, and a moving average is chosen, unless `settings` name `conditioning.baseline` and
     `conditioning.ema_cutoff_Hz`.
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
+    recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
     sides = split_conditions(recordings.conditions, stratify, spec.build(SplitSpec, _split(split_seed, split), "split"))
     changed = spec.resolve(AfferentSpec, encoder, settings)
     fit, _ = calibration.way_of(changed, settings or {})
@@ -275,6 +317,8 @@ def train(
     stratify: Sequence[str] = (),
     split_seed: int = 0,
     split: Settings | None = None,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
     exit_tolerance: float = 0.01,
     exit_by: str = "stability",
     seed: int = 0,
@@ -293,6 +337,7 @@ def train(
     stratify: conditions that are balanced in the split.
     split: how else trials are divided: group, test_where, order, folds, fold, validation and test, as for the method
     `split` of `windows`, such as `{"test_where": {"speed": 450}}`.
+    where, leave_out: the trials that are used at all, as of `read`.
     exit_tolerance: validation accuracy that early exit may lose.
     exit_by: "stability", the leading class unchanged for long enough, or "margin", a lead that is large enough.
     force: replace a training that is in the folder. resume: go on with one that was interrupted.
@@ -302,8 +347,11 @@ def train(
     place = Path(folder)
     spikes = _file_of(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = tasks.task_of("train", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
-    task = tasks.with_suited_window(task, hdf5.load_spikes(spikes), ARGUMENTS)
+    sides = _split(split_seed, split)
+    task = tasks.task_of(
+        "train", _window(window, onset), sides, stratify, exit_tolerance, exit_by, where=where, leave_out=leave_out
+    )
+    task = tasks.with_suited_window(task, tasks.load_spikes(spikes, task, tell=True), ARGUMENTS)
     what = spec.resolve(RSNNSpec, network, settings)
     train_run.run(spikes, place, what, task, seed=seed, device=device, force=force, resume=resume)
     return summary_of(files.read_json(place / train_run.RESULT))
@@ -315,6 +363,8 @@ def infer(
     *,
     early_exit: bool = False,
     test_only: bool = False,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
     allow_other_encoder: bool = False,
     device: str = "cpu",
 ) -> pd.DataFrame:
@@ -323,10 +373,12 @@ def infer(
     One row per window, with its spikes and SOPs. Columns: trial, side (training, validation, test, unseen), label,
     predicted, steps, input_spikes, hidden_spikes and sops_*.
     test_only: the network's own test trials alone. early_exit: stop where the validated rule says so.
+    where, leave_out: the trials to decide, as of `read`; they are numbered anew in the column trial.
     Raises InputError for spikes of another encoder, unless `allow_other_encoder`.
     """
     trains = hdf5.load_spikes(spikes) if isinstance(spikes, (str, Path)) else spikes
     _instance("spikes", trains, SpikeTrains, "nt.encode and nt.load return them")
+    trains = chosen_trials(trains, TrialChoice.of(where, leave_out), "spikes")
     restored = trained.restore(run, device=device)
     return inference.infer(
         restored, trains, early_exit=early_exit, test_only=test_only, allow_other_encoder=allow_other_encoder
@@ -412,6 +464,8 @@ def tune(
     stratify: Sequence[str] = (),
     split_seed: int = 0,
     split: Settings | None = None,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
     exit_tolerance: float = 0.01,
     exit_by: str = "stability",
     workers: int = 2,
@@ -427,15 +481,18 @@ def tune(
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
     on; "none" trains all to the end.
     batch: trials that are proposed together. device: "cuda" trains each batch at once on one GPU, in place of `workers`
-    processes. Windows, split, exit_tolerance and exit_by: as for `train`.
+    processes. Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`.
     The journal, tables, figure, `best.toml` and the best network are saved in `folder`; given the same folder again,
     the search continues there.
     """
     place = Path(folder)
     spikes = _file_of(spikes)
-    trains = hdf5.load_spikes(spikes)
     window = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
-    task = tasks.task_of("tune", _window(window, onset), _split(split_seed, split), stratify, exit_tolerance, exit_by)
+    sides = _split(split_seed, split)
+    task = tasks.task_of(
+        "tune", _window(window, onset), sides, stratify, exit_tolerance, exit_by, where=where, leave_out=leave_out
+    )
+    trains = tasks.load_spikes(spikes, task, tell=True)
     task = tasks.with_suited_window(task, trains, ARGUMENTS)
     table = {
         "trials": trials,
@@ -465,6 +522,8 @@ def run_study(
     settings: Settings | None = None,
     *,
     data: str | Path | None = None,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
     quick: bool = False,
     workers: int = 2,
     scheduler: str | None = None,
@@ -474,12 +533,14 @@ def run_study(
 
     settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
     data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
-        data="touches.h5")`, or "ways-to-save".
+        data="touches.h5")`, or "ways-to-save". where, leave_out: its trials that are used, as of `read`.
     quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
     device: "cuda" trains all networks at once on one GPU.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     """
-    study = loading.resolve(name, settings, quick=quick, data=data)
+    choice = TrialChoice.of(where, leave_out)
+    changes = {**spec.checked_settings(settings), **loading.choice_changes(**choice._asdict())}
+    study = loading.resolve(name, changes, quick=quick, data=data)
     runner.run(study, Path(folder), workers, scheduler, device)
     return _reported(Path(folder))
 

@@ -26,12 +26,19 @@ def nearest(word: str, known: "list[str] | tuple[str, ...]") -> str:
     >>> nearest("zzz", ["hidden", "tau_mem_ms"])
     'known: hidden, tau_mem_ms'
     """
+    found = closest(word, known)
+    return "known: " + ", ".join(known) if found is None else f"did you mean '{found}'?"
+
+
+def closest(word: str, known: Sequence[str], alike: float = 0.5) -> str | None:
+    """The word of `known` that is nearly `word`; None if none is. alike: least similarity, from 0 to 1.
+
+    >>> closest("wod", ["felt", "wood"]), closest("zzz", ["felt", "wood"])
+    ('wood', None)
+    """
     from difflib import get_close_matches
 
-    close = get_close_matches(word, known, n=1, cutoff=0.5)
-    if close:
-        return f"did you mean '{close[0]}'?"
-    return "known: " + ", ".join(known)
+    return next(iter(get_close_matches(word, known, n=1, cutoff=alike)), None)
 
 
 def some(names: Sequence[str], most: int = 5, between: str = ", ") -> str:

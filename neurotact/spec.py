@@ -290,13 +290,32 @@ def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     for assignment in assignments:
         column, equals, text = assignment.partition("=")
-        if not equals or not column.strip() or not text.strip():
-            raise InputError(f"{option} {assignment}: must read CONDITION=VALUE, as in speed=450")
+        if not equals or not column.strip() or not text.strip() or column.rstrip()[-1:] in "!<>":
+            raise InputError(f"{option} {assignment}: must read CONDITION=VALUE, as in speed=450 or speed=300,450")
         whole = _value_of(text, assignment, option)
         if isinstance(whole, str) and whole == text.strip():  # no quotes, so that a comma parts values
             whole = [_value_of(part, assignment, option) for part in text.split(",") if part.strip()]
         values = _plain(whole if isinstance(whole, list) else [whole], option, column.strip())
         found.setdefault(column.strip(), []).extend(values)
+    return found
+
+
+def parse_choice(where: list[str], leave_out: list[str], classes: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The conditions of `--where` and of `--leave-out`; CONDITION!=VALUE in one is CONDITION=VALUE in the other.
+
+    classes: the condition that `--leave-out` means by a value alone.
+
+    >>> parse_choice(["speed=300", "material!=wood"], ["rest,moving"], "label")
+    ({'speed': [300]}, {'material': ['wood'], 'label': ['rest', 'moving']})
+    """
+    leave_out = [each if "=" in each else f"{classes}={each}" for each in leave_out]
+    sides = (where, "--where"), (leave_out, "--leave-out")
+    given = [(each, option, "!=" in each.partition("=")[0] + "=") for side, option in sides for each in side]
+    found: tuple[dict[str, Any], dict[str, Any]] = {}, {}
+    for assignment, option, is_not in given:
+        parsed = parse_where([assignment.replace("!=", "=", 1) if is_not else assignment], option)
+        for column, values in parsed.items():
+            found[is_not != (option == "--leave-out")].setdefault(column, []).extend(values)
     return found
 
 

@@ -15,21 +15,26 @@ from neurotact.cli.options import (
     Folds,
     Force,
     Group,
+    LeaveOut,
     Order,
     OutFile,
     SetOption,
     Spikes,
     Stratify,
     TestWhere,
+    Where,
+    choice_of,
     split_table,
 )
 from neurotact.cli.options import Recordings as RecordingsFile
 from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.digests import recorded_trials
 from neurotact.data.nwb_output import to_nwb
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.trial_choice import chosen_trials
 from neurotact.encoders import alternatives, calibration, firing, resting
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
@@ -54,6 +59,8 @@ def calibrate(
         int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split; only its training trials are used.")
     ] = 0,
     stratify: Stratify = None,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
@@ -88,7 +95,9 @@ def calibrate(
     if compare:
         spec.refuse(changes, alternatives.COMPARED)
     n_steps = alternatives.n_steps(rule) if compare else times * rule.candidates
-    with hdf5.open_recordings(recordings) as data, track("calibrate", n_steps) as advance:
+    choice = choice_of(where, leave_out)
+    with hdf5.open_recordings(recordings) as stored, track("calibrate", n_steps) as advance:
+        data = chosen_trials(stored, choice, str(recordings))
         split = split_conditions(data.conditions, stratify or (), spec.build(SplitSpec, asked, source="calibrate"))
         training = data.select(split.train)
         compared = alternatives.compare(training, start, advance, rule) if compare else None
@@ -115,13 +124,18 @@ def encode(
     out: OutFile,
     encoder: EncoderOption = "sa1-ra1-lif",
     set_: SetOption = None,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:
     """Turn whole trials into the spikes of SA-I and RA-I afferents."""
     files.check_new(out, force=force, inputs=[recordings, encoder])
     what = encoders.load(encoder, spec.parse_assignments(set_ or []))
-    with hdf5.open_recordings(recordings) as data, track("encode", len(data)) as advance:
-        found = encode_file(data, what, out, lambda n: advance(n, ""))
+    choice = choice_of(where, leave_out)
+    with hdf5.open_recordings(recordings) as stored:
+        data = chosen_trials(stored, choice, str(recordings))
+        with track("encode", len(data)) as advance:
+            found = encode_file(data, what, out, lambda n: advance(n, ""))
     for complaint in firing.complaints(found.fired, found.steps, found.clock_Hz, what):
         say(complaint)
     print(
@@ -182,11 +196,13 @@ def _signal_of(
         say(f"the signal is left out: {trains.source or 'its recordings'} does not exist; name it with --recordings")
         return None
     with hdf5.open_recordings(path) as data:
-        if len(data) != len(trains):
+        place = recorded_trials(data, trains)
+        if place is None:
             raise InputError(
                 f"{data.source}: holds {len(data)} trials but {spikes} {len(trains)}; "
                 "name the recordings that were encoded with --recordings"
             )
-        n_samples = int(data.lengths[trial])
-        files.check_size(f"{path}, trial {trial}", 4 * n_samples * data.n_channels)
-        return data.piece(trial, 0, n_samples), data.sampling_rate_Hz, data.unit
+        recorded = int(place[trial])
+        n_samples = int(data.lengths[recorded])
+        files.check_size(f"{path}, trial {recorded}", 4 * n_samples * data.n_channels)
+        return data.piece(recorded, 0, n_samples), data.sampling_rate_Hz, data.unit

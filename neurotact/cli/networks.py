@@ -23,6 +23,7 @@ from neurotact.cli.options import (
     Group,
     HopMs,
     Json,
+    LeaveOut,
     OnsetDeviations,
     Order,
     OtherEncoder,
@@ -40,7 +41,10 @@ from neurotact.cli.options import (
     Stratify,
     TestWhere,
     Tolerance,
+    Where,
     WindowMs,
+    choice_of,
+    choice_table,
     split_table,
     window_table,
 )
@@ -48,6 +52,7 @@ from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.window_choice import OPTIONS
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
@@ -81,6 +86,8 @@ def train_command(
     align: Align = "trial",
     rest_ms: RestMs = 50.0,
     onset_deviations: OnsetDeviations = 3.0,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
@@ -116,8 +123,9 @@ def train_command(
     what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold or 0)
-    task = tasks.task_of("train", window, split, stratify, tolerance, exit_by)
-    task = tasks.with_suited_window(task, hdf5.load_spikes(spikes), OPTIONS)
+    choice = choice_table(where, leave_out)
+    task = tasks.task_of("train", window, split, stratify, tolerance, exit_by, **choice)
+    task = tasks.with_suited_window(task, tasks.load_spikes(spikes, task, tell=True), OPTIONS)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
     options["tell"] = lambda line: None if as_json else print(line)
@@ -207,6 +215,8 @@ def tune(
     align: Align = "trial",
     rest_ms: RestMs = 50.0,
     onset_deviations: OnsetDeviations = 3.0,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
@@ -239,8 +249,8 @@ def tune(
     }
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold)
-    trains = hdf5.load_spikes(spikes)
-    task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by)
+    task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by, **choice_table(where, leave_out))
+    trains = tasks.load_spikes(spikes, task, tell=True)
     task = tasks.with_suited_window(task, trains, OPTIONS)
     searched = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
     source = "tune" if space is None else f"tune --space {space}"
@@ -281,6 +291,8 @@ def infer(
     early_exit: Annotated[
         bool, typer.Option("--early-exit", help="Stop each window by the rule chosen on validation windows.")
     ] = False,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     allow_other_encoder: OtherEncoder = False,
     device: DeviceOption = "cpu",
     force: Force = False,
@@ -293,7 +305,7 @@ def infer(
     if out:
         files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run, device=_device(device))
-    trains = hdf5.load_spikes(spikes)
+    trains = chosen_trials(hdf5.load_spikes(spikes), choice_of(where, leave_out), str(spikes))
     table = inference.infer(restored, trains, early_exit=early_exit, allow_other_encoder=allow_other_encoder)
     if out:
         write_table(table, out)

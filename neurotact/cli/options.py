@@ -5,8 +5,10 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from neurotact.data.recordings import LABEL
+from neurotact.data.trial_choice import TrialChoice
 from neurotact.progress import say
-from neurotact.spec import parse_where
+from neurotact.spec import parse_choice, parse_where
 
 SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
 
@@ -84,6 +86,22 @@ TestWhere = Annotated[
         help="Test on these trials and train on the others, as in speed=450 or speed=300,450; may be repeated.",
     ),
 ]
+Where = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--where",
+        metavar="CONDITION=VALUE",
+        help="Use these trials alone, as in speed=300 or speed=300,450 or material!=wood; may be repeated.",
+    ),
+]
+LeaveOut = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--leave-out",
+        metavar="CONDITION=VALUE",
+        help="Leave these trials out, as in material=wood; a value alone is a class, as in rest; may be repeated.",
+    ),
+]
 Group = Annotated[
     list[str] | None,
     typer.Option("--group", metavar="CONDITION", help="Trials with the same value are never split; may be repeated."),
@@ -145,6 +163,17 @@ Spikes = Annotated[Path, typer.Argument(help="An HDF5 file of spikes, as encode 
 RunFolder = Annotated[Path, typer.Argument(help="The folder of a trained network.")]
 StudyFolder = Annotated[Path, typer.Argument(help="The folder of a study.")]
 Source = Annotated[Path, typer.Argument(help="The folder or file to read.")]
+
+
+def choice_table(where: list[str] | None, leave_out: list[str] | None) -> dict[str, Any]:
+    """The options for the trials that are used, as two tables of conditions."""
+    kept, left = parse_choice(where or [], leave_out or [], LABEL)
+    return {"where": kept, "leave_out": left}
+
+
+def choice_of(where: list[str] | None, leave_out: list[str] | None) -> TrialChoice:
+    """The options for the trials that are used, as a choice."""
+    return TrialChoice.of(**choice_table(where, leave_out))
 
 
 def split_table(

@@ -9,13 +9,14 @@ import typer
 
 from neurotact import files
 from neurotact.cli.lazy import add_plugins, new_app
-from neurotact.cli.options import Force, OutFile, Source
+from neurotact.cli.options import Force, LeaveOut, OutFile, Source, Where, choice_of, choice_table
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
 from neurotact.data.readers import arrays, clock, event_files, folder, nwb, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader, reader
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.errors import InputError
 
 IMPORTED = (".csv", ".npz", ".npy", ".mat", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
@@ -89,6 +90,8 @@ def import_folder(
         typer.Option(help="The array of each NPZ or MATLAB file that is its trial.", show_default="each is a trial"),
     ] = None,
     transpose: Annotated[bool, typer.Option("--transpose", help="Arrays are (taxel, time).")] = False,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:
     """Any recordings: a folder of CSV, NPZ or MATLAB files, one row per sample and one column per taxel.
@@ -97,12 +100,13 @@ def import_folder(
     Time stamps that jitter are interpolated onto a regular clock.
     """
     _check_import(source, out, force, conditions)
+    choice = choice_of(where, leave_out)
     naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
     layout = {
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
         "decimal": decimal, "header_lines": header_lines, "array": array, "transpose": transpose,
     }  # fmt: skip
-    _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out)
+    _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out, choice)
 
 
 @app.command("table")
@@ -131,12 +135,13 @@ def import_table(
         Path | None,
         typer.Option(help="A CSV file with begin, end and label of each touch in a continuous recording."),
     ] = None,
-    leave_out: Annotated[str | None, typer.Option(help="Classes that are no touch, as in rest,moving.")] = None,
     columns: TaxelColumns = None,
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
     decimal: Decimal = ".",
+    where: Where = None,
+    leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:
     """Recordings in one CSV file: a row per sample of all trials, with the trial and the class of each.
@@ -147,7 +152,7 @@ def import_table(
     _check_import(source, out, force, annotations)
     spec = {
         "label": label, "trial": trial or (), "segments": segments,
-        "annotations": str(annotations) if annotations else None, "leave_out": leave_out or (),
+        "annotations": str(annotations) if annotations else None, **choice_table(where, leave_out),
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
         "decimal": decimal,
     }  # fmt: skip
@@ -168,6 +173,8 @@ def import_arrays(
         ),
     ] = None,
     axes: Annotated[str, typer.Option(help="Axes of the signals, in their order.")] = "trial,time,taxel",
+    where: Where = None,
+    leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:  # fmt: skip
     """Recordings in one NPZ, MATLAB or HDF5 file: signals of all trials in one array, their classes in another.
@@ -175,8 +182,9 @@ def import_arrays(
     Further arrays with one value per trial become conditions.
     """
     _check_import(source, out, force)
+    choice = choice_of(where, leave_out)
     named = _names(names or [], [arrays.SIGNALS, *arrays.ALIASES])
-    _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes), out)
+    _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes), out, choice)
 
 
 @app.command("events")
@@ -215,6 +223,8 @@ def import_events(
     levels: Annotated[str | None, typer.Option(help="For a folder: conditions that name sub-folders.")] = None,
     pattern: Annotated[str | None, typer.Option(help="For a folder: conditions in the file names.")] = None,
     conditions: Annotated[Path | None, typer.Option(help="For a folder: a CSV file of conditions.")] = None,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:  # fmt: skip
     """Spikes of any event-based sensor: CSV, NPZ or NPY, HDF5 in the Heidelberg layout, or a folder of such files.
@@ -222,6 +232,7 @@ def import_events(
     The file defines the populations, such as ON and OFF. Events of a channel within one step are one spike.
     """
     _check_import(source, out, force, conditions)
+    choice = choice_of(where, leave_out)
     spec = {
         "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
         "polarities": polarities, "channels": channels or (), "n_channels": n_channels, "sensor": sensor,
@@ -232,6 +243,7 @@ def import_events(
             source, spec, names=_names(names or [], [*event_files.ALIASES, event_files.POLARITY]), naming=naming
         ),
         out,
+        choice,
     )
 
 
@@ -252,12 +264,15 @@ def import_nwb(
         str | None, typer.Option(help="Read this time series as recordings, one taxel per column, instead of spikes.")
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the series.", show_default="as the file says")] = None,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:
     """Neurodata Without Borders: spike times of units, or a time series, cut into the trials of an NWB 2 file."""
     _check_import(source, out, force)
+    choice = choice_of(where, leave_out)
     asked = {"trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit}
-    _save(nwb.read(source, asked), out)
+    _save(nwb.read(source, asked), out, choice)
 
 
 def _names(assignments: list[str], known: list[str]) -> dict[str, str]:
@@ -271,18 +286,24 @@ def _names(assignments: list[str], known: list[str]) -> dict[str, str]:
 
 
 def _command(name: str, form: Reader) -> Callable[..., None]:
-    def run(source: Source, out: OutFile, force: Force = False) -> None:
+    def run(
+        source: Source, out: OutFile, where: Where = None, leave_out: LeaveOut = None, force: Force = False
+    ) -> None:
         _check_import(source, out, force)
-        _save(form.read(source), out)
+        choice = choice_of(where, leave_out)
+        _save(form.read(source), out, choice)
 
     def run_on_clock(
         source: Source,
         out: OutFile,
         step_ms: Annotated[float, typer.Option("--step-ms", help="Time step of the spikes.")] = (form.step_ms or 1.0),
+        where: Where = None,
+        leave_out: LeaveOut = None,
         force: Force = False,
     ) -> None:
         _check_import(source, out, force)
-        _save(form.read(source, step_ms), out)
+        choice = choice_of(where, leave_out)
+        _save(form.read(source, step_ms), out, choice)
 
     return run if form.step_ms is None else run_on_clock
 
@@ -296,7 +317,9 @@ def _check_import(source: Path, out: Path, force: bool, table: Path | None = Non
     files.check_new(out, force=force, inputs=[source, *inputs, table])
 
 
-def _save(found: Recordings | SpikeTrains, out: Path) -> None:
+def _save(found: Recordings | SpikeTrains, out: Path, choice: TrialChoice = EVERY) -> None:
+    """Save the chosen trials of what was read."""
+    found = chosen_trials(found, choice, found.source or "recordings")
     if isinstance(found, Recordings):
         save_recordings(found, out)
         return

@@ -13,6 +13,7 @@ from neurotact.cli.lazy import new_app
 from neurotact.cli.options import (
     Group,
     Json,
+    LeaveOut,
     Order,
     OutFolder,
     PopulationDevice,
@@ -20,7 +21,9 @@ from neurotact.cli.options import (
     SetOption,
     StudyFolder,
     TestWhere,
+    Where,
     WorkersOption,
+    choice_table,
     say_if_seconds,
     split_changes,
 )  # fmt: skip
@@ -51,6 +54,8 @@ def study_run(
         float | None,
         typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms=300 gives it."),
     ] = None,
+    where: Where = None,
+    leave_out: LeaveOut = None,
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
@@ -75,6 +80,7 @@ def study_run(
     say_if_seconds(window_ms)
     changes = spec.parse_assignments(set_ or []) | ({} if window_ms is None else {"window.length_ms": window_ms})
     changes |= split_changes(test_where, group, order, folds, repeats)
+    changes |= loading.choice_changes(**choice_table(where, leave_out))
     what = loading.resolve(name, changes, quick=quick, data=data)
     for note in getattr(what, "notes", ()):
         say(note)

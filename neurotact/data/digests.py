@@ -49,6 +49,21 @@ def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
     )
 
 
+def recorded_trials(recordings: Trials, trains: SpikeTrains) -> np.ndarray | None:
+    """The trial of the recordings that each spike train was encoded from, `(trial,)`; None if they are of others.
+
+    As many trials with the same classes are taken as they are. Else trials are recognised by their content, since the
+    spikes may be those of a choice of trials; this reads all recordings once.
+    """
+    if len(recordings) == len(trains) and list(recordings.labels) == list(trains.labels):
+        return np.arange(len(trains))
+    if not trains.trial_digests or len(recordings) < len(trains):
+        return None
+    place_of = {recorded_digest(recordings, trial): trial for trial in range(len(recordings))}
+    found = [place_of.get(digest) for digest in trains.trial_digests]
+    return None if None in found else np.array(found, np.int64)
+
+
 def content_digest(touches: Trials | SpikeTrains) -> str:
     """The digest of all trials in their order, with their classes and conditions.
 

@@ -1,7 +1,7 @@
 """Recordings: trials of taxel signals, with their sampling rate, unit and conditions."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any
@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from neurotact.data.notebook import html_of
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, closest, nearest
 
 LABEL = "label"
 MOST_NAMED = 12
@@ -271,8 +271,8 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
             raise InputError(f"{source}: there is no condition '{column}'; {nearest(column, list(table.columns))}")
         values = list(wanted) if isinstance(wanted, (list, tuple)) else [wanted]
         found = table[column]
-        if found.dtype.kind not in "iufb":  # a class may have the name 3
-            found, values = found.astype(str), list(map(str, values))
+        if found.dtype.kind not in "iuf":  # a class may have the name 3, and true may be written in two ways
+            found, values = _as_words(found), list(map(_as_word, values))
         keep &= found.isin(values).to_numpy()
     if not keep.any():
         asked = ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
@@ -280,12 +280,23 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
     return keep
 
 
-def _values_of(table: pd.DataFrame, columns: Iterable[str]) -> str:
-    """The values of the trials in each column, for an error message."""
+def _as_words(values: pd.Series) -> pd.Series:
+    return values.map(_as_word) if values.dtype.kind == "b" else values.astype(str)
+
+
+def _as_word(value: object) -> str:
+    return str(value).lower() if isinstance(value, (bool, np.bool_)) else str(value)
+
+
+def _values_of(table: pd.DataFrame, where: Mapping[str, object]) -> str:
+    """The values of the trials in each column, and the one that is nearly the wanted text, for an error message."""
     parts = []
-    for column in columns:
-        values = [str(value) for value in table[column].drop_duplicates().sort_values()[: MOST_NAMED + 1]]
-        parts.append(f"{column} is {', '.join(values[:MOST_NAMED])}{', ...' if len(values) > MOST_NAMED else ''}")
+    for column, wanted in where.items():
+        values = [str(value) for value in table[column].drop_duplicates().sort_values()]
+        near = closest(wanted, values, alike=0.7) if isinstance(wanted, str) else None
+        meant = f"did you mean '{near}'? " if near is not None and near != wanted else ""
+        listed = f"{', '.join(values[:MOST_NAMED])}{', ...' if len(values) > MOST_NAMED else ''}"
+        parts.append(f"{meant}{column} is {listed}")
     return "; ".join(parts)
 
 

@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
 from neurotact.data.recordings import LABEL, select_conditions
+from neurotact.data.trial_choice import Where, trials_with
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
 
@@ -32,7 +33,7 @@ class SplitSpec(Spec):
     """Random seed of the division."""
     group: tuple[str, ...] = ()
     """Conditions that name a group, such as `subject`: trials with equal values are on one side."""
-    test_where: dict[str, Any] = {}
+    test_where: Where = {}
     """Test on the trials with these conditions and train on the others: `{ speed = 450, force_N = [3, 6] }`. A trial is
     tested if each condition has the value, or one of the values."""
     order: str | None = None
@@ -47,19 +48,6 @@ class SplitSpec(Spec):
     @classmethod
     def _one_name_is_a_group(cls, group: Any) -> Any:
         return (group,) if isinstance(group, str) else group
-
-    @field_validator("test_where", mode="before")
-    @classmethod
-    def _holds_plain_values(cls, where: Any) -> Any:
-        """Arrays and NumPy's numbers as Python's own, for writing to files."""
-        if not isinstance(where, Mapping):
-            return where
-        plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in where.items()}
-        for name, value in plain.items():
-            values = value if isinstance(value, (list, tuple)) else [value]
-            if not values or not all(isinstance(each, (str, int, float)) for each in values):
-                raise ValueError(f"{name} must be a value or a list of values; got {value!r}")
-        return plain
 
     @model_validator(mode="after")
     def _leaves_training_trials(self) -> "SplitSpec":
@@ -303,8 +291,7 @@ def _where(conditions: pd.DataFrame, where: Mapping[str, Any]) -> np.ndarray:
     """The trials with the given conditions; every single value must be one that a trial has."""
     source = "split.test_where"
     for column, wanted in where.items():
-        for value in wanted if isinstance(wanted, (list, tuple)) else [wanted]:
-            select_conditions(conditions, {column: value}, source)
+        trials_with(conditions, column, wanted, source)
     return np.flatnonzero(select_conditions(conditions, where, source))
 
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from neurotact.data import hdf5
+from neurotact.data.digests import recorded_trials
 from neurotact.deploy import fine_tuning, formats
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.formats import Formats, Ranges, Steps
@@ -98,9 +99,10 @@ def recorded(restored: trained.Restored, recordings: str | Path | None = None) -
     split = tasks.trials_of(trains, restored.task)
     chosen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
     with hdf5.open_recordings(path) as stored:
-        if len(stored) != len(trains) or list(stored.labels) != list(trains.labels):
+        place = recorded_trials(stored, trains)
+        if place is None:
             raise InputError(f"{path}: is not what the run's spikes were encoded from; give that with --recordings")
-        parts = [list(stored.select(each).loaded().to_unit(unit).signals) for each in (chosen, split.test)]
+        parts = [list(stored.select(place[each]).loaded().to_unit(unit).signals) for each in (chosen, split.test)]
     return Recorded(parts[0], parts[1], trains.labels[split.test])
 
 

@@ -19,7 +19,6 @@ from typing import Any, ClassVar, Literal, NamedTuple
 import numpy as np
 
 from neurotact import files, spec, workers
-from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks import fitting, measuring, recipe, tasks, trained, tuning
@@ -235,7 +234,7 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
 
     It is trained with one thread, as in the search, to be the same network to the last bit.
     """
-    trains = hdf5.load_spikes(spikes)
+    trains = tasks.load_spikes(spikes, problem.task)
     with workers.one_thread():
         fitted, sides = train_best(problem, trains, best_of(trials), device)
     trained.save(fitted, folder / "best", trains, spikes, problem.task)
@@ -331,8 +330,9 @@ def _try_from_disk(job_and_path: tuple[Job, Path]) -> Trial:
 @lru_cache(maxsize=1)
 def _read(path: Path, task: str) -> tuple[SpikeTrains, Sides]:
     """Read the spikes and cut windows once per process, not once per trial."""
-    trains = hdf5.load_spikes(path)
-    return trains, tasks.sides_of(trains, Task.model_validate_json(task))
+    asked = Task.model_validate_json(task)
+    trains = tasks.load_spikes(path, asked)
+    return trains, tasks.sides_of(trains, asked)
 
 
 def _sha256(trains: SpikeTrains) -> str:

@@ -2,15 +2,18 @@
 
 import warnings
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import torch
 from pydantic import Field
 
+from neurotact.data import hdf5
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.errors import InputError
@@ -25,7 +28,11 @@ ExitBy = Literal["stability", "margin"]
 class Task(Spec):
     """What a network is trained and tested on: which trials, which windows, which sides of the split."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice", "exit_by")
+    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice", "exit_by", "where", "leave_out")
+    where: Where = {}
+    """Conditions of the trials that are used; the others are as if they were not in the file."""
+    leave_out: LeaveOut = {}
+    """Conditions of trials that are not used, or classes."""
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     stratify: tuple[str, ...] = ()
@@ -41,6 +48,11 @@ class Task(Spec):
     margin, which is chosen instead of the patience."""
 
     @property
+    def choice(self) -> TrialChoice:
+        """The trials that are used."""
+        return TrialChoice(self.where, self.leave_out)
+
+    @property
     def training_window(self) -> WindowSpec:
         """The windows of trials for training and validation."""
         more = {} if self.training_windows is None else {"per_trial": self.training_windows}
@@ -54,19 +66,28 @@ def task_of(
     stratify: Sequence[str] | None,
     exit_tolerance: float = 0.01,
     exit_by: str = "stability",
+    where: Any = None,
+    leave_out: Any = None,
 ) -> Task:
     """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
 
-    window, split: keys of `WindowSpec` and of `SplitSpec`; in a window, None means not given.
+    window, split: keys of `WindowSpec` and of `SplitSpec`; in a window, None means not given. where, leave_out: as of
+    `TrialChoice.of`.
     """
+    choice = TrialChoice.of(where, leave_out)._asdict()
     window = {key: value for key, value in window.items() if value is not None}
     table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
-    return build(Task, {**table, "exit_choice": "steady", "exit_by": exit_by}, source=source)
+    return build(Task, {**table, **choice, "exit_choice": "steady", "exit_by": exit_by}, source=source)
 
 
 def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:
     """The task with windows that suit the spike trains, where they are not given."""
     return task.model_copy(update={"window": suited_window(trains, task.window, words)})
+
+
+def load_spikes(path: str | Path, task: Task, *, tell: bool = False) -> SpikeTrains:
+    """The spike trains of the trials that a task uses; with `tell` a line says how many they are."""
+    return chosen_trials(hdf5.load_spikes(path), task.choice, str(path), tell=tell)
 
 
 class Sides(NamedTuple):

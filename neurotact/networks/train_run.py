@@ -14,7 +14,6 @@ from typing import Any
 from pydantic import Field
 
 from neurotact import files
-from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
@@ -87,7 +86,7 @@ def run(
         raise InputError("--force, --resume: give one of them; --force starts again and --resume continues")
     with files.locked(folder):
         check_place(folder, force=force, resume=resume)
-        trains = hdf5.load_spikes(spikes)
+        trains = tasks.load_spikes(spikes, task)
         seen = tasks.seen(trains, task)
         tasks.warn_of_onsets(trains, task.window)
         asked = Asked(

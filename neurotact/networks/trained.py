@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
@@ -20,7 +19,7 @@ from neurotact.networks.fitting import Trained
 from neurotact.networks.kernels import Backend
 from neurotact.networks.provenance import Provenance, first_difference, provenance_of
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.tasks import Task, trials_of
+from neurotact.networks.tasks import Task, load_spikes, trials_of
 from neurotact.networks.training import Epoch
 from neurotact.spec import Spec, build
 from neurotact.tables import write_table
@@ -133,5 +132,5 @@ def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
 
 
 def load_spikes_of(restored: Restored) -> SpikeTrains:
-    """The spikes that the network was trained on."""
-    return hdf5.load_spikes(restored.spikes_path)
+    """The spikes that the network was trained on, of the trials that its task uses."""
+    return load_spikes(restored.spikes_path, restored.task)

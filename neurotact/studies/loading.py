@@ -11,6 +11,7 @@ from neurotact.studies.network_engine import NetworkEngine
 from neurotact.studies.protocol_engine import ProtocolEngine
 from neurotact.studies.protocol_study import ProtocolStudy
 from neurotact.studies.study import StudySpec
+from neurotact.studies.suited import CHOICE
 
 Study = StudySpec | ProtocolStudy
 
@@ -28,6 +29,11 @@ def resolve(
     if "protocol" in table:
         return protocol_study.resolve(table, path, overrides, quick=quick, data=data)
     return study.resolve(name, overrides, quick=quick, data=data)
+
+
+def choice_changes(where: Mapping[str, Any], leave_out: Mapping[str, Any]) -> dict[str, Any]:
+    """The trials that a study uses, as changes of it; none if it uses all."""
+    return {key: dict(value) for key, value in zip(CHOICE, (where, leave_out), strict=True) if value}
 
 
 def read_back(path: Path) -> Study:

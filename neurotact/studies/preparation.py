@@ -14,6 +14,7 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.sources import expand, read_recordings, simulator
 from neurotact.data.splits import Split, split_conditions
+from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import way_of
@@ -37,7 +38,11 @@ DATA = "data.json"
 
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
-    """Simulate, read or load the recordings of a study."""
+    """Simulate, read or load the recordings of a study, of the trials that it uses; a line says how many they are."""
+    return chosen_trials(_dataset(spec), spec.choice, spec.file or spec.path or spec.simulate or "")
+
+
+def _dataset(spec: DatasetSpec) -> Recordings:
     if spec.simulate is not None:
         experiment = simulator(spec.simulate)
         return experiment.simulate(build(experiment.model, spec.parameters, source="dataset.parameters"), None)

@@ -112,6 +112,8 @@ def resolve(
         own_quick = specs.pop_table(with_data, "quick", path)
         changes = {**with_data, **(own_quick if quick else {}), **changes}
     changes = {key.removeprefix("parameters."): value for key, value in changes.items()}
+    if data is None and {*suited.CHOICE} & {*changes}:
+        raise InputError(f"--where, --leave-out: {path.name} makes or reads its own recordings; leave them out")
     if data is not None:
         changes, table["notes"] = _own(table, path, data, changes)
     table |= {"first_look": True} if quick else {}

@@ -15,6 +15,7 @@ from neurotact import plugins
 from neurotact import spec as specs
 from neurotact.data.sources import simulator
 from neurotact.data.splits import SplitSpec
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
@@ -50,6 +51,7 @@ PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 class DatasetSpec(Spec):
     """The source of a study's recordings, and the parts that it uses."""
 
+    later_keys: ClassVar[tuple[str, ...]] = ("where", "leave_out")
     simulate: str | None = None
     """An experiment that can be simulated, such as `gratings`."""
     parameters: dict[str, Any] = {}
@@ -64,6 +66,10 @@ class DatasetSpec(Spec):
     """Name and conditions of each part, such as `"v1 mix" = { speed_mm_per_s = 8.6 }`."""
     stratify: tuple[str, ...] = ()
     """Conditions balanced in the split besides the class."""
+    where: Where = {}
+    """Conditions of the trials that are used, such as `{ speed = 300 }`; the others are as if never recorded."""
+    leave_out: LeaveOut = {}
+    """Conditions of trials that are not used, or classes, such as `"rest"`."""
 
     @field_validator("subsets")
     @classmethod
@@ -92,7 +98,14 @@ class DatasetSpec(Spec):
 
     def identity(self) -> dict[str, Any]:
         """The keys that decide the recordings, independent of the location of the files."""
-        return {"simulate": self.simulate, "parameters": self.parameters, "read": self.read, "stratify": self.stratify}
+        decides = {"simulate": self.simulate, "parameters": self.parameters, "read": self.read}
+        chosen = {key: value for key, value in self.choice._asdict().items() if value}
+        return {**decides, "stratify": self.stratify, **chosen}
+
+    @property
+    def choice(self) -> TrialChoice:
+        """The trials that are used."""
+        return TrialChoice(self.where, self.leave_out)
 
 
 def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
@@ -304,6 +317,7 @@ def resolve(
             table[part] = _whole(load(_relative_to(path, table[part])))
     table = suited.suit(table, overrides, data, path)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
+    table = suited.with_choice(table)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))

@@ -15,9 +15,11 @@ from neurotact.data.conditioning import conditioned_length
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.sources import expand
+from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.data.window_choice import Timing, Words, choose
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
+from neurotact.spec import override
 
 AUTO = "auto"
 SMALL = 1000
@@ -32,7 +34,9 @@ WORDS = Words(
     "--set window.align=onset --set window.per_trial=1 --set window.onset.rest_ms={:g}",
 )
 """How the keys of a window are given to a study."""
-WINDOW = "window."
+WINDOW, DATASET = "window.", "dataset."
+CHOICE = ("dataset.where", "dataset.leave_out")
+"""The keys of the trials that a study uses."""
 
 
 class Recorded(NamedTuple):
@@ -62,7 +66,7 @@ def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path |
     file = dataset.get("file")
     if not isinstance(file, str):
         raise InputError(f"{path}: '{AUTO}' is chosen from a file of recordings; name one with --data or dataset.file")
-    recorded = look(expand(file), clock_of(table, overrides))
+    recorded = look(expand(file), clock_of(table, overrides), choice_of(dataset, overrides))
     if table.get("window") == AUTO:
         table["window"], more = window(recorded.timing, overrides)
         notes += more
@@ -108,8 +112,28 @@ def clock_of(table: Mapping[str, Any], given: Mapping[str, Any]) -> float | None
     return given.get("encoder.conditioning.resample_Hz", own)
 
 
-def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
-    """The properties of a file of recordings, with trial durations on a clock.
+def choice_of(dataset: Mapping[str, Any], given: Mapping[str, Any]) -> TrialChoice:
+    """The trials that a study uses, from the given dotted keys or from its table of the data set."""
+    own = {key.removeprefix(DATASET): value for key, value in given.items() if key.startswith(DATASET)}
+    table = override(dataset, own)
+    return TrialChoice.of(table.get("where"), table.get("leave_out"))
+
+
+def with_choice(table: dict[str, Any]) -> dict[str, Any]:
+    """The table of a study with a note of the trials that it uses, if these are not all."""
+    dataset = table.get("dataset")
+    note = note_of(choice_of(dataset, {})) if isinstance(dataset, Mapping) else None
+    notes = table.get("notes", [])
+    return table if note is None or note in notes else {**table, "notes": [note, *notes]}
+
+
+def note_of(choice: TrialChoice) -> str | None:
+    """The trials that a study uses, in words; None for all."""
+    return f"Trials: {choice}." if choice else None
+
+
+def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = EVERY) -> Recorded:
+    """The properties of the chosen trials in a file of recordings, with trial durations on a clock.
 
     clock_Hz: of the encoder; if absent, the sampling rate of the recordings, but at least the clock of calibration.
     """
@@ -118,7 +142,8 @@ def look(path: str | Path, clock_Hz: float | None = None) -> Recorded:
             f"{path}: holds spikes, but this study encodes recordings; for spikes, neurotact train and then "
             "neurotact infer --early-exit report the accuracy of a network, and its SOPs and ms per decision"
         )
-    with hdf5.open_recordings(path) as stored:
+    with hdf5.open_recordings(path) as every:
+        stored = chosen_trials(every, choice, str(path), tell=False)
         rate_Hz = stored.sampling_rate_Hz
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]

@@ -13,9 +13,19 @@ from neurotact.data.readers import sampled
 from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, chosen_places
 from neurotact.data.readers.sampled import Read
-from neurotact.data.readers.table_trials import Clock, Roles, TableSpec, Trials, clock_of, find_trials, numbers
+from neurotact.data.readers.table_trials import (
+    Clock,
+    Roles,
+    TableSpec,
+    Trials,
+    chosen_by,
+    clock_of,
+    find_trials,
+    numbers,
+)
 from neurotact.data.readers.tables import FIRST_LINE, called, columns_of, named_table, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
+from neurotact.data.trial_choice import chosen_trials
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
 from neurotact.spec import build
@@ -56,10 +66,11 @@ def read(
     clock = clock_of(columns, roles, asked, path)
     trials = find_trials(columns, roles, clock, asked, sampling_rate_Hz, path)
     taxels, conditions = _parted(columns, roles, trials, path)
-    return sampled.recordings(
+    read = sampled.recordings(
         [*_cut(columns, roles._replace(taxels=taxels), trials, clock, asked, path)], conditions, sampling_rate_Hz, unit,
         max_gap_ms=asked.max_gap_ms, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
+    return chosen_trials(read, asked.choice.beyond(chosen_by(trials.conditions, asked)), str(path))
 
 
 def _cut(

@@ -13,7 +13,8 @@ from neurotact.data.readers import annotations
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.tables import FIRST_LINE, FLOAT32_MAX, is_number, values_of
 from neurotact.data.recordings import LABEL
-from neurotact.errors import InputError, nearest, some
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
+from neurotact.errors import InputError, some
 from neurotact.files import existing
 from neurotact.spec import Spec
 
@@ -34,8 +35,10 @@ class TableSpec(Spec):
     """Whether each stretch of samples of one class is a trial: a continuous recording with a class for each sample."""
     annotations: str | None = None
     """A CSV file that says when each touch of a continuous recording begins and ends, and its class."""
-    leave_out: tuple[str, ...] = ()
-    """Classes that are no touch, such as `rest`."""
+    where: Where = {}
+    """Conditions of the trials to read, such as `{ speed = 300 }`."""
+    leave_out: LeaveOut = {}
+    """Classes that are no touch, such as `rest`, or conditions of trials that are not read."""
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers; all columns of numbers that change within a trial when absent."""
     time_column: str | None = None
@@ -46,7 +49,7 @@ class TableSpec(Spec):
     """The longest interval between stamps; five median ones when absent."""
     decimal: Literal[".", ","] = "."
 
-    @field_validator("columns", "trial", "leave_out", mode="before")
+    @field_validator("columns", "trial", mode="before")
     @classmethod
     def _apart(cls, names: Any) -> Any:
         return tuple(part.strip() for part in names.split(",")) if isinstance(names, str) else names
@@ -56,6 +59,11 @@ class TableSpec(Spec):
         if self.annotations is not None and (self.segments or self.trial):
             raise ValueError("--annotations says where trials begin and end; leave out --segments and --trial")
         return self
+
+    @property
+    def choice(self) -> TrialChoice:
+        """The trials to read."""
+        return TrialChoice(self.where, self.leave_out)
 
     @property
     def is_continuous(self) -> bool:
@@ -104,8 +112,9 @@ class Clock(NamedTuple):
 def find_trials(
     columns: Mapping[str, np.ndarray], roles: Roles, clock: Clock, asked: TableSpec, rate_Hz: float | None, path: Path
 ) -> Trials:
-    """The trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
+    """The chosen trials in these columns; those of a continuous recording are numbered by the condition `SEGMENT`.
 
+    Of the choice, the part that classes and columns of trials decide is made here, that of other columns by the caller.
     rate_Hz: the given sampling rate, which tells the times of rows without stamps.
     Raises InputError for trials that begin again or have two classes, and for annotations of another recording.
     """
@@ -113,7 +122,7 @@ def find_trials(
         trials = _annotated(clock, len(next(iter(columns.values()))), asked, rate_Hz, path)
     else:
         trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
-    trials = _without(trials, asked.leave_out, path)
+    trials = _chosen(trials, asked.choice.among(chosen_by(trials.conditions, asked)), path)
     if not asked.is_continuous:
         return trials
     return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))
@@ -202,16 +211,18 @@ def _conditions(columns: Mapping[str, np.ndarray], roles: Roles, begin: np.ndarr
     return table
 
 
-def _without(trials: Trials, classes: Sequence[str], path: Path) -> Trials:
-    """The trials of other classes than these."""
-    labels = trials.conditions[LABEL]
-    for name in classes:
-        if name not in labels.values:
-            raise InputError(f"{path}: --leave-out: no class is '{name[:40]}'; {nearest(name, sorted(set(labels)))}")
-    keep = ~labels.isin(classes).to_numpy()
-    if not keep.any():
-        raise InputError(f"{path}: --leave-out names every class; name those that are no touch")
-    return trials.chosen(keep) if classes else trials
+def chosen_by(conditions: pd.DataFrame, asked: TableSpec) -> list[str]:
+    """The conditions that choose trials before these are cut: not the number of a segment, which counts the chosen."""
+    return [name for name in conditions if not (asked.is_continuous and name == SEGMENT)]
+
+
+def _chosen(trials: Trials, choice: TrialChoice, path: Path) -> Trials:
+    """The trials that a choice keeps, before anything of the others is checked; a line says how many."""
+    if not choice:
+        return trials
+    keep = choice.keeps(trials.conditions, str(path))
+    choice.say(keep, str(path))
+    return trials.chosen(keep)
 
 
 def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, path: Path) -> Clock:

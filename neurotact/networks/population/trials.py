@@ -10,7 +10,6 @@ from pathlib import Path
 
 import torch
 
-from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 from neurotact.networks import search, search_journal, tasks
@@ -29,7 +28,7 @@ def runner(problem: Problem, spikes: Path, n_workers: int, device: str) -> Itera
         with search.processes(spikes, n_workers) as run:
             yield run
     else:
-        yield on_device(problem, hdf5.load_spikes(spikes), device_of(device))
+        yield on_device(problem, tasks.load_spikes(spikes, problem.task), device_of(device))
 
 
 def on_device(problem: Problem, trains: SpikeTrains, device: torch.device) -> Run:

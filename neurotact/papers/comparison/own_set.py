@@ -14,6 +14,7 @@ from neurotact.data import hdf5
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, class_names
+from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.data.windows import cut
 from neurotact.encoders.afferents import AfferentSpec
@@ -52,21 +53,27 @@ class Touches(NamedTuple):
 def own(path: Path, given: Mapping[str, Any]) -> Own:
     """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
 
-    Keys that begin with `window.` and `conditioning.`, `split.group` and the seeds of splits (`--repeats`) apply to the
-    file's set. Raises InputError for a file without trials of two classes, for windows that do not fit into a trial,
-    for trials that some seed cannot split, and for another choice of test trials.
+    Keys that begin with `window.` and `conditioning.`, `split.group`, the choice of trials (`--where`, `--leave-out`)
+    and the seeds of splits (`--repeats`) apply to the file's set. Raises InputError for a file without trials of two
+    classes, for windows that do not fit into a trial, for trials that some seed cannot split, and for another choice of
+    test trials.
     """
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
     group = given.get(GROUP) or ()
     group = (group,) if isinstance(group, str) else tuple(group)
-    others = _with_swept_seeds({key: value for key, value in given.items() if key not in {*of_set, GROUP}})
+    others = _with_swept_seeds(
+        {key: value for key, value in given.items() if key not in {*of_set, GROUP, *suited.CHOICE}}
+    )
+    choice = suited.choice_of({}, given)
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
-    touches = _look(path, clock_Hz)
+    touches = _look(path, clock_Hz, choice)
     if touches.unit is None and any(key.startswith("conditioning.") for key in of_set):
         raise InputError(f"conditioning: {path} holds events, which are not conditioned; leave it out")
     window, notes = suited.window(touches.recorded.timing, of_set)
+    notes = [*([] if (note := suited.note_of(choice)) is None else [note]), *notes]
     chosen: dict[str, Any] = {"window": window, "path": str(path), "content": touches.content, "group": [*group]}
+    chosen |= choice._asdict()
     if touches.unit is not None:
         is_open = {key: f"conditioning.{of}" not in of_set for key, of in CHOSEN.items()}
         chosen |= {"unit": touches.unit, "conditioning": conditioning, **is_open}
@@ -112,15 +119,19 @@ def _conditioning(given: Mapping[str, Any]) -> dict[str, Any]:
     return found.model_dump(mode="json", exclude_none=True)
 
 
-def _look(path: Path, clock_Hz: float) -> Touches:
-    """The content of a file; InputError for the spikes of an encoder, which already have a refractory period."""
+def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:
+    """The content of the chosen trials of a file, with a line of their number.
+
+    InputError for the spikes of an encoder, which already have a refractory period.
+    """
     if hdf5.kind_of(path) == "recordings":
-        recorded = suited.look(path, clock_Hz)
-        with hdf5.open_recordings(path) as stored:
+        recorded = suited.look(path, clock_Hz, choice)
+        with hdf5.open_recordings(path) as every:
+            stored = chosen_trials(every, choice, str(path))
             unit, conditions, content = stored.unit, stored.conditions, content_digest(stored)
         steps = np.round(recorded.timing.durations_s * clock_Hz).astype(np.int64)
         return Touches("recordings", unit, recorded, steps, clock_Hz, conditions, content)
-    trains = hdf5.load_spikes(path)
+    trains = chosen_trials(hdf5.load_spikes(path), choice, str(path))
     if trains.encoder:
         raise InputError(
             f"{path}: holds spikes that an encoder made, with its refractory periods; give the recordings that they "

@@ -14,6 +14,7 @@ from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import expand, reader, simulator
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_rasters, from_trials
 from neurotact.data.splits import Split, SplitSpec, split_conditions
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate, calibrate_causally
@@ -30,7 +31,7 @@ CALIBRATED_AT_MS = 1.0
 class SetSpec(Spec):
     """A set of touches: simulated, read in a published format, or a user's own file."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline", "choose_ema")
+    later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline", "choose_ema", "where", "leave_out")
     simulate: str | None = None
     simulation: dict[str, Any] = {}
     """Keys of the simulator that differ from their defaults."""
@@ -49,6 +50,15 @@ class SetSpec(Spec):
     window: WindowSpec = WindowSpec()
     group: tuple[str, ...] = ()
     """Conditions that name a group: if `split` is by groups, trials with equal values are on one side."""
+    where: Where = {}
+    """Conditions of the trials that are used."""
+    leave_out: LeaveOut = {}
+    """Conditions of trials that are not used, or classes."""
+
+    @property
+    def choice(self) -> TrialChoice:
+        """The trials that are used."""
+        return TrialChoice(self.where, self.leave_out)
 
     @model_validator(mode="after")
     def _has_one_source_as_recorded(self) -> "SetSpec":
@@ -100,7 +110,7 @@ def load(data: WaysData) -> Arrays:
             touches = reader(chosen.read).read(expand(chosen.path))
     except InputError as error:
         return left_out(data.set, error)
-    return _arrays_of(touches, chosen)
+    return _arrays_of(chosen_trials(touches, chosen.choice, data.set), chosen)
 
 
 def _arrays_of(touches: Recordings | SpikeTrains, chosen: SetSpec) -> Arrays:
@@ -128,7 +138,7 @@ def _arrays_of_file(chosen: SetSpec) -> Arrays:
     `counts` and `trial_steps`, `(trial,)`.
     """
     assert chosen.path is not None
-    touches = hdf5.load(expand(chosen.path))
+    touches = chosen_trials(hdf5.load(expand(chosen.path)), chosen.choice, chosen.path, tell=False)
     if content_digest(touches) != chosen.content:
         raise InputError(f"{chosen.path}: its trials changed since this study began; run it in another folder")
     shared = _shared(touches, chosen)

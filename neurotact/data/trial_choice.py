@@ -1,0 +1,153 @@
+"""The choice of trials by their conditions: those to keep (`where`) and those to leave out."""
+
+import logging
+from collections.abc import Collection, Mapping, Sequence
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+import numpy as np
+import pandas as pd
+from pydantic import BeforeValidator
+
+from neurotact.data.recordings import LABEL, Trials, select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+
+log = logging.getLogger("neurotact")
+
+Touches = TypeVar("Touches", bound=Trials | SpikeTrains)
+
+
+def plain_where(where: Any) -> Any:
+    """Values of conditions with arrays and NumPy's numbers as Python's own, for writing to files.
+
+    Raises ValueError for a value that is neither a number nor text, and for none at all.
+    """
+    if not isinstance(where, Mapping):
+        return where
+    plain = {name: value.tolist() if hasattr(value, "tolist") else value for name, value in where.items()}
+    for name, value in plain.items():
+        values = value if isinstance(value, (list, tuple)) else [value]
+        if not values or not all(isinstance(each, (str, int, float)) for each in values):
+            raise ValueError(f"{name} must be a value or a list of values; got {value!r}")
+    return plain
+
+
+def plain_leave_out(leave_out: Any) -> Any:
+    """As `plain_where`; a text such as "rest,moving", or a list of texts, names classes.
+
+    >>> plain_leave_out("rest,moving"), plain_leave_out([]), plain_leave_out({"speed": 300})
+    ({'label': ['rest', 'moving']}, {}, {'speed': 300})
+    """
+    if leave_out is None:
+        return {}
+    if isinstance(leave_out, str):
+        leave_out = [name.strip() for name in leave_out.split(",")]
+    if isinstance(leave_out, (list, tuple)):
+        leave_out = {LABEL: list(leave_out)} if leave_out else {}
+    return plain_where(leave_out)
+
+
+Where = Annotated[dict[str, Any], BeforeValidator(plain_where)]
+"""Conditions with the values to choose, one or several each: `{"speed": 300, "force_N": [3, 6]}`."""
+LeaveOut = Annotated[dict[str, Any], BeforeValidator(plain_leave_out)]
+"""Conditions with the values to leave out, or the names of classes."""
+
+
+class TrialChoice(NamedTuple):
+    """The trials to keep: those with a wanted value of every condition in `where`, without those in `leave_out`.
+
+    A trial with a value of any condition in `leave_out` is left out. So `where` and `leave_out` with the same single
+    condition part the trials in two.
+    """
+
+    where: Mapping[str, Any] = {}
+    leave_out: Mapping[str, Any] = {}
+
+    @classmethod
+    def of(cls, where: Any = None, leave_out: Any = None) -> "TrialChoice":
+        """The choice that two arguments of a call describe; None is none. InputError for values of another kind.
+
+        >>> TrialChoice.of({"speed": np.int64(300)}, "rest")
+        TrialChoice(where={'speed': 300}, leave_out={'label': ['rest']})
+        """
+        try:
+            found = cls(plain_where({} if where is None else where), plain_leave_out(leave_out))
+        except ValueError as error:
+            raise InputError(f"where, leave_out: {error}") from error
+        for name, given in zip(cls._fields, found, strict=True):
+            if not isinstance(given, Mapping) or not all(isinstance(column, str) for column in given):
+                raise InputError(
+                    f"{name}: must map conditions to values, such as {{'speed': 300}}; got {type(given).__name__}"
+                )
+        return found
+
+    def __bool__(self) -> bool:
+        return bool(self.where or self.leave_out)
+
+    def __str__(self) -> str:
+        parts = [f"{_listed(self.where)}"] if self.where else []
+        return " ".join([*parts, *([f"without {_listed(self.leave_out)}"] if self.leave_out else [])])
+
+    def among(self, columns: Collection[str]) -> "TrialChoice":
+        """The part of the choice that these conditions decide."""
+        return self._part(lambda name: name in columns)
+
+    def beyond(self, columns: Collection[str]) -> "TrialChoice":
+        """The part of the choice that these conditions leave open; both parts together are the choice."""
+        return self._part(lambda name: name not in columns)
+
+    def _part(self, is_in: Any) -> "TrialChoice":
+        return TrialChoice(*({name: value for name, value in part.items() if is_in(name)} for part in self))
+
+    def keeps(self, conditions: pd.DataFrame, source: str) -> np.ndarray:
+        """Which trials are kept, `(trial,)` boolean.
+
+        Raises InputError for a condition or a value that no trial has, and where no trial is left; `source` begins it.
+
+        >>> table = pd.DataFrame({"label": ["felt", "rest", "silk"], "speed": [300, 300, 450]})
+        >>> TrialChoice.of({"speed": 300}, "rest").keeps(table, "touches.h5").tolist()
+        [True, False, False]
+        """
+        keep = np.ones(len(conditions), bool)
+        for column, values in self.where.items():
+            keep &= trials_with(conditions, column, values, f"{source}: --where")
+        for column, values in self.leave_out.items():
+            keep &= ~trials_with(conditions, column, values, f"{source}: --leave-out")
+        if not keep.any():
+            raise InputError(f"{source}: no trial is left of {len(conditions)} ({self}); choose at least one")
+        return keep
+
+    def say(self, keep: np.ndarray, source: str) -> None:
+        """Say how many trials are kept."""
+        log.warning("%s: %d of %d trials are kept: %s", source, keep.sum(), len(keep), self)
+
+
+EVERY = TrialChoice()
+"""No choice: every trial is kept."""
+
+
+def chosen_trials(touches: Touches, choice: TrialChoice, source: str, *, tell: bool = True) -> Touches:
+    """The recordings or the spike trains of the trials that a choice keeps; a line says how many.
+
+    Raises InputError, which begins with `source`, as `TrialChoice.keeps`.
+    """
+    if not choice:
+        return touches
+    keep = choice.keeps(touches.conditions, source)
+    if tell:
+        choice.say(keep, source)
+    return touches.select(keep)  # pyright: ignore[reportReturnType]  # of the same kind
+
+
+def trials_with(conditions: pd.DataFrame, column: str, values: Any, source: str) -> np.ndarray:
+    """Which trials have one of these values of a condition; every single value must be one that a trial has."""
+    keep = np.zeros(len(conditions), bool)
+    for value in values if isinstance(values, (list, tuple)) else [values]:
+        keep |= select_conditions(conditions, {column: value}, source)
+    return keep
+
+
+def _listed(where: Mapping[str, Any]) -> str:
+    parts = [(name, value if isinstance(value, Sequence) and not isinstance(value, str) else [value])
+             for name, value in where.items()]  # fmt: skip
+    return ", ".join(f"{name} = {' or '.join(map(str, values))}" for name, values in parts)
