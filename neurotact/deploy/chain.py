@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import torch
 
+from neurotact.data.conditioning import conditioned_length
+from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import MODELS, EncoderSpec
@@ -16,6 +18,8 @@ from neurotact.spec import build
 
 PAIR = 2
 """Afferents under a taxel with one SA-I and one RA-I."""
+MOST_SAMPLES_A_STEP = 1_000_000
+"""Samples for each step of the encoder's clock; more are a wrong rate, of which a counter would overflow."""
 
 
 class Chain(NamedTuple):
@@ -125,6 +129,8 @@ def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
 
 def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) -> float:
     resampled_Hz = encoder.conditioning.resample_Hz
+    if given_Hz is not None:
+        check_sampling_rate(given_Hz, "samples")
     if resampled_Hz is None:
         if given_Hz is not None and given_Hz != clock_Hz:
             raise InputError(
@@ -140,5 +146,11 @@ def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) 
     if given_Hz is None:
         raise InputError(
             "sampling_rate_Hz: the encoder resamples, so the rate of the samples must be given (--sampling-rate-Hz)"
+        )
+    conditioned_length(1, given_Hz, resampled_Hz)  # refuses a rate that is too low for the clock
+    if given_Hz > MOST_SAMPLES_A_STEP * resampled_Hz:
+        raise InputError(
+            f"sampling_rate_Hz: {given_Hz:g} Hz is over {MOST_SAMPLES_A_STEP:,} times the encoder's clock of "
+            f"{resampled_Hz:g} Hz; give the rate of the samples"
         )
     return given_Hz

@@ -132,7 +132,7 @@ class Stream:
                 self._gap()
             self._state.origin += n_samples
             return []
-        return [each for _ in range(n_samples) for each in self._condition(good[None], held=True)]
+        return self._condition(np.broadcast_to(good, (n_samples, len(good))), held=True)
 
     def gap(self) -> None:
         """An unknown number of samples was lost: the chain restarts with the next sample."""
@@ -279,7 +279,7 @@ class Stream:
     def _condition(self, samples: np.ndarray, *, held: bool) -> list[Decision]:
         decisions: list[Decision] = []
         for at in range(0, len(samples), self._most_samples):
-            block = samples[at : at + self._most_samples]
+            block = np.ascontiguousarray(samples[at : at + self._most_samples])
             if self._compiled is not None:
                 decided = self._compiled.push(samples=block, held=held)
                 assert decided is not None  # all are finite by now

@@ -10,6 +10,8 @@ from neurotact.spec import build
 
 MOST_AT_ONCE = 64
 """Maximum number of windows that overlap; each is a separate network."""
+LONGEST_QUIET = 2**31
+"""Steps; it is counted in 32 bits."""
 
 
 @dataclass(frozen=True)
@@ -50,10 +52,10 @@ class WindowPlan:
                     f"hop_ms: {-(-length // hop)} windows would overlap, more than {MOST_AT_ONCE}; lengthen the hop"
                 )
             return WindowPlan(length, start, hop)
-        quiet = round(quiet_ms * 1e-3 * clock_Hz)
-        if not 1 <= quiet < 2**31:
+        quiet = quiet_ms * 1e-3 * clock_Hz
+        if not (quiet < LONGEST_QUIET and round(quiet) >= 1):
             raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long")
-        return WindowPlan(length, start, 0, quiet)
+        return WindowPlan(length, start, 0, round(quiet))
 
     @property
     def at_once(self) -> int:
