@@ -50,7 +50,8 @@ Unit = Annotated[str | None, typer.Option(help="Unit of the input; the encoder's
 TimeColumn = Annotated[
     str | None,
     typer.Option(
-        "--time-column", help="Unit of a time stamp in the first column, s or ms; missing rows are then detected."
+        "--time-column",
+        help="Unit of a time stamp in the first column, s, ms, us or ns; missing rows are then detected.",
     ),
 ]
 Lsb = Annotated[float, typer.Option(min=1e-30, help="With --format int16: signal per digit; signal = zero + lsb * x.")]
@@ -93,7 +94,8 @@ def stream(
 
     Prints one line per decision, and at the end the faults in the samples.
     A value that is missing, NaN or infinite is replaced by the last one for --hold-ms and counted; a longer gap drops
-    the current windows and starts again. Rows that are not samples count as missing.
+    the current windows and starts again. Rows that are not samples count as missing. A clock of time stamps that starts
+    again, wraps or errs is followed, which is said once.
     """
     if rate not in ("fast", "real"):
         raise InputError(f"--rate {rate}: is unknown; choose one of fast, real")

@@ -12,14 +12,16 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from neurotact.data import hdf5
-from neurotact.data.readers.tables import NOT_FINITE, NUMBER
+from neurotact.data.readers.clock import UNIT_S
+from neurotact.data.readers.tables import FLOAT32_MAX, NOT_FINITE, NUMBER
+from neurotact.deploy.noted import Noted
+from neurotact.deploy.stamped_rows import Placed, StampedRows
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.deploy.stream_state import Tally
 from neurotact.errors import InputError
@@ -27,7 +29,6 @@ from neurotact.errors import InputError
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
 FORMATS = ("csv", "float32", "int16")
-TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 SERIAL = "serial:"
 """Prefix of the device of a serial port."""
 DEFAULT_BAUD = 115_200
@@ -35,12 +36,15 @@ LATE_S = 0.01
 """A block is late if its delay exceeds this and its own duration."""
 HOPELESS_S = 0.5
 """A replay with a longer delay does not catch up, but continues at its rate."""
+LONGEST_WAIT_S = 3600.0
+"""Of one call of the system, which takes no longer times than some 68 years."""
 SEPARATOR = re.compile(r"\s*[,;\t]\s*|\s+")
 
 
 class Arrived(NamedTuple):
     """A block of samples `(sample, taxel)` float32, a number of missing ones, a stall, the end of a trial, or nothing.
 
+    stalled: an unknown number of samples is missing: none came for long, or the clock of their stamps started again.
     trial: number of the trial in its file; None if the source is not a file of recordings.
     """
 
@@ -51,29 +55,11 @@ class Arrived(NamedTuple):
     trial: int | None = None
 
 
-@dataclass
-class Noted:
-    """Counts of errors in a source: rows that are not samples, an incomplete end, stalls, late blocks."""
-
-    bad_rows: int = 0
-    cut_off: int = 0
-    stalls: int = 0
-    late_blocks: int = 0
-    late_ms: float = 0.0
-
-    def trouble(self) -> str:
-        """The counts that are not zero, in words."""
-        words = ((self.bad_rows, "bad rows"), (self.cut_off, "cut off at the end"), (self.stalls, "stalls"))
-        counts = [f"{what} {n}" for n, what in words if n]
-        late = [f"late blocks {self.late_blocks} (by up to {self.late_ms:.1f} ms)"] if self.late_blocks else []
-        return ", ".join(counts + late)
-
-
 class Rows:
     """Text to samples, one row each: values separated by commas, semicolons, tabs or spaces.
 
-    time_unit_s: of a first column that contains the time, 1 or 0.001; None without one. With it, lost and repeated rows
-    are found.
+    time_unit_s: of a first column that contains the time, for instance 0.001; None without one. With it, lost and
+    repeated rows are found, by the rule of `stamped_rows`.
     joins: the source was already running; text before the first end of a line may be incomplete, and is ignored.
 
     >>> rows = Rows("-", 2, 1000.0, Noted())
@@ -91,12 +77,10 @@ class Rows:
         *,
         joins: bool = False,
     ) -> None:
-        self.where, self.n_taxels, self.rate_Hz, self.noted = where, n_taxels, rate_Hz, noted
-        self.time_unit_s, self.joins = time_unit_s, joins
+        self.where, self.n_taxels, self.noted, self.joins = where, n_taxels, noted, joins
+        self.stamped = None if time_unit_s is None else StampedRows(where, rate_Hz, time_unit_s, noted)
         self.left, self.line = b"", 0
         self.n_good = 0
-        self.begin_s: float | None = None
-        self.place = -1
 
     def take(self, text: bytes) -> Iterator[Arrived]:
         """The samples that these bytes complete."""
@@ -108,19 +92,12 @@ class Rows:
             raise InputError(
                 f"{self.where}: line {self.line + 1} does not end within {LONGEST_ROW:,} bytes; give rows of text"
             )
-        block: list[list[float]] = []
-        for line in lines:
-            self.line += 1
-            lost, row = self._row(line)
-            if lost and block:
-                yield Arrived(np.array(block, np.float32))
-                block = []
-            if lost:
-                yield Arrived(missing=lost)
-            if row is not None:
-                block.append(row)
-        if block:
-            yield Arrived(np.array(block, np.float32))
+        yield from _blocks(placed for line in lines for placed in self._row(line))
+
+    def rest(self) -> Iterator[Arrived]:
+        """When the source has ended: the samples that were held back because of their time stamps."""
+        if self.stamped is not None:
+            yield from _blocks(self.stamped.rest())
 
     def finish(self) -> None:
         """The source has ended: a row without its end may lack digits, and is ignored."""
@@ -128,42 +105,53 @@ class Rows:
         if not self.n_good:
             raise InputError(f"{self.where}: has no sample; give {self.n_taxels} values per row")
 
-    def _row(self, line: bytes) -> tuple[int, list[float] | None]:
-        """Number of samples lost before a row, and its values; None if the row is not a sample."""
+    def _row(self, line: bytes) -> Iterator[Placed]:
+        """The rows that a line completes; a line that is not a sample stands for a missing one."""
+        self.line += 1
         text = line.decode("utf-8", errors="replace").strip()
         if not text or text.startswith("#"):
-            return 0, None
+            return
         cells = SEPARATOR.split(text)
-        expected = self.n_taxels + (self.time_unit_s is not None)
+        expected = self.n_taxels + (self.stamped is not None)
         values = [_value(cell) for cell in cells]
-        if len(cells) == expected and None not in values:
+        numbers = [value for value in values if value is not None]
+        if len(cells) == len(numbers) == expected:
             self.n_good += 1
-            return self._placed([float(value) for value in values if value is not None])
+            if self.stamped is None:
+                yield Placed(numbers)
+            else:
+                yield from self.stamped.take(numbers[0], numbers[1:])
+            return
         if not self.n_good:
             if self.line == 1 and not any(NUMBER.fullmatch(cell) for cell in cells):
-                return 0, None  # a header
+                return  # a header
             raise InputError(
                 f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
                 "expected; give one row per sample and one column per taxel"
             )
         self.noted.bad_rows += 1
-        return (0 if self.time_unit_s else 1), None  # with a time column, the next valid row shows how many were lost
+        if self.stamped is None:  # else the next valid row shows how many were lost
+            yield Placed(None, lost=1)
 
-    def _placed(self, values: list[float]) -> tuple[int, list[float] | None]:
-        if self.time_unit_s is None:
-            return 0, values
-        now_s = values.pop(0) * self.time_unit_s
-        if not np.isfinite(now_s):
-            self.noted.bad_rows += 1
-            return 0, None
-        self.begin_s = now_s if self.begin_s is None else self.begin_s
-        place = round((now_s - self.begin_s) * self.rate_Hz)
-        lost = place - self.place - 1
-        if lost < 0:
-            self.noted.bad_rows += 1
-            return 0, None
-        self.place = place
-        return lost, values
+
+def _blocks(rows: Iterable[Placed]) -> Iterator[Arrived]:
+    """Successive rows together, with what is missing between them."""
+    block: list[list[float]] = []
+    for row in rows:
+        if block and (row.lost or row.restarts):
+            yield Arrived(_samples(block))
+            block = []
+        if row.lost or row.restarts:
+            yield Arrived(missing=row.lost, stalled=row.restarts)
+        if row.values is not None:
+            block.append(row.values)
+    if block:
+        yield Arrived(_samples(block))
+
+
+def _samples(block: list[list[float]]) -> np.ndarray:
+    with np.errstate(over="ignore"):  # a value beyond float32 is infinite, and counts as missing
+        return np.array(block, np.float32)
 
 
 class Frames:
@@ -189,6 +177,10 @@ class Frames:
                 values = self.zero + self.lsb * values
             yield Arrived(values.astype(np.float32))
 
+    def rest(self) -> Iterator[Arrived]:
+        """No frame is held back."""
+        yield from ()
+
     def finish(self) -> None:
         """The source has ended: an incomplete frame is ignored."""
         self.noted.cut_off += bool(self.left)
@@ -213,7 +205,8 @@ def trouble_of(tally: Tally, noted: Noted) -> str:
 class Layout(NamedTuple):
     """The format of samples in text or bytes.
 
-    format: csv, float32 or int16. time_column: s or ms, if the first column of a csv is the time. lsb, zero: of int16.
+    format: csv, float32 or int16. time_column: s, ms, us or ns, if the first column of a csv is the time.
+    lsb, zero: of int16.
     """
 
     format: str = "csv"
@@ -225,12 +218,25 @@ class Layout(NamedTuple):
         """The parser of the format; InputError for an unknown format or unit."""
         if self.format not in FORMATS:
             raise InputError(f"--format {self.format}: is unknown; choose one of {', '.join(FORMATS)}")
-        if self.time_column is not None and self.time_column not in TIME_UNITS:
-            raise InputError(f"--time-column {self.time_column}: is unknown; choose s or ms")
+        if self.time_column is not None and self.time_column not in UNIT_S:
+            raise InputError(f"--time-column {self.time_column}: is unknown; choose one of {', '.join(UNIT_S)}")
+        self._check_used()
         if self.format != "csv":
             return Frames(where, n_taxels, self.format, noted, self.lsb, self.zero)
-        unit_s = None if self.time_column is None else TIME_UNITS[self.time_column]
+        unit_s = None if self.time_column is None else UNIT_S[self.time_column]
         return Rows(where, n_taxels, rate_Hz, noted, unit_s, joins=where.startswith(SERIAL))
+
+    def _check_used(self) -> None:
+        """InputError for a part that the format does not use, and for digits of which a signal is not finite."""
+        if self.time_column is not None and self.format != "csv":
+            raise InputError(f"--time-column: {self.format} frames have none; leave it out, or pass --format csv")
+        for key in ("lsb", "zero"):
+            if self.format != "int16" and getattr(self, key) != Layout._field_defaults[key]:
+                raise InputError(f"--{key}: is of int16 frames, and --format is {self.format}; leave it out")
+        if not abs(self.lsb) * 2**15 + abs(self.zero) <= FLOAT32_MAX:
+            raise InputError(
+                f"--lsb {self.lsb:g}, --zero {self.zero:g}: zero + lsb * x is beyond float32; give smaller numbers"
+            )
 
 
 def live(
@@ -248,11 +254,13 @@ def live(
     tick_s: after this time without data, `Arrived()` is yielded, so that the caller can do other work.
     baud: of a serial port.
     """
+    if not stall_s > 0:
+        raise InputError(f"stall_s: must be a time above 0 s; got {stall_s:g}")
     with _opened(path, baud) as descriptor:
         is_stalled, received_s = False, time.monotonic()
         while True:
             left_s = None if is_stalled else max(0.0, received_s + stall_s - time.monotonic())
-            wait_s = tick_s if left_s is None else left_s if tick_s is None else min(left_s, tick_s)
+            wait_s = min(each for each in (left_s, tick_s, LONGEST_WAIT_S) if each is not None)
             ready, _, _ = select.select([descriptor], [], [], wait_s)
             if not ready:
                 stalls = not is_stalled and time.monotonic() - received_s >= stall_s
@@ -266,6 +274,7 @@ def live(
             if not data:
                 break
             yield from parser.take(data)
+    yield from parser.rest()
     parser.finish()
     yield Arrived(end=True)
 

@@ -162,6 +162,21 @@ def test_a_device_is_read_and_the_page_says_what_it_touches(tmp_path):
         session.do(messages.Speed(kind="speed", speed=2.0))
 
 
+def test_a_device_whose_clock_starts_again_is_followed(tmp_path):
+    signal = make_signal(300)
+    stamps = [*range(150), *range(150)]
+    rows = (f"{t},{a!r},{b!r}\n" for t, (a, b) in zip(stamps, signal.astype(float).tolist(), strict=True))
+    (tmp_path / "rows.csv").write_text("".join(rows))
+    session = session_of(
+        make_chain({}), Device(str(tmp_path / "rows.csv"), Layout(time_column="ms"), ("left", "right"), 1000.0, "mV")
+    )
+    found = [scored for piece in session.feed.pieces(session.noted) for scored in session.take(piece)]
+    assert len(found) == 2 * (150 // 40)
+    assert session.stream.tally.samples == 300
+    assert "gaps 1" in session.state()["trouble"]
+    assert "clock restarts 1" in session.state()["trouble"]
+
+
 def test_a_touch_that_takes_too_much_memory_is_refused():
     with pytest.raises(InputError, match="more than the limit"):
         ByHand("gratings", simulator("gratings"), {"duration_s": 1e9}, 1.0)

@@ -62,6 +62,57 @@ def test_a_table_becomes_decisions(run, neurotact):
     assert "bad rows 1, cut off at the end 1" in last
 
 
+def test_a_clock_at_fault_is_said_as_it_happens_and_counted(run, neurotact):
+    signal = make_signal(260, seed=3)
+    stamps = [*range(130), *range(130)]
+    stamps[40] = 99999
+    rows = (f"{t},{a!r},{b!r}\n" for t, (a, b) in zip(stamps, signal.astype(float).tolist(), strict=True))
+    done = neurotact("stream", run / "run", "--json", "--time-column", "ms", given="".join(rows).encode())
+    assert done.code == 0, done.err
+    stream = nt.Stream(run / "run")
+    expected = stream.push(signal[:130])
+    stream.gap()
+    assert [json.loads(line) for line in done.out] == [d._asdict() for d in expected + stream.push(signal[130:])]
+    assert [("99999 after 39" in line, "from 129 to 0" in line) for line in done.err] == [
+        (True, False), (False, True), (False, False),
+    ]  # fmt: skip
+    assert "260 samples" in done.err[-1]
+    assert "gaps 1, clock restarts 1, time stamps ignored 1" in done.err[-1]
+
+
+FLOATS = ("sampling-rate-Hz", "lsb", "zero", "window-ms", "start-ms", "hop-ms", "quiet-ms", "hold-ms", "stall-s")
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1", "0", "1e300", "-1e300", "1e-300"])
+@pytest.mark.parametrize("option", FLOATS)
+def test_a_number_is_used_or_refused(run, option, value, neurotact):
+    words = {"lsb": ["--format", "int16"], "zero": ["--format", "int16"], "quiet-ms": ["--contact"]}
+    samples = b"".join(b"%d,%d\n" % (k % 7, k % 3) for k in range(60))
+    given = samples if option not in ("lsb", "zero") else np.arange(-60, 60, dtype="<i2").tobytes()
+    done = neurotact("stream", run / "run", *words.get(option, []), f"--{option}={value}", given=given)
+    assert len(done.err) == 1
+    if done.code:
+        assert done.code == 2
+        assert option.partition("-")[0].replace("window", "length") in done.err[0]
+    else:
+        assert "60 samples, " in done.err[0]
+        assert option == "stall-s" or value in ("-1", "0", "1e-300")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--format", "float32", "--time-column", "ms"], "--time-column: float32 frames have none"),
+        (["--lsb", "2"], "--lsb: is of int16 frames, and --format is csv"),
+        (["--format", "float32", "--zero", "2"], "--zero: is of int16 frames, and --format is float32"),
+    ],
+)
+def test_an_option_without_effect_is_refused(run, words, message, neurotact):
+    done = neurotact("stream", run / "run", *words, given=b"1,2\n")
+    assert (done.code, len(done.err)) == (2, 1)
+    assert message in done.err[0]
+
+
 def test_recordings_become_decisions_in_words(run, neurotact):
     done = neurotact("stream", run / "run", "--from", run / "skin.h5", "--full-window", "--hop-ms", "30")
     assert done.code == 0, done.err
