@@ -81,8 +81,14 @@ class Conditioner:
         signal, state = self._on_the_clock(signal, state, at_end=False)
         return self._without_baseline(signal, state)
 
+    def whole(self, samples: np.ndarray) -> np.ndarray:
+        """The steps `(step, taxel)` of a whole trial of samples."""
+        steps, state = self.push(samples, Conditioned())
+        last, _ = self.finish(state)
+        return np.concatenate([steps, last]) if len(last) else steps
+
     def finish(self, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
-        """The steps that resampling still holds when a trial ends: at most one."""
+        """The steps of resampling from the last sample to the trial's end, which hold that sample; none without it."""
         if state.held is None:
             return np.empty((0, 0), np.float32), state
         signal, state = self._on_the_clock(state.held[:0], state, at_end=True)

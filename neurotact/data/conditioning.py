@@ -22,6 +22,8 @@ Pieces = Callable[[], Iterator[np.ndarray]]
 """Each call starts at the beginning of a trial; all pieces but the last have equally many samples."""
 PIECE_VALUES = 1_000_000
 """Samples times taxels: a longer trial is conditioned in pieces of this size."""
+HALF = 0.5 + 1e-6
+"""Rounds up to whole steps from a half on, rounding errors included, so that a window as long as the trial fits."""
 FINEST_CLOCK = 1000
 """Steps of an encoder's clock per sample of a recording, at most: finer clocks cost time and add no information."""
 
@@ -81,7 +83,7 @@ def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
     >>> import pandas as pd
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
     >>> condition(skin, ConditioningSpec(resample_Hz=1000.0, baseline="first")).signals[0].shape
-    (57, 2)
+    (84, 2)
     """
     rate_Hz, clock_Hz = recordings.sampling_rate_Hz, how.resample_Hz
     if how.ema_cutoff_Hz is not None:
@@ -129,7 +131,7 @@ def condition_pieces(
     >>> skin = Recordings([np.ones((3, 2))], 35.6, "count", pd.DataFrame({"label": ["felt"]}))
     >>> how = ConditioningSpec(resample_Hz=1000.0, baseline="first")
     >>> [piece.shape for piece in condition_pieces(skin, 0, how)]
-    [(57, 2)]
+    [(84, 2)]
     """
     factor = unit_factor(recordings.unit, unit or recordings.unit, recordings.source or "recordings")
     _check_counts(how, recordings)
@@ -156,10 +158,14 @@ def pieces(recordings: Trials, trial: int) -> Iterator[np.ndarray]:
 
 
 def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None = None) -> int:
-    """Steps of a trial of `n_samples` on the encoder's clock.
+    """Steps of a trial of `n_samples` on the encoder's clock: as many as the trial lasts, to the nearest step.
 
-    >>> conditioned_length(3, 35.6, 1000.0)
-    57
+    A sample lasts until the next one would come, so n samples last n / rate. A step at the last sample or before it
+    always counts, also where a slower clock would be nearer to the trial's length without it: a stream has made that
+    step when the trial ends.
+
+    >>> conditioned_length(200, 100.0, 1000.0), conditioned_length(3, 35.6, 1000.0), conditioned_length(11, 100.0, 10.0)
+    (2000, 84, 2)
     """
     to_Hz = resample_Hz or rate_Hz
     if to_Hz > FINEST_CLOCK * rate_Hz:
@@ -167,7 +173,10 @@ def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None
             f"resample_Hz: {to_Hz:g} Hz is over {FINEST_CLOCK:,} times the sampling rate of {rate_Hz:g} Hz; lower it, "
             "or import the recordings again with the right rate or unit of time"
         )
-    return n_samples if to_Hz == rate_Hz else int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
+    if to_Hz == rate_Hz:
+        return n_samples
+    up_to_last = int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
+    return max(up_to_last, int(np.floor(n_samples / rate_Hz * to_Hz + HALF)))
 
 
 def is_long(n_steps: int, n_channels: int) -> bool:
@@ -416,12 +425,12 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
 
 
 def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
-    """Linear interpolation of `(..., time, taxel)` at another rate, from the first sample to the last.
+    """Linear interpolation of `(..., time, taxel)` at another rate; the last sample holds until the trial ends.
 
-    There is no extrapolation; before going to a lower rate, apply an EMA.
+    The result lasts as long as the trial (`conditioned_length`). Before going to a lower rate, apply an EMA.
 
     >>> resample(np.array([[0.0], [2.0]]), 1.0, 2.0).ravel().tolist()
-    [0.0, 1.0, 2.0]
+    [0.0, 1.0, 2.0, 2.0]
     """
     n_samples = signal.shape[-2]
     n_resampled = conditioned_length(n_samples, rate_Hz, to_Hz)
@@ -435,7 +444,7 @@ def position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
 
 
 def interpolated(signal: np.ndarray, position: np.ndarray, first: int, n_samples: int) -> np.ndarray:
-    """Interpolates a signal of `n_samples`, of which those from `first` on are given."""
+    """Interpolates a signal of `n_samples`, of which those from `first` on are given; the last one holds."""
     before = np.minimum(position.astype(np.int64), n_samples - 1)
     after = np.minimum(before + 1, n_samples - 1)
     weight = (position - before).astype(signal.dtype)[:, None]

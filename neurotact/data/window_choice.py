@@ -9,7 +9,7 @@ import numpy as np
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.onset import common_spike_onset_s, evenly
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.windows import WindowSpec, whole_steps
+from neurotact.data.windows import WindowSpec, check_fit, whole_steps
 from neurotact.errors import InputError
 
 log = logging.getLogger("neurotact")
@@ -69,7 +69,7 @@ def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTION
 
     window: the fields that it was made with are given. Without a length, the others are those of `choose`. With a
     length, they keep their defaults, and windows that hold rest before the touch are logged.
-    Raises InputError for a start after the end of a trial.
+    Raises InputError for a start after the end of a trial, and for a window that is longer than a trial.
 
     >>> import pandas as pd
     >>> from neurotact.data.spikes import from_rasters
@@ -87,6 +87,7 @@ def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTION
         if not PLACES & {*known}:
             notes += on_late_onsets(spikes, timing, window.model_copy(update=table), words)
     else:
+        check_fit(spikes.trial_steps, spikes.sampling_rate_Hz, window)
         table, notes = {}, [] if PLACES & {*known} else [*_on_rest(timing_of(spikes), window, words)]
     for note in notes:
         log.warning("%s", note)

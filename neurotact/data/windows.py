@@ -66,14 +66,8 @@ def cut(
     [2, 5, 4]
     """
     trials = np.arange(len(trial_steps)) if trials is None else trials
+    check_fit(trial_steps, sampling_rate_Hz, spec, trials)
     length, first, hop = steps_of(spec, sampling_rate_Hz)
-    shortest = int(np.argmin(trial_steps)) if len(trial_steps) else 0
-    if len(trial_steps) and trial_steps[shortest] < first + length:
-        steps = trial_steps[shortest]
-        raise InputError(
-            f"window: trial {trials[shortest]} lasts {steps / sampling_rate_Hz:.3f} s, less than the "
-            f"{(spec.start_ms + spec.length_ms) / 1e3:.3f} s of start_ms + length_ms; shorten the window"
-        )
     last = np.asarray(trial_steps) - length
     begin = np.full(len(last), first) if onsets is None else np.minimum(first + onsets, last)
     fitting = (last - begin) // hop + 1
@@ -84,6 +78,23 @@ def cut(
     trial = np.repeat(np.arange(len(fitting)), fitting)
     rank = np.arange(len(trial)) - np.repeat(np.cumsum(fitting) - fitting, fitting)
     return Windows(trials[trial], begin[trial] + rank * hop, length)
+
+
+def check_fit(
+    trial_steps: np.ndarray, sampling_rate_Hz: float, spec: WindowSpec, trials: np.ndarray | None = None
+) -> None:
+    """InputError if a window does not fit into each trial of `trial_steps` steps; trials: as for `cut`.
+
+    >>> check_fit(np.array([2000]), 1000.0, WindowSpec(length_ms=2000))
+    """
+    length, first, _ = steps_of(spec, sampling_rate_Hz)
+    shortest = int(np.argmin(trial_steps)) if len(trial_steps) else 0
+    if len(trial_steps) and trial_steps[shortest] < first + length:
+        steps = trial_steps[shortest]
+        raise InputError(
+            f"window: trial {shortest if trials is None else trials[shortest]} lasts {steps / sampling_rate_Hz:.3f} s, "
+            f"less than the {(spec.start_ms + spec.length_ms) / 1e3:.3f} s of start_ms + length_ms; shorten the window"
+        )
 
 
 def steps_of(spec: WindowSpec, sampling_rate_Hz: float) -> tuple[int, int, int]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from neurotact import __version__, files
 from neurotact.data.causal import Conditioner
+from neurotact.data.conditioning import HALF
 from neurotact.deploy import formats as whole
 from neurotact.deploy import integer
 from neurotact.deploy.chain import Chain
@@ -138,7 +139,8 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "smoothing": _ema_weights(conditioner.smoothing)[0], "smoothing_keep": _ema_weights(conditioner.smoothing)[1],
         "baseline_weight": _ema_weights(high_pass)[0], "baseline_keep": _ema_weights(high_pass)[1],
         "baseline_steps": f"{conditioner.past.n_start}u",
-        "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(),
+        "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
+        "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
         "offset": offset, "scale": scale, "leak": _float(sa1.decay),
         "gain_sa1": _float(encoder.sa1.gain), "gain_ra1": _float(encoder.ra1.gain * chain.clock_Hz * 1e-3),
         "v_rest": _float(sa1.v_rest_mV), "v_threshold": _float(sa1.v_threshold_mV), "v_reset": _float(sa1.v_reset_mV),
@@ -185,7 +187,8 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
         "silent_sa1": front.silent_sa1, "silent_ra1": front.silent_ra1,
         "smoothing": front.smoothing, "baseline_weight": front.baseline_weight,
         "baseline_steps": f"{front.baseline_steps}u",
-        "stride_whole": stride[0], "stride_part": stride[1], "offset": has_offset, "scale": False, "leak": front.leak,
+        "stride_whole": stride[0], "stride_part": stride[1], "stride": stride[0] * 2**32 + stride[1],
+        "offset": has_offset, "scale": False, "leak": front.leak,
         "lsb": f"{raw.lsb:.9g}", "zero": f"{raw.zero:.9g}", "fraction": whole.FRACTION,
         "mantissa": whole.MANTISSA, "most_state": 2 ** (formats.state_bits - 1) - 1,
         "weight_bits": formats.weight_bits, "state_bits": formats.state_bits,

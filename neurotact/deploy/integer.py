@@ -45,17 +45,19 @@ def follow(state: np.ndarray, target: np.ndarray, weight: Weight) -> np.ndarray:
     return state + over((target - state) * weight.mantissa, weight.bits)
 
 
-def encode(raw: np.ndarray, front: FrontEnd) -> np.ndarray:
+def encode(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray | None = None) -> np.ndarray:
     """Spikes of raw samples, `(trial, time, taxel)` int16 to `(trial, step, 2 taxel)` uint8, SA-I first.
 
-    A step that resampling has not yet completed at the end of a trial is left out.
+    lengths: samples of each trial, `(trial,)`, where shorter trials are padded; all when None. After its last sample a
+    trial holds it, as resampling does until the trial ends; steps after that end are to be cut (`n_steps`).
     """
     raw = np.asarray(raw, np.int64)
-    n_trials, _, n_taxels = raw.shape
+    n_trials, n_samples, n_taxels = raw.shape
+    lengths = np.full(n_trials, n_samples) if lengths is None else lengths
     rest = np.zeros((n_trials, n_taxels), np.int64)
     sa1, ra1 = [rest, rest], [rest, rest]
     rows, before = [], None
-    for signal in _conditioned(raw, front):
+    for signal in _conditioned(raw, front, lengths):
         change = np.abs(signal - (signal if before is None else before))
         before = signal
         fired_sa1, sa1 = _afferent(signal, sa1, front.leak, front.threshold_sa1, front.reset_sa1, front.silent_sa1)
@@ -76,11 +78,11 @@ def _afferent(
     return fired, [np.where(fired, reset, membrane), np.where(fired, silent, np.maximum(remaining - 1, 0))]
 
 
-def _conditioned(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
+def _conditioned(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray) -> Iterator[np.ndarray]:
     """The conditioned signal, a step `(trial, taxel)` at a time."""
     level: np.ndarray | None = None
     total, count = np.zeros_like(raw[:, 0] if raw.shape[1] else raw.sum(axis=1)), 0
-    for signal in _on_the_clock(_smoothed(raw, front), front):
+    for signal in _on_the_clock(_smoothed(raw, front, lengths), front, raw.shape[1]):
         if front.baseline == "first":
             level = signal if level is None else level
         elif front.baseline_weight is not None:
@@ -92,37 +94,45 @@ def _conditioned(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
         yield np.abs(signal) if front.rectify else signal
 
 
-def _smoothed(raw: np.ndarray, front: FrontEnd) -> Iterator[np.ndarray]:
-    smooth: np.ndarray | None = None
+def _smoothed(raw: np.ndarray, front: FrontEnd, lengths: np.ndarray) -> Iterator[np.ndarray]:
+    """The samples of each trial, smoothed; after its last one, a trial holds it."""
+    held: np.ndarray | None = None
     for t in range(raw.shape[1]):
         sample = raw[:, t] * 2**FRACTION
-        if front.smoothing is not None:
-            sample = smooth = sample if smooth is None else follow(smooth, sample, front.smoothing)
-        yield sample
+        if front.smoothing is not None and held is not None:
+            sample = follow(held, sample, front.smoothing)
+        held = sample if held is None else np.where((t < lengths)[:, None], sample, held)
+        yield held
 
 
-def _on_the_clock(signal: Iterator[np.ndarray], front: FrontEnd) -> Iterator[np.ndarray]:
+def _on_the_clock(signal: Iterator[np.ndarray], front: FrontEnd, n_samples: int) -> Iterator[np.ndarray]:
     """Linear interpolation; the next step is `wait` samples and `part` 2^-32ths after the previous sample."""
     if front.stride is None:
         yield from signal
         return
-    before, wait, part = np.zeros(0), 1, 0
+    before, wait, part, n_done = np.zeros(0), 1, 0, 0
     for now in signal:
         while wait == 0 or (wait == 1 and part == 0):
             yield now if wait else before + over((now - before) * (part >> 16), 16)
+            n_done += 1
             carry, part = divmod(part + front.stride[1], 2**32)
             wait += front.stride[0] + carry
         before, wait = now, wait - 1
+    for _ in range(n_done, n_steps(n_samples, front)):
+        yield before
 
 
 def n_steps(n_samples: int, front: FrontEnd) -> int:
-    """Number of steps of `n_samples`.
+    """Number of steps of a trial of `n_samples`, as `conditioning.conditioned_length`, by the stride of the integers.
 
     >>> from types import SimpleNamespace
     >>> n_steps(4, SimpleNamespace(stride=(0, 2**31)))  # twice as many steps as samples
-    7
+    8
     """
-    return sum(1 for _ in _on_the_clock((np.zeros(1, np.int64) for _ in range(n_samples)), front))
+    if front.stride is None or not n_samples:
+        return n_samples
+    stride, sample = front.stride[0] * 2**32 + front.stride[1], 2**32
+    return max((n_samples - 1) * sample // stride + 1, (2 * n_samples * sample + stride) // (2 * stride))
 
 
 def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule) -> Decided:

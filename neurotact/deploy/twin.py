@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from neurotact.data.causal import Conditioned, Conditioner
+from neurotact.data.causal import Conditioner
 from neurotact.deploy import integer
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats
@@ -15,13 +15,14 @@ from neurotact.encoders import afferents
 
 def said_in_whole_numbers(chain: Chain, formats: Formats, trials: Sequence[np.ndarray]) -> list[Spoken]:
     """The output for trials of raw samples `(sample, taxel)` int16, together: shorter ones are padded and cut."""
-    longest = max(len(trial) for trial in trials)
+    lengths = np.array([len(trial) for trial in trials])
     padded = np.stack(
-        [np.concatenate([trial, np.repeat(trial[-1:], longest - len(trial), axis=0)]) for trial in trials]
+        [np.concatenate([trial, np.repeat(trial[-1:], lengths.max() - len(trial), axis=0)]) for trial in trials]
     )
-    rasters = integer.encode(padded, formats.front)
+    rasters = integer.encode(padded, formats.front, lengths)
     spikes = [
-        raster[: integer.n_steps(len(trial), formats.front)] for raster, trial in zip(rasters, trials, strict=True)
+        raster[: integer.n_steps(n_samples, formats.front)]
+        for raster, n_samples in zip(rasters, lengths.tolist(), strict=True)
     ]
     cut = [_windows(chain, raster) for raster in spikes]
     found = integer.infer(np.concatenate([windows for _, windows in cut]), formats, chain.network.neuron, chain.rule)
@@ -35,8 +36,7 @@ def said_in_whole_numbers(chain: Chain, formats: Formats, trials: Sequence[np.nd
 def said_in_float(chain: Chain, trial: np.ndarray) -> Spoken:
     """The output for a whole trial of samples `(sample, taxel)` float32, in the encoder's unit."""
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)
-    signal, _ = conditioner.push(trial, Conditioned())
-    raster = afferents.encode(signal[None], chain.clock_Hz, chain.encoder)[0][0]
+    raster = afferents.encode(conditioner.whole(trial)[None], chain.clock_Hz, chain.encoder)[0][0]
     starts, windows = _windows(chain, raster)
     inputs = torch.from_numpy(windows)
     found, (hidden, readout) = chain.network.infer(inputs, chain.rule), chain.network.simulate(inputs)

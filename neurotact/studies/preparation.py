@@ -11,13 +11,14 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data import hdf5
+from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.sources import expand, read_recordings, simulator
 from neurotact.data.splits import Split, split_conditions
 from neurotact.data.trial_choice import chosen_trials
-from neurotact.data.windows import Windows
+from neurotact.data.windows import Windows, check_fit
 from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.calibration import way_of
+from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
@@ -72,7 +73,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     is_same = before is not None and (source is None or source == before.get("source"))
     if is_same and not (table_flaws or spikes_flaws):
         return
-    first, *others = _by_source(distinct.values())
+    first, *others = _by_source(cells)
     recordings = load_dataset(dataset_of(study, first[0]))
     content = _check_unchanged(folder, recordings, before, source)
     _encode(folder, study, first, recordings, content)
@@ -152,14 +153,28 @@ def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
     return list(groups.values())
 
 
+def _check_windows(recordings: Recordings, cells: Iterable[Cell]) -> None:
+    """InputError if a window is longer than the shortest trial, before anything is calibrated or encoded."""
+    rate_Hz, shortest = recordings.sampling_rate_Hz, int(recordings.lengths.argmin())
+    for cell in cells:
+        if cell.network is not None:
+            own_Hz = (cell.calibrate or cell.encoder).conditioning.resample_Hz
+            clock_Hz = own_Hz or (rate_Hz if cell.calibrate is None else max(rate_Hz, CLOCK_HZ))
+            n_steps = conditioned_length(int(recordings.lengths[shortest]), rate_Hz, clock_Hz)
+            check_fit(np.array([n_steps]), clock_Hz, cell.window, np.array([shortest]))
+
+
 def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recordings, content: str) -> None:
-    """Write the missing spike trains of some cells and their tables.
+    """Write the missing spike trains of cells with the same recordings, and their tables.
 
     content: hash of the study's first set of recordings, which identifies the whole folder of spikes: the same code
     simulates the other sets, and they changed if and only if the first set did.
     """
     place, made_from = folder / "spikes", {"recordings": content}
-    missing = [cell for cell in cells if manifest.flaws(place, _encoded(cell), made_from)]
+    distinct = {cell.spikes_name: cell for cell in cells}
+    missing = [cell for cell in distinct.values() if manifest.flaws(place, _encoded(cell), made_from)]
+    if missing:
+        _check_windows(recordings, cells)
     calibrated: dict[str, AfferentSpec] = {}
     for cell in missing:
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))

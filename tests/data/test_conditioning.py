@@ -5,7 +5,7 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -21,6 +21,7 @@ from neurotact.data.conditioning import (
     resample,
 )
 from neurotact.data.recordings import Recordings
+from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
 
 RATES = st.sampled_from([35.6, 100.0, 1000.0, 2000.0])
@@ -101,17 +102,39 @@ def test_resampling_at_the_same_rate_changes_nothing(signal, rate_Hz):
 
 
 @given(st.integers(1, 200), RATES, RATES, VALUES, VALUES)
-def test_a_straight_line_stays_the_line(n_samples, rate_Hz, to_Hz, start, slope):
+def test_a_straight_line_stays_the_line_until_the_last_sample_holds(n_samples, rate_Hz, to_Hz, start, slope):
     line = start + slope * np.arange(n_samples)[:, None] / rate_Hz
     again = resample(line, rate_Hz, to_Hz)
-    np.testing.assert_allclose(again[:, 0], start + slope * np.arange(len(again)) / to_Hz, rtol=1e-9, atol=1e-7)
+    time_s = np.minimum(np.arange(len(again)) / to_Hz, (n_samples - 1) / rate_Hz)
+    np.testing.assert_allclose(again[:, 0], start + slope * time_s, rtol=1e-9, atol=1e-7)
 
 
-@given(st.integers(1, 500), RATES, RATES)
-def test_the_last_sample_is_the_last_that_the_recording_reaches(n_samples, rate_Hz, to_Hz):
-    last_s = (len(resample(np.zeros((n_samples, 1)), rate_Hz, to_Hz)) - 1) / to_Hz
-    assert last_s <= (n_samples - 1) / rate_Hz + 1e-9
-    assert last_s + 1.0 / to_Hz > (n_samples - 1) / rate_Hz - 1e-9
+ANY_RATE = RATES | st.floats(10.0, 5000.0)
+
+
+@given(st.integers(1, 500), ANY_RATE, ANY_RATE)
+def test_a_trial_keeps_its_length(n_samples, rate_Hz, to_Hz):
+    lasts = n_samples / rate_Hz * to_Hz
+    n_steps = len(resample(np.zeros((n_samples, 1)), rate_Hz, to_Hz))
+    if to_Hz >= rate_Hz:
+        assert abs(n_steps - lasts) <= 0.5 + 2e-6
+    else:  # a step at the last sample counts, even if less than half of it is left
+        assert -0.5 - 2e-6 <= n_steps - lasts < 1.0
+    assert (n_steps - 1) / to_Hz < n_samples / rate_Hz, "every step begins within the trial"
+    assert n_steps / to_Hz > (n_samples - 1) / rate_Hz - 1e-9, "no step at or before the last sample is missing"
+
+
+@given(st.integers(1, 500), ANY_RATE, ANY_RATE)
+def test_a_window_as_long_as_the_trial_fits(n_samples, rate_Hz, to_Hz):
+    length_ms = 1e3 * n_samples / rate_Hz
+    assume(length_ms * 1e-3 * to_Hz >= 1.0)
+    n_steps = conditioned_length(n_samples, rate_Hz, to_Hz)
+    assert len(cut(np.array([n_steps]), to_Hz, WindowSpec(length_ms=length_ms))) == 1
+
+
+@given(st.integers(1, 10**7), ANY_RATE, ANY_RATE)
+def test_a_longer_trial_has_no_fewer_steps(n_samples, rate_Hz, to_Hz):
+    assert conditioned_length(n_samples, rate_Hz, to_Hz) <= conditioned_length(n_samples + 1, rate_Hz, to_Hz)
 
 
 @given(SIGNALS, st.integers(1, 9))
@@ -122,7 +145,8 @@ def test_a_whole_multiple_of_the_rate_keeps_every_sample(signal, times):
 def test_a_35_6_hz_skin_on_a_1_khz_clock_keeps_the_samples_of_common_instants():
     signal = np.random.default_rng(1).normal(size=(357, 16))
     again = resample(signal, 35.6, 1000.0)
-    assert len(again) == 10_001  # 356 intervals of 1 / 35.6 s are 10 s
+    assert len(again) == 10_028  # 357 samples of 1 / 35.6 s are 10.028 s
+    np.testing.assert_array_equal(again[10_000:], np.repeat(signal[-1:], 28, axis=0))
     np.testing.assert_allclose(again[::2500], signal[::89], atol=1e-10)  # 89 samples are 2.5 s
 
 
@@ -136,7 +160,7 @@ def test_resampling_stays_between_the_extremes(signal, rate_Hz, to_Hz):
 def test_the_result_has_the_encoders_clock():
     felt = condition(skin([np.ones((36, 2)), np.ones((9, 2))], 35.6), ConditioningSpec(resample_Hz=1000.0))
     assert felt.sampling_rate_Hz == 1000.0
-    assert [len(s) for s in felt.signals] == [984, 225]
+    assert [len(s) for s in felt.signals] == [1011, 253]
 
 
 # --- baseline, standardisation, rectification -------------------------------------------------------

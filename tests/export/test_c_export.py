@@ -72,6 +72,30 @@ def test_c_says_what_its_twin_says(kind, variant, tmp_path):
 
 
 @needs_compiler
+@pytest.mark.parametrize("variant", ["float", "integer"])
+@pytest.mark.parametrize("rate_Hz", [370.0, 1700.0])
+def test_c_decides_a_window_as_long_as_the_trial(variant, rate_Hz, tmp_path):
+    n_samples, conditioning = 150, {"resample_Hz": 1000.0, "ema_cutoff_Hz": 30.0}
+    chain = make_chain(conditioning, rate_Hz=rate_Hz, windows={"length_ms": 1e3 * n_samples / rate_Hz})
+    formats = None if variant == "float" else chosen(chain, [make_signal(n_samples)], state_bits=16)
+    difference, expected = compare(chain, tmp_path, formats, n=1, n_samples=n_samples)
+    assert difference is None
+    assert [row[2] for row in expected[0].decisions] == [round(1e3 * n_samples / rate_Hz)]
+    assert all(n > 0 for n in spikes_of(expected))
+
+
+@needs_compiler
+def test_the_example_reads_to_the_end_of_a_trial(tmp_path):
+    chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=100.0, windows={"length_ms": 400})
+    c_export.write(chain, tmp_path, None, name="skin")
+    flags = proof.WARNINGS
+    subprocess.run(["cc", *flags, "skin.c", "example.c", "-o", "example"], cwd=tmp_path, check=True)
+    lines = "".join(f"{a},{b}\n" for a, b in make_signal(40).tolist())
+    said = subprocess.run(["./example"], cwd=tmp_path, input=lines, capture_output=True, text=True, check=True).stdout
+    assert re.fullmatch(r"0 \w+ 400 steps \d+ spikes\n", said)
+
+
+@needs_compiler
 @pytest.mark.parametrize("membrane", ["eq4", "immediate"])
 def test_c_adapts_from_what_was_sent_where_a_threshold_is_negative(membrane, tmp_path):
     chain = make_chain({}, **ADAPTING, membrane=membrane)

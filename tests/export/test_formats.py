@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_chains import make_chain, make_signal, offline
 
+from neurotact.data.conditioning import conditioned_length
 from neurotact.deploy import formats, integer
 from neurotact.deploy.formats import Ranges, Raw, Weight
 from neurotact.deploy.twin import said_in_whole_numbers
@@ -110,12 +111,23 @@ def test_an_lsb_that_does_not_fit_is_refused():
 
 @settings(max_examples=20)
 @given(rate=st.sampled_from([370.0, 700.0, 1700.0, 3333.3]), n=st.integers(1, 200))
-def test_the_number_of_steps_is_the_interpolated_one(rate, n):
-    """Up to the step that only the end of a trial completes."""
+def test_a_trial_in_integers_has_the_steps_of_a_whole_one(rate, n):
     chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=rate)
     front = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0)).front
-    whole = int(np.floor((n - 1) / rate * 1000.0 + 1e-9)) + 1
-    assert whole - 1 <= integer.n_steps(n, front) <= whole
+    n_steps = conditioned_length(n, rate, 1000.0)
+    assert integer.n_steps(n, front) == n_steps
+    assert integer.encode(np.zeros((1, n, 2), np.int16), front).shape[1] == n_steps
+
+
+@pytest.mark.parametrize("rate", [370.0, 1700.0])
+@pytest.mark.parametrize("conditioning", [{}, {"ema_cutoff_Hz": 30.0, "scale": (0.2, 0.2)}])
+def test_trials_in_integers_end_alike_alone_and_beside_longer_ones(rate, conditioning):
+    chain = make_chain({"resample_Hz": 1000.0, **conditioning}, rate_Hz=rate)
+    made = formats.choose(chain, Ranges(-10.0, 10.0, 5.0, 5.0))
+    trials = [made.raw.samples(make_signal(n, seed=n)) for n in (1, 40, 93, 120)]
+    together = said_in_whole_numbers(chain, made, trials)
+    assert [said_in_whole_numbers(chain, made, [trial])[0] for trial in trials] == together
+    assert sum(map(len, together[-1].afferents)) > 0
 
 
 def test_ranges_are_the_largest_values_that_were_seen():

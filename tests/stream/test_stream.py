@@ -80,6 +80,25 @@ def test_a_stream_decides_what_the_whole_trial_decides(
     assert told(fitting(found, len(raster), chain.windows.length)) == expected
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+@given(
+    rate_Hz=st.sampled_from([35.6, 100.0, 700.0, 1700.0, 3333.3]), n_samples=st.integers(9, 60),
+    conditioning=st.sampled_from(CONDITIONINGS), at=st.integers(0, 60), seed=st.integers(0, 9),
+)  # fmt: skip
+@settings(max_examples=15, deadline=None)
+def test_a_window_as_long_as_the_trial_is_decided_at_its_end(backend, rate_Hz, n_samples, conditioning, at, seed):
+    high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
+    conditioning = conditioning | {"resample_Hz": 1000.0} | high_enough
+    chain = make_chain(conditioning, rate_Hz=rate_Hz, windows={"length_ms": 1e3 * n_samples / rate_Hz}, seed=seed)
+    signal = make_signal(n_samples, seed=seed)
+    _, expected = offline(chain, signal)
+    assert len(expected) == 1
+    stream = Stream(chain, backend=backend)
+    found = [*stream.push(signal[:at]), *stream.push(signal[at:])]
+    assert told([*found, *stream.finish()]) == expected
+    assert rate_Hz > chain.clock_Hz or stream.tally.unfinished == 0  # nothing is left over
+
+
 SEVERAL = (
     {"sa1.grades": [0.3, 0.6, 1.0, 1.7]},
     {"sa1.opposite": True},

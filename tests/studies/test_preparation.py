@@ -132,6 +132,35 @@ def test_gains_are_fitted_on_training_trials_alone(tmp_path, monkeypatch, only_k
     assert made["sa1"]["t_ref_ms"] == cell.encoder.sa1.t_ref_ms
 
 
+@pytest.mark.parametrize(("rate_Hz", "length_ms"), [(2000.0, 201), (100.0, 2001)])
+def test_a_window_longer_than_the_shortest_trial_is_refused_before_calibration(
+    tmp_path, monkeypatch, rate_Hz, length_ms
+):
+    """The second skin is calibrated on a clock of 1 kHz, on which its 200 samples are 2 s."""
+    table = pd.DataFrame({"label": ["felt", "silk"] * 20, "force_N": [3, 3, 6, 6] * 10})
+    signals = [np.ones((n, 2)) for n in [700] * 25 + [round(0.2 * rate_Hz) if rate_Hz == 2000.0 else 200] + [700] * 14]
+    touches = Recordings(signals, rate_Hz, "mV", table)
+    changes = {
+        "calibrate": True, "window.start_ms": 0, "dataset.stratify": ["force_N"],
+        "encoder.conditioning.ema_cutoff_Hz": None, "dataset.subsets": {"light": {"force_N": 3}},
+        "sweep.dataset": ["light"],
+    }  # fmt: skip
+    lengths = [length_ms - 1, length_ms]  # the longer one is of another cell with the same spikes
+    what = study.resolve("refractory-period", {**changes, "sweep.window.length_ms": lengths})
+    monkeypatch.setattr(preparation, "load_dataset", lambda _: touches)
+
+    def calibrated(*_, **__):
+        raise AssertionError("calibration began")
+
+    monkeypatch.setattr(preparation, "way_of", calibrated)
+    refused = f"trial 25 lasts {(length_ms - 1) / 1e3:.3f} s, less than the {length_ms / 1e3:.3f} s"
+    with pytest.raises(InputError, match=refused):
+        preparation.prepare(tmp_path / "longer", what, [*study.cells(what)])
+    fitting = study.resolve("refractory-period", {**changes, "window.length_ms": length_ms - 1})
+    with pytest.raises(AssertionError, match="calibration began"):
+        preparation.prepare(tmp_path / "fitting", fitting, [*study.cells(fitting)])
+
+
 def test_the_linear_baseline_sees_the_windows_of_the_networks():
     """On a slow skin too: windows are cut on the encoder's clock, and their samples are those inside them."""
     signals = [np.arange(72.0)[:, None] * [1.0, 2.0], np.arange(90.0)[:, None] * [1.0, 2.0]]

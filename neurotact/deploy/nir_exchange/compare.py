@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from neurotact.data.causal import Conditioned, Conditioner
+from neurotact.data.causal import Conditioner
 from neurotact.deploy.nir_exchange import graph as writing
 from neurotact.deploy.nir_exchange.execute import Interpreter
 from neurotact.deploy.nir_exchange.note import Note, of
@@ -92,8 +92,7 @@ def report(
 
 def conditioned_trial(signal: np.ndarray, encoder: afferents.AfferentSpec, rate_Hz: float) -> np.ndarray:
     """The conditioned signal of a trial `(sample, taxel)`, which the afferents receive, `(1, time, taxel)`."""
-    steps, _ = Conditioner(rate_Hz, encoder.conditioning).push(np.asarray(signal, np.float32), Conditioned())
-    return steps[None]
+    return Conditioner(rate_Hz, encoder.conditioning).whole(np.asarray(signal, np.float32))[None]
 
 
 def _settled(sums: np.ndarray, expected: np.ndarray) -> np.ndarray:

@@ -313,7 +313,7 @@ def test_taxels_whose_names_end_alike_are_taxels_of_their_own(tmp_path):
         ({"sweep.split.fold": [0, 1]}, "sweep.split.fold: this study draws"),
         ({"split.group": ["person"]}, "--group: there is no condition 'person'; known: label, subject"),
         ({"sweep.split.seed": [0], "seed": 1}, "--repeats: each seed has its own split, and seed is also given"),
-        ({"window.length_ms": 5000.0}, "lasts 0.420 s, less than the 5.000 s of start_ms + length_ms"),
+        ({"window.length_ms": 5000.0}, "lasts 0.430 s, less than the 5.000 s of start_ms + length_ms"),
         ({"window.length": 100.0}, "window.length: unknown key; did you mean"),
         ({"conditioning.baseline": "mean"}, "'mean' uses the whole trial; name one of none, start, high-pass"),
         ({"conditioning.resample_Hz": -1.0}, "resample_Hz: must be > 0"),
