@@ -175,8 +175,16 @@ def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None
         )
     if to_Hz == rate_Hz:
         return n_samples
-    up_to_last = int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
-    return max(up_to_last, int(np.floor(n_samples / rate_Hz * to_Hz + HALF)))
+    return max(sampled_length(n_samples, rate_Hz, to_Hz), int(np.floor(n_samples / rate_Hz * to_Hz + HALF)))
+
+
+def sampled_length(n_samples: int, rate_Hz: float, to_Hz: float) -> int:
+    """Steps of a trial of `n_samples` up to its last sample; the steps after them hold it.
+
+    >>> sampled_length(200, 100.0, 1000.0)
+    1991
+    """
+    return int(np.floor((n_samples - 1) / rate_Hz * to_Hz + 1e-9)) + 1
 
 
 def is_long(n_steps: int, n_channels: int) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from neurotact.data.conditioning import ConditioningSpec, condition_pieces, conditioned_length, standardised
+from neurotact.data.conditioning import ConditioningSpec, condition_pieces, sampled_length, standardised
 from neurotact.data.recordings import Trials
 from neurotact.data.spool import Spool
 
@@ -36,13 +36,16 @@ def draw(labels: np.ndarray, per_class: int, rng: np.random.Generator) -> np.nda
 
 
 def cut(recordings: Trials, conditioning: ConditioningSpec, longest_s: float, rng: np.random.Generator) -> Spool:
-    """A stretch of each trial, at a random time; the trial is conditioned before it is cut, as for an encoder."""
+    """A stretch of each trial, at a random time up to its last sample.
+
+    The trial is conditioned before it is cut, as for an encoder.
+    """
     rate_Hz, clock_Hz = recordings.sampling_rate_Hz, conditioning.resample_Hz or recordings.sampling_rate_Hz
     how = conditioning.model_copy(update={"offset": None, "scale": None, "rectify": False})
 
     def stretches() -> Iterator[np.ndarray]:
         for trial, n_samples in enumerate(recordings.lengths.tolist()):
-            n_steps = conditioned_length(n_samples, rate_Hz, conditioning.resample_Hz)
+            n_steps = sampled_length(n_samples, rate_Hz, clock_Hz)
             length = min(n_steps, max(1, round(longest_s * clock_Hz)))
             start = int(rng.integers(n_steps - length + 1))
             yield _stretch(condition_pieces(recordings, trial, how), start, start + length)
