@@ -471,11 +471,13 @@ def tune(
     workers: int = 2,
     batch: int = 8,
     device: str = "cpu",
+    resume: bool = False,
 ) -> pd.DataFrame:
     """Search a network's hyperparameters on validation windows, as `neurotact tune` does: one row per trial.
 
     space: name or path of a search space in NNI's terms, or the space itself; when None, around the choices of the
-    network's recipe. trials: networks to train; the first is the network as given.
+    network's recipe. trials: networks to train; the first is the network as given. The best has the highest value and,
+    of equal ones, the fewest SOPs.
     objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` log10(SOPs). max_sops: budget of the
     best network, in mean SOPs per window.
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
@@ -483,7 +485,7 @@ def tune(
     batch: trials that are proposed together. device: "cuda" trains each batch at once on one GPU, in place of `workers`
     processes. Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`.
     The journal, tables, figure, `best.toml` and the best network are saved in `folder`; given the same folder again,
-    the search continues there.
+    the search continues there. resume: with more `trials` than before, too, as if all had been asked for at once.
     """
     place = Path(folder)
     spikes = _file_of(spikes)
@@ -510,7 +512,7 @@ def tune(
     problem = search.problem_of(trains, asked, searched, task, device)
     with files.locked(place):
         with population.runner(problem, spikes, workers, device) as run:
-            found, _ = search.search(problem, place, run)
+            found, _ = search.search(problem, place, run, resume=resume)
         save_found(problem, found, place)
         search.save_best(problem, spikes, place, found, device)
     return search_tables.trials_table(found)

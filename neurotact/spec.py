@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 import neurotact
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, closest, nearest, some
 from neurotact.files import existing, read_text
 
 DEEPEST = 32
@@ -384,7 +384,8 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
     path, known = _place(model, first["loc"])
     key = ".".join(path) or "spec"
     if first["type"] == "extra_forbidden":
-        return f"{key}: unknown key; {nearest(path[-1], known)}"
+        inner = first["input"] if isinstance(first["input"], Mapping) else {}
+        return f"{key}: unknown key; {_meant(path, known, model, inner)}"
     if first["type"] == "union_tag_invalid":
         about = first.get("ctx", {})
         tags = [tag.strip("' ") for tag in about["expected_tags"].split(",")]
@@ -403,6 +404,41 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         message = message.replace(words, sign)
     given = first["input"]
     return f"{key}: {message}" + ("" if isinstance(given, (dict, Mapping)) else f"; got {given!r}")
+
+
+def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, Any]) -> str:
+    """What an unknown key was meant to be: the same key elsewhere in the spec, else the nearest one.
+
+    A key of the same table is named alone, any other with the tables that hold it. known: the keys of that table.
+    inner: the keys in an unknown table; its name may be too much.
+    """
+    key, names = path[-1], {dotted: dotted.rpartition(".")[2] for dotted in _keys(model)}
+    beside = [".".join([*path[:-1], name]) for name in known]
+    others = [name for dotted, name in names.items() if dotted not in beside]
+    near = key if key in others else next((name for name in inner if name in names.values()), None)
+    if near is None:
+        near = closest(key, [*known, *others])
+        if near is None or near in known:
+            return nearest(key, known)
+    quoted = [f"'{dotted}'" for dotted, name in names.items() if name == near]
+    return f"did you mean {some(quoted, 3, ' or ')}?"
+
+
+def _keys(model: Any, before: str = "") -> dict[str, None]:
+    """The dotted keys of a model and of the tables in it, each once; a union has those of all its tables."""
+    found: dict[str, None] = {}
+    for table in _models_in(model):
+        for name, field in table.model_fields.items():
+            found[f"{before}{name}"] = None
+            if not _holds_many(field.annotation):
+                found |= _keys(field.annotation, f"{before}{name}.")
+    return found
+
+
+def _holds_many(annotation: Any) -> bool:
+    """Whether a value is a list or a table of keys that the user names, so that no key leads into it."""
+    kinds = [annotation, *get_args(annotation)]
+    return any(get_origin(kind) in (list, tuple, dict, Mapping) for kind in kinds)
 
 
 def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:

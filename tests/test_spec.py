@@ -13,9 +13,11 @@ from neurotact.spec import (
     LARGEST,
     SMALLEST,
     Spec,
+    _keys,
     build,
     digest,
     find,
+    leaves,
     load,
     override,
     parse_assignments,
@@ -23,6 +25,8 @@ from neurotact.spec import (
     shipped,
     to_toml,
 )
+from neurotact.studies import study
+from neurotact.studies.study import StudySpec
 
 WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 KEYS = (
@@ -188,6 +192,35 @@ def test_the_last_of_two_assignments_holds():
 def test_an_unknown_key_names_the_nearest(model, key, meant):
     table = override(ENCODER if model is AfferentSpec else {}, {key: 1})
     assert refusal(model, table).startswith(f"{key}: unknown key; did you mean '{meant}'?")
+
+
+@pytest.mark.parametrize(
+    ("model", "key", "meant"),
+    [
+        (AfferentSpec, "t_ref_ms", "'sa1.t_ref_ms' or 'ra1.t_ref_ms'"),
+        (AfferentSpec, "sa1.tau_mem_ms", "'tau_mem_ms'"),
+        (AfferentSpec, "ema_cutof_Hz", "'conditioning.ema_cutoff_Hz'"),
+        (AfferentSpec, "encoder.sa1", "'sa1'"),
+        (RSNNSpec, "epoch", "'training.epochs'"),
+        (RSNNSpec, "learning_rate", "'training.learning_rate'"),
+        (RSNNSpec, "network.hidden", "'hidden'"),
+        (RSNNSpec, "training.hidden", "'hidden'"),
+        (StudySpec, "hidden", "'network.hidden'"),
+        (StudySpec, "sa1.t_ref_ms", "'encoder.sa1'"),
+        (StudySpec, "tau_syn_ms", "'network.tau_syn_ms'"),
+    ],
+)
+def test_a_key_of_another_table_is_named_with_its_tables(model, key, meant):
+    whole = study.resolve("refractory-period").model_dump(mode="json", exclude_none=True)
+    table = {AfferentSpec: ENCODER, RSNNSpec: {}, StudySpec: whole}[model]
+    message = refusal(model, override(table, {key: 1} if "sa1" not in key else {key: {"t_ref_ms": 1}}))
+    assert f": unknown key; did you mean {meant}? (" in message
+
+
+@pytest.mark.parametrize("name", ["encoders/sa1-ra1-lif", "networks/rsnn"])
+def test_the_keys_of_a_spec_are_those_that_it_is_written_with(name):
+    model = AfferentSpec if name.startswith("encoders") else RSNNSpec
+    assert {*leaves(load(model, name.partition("/")[2]).model_dump())} <= {*_keys(model)}
 
 
 def test_an_unknown_key_far_from_any_lists_them_all():

@@ -230,11 +230,16 @@ def tune(
         int, typer.Option(min=1, max=MOST_WORKERS, help="Worker processes; the results do not depend on it.")
     ] = 2,
     device: PopulationDevice = "cpu",
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Continue a search of fewer trials, up to --trials; start one if there is none."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Search a network's hyperparameters on validation windows.
 
-    The first trial is the network as given. An interrupted search continues when the same command is given again.
+    The first trial is the network as given. The best has the highest value and, of equal ones, the fewest SOPs. An
+    interrupted search continues when the same command is given again; with --resume it may ask for more trials.
     """
     settings = {
         "tuner": tuner,
@@ -260,7 +265,7 @@ def tune(
     with files.locked(out):
         try:
             with population.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
-                found, timing = search.search(problem, out, run, advance)
+                found, timing = search.search(problem, out, run, advance, resume=resume)
             save_found(problem, found, out)
             outcome = search.save_best(problem, spikes, out, found, device)
         except KeyboardInterrupt:

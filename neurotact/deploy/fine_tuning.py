@@ -140,7 +140,7 @@ def run(
             network=os.path.relpath(source, folder), weights_sha256=digest, weight_bits=weight_bits,
             state_bits=layers.hidden.state_bits, steps=layers.steps, epochs=epochs, seed=seed,
         )  # fmt: skip
-        outcome = outcome_of(done, sides, trains, restored.task)
+        outcome = outcome_of(done, sides, trains, restored.task, "fine-tune")
         train_run.clear(folder)
         more = {KEY: about.model_dump(mode="json")}
         trained.save(done, folder, trains, restored.spikes_path, restored.task, more=more)

@@ -48,7 +48,7 @@ def draw_search(
     over_trials, *others = panels
     _paint_values(over_trials, trials, unit)
     if importance is not None:
-        _paint_importance(others.pop(0), importance, _best_row(trials))
+        _paint_importance(others.pop(0), importance, search_tables.by_rank(trials).iloc[0])
     if front is not None:
         _paint_front(others.pop(0), trials, front)
     add_legend(figure, panels, ncols=5, handlelength=1.4)
@@ -64,10 +64,6 @@ def best_so_far(trials: pd.DataFrame) -> np.ndarray:
     return trials["value"].where(trials["outcome"] == "finished").cummax().ffill().to_numpy(float)
 
 
-def _best_row(trials: pd.DataFrame) -> pd.Series:
-    return trials.loc[trials["value"].where(trials["outcome"] == "finished").idxmax()]
-
-
 def _paint_values(axes: Axes, trials: pd.DataFrame, unit: str) -> None:
     """Dots for trials, hollow if stopped, crosses on the axis if failed; a line for the best."""
     small = 3.5 if len(trials) < 200 else 2.2
@@ -76,7 +72,7 @@ def _paint_values(axes: Axes, trials: pd.DataFrame, unit: str) -> None:
         if len(these):
             style = {"ls": "", "marker": "o", "ms": small, "mfc": face, "mec": edge, "mew": 0.7, "alpha": 0.75}
             axes.plot(these["id"], these["value"], label=f"{outcome} ({len(these)})", gid=outcome, **style)
-    best = _best_row(trials)
+    best = search_tables.by_rank(trials).iloc[0]
     axes.step(trials["id"], best_so_far(trials), where="post", color=INK, label="best so far", gid="best", lw=1.2)
     failed = trials[trials["outcome"] == "failed"]
     if len(failed):
@@ -108,7 +104,7 @@ def _paint_front(axes: Axes, trials: pd.DataFrame, front: pd.DataFrame) -> None:
               color=FINISHED, alpha=0.6)  # fmt: skip
     axes.plot(1e-3 * front["sops_total"], 100 * front["accuracy_validation"], drawstyle="steps-post", color=INK,
               marker="o", ms=3.5, lw=0.9, gid="front")  # fmt: skip
-    best = _best_row(trials)
+    best = search_tables.by_rank(trials).iloc[0]
     axes.plot(1e-3 * best["sops_total"], 100 * best["accuracy_validation"], ls="", marker="D", ms=7, mfc="none",
               mec="#D55E00", mew=1.3, label="chosen")  # fmt: skip
     axes.set(title="Pareto front", xlabel="SOPs per sample (thousands)", ylabel="validation accuracy (%)")

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from neurotact.figures.search import best_so_far
 from neurotact.figures.style import INK, PALE, add_legend, name_ticks, new_figure, printed, series_style
+from neurotact.networks.search_tables import by_rank
 
 MOST_BARS = 12
 """Number of bins for a hyperparameter with more values."""
@@ -76,14 +77,13 @@ def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str
 
 
 def winners(trials: pd.DataFrame) -> pd.DataFrame:
-    """The best finished trial of each cell (ties: the first), one row per cell.
+    """The best finished trial of each cell, one row per cell.
 
     >>> rows = {"cell": [0, 0, 1], "trial": [0, 1, 0], "outcome": ["finished"] * 3, "value": [0.5, 0.7, 0.6]}
-    >>> winners(pd.DataFrame(rows))["trial"].tolist()
+    >>> winners(pd.DataFrame(rows | {"sops_total": [1e3] * 3}))["trial"].tolist()
     [1, 0]
     """
-    finished = trials[trials["outcome"] == "finished"]
-    return finished.loc[finished.groupby("cell", sort=False)["value"].idxmax()]
+    return by_rank(trials).groupby("cell").head(1).sort_index()
 
 
 def gains(trials: pd.DataFrame) -> pd.Series:

@@ -1,6 +1,7 @@
 """Cautions about a training or its test: one line each, with the fix."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -9,13 +10,15 @@ from neurotact.data.splits import SplitSpec
 from neurotact.networks.comparison import Comparison
 from neurotact.networks.specs import MOST_HIDDEN, RSNNSpec, TrainingSpec
 
+Command = Literal["train", "tune", "fine-tune"]
+"""The command that an outcome is of: a remedy names only options that it has."""
 FEW_PER_CLASS = 5
 """With fewer test trials, the accuracy of a class says little."""
 FEW_VALIDATION = 30
 """With fewer validation trials, the choice of an early exit or an epoch depends on a handful of them."""
 
 
-def not_learned(accuracy: float, low: float, guess: float) -> Iterator[str]:
+def not_learned(accuracy: float, low: float, guess: float, command: Command = "train") -> Iterator[str]:
     """low: lower end of the accuracy's interval. guess: the accuracy of guessing.
 
     >>> list(not_learned(0.9, 0.8, 0.5))
@@ -23,25 +26,39 @@ def not_learned(accuracy: float, low: float, guess: float) -> Iterator[str]:
     """
     if low <= guess:
         yield (
-            f"an accuracy of {100 * accuracy:.1f} % is not clearly above chance ({100 * guess:.1f} %); give more "
-            "trials, a longer window (--window-ms), or an encoder for this sensor (neurotact calibrate)"
+            f"an accuracy of {100 * accuracy:.1f} % is not clearly above chance ({100 * guess:.1f} %); "
+            f"{_again(command) or 'give'} more trials, a longer window (--window-ms), or an encoder for this sensor "
+            "(neurotact calibrate)"
         )
 
 
-def worse_than_linear(found: Comparison, spec: RSNNSpec) -> Iterator[str]:
-    """Whether logistic regression on the same spikes is clearly better than the network of this spec."""
+def worse_than_linear(
+    found: Comparison, spec: RSNNSpec, command: Command = "train", searched: Collection[str] = ()
+) -> Iterator[str]:
+    """Whether logistic regression on the same spikes is clearly better than the network of this spec.
+
+    searched: keys of the network that a search has chosen.
+    """
     if found.linear > found.high:
+        is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
+        last = {"train": "neurotact tune", "tune": "more trials (--trials)", "fine-tune": "neurotact tune"}[command]
         remedies = [
             *(["--network default"] if spec.input_deviation is None else []),
-            *([f"more hidden neurons (--set hidden={2 * spec.hidden})"] if spec.hidden <= MOST_HIDDEN // 2 else []),
+            *([f"more hidden neurons (--set hidden={2 * spec.hidden})"] if is_larger_possible else []),
+            last,
         ]
         yield (
             f"logistic regression on the spike counts of the same windows is better, {100 * found.linear:.1f} % "
-            f"against {100 * found.accuracy:.1f} %; try {' or '.join([*remedies, 'neurotact tune'])}"
+            f"against {100 * found.accuracy:.1f} %; {_again(command) or 'try'} {' or '.join(remedies)}"
         )
 
 
-def few_test_trials(per_class: Mapping[str, int], split: SplitSpec) -> Iterator[str]:
+def _again(command: Command) -> str:
+    """What changes a network that is only fine-tuned: its training. Empty for the others, whose options change it."""
+    return "train the run again with" if command == "fine-tune" else ""
+
+
+def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Command = "train") -> Iterator[str]:
     """per_class: test trials of each class. split: the one that chose them.
 
     >>> by_day = SplitSpec(order="day")
@@ -66,7 +83,8 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec) -> Iterator[
         f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
     )
     is_random = not (split.test_where or split.order or split.folds)
-    remedy = "record more, or test every trial once with --folds 5" if is_random else "record more"
+    every_fold = "--folds 5" if command == "train" else "neurotact train --folds 5"
+    remedy = f"record more, or test every trial once with {every_fold}" if is_random else "record more"
     yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
 
 
@@ -83,7 +101,7 @@ def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
         )
 
 
-def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "") -> Iterator[str]:
+def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Command = "train") -> Iterator[str]:
     """Whether a training diverged, or stopped at its largest number of epochs.
 
     log: one row per epoch (`training.csv`). keys: what stands before `training.` where the spec is set.
@@ -95,7 +113,8 @@ def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "") -> Iterator[
     losses = log["train_loss"].to_numpy(float)
     if not len(losses):
         return
-    lower = f"lower the learning rate (--set {keys}{spec.lower_rate})"
+    rate = f"learning rate (--set {keys}{spec.lower_rate})"
+    lower = f"{_again(command)} a lower {rate}" if _again(command) else f"lower the {rate}"
     if not np.isfinite(losses).all():
         yield f"the loss became infinite; {lower}"
     elif losses[-1] > max(losses[0], 2 * losses.min()):

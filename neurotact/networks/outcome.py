@@ -1,6 +1,6 @@
 """The outcome of a training: its result, the comparison of its accuracy, and cautions."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -49,8 +49,18 @@ def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
     return {**result["row"], **compared, "cautions": result.get("cautions", [])}
 
 
-def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -> Outcome:
-    """Measure a trained network on its test windows."""
+def outcome_of(
+    fitted: Trained,
+    sides: Sides,
+    trains: SpikeTrains,
+    task: Task,
+    command: cautions.Command = "train",
+    searched: Collection[str] = (),
+) -> Outcome:
+    """Measure a trained network on its test windows.
+
+    command: whose options the remedies of its cautions name. searched: keys of the network that a search has chosen.
+    """
     result = measuring.measure(fitted, sides.test, trains.populations)
     parts = tasks.trials_of(trains, task)
     compared = compare(result["row"]["accuracy_test"], sides, len(parts.test), len(trains.classes))
@@ -59,19 +69,27 @@ def outcome_of(fitted: Trained, sides: Sides, trains: SpikeTrains, task: Task) -
         result["confusion"],
         trains.classes,
         compared,
-        list(_cautions(fitted, trains, parts, task, compared)),
+        list(_cautions(fitted, trains, parts, task, compared, command, searched)),
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
     )
 
 
-def _cautions(fitted: Trained, trains: SpikeTrains, parts: Split, task: Task, compared: Comparison) -> Iterator[str]:
-    yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest))
+def _cautions(
+    fitted: Trained,
+    trains: SpikeTrains,
+    parts: Split,
+    task: Task,
+    compared: Comparison,
+    command: cautions.Command,
+    searched: Collection[str],
+) -> Iterator[str]:
+    yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest), command)
     spec = fitted.network.spec
-    yield from cautions.worse_than_linear(compared, spec)
-    yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training)
+    yield from cautions.worse_than_linear(compared, spec, command, searched)
+    yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training, command=command)
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]
     per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
-    yield from cautions.few_test_trials(per_class, task.split)
+    yield from cautions.few_test_trials(per_class, task.split, command)
     yield from cautions.few_for_exit(len(parts.validation), task.exit_tolerance)

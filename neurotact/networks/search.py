@@ -144,13 +144,16 @@ def processes(spikes: Path, n_workers: int) -> Iterator[Run]:
         yield lambda jobs: run(_try_from_disk, [(job, spikes) for job in jobs])
 
 
-def search(problem: Problem, folder: Path, run: Run, advance: Advance = silent) -> tuple[list[Trial], Timing]:
+def search(
+    problem: Problem, folder: Path, run: Run, advance: Advance = silent, *, resume: bool = False
+) -> tuple[list[Trial], Timing]:
     """Every trial of a search; trials in the journal of `folder` are not trained again.
 
     run: `here` or `processes`; the journal is the same for both and for any number of processes.
+    resume: go on with a search of fewer trials, to the journal that one search of all trials has.
     Raises InputError if the folder holds another search.
     """
-    _claim(folder, problem)
+    _claim(folder, problem, resume=resume)
     files.sweep(folder)
     known = read_journal(folder / JOURNAL)
     n_known = len(known)
@@ -238,7 +241,7 @@ def save_best(problem: Problem, spikes: Path, folder: Path, trials: Sequence[Tri
     with workers.one_thread():
         fitted, sides = train_best(problem, trains, best_of(trials), device)
     trained.save(fitted, folder / "best", trains, spikes, problem.task)
-    outcome = outcome_of(fitted, sides, trains, problem.task)
+    outcome = outcome_of(fitted, sides, trains, problem.task, "tune", problem.search.space)
     files.write_json(folder / "best" / "result.json", outcome.as_json())
     return outcome
 
@@ -303,15 +306,29 @@ def _report(tuner: Tuner, trial: Trial) -> None:
         tuner.tell(trial.id, value_of(trial), trial.epochs, stopped=trial.outcome == STOPPED)
 
 
-def _claim(folder: Path, problem: Problem) -> None:
+def _claim(folder: Path, problem: Problem, *, resume: bool) -> None:
     """Use `folder` for this search; refuse the folder of another one. A search without trials is replaced."""
     path, journal = folder / "search.json", folder / JOURNAL
     content = problem.model_dump(mode="json")
     if not path.is_file() and not files.is_free(folder):
         raise InputError(f"{folder}: is not empty and holds no search; choose another folder")
-    if journal.is_file() and journal.stat().st_size > 0 and _read_problem(path) != content:
-        raise InputError(f"{folder}: holds another search, or {path.name} was changed; choose another folder")
+    known = _read_problem(path) if journal.is_file() and journal.stat().st_size > 0 else content
+    if known != content:
+        before, now = _trials_of(known), problem.search.trials
+        if before is None or known != {**content, "search": {**content["search"], "trials": before}}:
+            raise InputError(f"{folder}: holds another search, or {path.name} was changed; choose another folder")
+        if before > now:
+            raise InputError(f"{folder}: holds this search with {before} trials; ask for {before} trials or more")
+        if not resume:
+            raise InputError(f"{folder}: holds this search with {before} trials; pass --resume to go on to {now}")
     files.write_json(path, content)
+
+
+def _trials_of(problem: Any) -> int | None:
+    """The number of trials in the content of `search.json`; None if it is damaged."""
+    search = problem.get("search") if isinstance(problem, dict) else None
+    trials = search.get("trials") if isinstance(search, dict) else None
+    return trials if isinstance(trials, int) else None
 
 
 def _read_problem(path: Path) -> Any:

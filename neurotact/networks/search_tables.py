@@ -51,6 +51,18 @@ def trials_table(trials: Sequence[Trial]) -> pd.DataFrame:
     return pd.DataFrame(rows).astype(dict.fromkeys(numbers, float))
 
 
+def by_rank(table: pd.DataFrame) -> pd.DataFrame:
+    """The finished trials of a table, the best first, in the order of `search_journal.best_of`.
+
+    >>> outcomes = ["finished", "stopped", "finished"]
+    >>> rows = pd.DataFrame({"outcome": outcomes, "value": [0.9, 0.95, 0.9], "sops_total": [3.0, 1.0, 2.0]})
+    >>> by_rank(rows).index.tolist()
+    [2, 0]
+    """
+    finished = table[table["outcome"] == FINISHED]
+    return finished.sort_values(["value", "sops_total"], ascending=[False, True], kind="stable")
+
+
 def front_table(table: pd.DataFrame) -> pd.DataFrame:
     """The finished trials that no other beats in both validation accuracy and SOPs, by SOPs."""
     finished = table[table["outcome"] == FINISHED]

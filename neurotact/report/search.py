@@ -9,6 +9,7 @@ import pandas as pd
 from neurotact.figures import searches as searches_figures
 from neurotact.figures.style import Drawn
 from neurotact.networks.search_journal import FINISHED, STOPPED
+from neurotact.networks.search_tables import by_rank
 from neurotact.networks.tuning import SearchSpec
 from neurotact.report.page import Table
 from neurotact.studies.cell import SEARCH
@@ -46,8 +47,7 @@ def of_cell(trials: pd.DataFrame, index: int) -> dict[str, Any] | None:
     own = trials[trials["cell"] == index] if len(trials) else trials
     if own.empty:
         return None
-    finished = own[own["outcome"] == FINISHED]
-    best = finished.loc[finished["value"].idxmax()]
+    best = by_rank(own).iloc[0]
     return {
         "values": [None if pd.isna(value) else float(f"{value:.4g}") for value in own["value"]],
         "outcomes": own["outcome"].tolist(),

@@ -37,6 +37,28 @@ def test_the_remedy_for_a_network_behind_a_linear_classifier_changes_this_networ
     assert expected in line
 
 
+def test_a_remedy_names_only_what_its_command_has():
+    """A search does not advise a search, and what is fine-tuned is trained again."""
+    one = Comparison(0.3, 0.1, 0.4, 100, 0.25, 0.4, 0.9)
+    (line,) = cautions.worse_than_linear(one, RSNNSpec(hidden=30), "tune")
+    assert line.endswith("try --network default or more hidden neurons (--set hidden=60) or more trials (--trials)")
+    (line,) = cautions.worse_than_linear(one, RSNNSpec(hidden=30), "tune", ["hidden", "tau_syn_ms"])
+    assert line.endswith("try --network default or more trials (--trials)")
+    split = SplitSpec()
+    (line,) = cautions.few_test_trials({"felt": 1}, split, "tune")
+    assert line.endswith("with neurotact train --folds 5")
+    diverged = log([2.0, 0.5, 2.1])
+    again = [
+        *cautions.not_learned(0.3, 0.1, 0.4, "fine-tune"),
+        *cautions.worse_than_linear(one, RSNNSpec(hidden=30), "fine-tune"),
+        *cautions.training(diverged, TrainingSpec(), command="fine-tune"),
+    ]
+    assert len(again) == 3
+    assert all("; train the run again with " in line for line in again)
+    (line,) = cautions.few_test_trials({"felt": 1}, split, "fine-tune")
+    assert line.endswith("with neurotact train --folds 5")
+
+
 @pytest.mark.parametrize(
     ("per_class", "expected"),
     [

@@ -134,6 +134,37 @@ def test_a_stopped_trial_is_told_its_last_epoch(trains, tmp_path):
     assert all(trial.value == trial.epochs[-1] for trial in stopped)
 
 
+def test_a_stopped_trial_has_the_accuracy_and_the_network_of_its_last_epoch_though_another_was_better(
+    trains, monkeypatch
+):
+    log = (Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 0.25))
+
+    def train(network, *_, progress, **__):
+        for epoch in log:
+            progress(epoch)
+
+    class AfterTwo:
+        def stops(self, trial, epochs):
+            return len(epochs) == 2
+
+    what = problem(trains, objective="accuracy")
+    monkeypatch.setattr(search, "train", train)
+    job = search.Job(what, Proposal(0, {}), AfterTwo())  # pyright: ignore
+    trial = search.try_network(job, trains, tasks.sides_of(trains, what.task))
+    assert trial.epochs == [0.75, 0.25]
+    assert (trial.outcome, trial.accuracy, trial.value) == (STOPPED, 0.25, 0.25)
+
+
+@given(st.lists(st.tuples(st.sampled_from([0.5, 0.75, 1.0]), st.integers(1, 4)), min_size=1, max_size=8))
+def test_the_best_has_the_highest_value_and_of_equal_ones_the_fewest_operations(results):
+    trials = [Trial(i, {}, [value], FINISHED, value, float(sops), value) for i, (value, sops) in enumerate(results)]
+    best = best_of([*trials, Trial(len(trials), {}, [1.0], STOPPED, 1.0, 0.5, 1.0)])
+    assert best.value == max(value for value, _ in results)
+    assert best.sops == min(sops for value, sops in results if value == best.value)
+    assert best.id == results.index((best.value, best.sops))
+    assert search_tables.by_rank(search_tables.trials_table(trials))["id"].iloc[0] == best.id
+
+
 @pytest.mark.parametrize("kept", [0.0, 0.02, 0.31, 0.5, 0.77, 0.999, 1.0])
 def test_resumed_from_any_byte_the_journal_is_that_of_the_uninterrupted_run(trains, whole, journal, kept, tmp_path):
     (tmp_path / "search.json").write_bytes((whole / "search.json").read_bytes())
@@ -176,9 +207,48 @@ def test_a_damaged_journal_is_refused(trains, whole, journal, damage, message, t
         run(trains, tmp_path)
 
 
-def test_a_folder_of_another_search_is_refused(trains, whole):
+@pytest.mark.parametrize("changed", [{"seed": 1}, {"seed": 1, "trials": TRIALS + 1}, {"batch": 5}])
+def test_a_folder_of_another_search_is_refused(trains, whole, changed):
+    what = problem(trains, **changed)
     with pytest.raises(InputError, match="holds another search"):
+        search.search(what, whole, search.here(trains, what.task), resume=True)
+
+
+def made_up(jobs):
+    """Trials as if they had been trained: best at 12 neurons, and some stopped by the rule."""
+    for job in jobs:
+        number, parameters = job.proposal
+        accuracy = 1 / (1 + abs(parameters["hidden"] - 12)) / (1 + abs(np.log(parameters["forward_weight_scale"])))
+        epochs = [accuracy / 2, accuracy]
+        stopped = next((n for n in (1, 2) if job.median_stop.stops(number, epochs[:n])), None)
+        end = epochs[: stopped or 2]
+        value = job.problem.search.value(end[-1], 100.0 * parameters["hidden"])
+        outcome = STOPPED if stopped else FINISHED
+        yield Trial(number, parameters, end, outcome, end[-1], 100.0 * parameters["hidden"], value)
+
+
+@pytest.mark.parametrize("tuner", ["tpe", "random", "grid"])
+def test_a_search_goes_on_with_more_trials_as_if_all_had_been_asked_for_at_once(trains, tmp_path, tuner):
+    """Also from within a batch of 4, and where TPE learns: after 20 trials."""
+    wide = {**SPACE, "hidden": {"_type": "quniform", "_value": [4, 40, 1]}}
+    steps = ((1, False), (6, True), (22, True), (45, True), (46, True))
+    for name, asked in (("extended", steps), ("at once", steps[-1:])):
+        for n, resume in asked:
+            what = problem(trains, space=wide, trials=n, tuner=tuner, start_epoch=1)
+            found, _ = search.search(what, tmp_path / name, made_up, resume=resume)
+            assert len(found) == n
+    assert {trial.outcome for trial in found} == {FINISHED, STOPPED}
+    for left in (JOURNAL, "search.json"):
+        assert (tmp_path / "extended" / left).read_bytes() == (tmp_path / "at once" / left).read_bytes()
+
+
+def test_more_trials_are_refused_unless_they_are_asked_for_and_fewer_always(trains, whole, journal):
+    with pytest.raises(InputError, match=f"holds this search with {TRIALS} trials; pass --resume to go on to 11$"):
         run(trains, whole, trials=TRIALS + 1)
+    what = problem(trains, trials=TRIALS - 1)
+    with pytest.raises(InputError, match=f"holds this search with {TRIALS} trials; ask for {TRIALS} trials or more$"):
+        search.search(what, whole, search.here(trains, what.task), resume=True)
+    assert (whole / JOURNAL).read_bytes() == journal
 
 
 def test_a_folder_that_holds_anything_else_is_refused(trains, tmp_path):
@@ -349,6 +419,7 @@ def test_tune_leaves_a_network_that_can_be_used(tuned):
     assert trained.restore(out / "best").task.exit_by == "margin"
     assert row["exit_patience"] is None
     assert row["accuracy_validation"] == best_of(read_journal(out / JOURNAL)).accuracy
+    assert "neurotact tune" not in err
 
 
 def test_the_first_trial_is_the_network_as_given_and_the_best_is_never_below_it(trains, tuned):

@@ -4,6 +4,7 @@ import ast
 import json
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -14,8 +15,10 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.networks import search, search_journal
 from neurotact.networks.population import devices, trials
+from neurotact.networks.population.training import Ended
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Task
+from neurotact.networks.training import Epoch, Training
 from neurotact.studies import preparation, study
 
 TINY = Path(__file__).parents[2] / "studies" / "tiny.toml"
@@ -113,6 +116,16 @@ def test_a_batch_stops_where_the_median_says_so(folder, tuned):
         (trial,) = run([job])
     assert (trial.outcome, len(trial.epochs)) == (search_journal.STOPPED, 1)
     assert trial.accuracy == trial.epochs[-1]
+
+
+def test_a_stopped_member_has_the_accuracy_of_its_last_epoch_though_another_was_better(monkeypatch):
+    best, last = Epoch(1, 0.7, 0.5, 0.6, 0.75), Epoch(2, 0.6, 0.6, 0.7, 0.25)
+    given = []
+    monkeypatch.setattr(search, "trial_of", lambda job, network, accuracy, outcome, *_: given.append(accuracy))
+    for stopped, leader in ((True, last), (False, best)):
+        end = Ended(Training((best, last), leader), stopped=stopped)
+        trials._trial(None, SimpleNamespace(network=None), end, None, [0.75, 0.25])
+    assert given == [0.25, 0.75]
 
 
 def refused(folder, out, monkeypatch, capsys, *more) -> str:
