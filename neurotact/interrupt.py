@@ -33,10 +33,14 @@ def ending_at_once() -> Iterator[None]:
 def terminated_as_interrupted() -> Iterator[None]:
     """Within it, SIGTERM (the end of a time limit) acts as Ctrl-C; a second one is ignored.
 
+    It also stops a background job, to which a shell that is not interactive sends no Ctrl-C. If SIGTERM is ignored
+    already, that stays.
+
     Python drops an exception that a signal raises inside some callbacks, such as a weak reference's. So long work calls
     `stop_if_asked` between its steps.
     """
-    if threading.current_thread() is not threading.main_thread():  # only the main thread handles signals
+    is_main = threading.current_thread() is threading.main_thread()  # which alone handles signals
+    if not is_main or signal.getsignal(signal.SIGTERM) in (signal.SIG_IGN, None):
         yield
         return
 

@@ -9,6 +9,8 @@ from contextvars import ContextVar
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from neurotact.interrupt import stop_if_asked
+
 Advance = Callable[[int, str], None]
 SECONDS_BETWEEN_LINES = 10.0
 _shown = ContextVar("shown", default=True)
@@ -25,13 +27,14 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
 
     done: how many were done by the run that this one continues; the estimate of the time left ignores them.
     at_most: the work may end before the total is reached; the time left is shown beside a note, as an upper bound.
+    Each call also stops the work if the end of a time limit asks for it (`interrupt.stop_if_asked`).
 
     >>> with track("encode", 2) as advance:
     ...     advance(1, "trial 1")
     ...     advance(1, "trial 2")
     """
     if not _shown.get():
-        yield silent
+        yield _stoppable(silent)
         return
     if sys.stderr.isatty():
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -39,7 +42,7 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
         left = (*bound, TimeRemainingColumn(), TextColumn("{task.fields[note]}"))
         with Progress(*columns, *left, console=Console(stderr=True)) as bar:
             task = bar.add_task(what, total=total, completed=done, note="")
-            yield lambda n, note: bar.update(task, advance=n, note=note)
+            yield _stoppable(lambda n, note: bar.update(task, advance=n, note=note))
         return
     began = last = time.monotonic()
     before = done
@@ -55,7 +58,15 @@ def track(what: str, total: int, *, done: int = 0, at_most: bool = False) -> Ite
             shown = ", ".join(filter(None, (note, f"at most {left}" if left and at_most else left)))
             print(f"{what} {done}/{total}{f'  {shown}' if shown else ''}", file=sys.stderr, flush=True)
 
-    yield advance
+    yield _stoppable(advance)
+
+
+def _stoppable(advance: Advance) -> Advance:
+    def stopping(n: int, note: str) -> None:
+        advance(n, note)
+        stop_if_asked()
+
+    return stopping
 
 
 def time_left(seconds: float) -> str:

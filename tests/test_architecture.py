@@ -14,7 +14,8 @@ PACKAGE = Path(neurotact.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FLOORS = (
     ("errors",),
-    ("files", "progress", "backend", "interrupt"),
+    ("interrupt",),
+    ("files", "progress", "backend"),
     ("spec", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),
     ("metrics",),

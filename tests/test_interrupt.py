@@ -6,6 +6,7 @@ import signal
 import pytest
 
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
+from neurotact.progress import track
 
 
 class Dropped:
@@ -42,3 +43,23 @@ def test_what_sigterm_did_before_it_does_again():
         os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGTERM) is before
     stop_if_asked()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_long_work_stops_at_its_next_step_whatever_python_dropped():
+    with terminated_as_interrupted(), track("cells", 9) as advance:
+        advance(1, "")
+        Dropped()
+        with pytest.raises(KeyboardInterrupt):
+            advance(1, "")
+
+
+def test_a_sigterm_that_is_ignored_stays_so():
+    before = signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with terminated_as_interrupted():
+            os.kill(os.getpid(), signal.SIGTERM)
+            stop_if_asked()
+        assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, before)

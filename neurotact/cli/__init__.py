@@ -13,7 +13,7 @@ from typer.main import get_group
 from neurotact import __version__, files, progress
 from neurotact.cli.lazy import command_of, lazy_group
 from neurotact.errors import INTERRUPTED, InputError
-from neurotact.interrupt import ending_at_once
+from neurotact.interrupt import ending_at_once, terminated_as_interrupted
 from neurotact.progress import say
 
 
@@ -87,7 +87,8 @@ def main() -> None:
     try:
         for word in sys.argv[1:]:
             files.check_text(word)
-        code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
+        with terminated_as_interrupted():
+            code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
     except InputError as error:
         say(error)
         sys.exit(2)

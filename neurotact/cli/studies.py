@@ -29,7 +29,6 @@ from neurotact.cli.options import (
 )  # fmt: skip
 from neurotact.cli.output import print_table
 from neurotact.errors import INTERRUPTED, InputError
-from neurotact.interrupt import terminated_as_interrupted
 from neurotact.progress import say
 from neurotact.report import report
 from neurotact.report.page import ANSWER
@@ -113,9 +112,8 @@ def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | No
     if device != "cpu" and (workers or scheduler):
         raise InputError("--device, --workers, --scheduler: give one of them; a GPU trains all networks at once")
     try:
-        with terminated_as_interrupted():
-            runner.run(what, out, workers or 2, scheduler, device)
-            page = report.write(out)
+        runner.run(what, out, workers or 2, scheduler, device)
+        page = report.write(out)
     except KeyboardInterrupt:
         is_begun = (out / runner.STUDY).is_file()
         go_on = f"go on with: neurotact study resume {out}" if is_begun else "the study had not begun; nothing is saved"
