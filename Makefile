@@ -16,13 +16,17 @@ ifneq ($(shell command -v c++ || command -v g++ || command -v clang++),)
 export NEUROTACT_REQUIRE_NATIVE = 1
 endif
 
-.PHONY: study test lint docs bench device clean
+.PHONY: study test test-all lint docs bench device clean
 
 study: $(VENV)/.installed
 	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
 
 test: $(VENV)/.installed
 	$(BIN)/pytest -n 2
+
+# The long tests too, with other random examples each time.
+test-all: $(VENV)/.installed
+	$(BIN)/pytest -n 2 -m 'slow or not slow' --hypothesis-profile random
 
 lint: $(VENV)/.linters
 	$(BIN)/ruff check neurotact tests benchmarks docs

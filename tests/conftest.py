@@ -1,6 +1,8 @@
 """What every test shares: how hypothesis searches, one thread, and the published recordings where they are at hand."""
 
 import os
+import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,14 +16,24 @@ os.environ.setdefault("TRITON_INTERPRET", "1")  # before torch's optimisers impo
 
 ROOT = Path(__file__).parents[1]
 
-settings.register_profile(
-    "neurotact",
-    deadline=None,
-    max_examples=40,
-    derandomize="CI" in os.environ,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
-)
-settings.load_profile("neurotact")
+# A change is judged by the same examples each time; `make test-all` draws others (--hypothesis-profile random).
+for name, is_repeated in (("repeated", True), ("random", False)):
+    settings.register_profile(
+        name,
+        deadline=None,
+        max_examples=40,
+        derandomize=is_repeated,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    )
+settings.load_profile("repeated")
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Ctrl-C is heard here and by the processes that a test starts, also where a shell ignores it (`make test &`)."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tomllib
@@ -15,7 +16,7 @@ import pytest
 import torch
 from typer.main import get_command
 
-from neurotact import __version__, cli, plugins, spec
+from neurotact import __version__, cli, files, plugins, spec
 from neurotact.cli import encoding, options, studies
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
@@ -377,6 +378,7 @@ main()
 SLOWER = [pytest.param(module, marks=pytest.mark.slow) for module in ("typer", "numpy.random")]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 @pytest.mark.parametrize("module", ["neurotact.cli", "torch._C", "neurotact.networks.trained", *SLOWER])
 def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
     done = subprocess.run(
@@ -435,6 +437,22 @@ def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):
 
     monkeypatch.setattr(encoding, "encode_file", interrupted)
     assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ctrl_c_does", [signal.default_int_handler, signal.SIG_IGN], ids=["heard", "ignored"])
+def test_the_end_of_a_time_limit_leaves_nothing_half_written(neurotact, monkeypatch, made, tmp_path, ctrl_c_does):
+    def ended(*_):
+        with files.whole(tmp_path / "s.h5") as draft:
+            draft.write_text("half")
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr(encoding, "encode_file", ended)
+    before = signal.signal(signal.SIGINT, ctrl_c_does)
+    try:
+        assert neurotact("encode", made / "touch.h5", "-o", tmp_path / "s.h5") == (130, "", "neurotact: interrupted\n")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert not list(tmp_path.iterdir())
 
 

@@ -86,6 +86,7 @@ def dask(tmp_path_factory) -> Iterator[tuple[str, dict[str, subprocess.Popen]]]:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_leaves_a_run_that_resume_completes_elsewhere(dask, expected, tmp_path):
     folder = tmp_path / "run"
     process = typed("neurotact", "study", "run", TINY, "-o", folder, "--scheduler", dask[0])
