@@ -8,6 +8,7 @@ key and the file.
 import hashlib
 import json
 import math
+import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, time
@@ -34,6 +35,12 @@ LARGEST, SMALLEST = 1e15, 1e-100
 """Magnitudes of a number in a spec; beyond them, the steps and sizes computed from it overflow."""
 LONGEST = 2_000_000
 """Characters of a spec, at most."""
+
+IN_WORDS = {
+    "number": "a number", "integer": "a whole number", "boolean": "true or false", "string": "text", "tuple": "a list",
+    "list": "a list",
+}  # fmt: skip
+"""What must stand there, by the name that pydantic gives it."""
 
 KINDS = ("encoders", "networks", "networks/spaces", "studies")
 
@@ -167,9 +174,13 @@ def _plain(value: Any, source: str, key: str = "", depth: int = 0) -> Any:
             raise InputError(f"{key}: must be a finite number; got {value} ({source})")
         if value and not SMALLEST <= abs(value) <= LARGEST:
             raise InputError(f"{key}: must be between {SMALLEST:g} and {LARGEST:g} in size; got {value} ({source})")
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+    if isinstance(value, int) and not _is_within_64_bits(value):
         raise InputError(f"{key}: must be a number within 64 bits; got one of {value.bit_length()} bits ({source})")
     return value
+
+
+def _is_within_64_bits(value: Any) -> bool:
+    return not isinstance(value, int) or -(2**63) <= value < 2**63
 
 
 def load(model: type[SpecT], name: str | Path, overrides: Mapping[str, Any] | None = None) -> SpecT:
@@ -193,7 +204,7 @@ def resolve(model: type[SpecT], what: str | Path | SpecT, overrides: Mapping[str
 def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:
     """Validate a table; InputError names the first wrong key, what it must be, and `source`.
 
-    A number in quotes is refused, and so is 1 for true.
+    A number in quotes is refused, and so are 1 for true and a whole number beyond 64 bits.
     """
     try:
         built = model.model_validate(table)
@@ -201,6 +212,7 @@ def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:
         raise InputError(f"{_explain(model, error)} ({source})") from error
     for key, given, taken in _misread(table, built.model_dump(mode="json")):
         wanted = "true or false" if isinstance(taken, bool) else "a number"
+        wanted += "" if _is_within_64_bits(taken) else " within 64 bits"
         raise InputError(f"{key}: must be {wanted}; got {given!r} ({source})")
     return built
 
@@ -395,6 +407,10 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
     if first["type"] in ("model_type", "dict_type"):
         return f"{key}: must be a table; got {first['input']!r}"
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
+    message = re.sub(
+        r"^Tuple should have at least (\d+) items? after validation, not", r"needs at least \1 values, not", message
+    )
+    message = re.sub(r"\ba valid (\w+)(, .*)?", lambda match: IN_WORDS.get(match[1], match[0]), message)
     for words, sign in (
         ("greater than or equal to", ">="),
         ("less than or equal to", "<="),
@@ -442,7 +458,7 @@ def _holds_many(annotation: Any) -> bool:
 
 
 def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Keys where text or a truth value is given for a number, or the other way round, with both values."""
+    """Keys where text or a truth value is given for a number, or the other way round, or too large a whole number."""
     if isinstance(given, Mapping) and isinstance(taken, Mapping):
         for name in (name for name in given if name in taken):
             yield from _misread(given[name], taken[name], f"{key}.{name}" if key else str(name))
@@ -454,7 +470,7 @@ def _misread(given: Any, taken: Any, key: str = "") -> Iterator[tuple[str, Any, 
             yield from _misread(*pair, f"{key}.{place}")
     elif isinstance(taken, (bool, int, float)):
         mixed = isinstance(given, str) or isinstance(given, bool) != isinstance(taken, bool)
-        if mixed:
+        if mixed or not _is_within_64_bits(taken):
             yield key, given, taken
 
 

@@ -297,6 +297,7 @@ def test_a_refusal_says_what_a_value_must_be(message, key, value):
 
 class Switch(Spec):
     on: bool = False
+    count: int = 0
     shares: tuple[float, ...] = ()
 
 
@@ -306,8 +307,14 @@ class Switch(Spec):
         (RSNNSpec, "hidden", "20", "hidden: must be a number; got '20'"),
         (RSNNSpec, "hidden", True, "hidden: must be a number; got True"),
         (RSNNSpec, "training.learning_rate", "1e-3", "training.learning_rate: must be a number; got '1e-3'"),
+        (Switch, "count", 2**63, f"count: must be a number within 64 bits; got {2**63}"),
         (Switch, "on", 1, "on: must be true or false; got 1"),
         (Switch, "on", "yes", "on: must be true or false; got 'yes'"),
+        (Switch, "on", [], "on: must be true or false; got []"),
+        (Switch, "shares", 3, "shares: must be a list; got 3"),
+        (RSNNSpec, "hidden", 0.5, "hidden: must be a whole number; got 0.5"),
+        (RSNNSpec, "hidden", "many", "hidden: must be a whole number; got 'many'"),
+        (RSNNSpec, "model", [], "model: must be 'rsnn' or 'snn'; got []"),
         (Switch, "shares", [0.5, "0.5"], "shares.1: must be a number; got '0.5'"),
     ],
 )

@@ -1,6 +1,5 @@
 """Every shipped spec loads, builds and says what it is; so does what the README names."""
 
-import copy
 import re
 import warnings
 from functools import partial
@@ -10,15 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
 from neurotact import spec
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import afferent_names
-from neurotact.errors import InputError
 from neurotact.networks import tuning
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
@@ -130,78 +126,3 @@ def test_the_specs_that_the_readme_names_are_shipped():
     commands = re.findall(r"neurotact (?:show|copy|study run) ([\w-]+)|--(?:encoder|network) ([\w-]+)(?![\w.-])", text)
     named = {one or other for one, other in commands}
     assert named <= {path.stem for path in SHIPPED}
-
-
-WRONG = [0, -1, 3, 2**63 - 1, -1e-9, 1e15, True, "text", "", [], [1], ["x"], [[]], [{}], {}, {"x": 1}, {"x": {"y": []}}]
-"""What a key may be given in place of what it takes; a list where a table is due, and the reverse, among them."""
-
-
-def places(value, path=()) -> list[tuple]:
-    """The path to every node of a spec."""
-    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    return [path, *(found for key, part in inner for found in places(part, (*path, key)))]
-
-
-def replaced(table, path, wrong):
-    """A copy of `table` with another value at `path`."""
-    if not path:
-        return wrong
-    here = copy.copy(table)
-    here[path[0]] = replaced(table[path[0]], path[1:], wrong)
-    return here
-
-
-def use(kind: str, path: Path) -> None:
-    """All that is done with a spec before any work."""
-    if kind == "encoders":
-        encoders.encode(np.zeros((1, 10, 8), np.float32), 2000.0, encoders.load(path))
-    elif kind == "networks":
-        RSNN(16, 8, spec.load(RSNNSpec, path), 2000.0, backend="reference")
-    elif kind == "networks/spaces":
-        space = spec.build(tuning.SearchSpec, {"space": tuning.load_space(str(path))}, source=str(path)).space
-        tuning.check(space, spec.load(RSNNSpec, "rsnn"), source=str(path))
-    else:
-        for quick in (False, True):
-            loading.engine_of(loading.resolve(path, quick=quick)).cells()
-
-
-def nodes() -> list[tuple]:
-    """Kind, file and place of every node of the shipped specs; of a list that repeats a form, the first alone."""
-    found: dict[tuple, tuple] = {}
-    for kind in spec.KINDS:
-        for path in spec.shipped(kind):
-            for place in places(spec.read(path)):
-                form = tuple("*" if isinstance(key, int) else key for key in place)
-                found.setdefault((path, form), (kind, path, place))
-    return list(found.values())
-
-
-NODES = nodes()
-
-
-def check_wrong(folder: Path, kind: str, path: Path, place: tuple, wrong: object) -> str:
-    """Why the spec with the wrong value is refused; nothing where it may be so."""
-    table = replaced(spec.read(path), place, wrong)
-    if not isinstance(table, dict):
-        return "not TOML"
-    (folder / path.name).write_text(spec.to_toml(table), encoding="utf-8")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            use(kind, folder / path.name)
-    except InputError as error:
-        return str(error)
-    return ""
-
-
-@given(node=st.sampled_from(NODES), wrong=st.sampled_from(WRONG))
-def test_any_wrong_value_anywhere_in_a_spec_is_taken_or_refused(tmp_path, node, wrong):
-    assert "\n" not in check_wrong(tmp_path, *node, wrong)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_every_wrong_value_everywhere_in_a_spec_is_taken_or_refused(tmp_path, path):
-    nodes = [node for node in NODES if node[1] == path]
-    refusals = [check_wrong(tmp_path, *node, wrong) for node in nodes for wrong in WRONG]
-    assert len(set(refusals)) > 10

@@ -147,7 +147,7 @@ def check(space: Space, network: RSNNSpec, source: str) -> None:
             try:
                 apply(network, {key: value}, source)
             except InputError as error:
-                is_whole = "integer" in str(error) and dimension["_type"] not in ("choice", "randint")
+                is_whole = "a whole number" in str(error) and dimension["_type"] not in ("choice", "randint")
                 hint = "; search whole numbers with quniform and q = 1" if is_whole else ""
                 raise InputError(f"{error}{hint}") from None
 

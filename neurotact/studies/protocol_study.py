@@ -118,7 +118,7 @@ def resolve(
         changes, table["notes"] = _own(table, path, data, changes)
     table |= {"first_look": True} if quick else {}
     others = sweeps.unswept(table.setdefault("sweep", {}), changes, path)
-    table["parameters"] = specs.override(table.get("parameters", {}), others)
+    table = specs.override(table, {f"parameters.{key}": value for key, value in others.items()})
     if not (overrides or quick or data) and path in specs.shipped(ProtocolStudy.folder):
         table["as_shipped"] = True
     study = specs.build(ProtocolStudy, table, source=str(path))

@@ -4,7 +4,7 @@ A study file names its parts (`encoder = "sa1-ra1-lif"`); a resolved study conta
 describes the whole run. A cell is one combination of the swept values, with everything that decides its numbers.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neurotact import plugins
 from neurotact import spec as specs
-from neurotact.data.sources import simulator
+from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.data.windows import WindowSpec
@@ -315,15 +315,20 @@ def resolve(
             table[part] = _whole(load(named[part]))
         elif isinstance(table.get(part), str):
             table[part] = _whole(load(_relative_to(path, table[part])))
-    table = suited.suit(table, overrides, data, path)
+    table, left = suited.closed(table)
     table = specs.override(table, sweeps.unswept(table.setdefault("sweep", {}), overrides, path))
-    table = suited.with_choice(table)
+    table = suited.with_file(table, data, path)
     search = table.get("search", {})
     if isinstance(search, dict) and isinstance(search.get("space"), str):
         search["space"] = tuning.load_space(str(_relative_to(path, search["space"])))
     if overrides or named or quick:
         table.pop("as_shipped", None)
-    study = specs.build(StudySpec, table | ({"as_shipped": True} if is_shipped else {}), source=str(path))
+    table |= {"as_shipped": True} if is_shipped else {}
+    study = specs.build(StudySpec, table, source=str(path))
+    if left:
+        study = specs.build(StudySpec, _suited(table, study, left, overrides, path), source=str(path))
+    note = suited.note_of(study.dataset.choice)
+    study = study if note in (None, *study.notes) else study.model_copy(update={"notes": (note, *study.notes)})
     if EMA in {*specs.leaves(overrides), *sweeps.keys(study.sweep)}:
         study = study.model_copy(update={"choose_ema": False})
     if study.search is not None and study.network is not None:
@@ -335,6 +340,23 @@ def resolve(
     starts = [cell.calibrate for cell in cells(study)]
     calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])
     return study
+
+
+def _suited(
+    table: dict[str, Any], study: StudySpec, left: Set[str], given: Mapping[str, Any], path: Path
+) -> dict[str, Any]:
+    """The table of a study with its open values, which are `left`, chosen for its recordings, and notes of the rules.
+
+    study: built from the table, with a default in place of each open value. given: as of `suited.suit`.
+    """
+    if study.dataset.file is None:
+        raise InputError(
+            f"{path}: '{suited.AUTO}' is chosen from a file of recordings; name one with --data or dataset.file"
+        )
+    clock_Hz = study.encoder.conditioning.resample_Hz
+    recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice)
+    table, notes = suited.suit(table, recorded, left, given, has_split=bool(study.split.model_fields_set))
+    return {**table, "notes": [*study.notes, *notes, *suited.clock(recorded, clock_Hz)]}
 
 
 def to_toml(study: Spec) -> str:

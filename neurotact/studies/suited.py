@@ -1,10 +1,11 @@
 """Values of a study that depend on its recordings: its file, the length and the start of its windows, its seeds, folds.
 
-A study file leaves such a value open with `"auto"`; the rules below choose it before any cell runs. The resolved study
-contains the chosen values and, in `notes`, the reasons.
+A study file leaves such a value open with `"auto"`; the rules below choose it before any cell runs. They read a study
+that was built with a default in its place, so that every other value is checked. The resolved study contains the chosen
+values and, in `notes`, the reasons.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,12 +15,12 @@ from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import LABEL
-from neurotact.data.sources import expand
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.data.window_choice import Timing, Words, choose
+from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
-from neurotact.spec import override
+from neurotact.spec import Spec, build, override
 
 AUTO = "auto"
 SMALL = 1000
@@ -34,9 +35,13 @@ WORDS = Words(
     "--set window.align=onset --set window.per_trial=1 --set window.onset.rest_ms={:g}",
 )
 """How the keys of a window are given to a study."""
-WINDOW, DATASET = "window.", "dataset."
+WINDOW, SEED = "window.", "sweep.seed"
 CHOICE = ("dataset.where", "dataset.leave_out")
 """The keys of the trials that a study uses."""
+
+
+class _Given(Spec):
+    window: WindowSpec = WindowSpec()
 
 
 class Recorded(NamedTuple):
@@ -50,41 +55,25 @@ class Recorded(NamedTuple):
     rarest: int = 0
 
 
-def suit(table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
-    """The table of a study file, with its file of recordings and with chosen values in place of `"auto"`.
+def closed(table: dict[str, Any]) -> tuple[dict[str, Any], set[str]]:
+    """The table of a study file with a default in place of each `"auto"`, and the keys that have it."""
+    left, sweep = set(), table.get("sweep")
+    if table.get("window") == AUTO:
+        table, left = {**table, "window": {}}, {"window"}
+    if isinstance(sweep, dict) and sweep.get("seed") == AUTO:
+        table, left = {**table, "sweep": {**sweep, "seed": [0]}}, {*left, SEED}
+    return table, left
 
-    overrides: dotted keys that are given; a given value is not chosen. data: the file that `--data` names.
-    path: of the study file, for messages.
+
+def with_file(table: dict[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
+    """The table of a study with the file of recordings that `--data` names; path: of the study file, for messages.
+
     Raises InputError if `data` is missing, or is given although the study names its own recordings.
     """
-    table = _with_file(table, overrides, data, path)
-    dataset, notes = table["dataset"], []
-    sweep = table.get("sweep", {})
-    is_open = table.get("window") == AUTO or (isinstance(sweep, dict) and sweep.get("seed") == AUTO)
-    if not is_open:
-        return table
-    file = dataset.get("file")
-    if not isinstance(file, str):
-        raise InputError(f"{path}: '{AUTO}' is chosen from a file of recordings; name one with --data or dataset.file")
-    recorded = look(expand(file), clock_of(table, overrides), choice_of(dataset, overrides))
-    if table.get("window") == AUTO:
-        table["window"], more = window(recorded.timing, overrides)
-        notes += more
-    if table.get("sweep", {}).get("seed") == AUTO:
-        table, note = _with_seeds(table, overrides, recorded)
-        notes += [] if {"seed", "sweep.seed"} & {*overrides} else [note]
-    notes += clock(recorded, clock_of(table, overrides))
-    return {**table, "notes": [*table.get("notes", []), *notes]}
-
-
-def _with_file(
-    table: dict[str, Any], overrides: Mapping[str, Any], data: str | Path | None, path: Path
-) -> dict[str, Any]:
-    dataset = table.get("dataset")
-    dataset = {} if dataset is None else dataset
+    dataset = table.get("dataset", {})
     if not isinstance(dataset, dict):
         return table  # building the study raises the error, with the other keys
-    named = [key for key in SOURCES if dataset.get(key) is not None or f"dataset.{key}" in overrides]
+    named = [key for key in SOURCES if dataset.get(key) is not None]
     if data is not None:
         if named:
             raise InputError(f"--data: {path.name} names its own recordings (dataset.{named[0]}); leave --data out")
@@ -94,8 +83,24 @@ def _with_file(
             f"{path.stem}: names no recordings; give a file with --data touches.h5 (in Python, data='touches.h5'); "
             "neurotact import folder makes one from your files"
         )
-    given = {key.removeprefix("dataset."): value for key, value in overrides.items() if key == "dataset.file"}
-    return {**table, "dataset": {**dataset, **given}}
+    return table
+
+
+def suit(
+    table: dict[str, Any], recorded: Recorded, left: Set[str], given: Mapping[str, Any], *, has_split: bool
+) -> tuple[dict[str, Any], list[str]]:
+    """The table of a study with values that suit its recordings, in place of those `left` open, and the rules in words.
+
+    given: dotted keys, which stay. has_split: whether the study says how trials are divided.
+    """
+    notes = []
+    if "window" in left - given.keys():
+        chosen, notes = window(recorded.timing, given)
+        table = {**table, "window": override(chosen, _of_window(given))}
+    if SEED in left:
+        table, note = _with_seeds(table, recorded, given, has_split=has_split)
+        notes += [] if {"seed", SEED} & given.keys() else [note]
+    return table, notes
 
 
 def file_of(data: str | Path) -> Path:
@@ -105,26 +110,9 @@ def file_of(data: str | Path) -> Path:
     return Path(data).absolute()
 
 
-def clock_of(table: Mapping[str, Any], given: Mapping[str, Any]) -> float | None:
-    """The clock of a study's encoder, from the given dotted keys or from the study's table."""
-    encoder = table.get("encoder")
-    own = encoder.get("conditioning", {}).get("resample_Hz") if isinstance(encoder, dict) else None
-    return given.get("encoder.conditioning.resample_Hz", own)
-
-
-def choice_of(dataset: Mapping[str, Any], given: Mapping[str, Any]) -> TrialChoice:
-    """The trials that a study uses, from the given dotted keys or from its table of the data set."""
-    own = {key.removeprefix(DATASET): value for key, value in given.items() if key.startswith(DATASET)}
-    table = override(dataset, own)
-    return TrialChoice.of(table.get("where"), table.get("leave_out"))
-
-
-def with_choice(table: dict[str, Any]) -> dict[str, Any]:
-    """The table of a study with a note of the trials that it uses, if these are not all."""
-    dataset = table.get("dataset")
-    note = note_of(choice_of(dataset, {})) if isinstance(dataset, Mapping) else None
-    notes = table.get("notes", [])
-    return table if note is None or note in notes else {**table, "notes": [note, *notes]}
+def choice_of(given: Mapping[str, Any]) -> TrialChoice:
+    """The trials that the given dotted keys choose."""
+    return TrialChoice.of(*(given.get(key) for key in CHOICE))
 
 
 def note_of(choice: TrialChoice) -> str | None:
@@ -153,12 +141,12 @@ def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = 
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
     """The window of a study, as `data.window_choice.choose`; given: dotted keys such as `window.length_ms`."""
-    known = {key.removeprefix(WINDOW): value for key, value in given.items() if key.startswith(WINDOW)}
-    for key in ("length_ms", "start_ms", "hop_ms"):
-        value = known.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
-            raise InputError(f"--set {WINDOW}{key}: must be a number of ms; got {value!r}")
-    return choose(timing, known, WORDS)
+    asked = build(_Given, {"window": override({}, _of_window(given))}, source="--set").window
+    return choose(timing, {key: getattr(asked, key) for key in asked.model_fields_set}, WORDS)
+
+
+def _of_window(given: Mapping[str, Any]) -> dict[str, Any]:
+    return {key.removeprefix(WINDOW): value for key, value in given.items() if key.startswith(WINDOW)}
 
 
 def seeds(n_trials: int) -> tuple[list[int], str]:
@@ -172,21 +160,24 @@ def seeds(n_trials: int) -> tuple[list[int], str]:
     return [0], f"Seeds: 1, since there are more than {SMALL:,} trials ({n_trials:,})."
 
 
-def _with_seeds(table: dict[str, Any], given: Mapping[str, Any], recorded: Recorded) -> tuple[dict[str, Any], str]:
+def _with_seeds(
+    table: dict[str, Any], recorded: Recorded, given: Mapping[str, Any], *, has_split: bool
+) -> tuple[dict[str, Any], str]:
     """A study's table with its seeds, and with folds if trials are few and no split is given; the rule in words.
 
     A few test trials give an uncertain accuracy; with folds, every trial is a test trial once.
     """
     n_trials = len(recorded.timing.durations_s)
     found, note = seeds(n_trials)
-    is_given = any(key == "seed" or key.startswith(("split", "sweep.seed", "sweep.split")) for key in given)
-    if is_given or table.get("split") or n_trials > FOLDED or recorded.rarest < FOLDS:
-        return {**table, "sweep": {**table["sweep"], "seed": found}}, note
+    sweep = {**table["sweep"]} if {"seed", SEED} & given.keys() else {**table["sweep"], "seed": found}
+    is_given = any(key == "seed" or key.startswith(("split", SEED, "sweep.split")) for key in given)
+    if is_given or has_split or n_trials > FOLDED or recorded.rarest < FOLDS:
+        return {**table, "sweep": sweep}, note
     note = (
         f"Split: {FOLDS} folds with one random seed each, so that each of the {n_trials} trials is tested once; for "
         "one split with three seeds: --set sweep.seed=[0,1,2]."
     )
-    sweep = {**table["sweep"], "split.fold": [*range(FOLDS)], "seed": [0]}
+    sweep |= {"split.fold": [*range(FOLDS)], "seed": [0]}
     return {**table, "split": {"folds": FOLDS}, "sweep": sweep}, note
 
 

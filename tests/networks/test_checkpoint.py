@@ -141,7 +141,7 @@ def rewrite(folder, tensors=None, **changes):
         ({"spec": {"hiden": 10}}, "hiden: unknown key; did you mean 'hidden'"),
         ({"spec": {"hidden": 11}}, "'w_in'"),
         ({"spec": {"hidden": 10, "recurrent_delay_steps": 2}}, "recurrent_delay_steps: must be <= 1; got 2"),
-        ({"spec": {"hidden": 10, "recurrent_delay_steps": True}}, "recurrent_delay_steps: must be a valid integer"),
+        ({"spec": {"hidden": 10, "recurrent_delay_steps": True}}, "recurrent_delay_steps: must be a whole number"),
         ({"spec": []}, "spec must be a table"),
         ({"extra": ["classes"]}, "extra must be a table"),
         ({"sampling_rate_Hz": 10**400}, "sampling_rate_Hz must be a positive"),

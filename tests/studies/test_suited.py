@@ -33,7 +33,7 @@ def test_keys_of_a_window_are_dotted_and_their_times_numbers():
     assert notes[1].endswith("change it with --set window.start_ms=0.")
     for key in ("length_ms", "start_ms", "hop_ms"):
         for wrong in ("long", True, -1.0, float("nan")):
-            with pytest.raises(InputError, match=rf"--set window\.{key}: must be a number of ms; got"):
+            with pytest.raises(InputError, match=rf"^window\.{key}: must be .*; got .* \(--set\)"):
                 suited.window(timing, {f"window.{key}": wrong})
 
 

@@ -14,6 +14,7 @@ from neurotact.data import hdf5
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, class_names
+from neurotact.data.splits import SplitSpec
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import timing_of
 from neurotact.data.windows import cut
@@ -59,12 +60,11 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     test trials.
     """
     of_set = {key: value for key, value in given.items() if key.startswith(OF_SET)}
-    group = given.get(GROUP) or ()
-    group = (group,) if isinstance(group, str) else tuple(group)
+    group = build(SplitSpec, {"group": given[GROUP]} if GROUP in given else {}, source=GROUP).group
     others = _with_swept_seeds(
         {key: value for key, value in given.items() if key not in {*of_set, GROUP, *suited.CHOICE}}
     )
-    choice = suited.choice_of({}, given)
+    choice = suited.choice_of(given)
     conditioning = _conditioning(of_set)
     clock_Hz = float(conditioning["resample_Hz"])
     touches = _look(path, clock_Hz, choice)
