@@ -1,5 +1,6 @@
 """Paired test of two classifiers on the same trials."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -8,6 +9,7 @@ import pandas as pd
 from scipy.stats import permutation_test
 
 from neurotact.errors import InputError
+from neurotact.metrics.shares import standard_error
 
 RESAMPLES = 9999
 """Number of random sign vectors if there are too many trials to try all."""
@@ -52,6 +54,20 @@ def compare(right: np.ndarray, other: np.ndarray) -> Paired:
         (apart,), _sums, permutation_type="samples", n_resamples=RESAMPLES, batch=max(1, AT_ONCE // len(apart)), rng=0
     )
     return Paired(difference, float(tried.pvalue), len(right))
+
+
+def compare_shares(share: float, other: float, n: int) -> Paired:
+    """Compare two shares of `n` trials each whose single trials are unknown, as if they were different trials.
+
+    The normal approximation, with two correct and two wrong trials added (Agresti and Caffo 2000). It finds fewer
+    differences than a paired test.
+
+    >>> found = compare_shares(0.9, 0.5, 100)
+    >>> round(found.difference, 3), found.is_clear, compare_shares(0.9, 0.85, 100).is_clear
+    (0.4, True, False)
+    """
+    error = math.hypot(standard_error(share, n), standard_error(other, n))
+    return Paired(share - other, math.erfc(abs(share - other) / error / math.sqrt(2)), n)
 
 
 def by_trial(trial: np.ndarray, right: Sequence[bool] | np.ndarray) -> dict[int, float]:

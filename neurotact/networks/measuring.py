@@ -12,23 +12,26 @@ from neurotact.metrics import synops
 from neurotact.networks import exit_choice
 from neurotact.networks.fitting import AT_ONCE, Trained
 from neurotact.networks.rsnn import RSNN, Inference
+from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
 
 ORACLE_PATIENCE = 120
 """The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
 
 
-def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarray]) -> dict[str, Any]:
+def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray]) -> dict[str, Any]:
     """Accuracy, SOPs and early exit on the test windows, the confusion matrix, and whether each window is right.
 
     populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
+    `right` and `exit_right` are of each test window, on the whole window and with early exit.
     """
-    network = trained.network
+    network, test = trained.network, sides.test
     spikes = test.spikes.to(network.w_in.device)
     full, early = network.infer(spikes), network.infer(spikes, trained.rule)
     exit_cost, steps = synops_of(early, network), early.steps.double()
     row = {
         "accuracy_validation": trained.training.best.validation_accuracy,
+        "exit_accuracy_validation": _exit_accuracy(trained, sides.validation),
         **means(full, network, test, populations),
         "exit_steps": float(steps.mean()),
         "exit_accuracy": accuracy_of(early, test),
@@ -41,9 +44,15 @@ def measure(trained: Trained, test: Examples, populations: Mapping[str, np.ndarr
         "window_steps": test.spikes.shape[1],
         "epochs": len(trained.training.epochs),
     }
-    decided = full.labels.cpu()
-    matrix = confusion_matrix(test.labels, decided, labels=range(network.n_classes))
-    return {"row": row, "confusion": matrix.tolist(), "right": (decided == test.labels).tolist()}
+    matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
+    right, exit_right = ((found.labels.cpu() == test.labels).tolist() for found in (full, early))
+    return {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
+
+
+def _exit_accuracy(trained: Trained, validation: Examples) -> float:
+    """The accuracy of early exit on validation windows, by which networks with early exit are chosen."""
+    spikes = validation.spikes.to(trained.network.w_in.device)
+    return accuracy_of(trained.network.infer(spikes, trained.rule), validation)
 
 
 def means(

@@ -61,7 +61,7 @@ def outcome_of(
 
     command: whose options the remedies of its cautions name. searched: keys of the network that a search has chosen.
     """
-    result = measuring.measure(fitted, sides.test, trains.populations)
+    result = measuring.measure(fitted, sides, trains.populations)
     parts = tasks.trials_of(trains, task)
     compared = compare(result["row"]["accuracy_test"], sides, len(parts.test), len(trains.classes))
     return Outcome(

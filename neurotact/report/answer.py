@@ -1,12 +1,15 @@
-"""The answer of a run: the best network, the cheapest one within its error, and the comparison with the baseline.
+"""The answer of a run: the best network, the cheapest one within its error, and the comparison with the baselines.
 
-Networks are chosen on validation trials and judged on test trials: the accuracy used for the choice is optimistic.
+The referee (`metrics.referee`) chooses on validation trials and judges on test trials; this module tells its verdicts
+in sentences. Networks are judged as they are used: with early exit where it saves something.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import Literal, NamedTuple
 
-from neurotact.metrics.paired import Paired
+from neurotact.metrics import referee
+from neurotact.metrics.paired import Paired, compare_shares
+from neurotact.metrics.referee import Verdict, Way
 from neurotact.metrics.shares import standard_error, wilson_interval
 
 Kind = Literal["nothing learned", "unclear", "no baseline", "worse", "tie", "better"]
@@ -32,7 +35,8 @@ class Decision(NamedTuple):
 class Network(NamedTuple):
     """One pair of refractory periods and one size; all numbers are means over seeds and splits.
 
-    pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation: accuracy on validation windows.
+    pair: refractory periods of RA-I and SA-I in ms, as "1&10". validation, early_validation: accuracy on validation
+    windows, on whole windows and with early exit.
     whole, early: decisions on the whole window and with early exit; early is None if there is none.
     """
 
@@ -42,16 +46,33 @@ class Network(NamedTuple):
     validation: float
     whole: Decision
     early: Decision | None
+    early_validation: float | None = None
 
     @property
     def name(self) -> str:
         return f"{self.pair} ms with {self.hidden} neurons"
 
+    @property
+    def exits(self) -> bool:
+        """Whether early exit is advised: it saves time or SOPs, and its accuracy on validation windows is known."""
+        return self.early is not None and self.early_validation is not None and _saves(self.whole, self.early)
+
+    @property
+    def used(self) -> Decision:
+        """The decision as it is used: with early exit if that is advised."""
+        return self.early if self.exits and self.early is not None else self.whole
+
+    @property
+    def way(self) -> Way:
+        """What the referee knows of the network, as it is used; its cost is energy, or SOPs if that is unknown."""
+        validation = self.early_validation if self.exits and self.early_validation is not None else self.validation
+        return Way(validation, self.used.sops if self.used.nJ is None else self.used.nJ)
+
 
 class Baseline(NamedTuple):
     """A classifier without spikes in its decision; nJ is None if unknown.
 
-    rows: the rows of `baselines.csv` that it averages, one per split.
+    rows: the rows of `baselines.csv` that it averages, one per split. right: for the referee (`Way.right`).
     """
 
     name: str
@@ -59,11 +80,17 @@ class Baseline(NamedTuple):
     accuracy: float
     nJ: float | None
     rows: tuple[int, ...] = ()
+    right: Mapping[Hashable, float] | None = None
 
     @property
     def is_of_spikes(self) -> bool:
         """Whether its input is the afferents' spikes, and not the signals."""
         return " spikes (" in self.name
+
+    @property
+    def way(self) -> Way:
+        """What the referee knows of it; an unknown cost counts as zero."""
+        return Way(self.validation, self.nJ or 0.0, self.right)
 
 
 class Trials(NamedTuple):
@@ -76,11 +103,12 @@ class Trials(NamedTuple):
 class Answer(NamedTuple):
     """The answer for one data set.
 
-    best: the network with the highest validation accuracy (ties: the cheapest).
-    interval: 95 % interval of its test accuracy. error: one standard error of its validation accuracy.
-    cheapest: of the networks within that error on validation trials, the one with the fewest SOPs.
-    baseline: the one with the highest validation accuracy; None if there is none.
-    paired: the best network minus the baseline, on the same test trials; None if the correct trials are unknown.
+    best, cheapest: networks chosen by the referee. interval: 95 % interval of the test accuracy of the best one, as it
+    is used. error: one standard error of its validation accuracy.
+    baseline: the most accurate one on validation trials; None if there is none. cheapest_on_signals: the cheapest
+    baseline on signals within one standard error of the best baseline; None if none is.
+    rivals: the baselines that validation cannot tell from the best one. verdict: on the best network against them.
+    unranked: a baseline that validation ranks lower, and that is at least as accurate on test trials; None if none is.
     guess: the accuracy of guessing, or of always predicting the most frequent class.
     """
 
@@ -89,19 +117,12 @@ class Answer(NamedTuple):
     error: float
     cheapest: Network
     baseline: Baseline | None
-    paired: Paired | None
+    cheapest_on_signals: Baseline | None
+    rivals: tuple[Baseline, ...]
+    verdict: Verdict | None
+    unranked: Baseline | None
     guess: float
     trials: Trials
-
-    @property
-    def difference(self) -> float:
-        """The gain in accuracy of the best network over the baseline; 0 if there is no clear difference."""
-        if self.baseline is None:
-            return 0.0
-        if self.paired is not None:
-            return self.paired.difference if self.paired.is_clear else 0.0
-        low, high = self.interval
-        return 0.0 if low <= self.baseline.accuracy <= high else self.best.whole.accuracy - self.baseline.accuracy
 
     @property
     def is_above_chance(self) -> bool:
@@ -110,16 +131,27 @@ class Answer(NamedTuple):
 
     @property
     def kind(self) -> Kind:
-        """The result of the comparison."""
+        """The result of the comparison. A table with a more accurate baseline contradicts `better`: that is a tie."""
         if not self.is_above_chance:
-            return "nothing learned" if self.best.whole.accuracy <= self.guess else "unclear"
-        if self.baseline is None:
+            return "nothing learned" if self.best.used.accuracy <= self.guess else "unclear"
+        if self.verdict is None:
             return "no baseline"
-        return "worse" if self.difference < 0 else "better" if self.difference > 0 else "tie"
+        return "tie" if self.verdict.kind == "better" and self.unranked is not None else self.verdict.kind
+
+    @property
+    def decisive(self) -> Baseline | None:
+        """The baseline that decides the verdict; None if there is none."""
+        return None if self.verdict is None else self.rivals[self.verdict.decisive]
+
+    @property
+    def named(self) -> list[Baseline]:
+        """Every baseline that a sentence of the answer may name, each once."""
+        known = [self.baseline, self.cheapest_on_signals, self.decisive, self.unranked, *_ends(self.rivals)]
+        return list({one.name: one for one in known if one is not None}.values())
 
 
 Compare = Callable[[Network, Baseline], Paired | None]
-"""A network minus a baseline on the same test trials; None if unknown."""
+"""A network, as it is used, minus a baseline on the same test trials; None if single trials are unknown."""
 
 
 def answer(
@@ -131,8 +163,7 @@ def answer(
 ) -> Answer:
     """Choose on validation trials, judge on test trials.
 
-    networks: at least one. compare: compares the two that are chosen; without it a baseline differs clearly
-    if its accuracy is outside the network's interval.
+    networks: at least one. compare: without single trials, the two shares are compared as those of different trials.
 
     >>> whole = Decision(0.9, 1000.0, 500.0, 80.0, None)
     >>> networks = [Network("1&1", 50, 3, 0.95, whole, None),
@@ -141,45 +172,113 @@ def answer(
     >>> found.kind, found.cheapest.pair
     ('better', '5&5')
     """
-    best = max(networks, key=lambda network: (network.validation, -network.whole.sops))
-    error = standard_error(best.validation, trials.validation)
-    near = [network for network in networks if network.validation >= best.validation - error - 1e-12]
-    cheapest = min(near, key=lambda network: (network.whole.sops, -network.validation))
-    interval = wilson_interval(best.whole.accuracy, trials.test)
-    # Ties: the cheapest; an unknown cost counts as zero.
-    baseline = max(baselines, key=lambda one: (one.validation, -(one.nJ or 0.0)), default=None)
-    paired = None if baseline is None else compare(best, baseline)
-    return Answer(best, interval, error, cheapest, baseline, paired, guess, trials)
+    ways = [network.way for network in networks]
+    best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways, trials.validation)]
+    error = standard_error(best.way.validation, trials.validation)
+    interval = wilson_interval(best.used.accuracy, trials.test)
+    others = [baseline.way for baseline in baselines]
+    if not others:
+        return Answer(best, interval, error, cheapest, None, None, (), None, None, guess, trials)
+    rivals = [baselines[index] for index in referee.level_with_best(others, trials.validation)]
+    comparisons = [
+        compare(best, rival) or compare_shares(best.used.accuracy, rival.accuracy, trials.test) for rival in rivals
+    ]
+    near = [baselines[index] for index in referee.within_error(others, trials.validation)]
+    on_signals = [one for one in near if not one.is_of_spikes]
+    lower = [one for one in baselines if one not in rivals and one.accuracy >= best.used.accuracy]
+    return Answer(
+        best,
+        interval,
+        error,
+        cheapest,
+        baselines[referee.best_of(others)],
+        min(on_signals, key=lambda one: one.way.cost, default=None),
+        tuple(rivals),
+        referee.judge(comparisons),
+        max(lower, key=lambda one: one.accuracy, default=None),
+        guess,
+        trials,
+    )
 
 
 def headline(found: Answer) -> str:
     """Whether spiking is worth it, in one sentence."""
-    best, (low, high) = found.best.whole, found.interval
-    said = f"{percent(best.accuracy)} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
-    rival = "" if found.baseline is None else f"{found.baseline.name}, {percent(found.baseline.accuracy)}"
-    rival += "" if found.paired is None else f" ({chance_of(found.paired)})"
+    best, (low, high) = found.best, found.interval
+    share = percent(best.used.accuracy)
+    network = f"the best network{', with early exit,' if best.exits else ''} is right in"
+    said = f"{network} {share} of the test windows (95 % interval {100 * low:.0f} to {100 * high:.0f} %)"
     guess = percent(found.guess)
     n_test = found.trials.test
-    return {
-        "nothing learned": f"Nothing was learned: the best network is right in {said}, which guessing reaches too "
-        f"({guess}){_learned_without(found)}.",
-        "unclear": f"Not clearly better than guessing: the best network is right in {said} of {n_test} test "
-        f"trial{'' if n_test == 1 else 's'}, guessing in {guess}{_learned_without(found)}.",
-        "no baseline": f"The best network is right in {said}; guessing reaches {guess}.",
-        "worse": f"Spiking costs accuracy: the best network is right in {said}, the best baseline is {rival}.",
-        "tie": f"No clear difference in accuracy{_at_energy(found)}: the best network is right in {said}, the best "
-        f"baseline is {rival}.",
-        "better": f"Spiking is more accurate: the best network is right in {said}, the best baseline is {rival}.",
+    if found.kind == "nothing learned":
+        return f"Nothing was learned: {said}, which guessing reaches too ({guess}){_learned_without(found)}."
+    if found.kind == "unclear":
+        of = f"{said} of {n_test} test trial{'' if n_test == 1 else 's'}"
+        return f"Not clearly better than guessing: {of}, guessing in {guess}{_learned_without(found)}."
+    if found.kind == "no baseline":
+        return f"{said[0].upper()}{said[1:]}; guessing reaches {guess}."
+    verdict = {
+        "worse": "Spiking costs accuracy",
+        "tie": f"No clear difference in accuracy{_at_energy(found)}",
+        "better": "Spiking is more accurate",
     }[found.kind]
+    return f"{verdict}: {said}, {_rivals(found)}."
+
+
+def _rivals(found: Answer) -> str:
+    """The baselines that the verdict is about, in words, with the chance of the difference."""
+    verdict, decisive = found.verdict, found.decisive
+    assert verdict is not None
+    assert decisive is not None
+    if found.unranked is not None and verdict.kind == "better":
+        return (
+            f"{found.unranked.name} in {percent(found.unranked.accuracy)}, although it is less accurate on validation "
+            "windows than other baselines"
+        )
+    if len(found.rivals) == 1:
+        return f"the best baseline is {decisive.name}, {percent(decisive.accuracy)} ({chance_of(verdict)})"
+    if verdict.kind == "worse":
+        return f"{decisive.name} in {percent(decisive.accuracy)} ({chance_of(verdict)})"
+    worst, best = _ends(found.rivals)
+    return (
+        f"{len(found.rivals)} baselines that validation cannot tell apart in {percent(worst.accuracy)} ({worst.name}) "
+        f"to {percent(best.accuracy)} ({best.name}; {chance_of(verdict)})"
+    )
+
+
+def _ends(rivals: Sequence[Baseline]) -> list[Baseline]:
+    """The least and the most accurate baseline on test windows; empty if there is none."""
+    ordered = sorted(rivals, key=lambda one: one.accuracy)
+    return [ordered[0], ordered[-1]] if ordered else []
 
 
 def _at_energy(found: Answer) -> str:
-    """For two of equal accuracy, the comparison of energy; empty if it is about equal or unknown."""
-    rival = None if found.baseline is None else found.baseline.nJ
-    spent = found.best.whole.nJ
-    if rival is None or spent is None or not (ratio := _times(spent, rival)):
+    """For equal accuracy, the energy against the cheapest baseline on signals; empty if about equal or unknown."""
+    rival, spent = found.cheapest_on_signals, found.best.used.nJ
+    if rival is None or spent is None or (ratio := times(found, spent)) is None:
         return ""
-    return f", and spiking takes{ratio.removeprefix(',')} energy (estimate)"
+    return f", and spiking takes {ratio.words} energy {ratio.than} {rival.name} (estimate)"
+
+
+class Ratio(NamedTuple):
+    """A ratio in words, and the word that joins it to what it is compared with: `16 times as much`, `as`."""
+
+    words: str
+    than: str
+
+
+def times(found: Answer, spent: float) -> Ratio | None:
+    """The ratio of an energy to that of the cheapest baseline on signals; None if about equal or unknown.
+
+    Less is said only if it is below that of every baseline on signals that validation cannot tell from the best.
+    """
+    rival = None if found.cheapest_on_signals is None else found.cheapest_on_signals.nJ
+    if rival is None or min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
+        return None
+    ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
+    if spent > rival:
+        return Ratio(f"{ratio} times as much", "as")
+    level = (one.nJ for one in found.rivals if not one.is_of_spikes and one.nJ is not None)
+    return None if any(energy_nJ <= spent for energy_nJ in level) else Ratio(f"{ratio} times less", "than")
 
 
 def _learned_without(found: Answer) -> str:
@@ -201,17 +300,62 @@ def details(found: Answer) -> Iterator[str]:
     else:
         yield (
             f"Within its error ({100 * found.error:.1f} points on validation trials), {cheapest.name} is the cheapest: "
-            f"{_saved(best.whole, cheapest.whole)} than {best.name}, "
-            f"{_lost(best.whole, cheapest.whole, found.trials.test)}."
+            f"{_saved(best.used, cheapest.used)} than {best.name}, "
+            f"{_lost(best.used, cheapest.used, found.trials.test)}."
         )
     if cheapest.early is not None:
         yield _early(cheapest.whole, cheapest.early, found.trials.test)
-    rival = found.baseline
-    spent = (cheapest.early or cheapest.whole).nJ
-    if rival is not None and rival.nJ is not None and spent is not None:
+    yield from _energy(found)
+
+
+def _energy(found: Answer) -> Iterator[str]:
+    """The energy of the cheapest network with and without early exit, and of the cheapest baseline on signals."""
+    whole, used, rival = found.cheapest.whole.nJ, found.cheapest.used.nJ, found.cheapest_on_signals
+    if whole is None or used is None or rival is None or rival.nJ is None:
+        return
+    both = f"{energy(whole)} for a whole window" + (f", {energy(used)} with early exit" if found.cheapest.exits else "")
+    ratio = times(found, used)
+    against = "" if ratio is None else f"that is {ratio.words} {ratio.than} "
+    yield (
+        f"Energy, an estimate of the arithmetic: {both}; {against}{rival.name}, the cheapest baseline on signals "
+        f"within the error of the best one ({energy(rival.nJ)})."
+    )
+
+
+def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterator[str]:
+    """What the refractory periods of the cheapest network save, against the shortest ones of the run.
+
+    The other network is chosen by the referee among those with the shortest periods. Nothing if these are the same.
+    """
+    shortest = min((network.pair for network in networks), key=lambda pair: sum(map(float, pair.split("&"))))
+    if not found.is_above_chance or found.cheapest.pair == shortest:
+        return
+    with_shortest = [network for network in networks if network.pair == shortest]
+    other = with_shortest[referee.cheapest_of([network.way for network in with_shortest], found.trials.validation)]
+    yield (
+        f"Refractory periods of {found.cheapest.pair} ms in place of {shortest} ms: "
+        f"{_saved(other.used, found.cheapest.used)}, {_lost(other.used, found.cheapest.used, found.trials.test)}."
+    )
+
+
+def gaps(found: Answer, cause: str) -> Iterator[str]:
+    """A warning if the test accuracy of the best network or baseline is clearly below that on validation trials.
+
+    cause: the likely one, as the split has it.
+    """
+    network = found.best
+    sides = [("the best network", network.way.validation, network.used.accuracy)]
+    if found.baseline is not None:
+        sides.append((found.baseline.name, found.baseline.validation, found.baseline.accuracy))
+    apart = [
+        f"{name} {percent(validation)} and {percent(test)}"
+        for name, validation, test in sides
+        if referee.is_gap(validation, found.trials.validation, test, found.trials.test)
+    ]
+    if apart:
         yield (
-            f"Energy, an estimate of the arithmetic: {energy(spent)} against {energy(rival.nJ)} for {rival.name}"
-            f"{_times(spent, rival.nJ)}."
+            f"accuracy on test trials is clearly below that on validation trials ({'; '.join(apart)}): {cause}, so "
+            "that validation does not rank classifiers for the test"
         )
 
 
@@ -226,26 +370,30 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     >>> [words[:67] for words in where_lost(answer([network], baselines, 0.25, Trials(40, 40)), baselines)]
     ['the encoding loses 39.0 points (90.0 % by SVM on signals, 51.0 % by']
     """
-    rivals = [[one for one in baselines if one.is_of_spikes == of_spikes] for of_spikes in (False, True)]
-    if found.difference >= 0 or not all(rivals):
+    groups = [[one for one in baselines if one.is_of_spikes == of_spikes] for of_spikes in (False, True)]
+    if found.verdict is None or found.verdict.kind != "worse" or not all(groups):
         return
-    of_signals, of_spikes = (max(group, key=lambda one: one.validation) for group in rivals)
-    encoding = of_signals.accuracy - of_spikes.accuracy
-    network = of_spikes.accuracy - found.best.whole.accuracy
+    of_signals, of_spikes = (group[referee.best_of([one.way for one in group])] for group in groups)
+    used = found.best.used.accuracy
+    encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - used
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
         f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at neurotact calibrate --compare, at other windows "
         "(--window-ms, --set window.align=onset) and at more afferents per taxel (--set "
         "encoder=sa1-ra1-lif-graded)": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
-        f"{percent(found.best.whole.accuracy)} by the best network); record more trials, or run the "
+        f"{percent(used)} by the best network); record more trials, or run the "
         "whole study if this is --quick": network,
     }
     yield from (words for words, loss in lost.items() if loss > 1 / found.trials.test)
 
 
+def _saves(whole: Decision, early: Decision) -> bool:
+    return early.ms < (1 - NOTHING) * whole.ms or early.sops < (1 - NOTHING) * whole.sops
+
+
 def _early(whole: Decision, early: Decision, n_test: int) -> str:
-    if early.ms >= (1 - NOTHING) * whole.ms and early.sops >= (1 - NOTHING) * whole.sops:
+    if not _saves(whole, early):
         return f"Early exit saves nothing here: it decides at the end of the window, after {milliseconds(whole.ms)}."
     return (
         f"With early exit it decides after {milliseconds(early.ms)} of {milliseconds(whole.ms)} on average: "
@@ -264,18 +412,6 @@ def _saved(before: Decision, after: Decision) -> str:
     return f"{said} and {100 * abs(less):.2g} % {'less' if less >= 0 else 'more'} energy"
 
 
-def _times(spent: float, rival: float) -> str:
-    """The ratio of the energy of a network to its rival's, in words; empty if they are about equal.
-
-    >>> _times(366.0, 23.5), _times(2910.0, 10.0), _times(10.0, 25.0), _times(11.0, 10.0)
-    (', 16 times as much', ', 290 times as much', ', 2.5 times less', '')
-    """
-    if min(spent, rival) <= 0 or max(spent, rival) / min(spent, rival) < 1.2:
-        return ""
-    ratio = count(float(f"{max(spent, rival) / min(spent, rival):.2g}"))
-    return f", {ratio} times as much" if spent > rival else f", {ratio} times less"
-
-
 def _lost(before: Decision, after: Decision, n_test: int) -> str:
     """The change of the accuracy, in points and in test trials: with few trials, one trial is many points."""
     points = 100 * (before.accuracy - after.accuracy)
@@ -287,14 +423,15 @@ def _lost(before: Decision, after: Decision, n_test: int) -> str:
     return f"and test accuracy {way} by {abs(points):.1f} points{of} to {percent(after.accuracy)}"
 
 
-def chance_of(paired: Paired) -> str:
-    """The p-value of the difference, in words.
+def chance_of(verdict: Verdict) -> str:
+    """The p-value of a verdict, in words.
 
-    >>> chance_of(Paired(0.1, 0.0002, 45)), chance_of(Paired(0.1, 0.0312, 45))
-    ('paired over 45 test trials, p < 0.001', 'paired over 45 test trials, p = 0.03')
+    >>> chance_of(Verdict("better", 0, 0.0002, 45, 1)), chance_of(Verdict("tie", 2, 0.312, 45, 6))
+    ('45 test trials, p < 0.001', '45 test trials, p = 0.3 after correction for 6 comparisons')
     """
-    p = "p < 0.001" if paired.p < 0.001 else f"p = {paired.p:.1g}"
-    return f"paired over {paired.n} test trials, {p}"
+    p = "p < 0.001" if verdict.p < 0.001 else f"p = {verdict.p:.1g}"
+    corrected = "" if verdict.opponents == 1 else f" after correction for {verdict.opponents} comparisons"
+    return f"{verdict.n} test trials, {p}{corrected}"
 
 
 def percent(share: float) -> str:

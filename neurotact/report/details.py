@@ -113,7 +113,6 @@ def page_data(
         "sizes": sorted({int(n) for n in results["hidden"]}),
         "classes": classes.ticks,
         "classWord": classes.word,
-        "best": int(results["accuracy_validation"].to_numpy().argmax()),
     }
 
 

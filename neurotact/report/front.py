@@ -1,7 +1,7 @@
 """The first screen of a report: the answer, its table and warnings, from the files of a run."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,9 +10,10 @@ import pandas as pd
 
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import SplitSpec
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.errors import InputError
-from neurotact.metrics import paired
+from neurotact.metrics import paired, referee
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks import cautions, ledger, recipe, tasks
@@ -29,6 +30,10 @@ from neurotact.tables import NETWORK, means_over
 COSTS = ("sops", "ms", "spikes", "nJ")
 KINDS = {"whole": "", "early": "exit_"}
 """Both ways to decide, and their prefixes of columns in `results.csv`."""
+USED = {False: "whole", True: "early"}
+"""The way to decide of `KINDS` that is advised, by whether early exit is."""
+EXIT_VALIDATION = "exit_accuracy_validation"
+"""The column by which networks with early exit are chosen; runs of earlier versions lack it."""
 HEADS = [
     "t_ref RA-I & SA-I, neurons", "test accuracy (95 % interval)", "input spikes", "SOPs", "ms to decision",
     "energy estimate",
@@ -45,13 +50,15 @@ class Sides(NamedTuple):
 class Front(NamedTuple):
     """The first screen for one data set.
 
-    headline, details: the answer in words. table: two rows per pair, then the baselines. lost: the losses of accuracy.
+    cells: for each network the row of `results.csv` that stands for it. headline, details: the answer in words.
+    table: every way that a sentence names. lost: the losses of accuracy.
     """
 
     setting: str
     answer: Answer
     sides: Sides
     networks: list[Network]
+    cells: list[int]
     headline: str
     details: list[str]
     table: Table
@@ -90,7 +97,9 @@ def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None,
 def networks_of(results: pd.DataFrame) -> list[Network]:
     """The networks of one data set, means over seeds; `results` has the columns of `costs_of`."""
     kinds = {"whole": "accuracy_test", "early": "exit_accuracy"}
-    measures = ["accuracy_validation", *kinds.values(), *(f"{kind}_{cost}" for kind in kinds for cost in COSTS)]
+    measures = ["accuracy_validation", EXIT_VALIDATION, *kinds.values()]
+    measures += [f"{kind}_{cost}" for kind in kinds for cost in COSTS]
+    results = results if EXIT_VALIDATION in results else results.assign(**{EXIT_VALIDATION: float("nan")})
     return [
         Network(
             str(row["pair"]),
@@ -98,6 +107,7 @@ def networks_of(results: pd.DataFrame) -> list[Network]:
             int(row["seeds"]),
             float(row["accuracy_validation"]),
             *(_decision(row, kind, accuracy) for kind, accuracy in kinds.items()),
+            None if pd.isna(row[EXIT_VALIDATION]) else float(row[EXIT_VALIDATION]),
         )
         for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
     ]
@@ -123,26 +133,35 @@ def decisions_of_row(row: Mapping[str, Any], costs: Mapping[str, float | None]) 
     }
 
 
-def as_json(found: Front, networks: Sequence[Network]) -> dict[str, Any]:
+def as_json(found: Front) -> dict[str, Any]:
     """The drawing of one data set: its networks with their intervals, its baselines, and guessing."""
     drawn = []
-    for network in networks:
-        low, high = wilson_interval(network.whole.accuracy, found.answer.trials.test)
-        entry = network._asdict() | {"low": low, "high": high, "name": f"{network.pair} ms, N = {network.hidden}"}
+    for network, cell in zip(found.networks, found.cells, strict=True):
+        low, high = wilson_interval(network.used.accuracy, found.answer.trials.test)
+        name = f"{network.pair} ms, N = {network.hidden}"
+        more = {"low": low, "high": high, "used": USED[network.exits], "cell": cell, "name": name}
+        entry = network._asdict() | more
         drawn.append(entry | {kind: _as_json(getattr(network, kind)) for kind in KINDS})
     one = found.answer
     return {
         "networks": drawn,
-        "best": networks.index(one.best),
-        "cheapest": networks.index(one.cheapest),
-        "baseline": None if one.baseline is None else _without_rows(one.baseline),
-        "paired": None if one.paired is None else one.paired._asdict(),
+        "best": found.networks.index(one.best),
+        "cheapest": found.networks.index(one.cheapest),
+        "used": USED[one.best.exits],
+        "baseline": _shown(one.baseline),
+        "cheapest_on_signals": _shown(one.cheapest_on_signals),
+        "rivals": [baseline.name for baseline in one.rivals],
+        "verdict": None
+        if one.verdict is None or one.decisive is None
+        else {**one.verdict._asdict(), "decisive": one.decisive.name},
         "guess": one.guess,
     }
 
 
-def _without_rows(baseline: Baseline) -> dict[str, Any]:
-    return {key: value for key, value in baseline._asdict().items() if key != "rows"}
+def _shown(baseline: Baseline | None) -> dict[str, Any] | None:
+    if baseline is None:
+        return None
+    return {key: value for key, value in baseline._asdict().items() if key not in ("rows", "right")}
 
 
 def _as_json(decision: Decision | None) -> dict[str, Any] | None:
@@ -173,7 +192,8 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             source, _, words = row["input"].partition(": ")
             name = f"{row['classifier']} on {pair}{source} ({words})"
             shares = row["accuracy_validation"], row["accuracy_test"]
-            found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows))
+            right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
+            found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows, right))
     elif "baseline" in tables and "accuracy_validation" in tables["baseline"]:
         table, measures = tables["baseline"], ["accuracy_validation", "accuracy_test"]
         for row in means_over(table[table["dataset"] == dataset], ["dataset"], measures, "splits").to_dict("records"):
@@ -226,9 +246,37 @@ def fronts(
         compare = _comparing(study, folder, done, rows, tables)
         found = answers.answer(networks, baselines, guess, sides.trials, compare)
         table = front_table(found, networks, baselines)
-        lost = list(answers.where_lost(found, baselines))
-        words = [*answers.details(found), *_of_encoding(found, trains)]
-        yield Front(str(setting), found, sides, networks, answers.headline(found), words, table, lost)
+        lost = [*answers.gaps(found, likely_cause(study.split)), *answers.where_lost(found, baselines)]
+        saved = answers.of_refractory_periods(found, networks)
+        words = [*answers.details(found), *_of_encoding(found, trains), *saved]
+        standing = [representative(rows, network) for network in networks]
+        yield Front(str(setting), found, sides, networks, standing, answers.headline(found), words, table, lost)
+
+
+def representative(rows: pd.DataFrame, network: Network) -> int:
+    """The row of `results.csv` that stands for a network: the training with the median accuracy on validation windows.
+
+    A page shows a single training of each network; the best one would flatter it.
+    """
+    own = rows[(rows["pair"] == network.pair) & (rows["hidden"] == network.hidden)]
+    ordered = own["accuracy_validation"].sort_values(kind="stable").index
+    return int(ordered[(len(ordered) - 1) // 2])
+
+
+def likely_cause(split: SplitSpec) -> str:
+    """Why test trials may differ from validation trials, by the way in which they are chosen.
+
+    >>> likely_cause(SplitSpec(test_where={"speed": 150}))
+    'test trials have speed = 150, validation trials have not'
+    """
+    if split.test_where:
+        values = " and ".join(f"{name} = {value}" for name, value in split.test_where.items())
+        return f"test trials have {values}, validation trials have not"
+    if split.order is not None:
+        return f"test trials are the last ones by {split.order}"
+    if split.group:
+        return f"test trials are of another {' and '.join(split.group)}"
+    return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
 
 
 def _of_encoding(found: Answer, trains: SpikeTrains | None) -> Iterator[str]:
@@ -258,11 +306,12 @@ def _comparing(
         if "baselines_trials" not in tables or max(its) >= len(done):
             return None
         left = [(done[index], result_of(folder, done[index])) for index in its]
-        if not baseline.rows or any("right" not in result for _, result in left):  # of an earlier version
+        decided = "exit_right" if network.exits else "right"
+        if not baseline.rows or any(decided not in result for _, result in left):  # of an earlier version
             return None
         spiking = [(*(value_at(cell, key) for key in splits), int(trial), share)
-                   for cell, result in left for trial, share in result["right"].items()]  # fmt: skip
-        trials = tables["baselines_trials"]
+                   for cell, result in left for trial, share in result[decided].items()]  # fmt: skip
+        trials = tested(tables["baselines_trials"])
         other = trials[trials["baseline"].isin(baseline.rows)].join(tables["baselines"][splits], on="baseline")
         by = [*splits, "trial"]
         means = pd.DataFrame(spiking, columns=[*by, "right"]).groupby(by)["right"].mean()
@@ -285,27 +334,32 @@ def levels(found: Sequence[Front]) -> dict[str, dict[str, float]]:
 
 
 def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[Baseline]) -> Table:
-    """Two rows per pair, of the best or cheapest size or the one chosen on validation trials; baselines; guessing."""
+    """Every network and baseline that a sentence names, and the best of each pair and kind on validation trials."""
     rows = []
     for pair in dict.fromkeys(network.pair for network in networks):
         own = [network for network in networks if network.pair == pair]
-        chosen = max(own, key=lambda network: (network in (found.best, found.cheapest), network.validation))
-        marks = [word for word, one in (("best", found.best), ("cheapest within its error", found.cheapest))
-                 if one == chosen]  # fmt: skip
-        name = f"{pair} ms, {chosen.hidden}{': ' if marks else ''}{' and '.join(marks)}"
-        rows.append([name, *_in_words(chosen.whole, found.trials.test)])
-        if chosen.early is not None:
-            rows.append([f"{pair} ms, early exit", *_in_words(chosen.early, found.trials.test)])
-    for baseline in leading(baselines):
+        shown = [network for network in dict.fromkeys((found.best, found.cheapest)) if network in own]
+        for chosen in shown or [own[referee.best_of([network.way for network in own])]]:
+            marks = [word for word, one in (("best", found.best), ("cheapest within its error", found.cheapest))
+                     if one == chosen]  # fmt: skip
+            name = f"{pair} ms, {chosen.hidden}"
+            said = f": {' and '.join(marks)}" if marks else ""
+            rows.append([f"{name}{'' if chosen.exits else said}", *_in_words(chosen.whole, found.trials.test)])
+            if chosen.early is not None:
+                early = _in_words(chosen.early, found.trials.test)
+                rows.append([f"{name}, early exit{said if chosen.exits else ''}", *early])
+    for baseline in {one.name: one for one in (*leading(baselines), *found.named)}.values():
+        mark = ": cheapest on signals within the error of the best baseline"
+        name = f"{baseline.name}{mark if baseline is found.cheapest_on_signals else ''}"
         spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
         within = _with_interval(baseline.accuracy, found.trials.test)
-        rows.append([baseline.name, within, "", "", _ms(found.best.whole), spent])
+        rows.append([name, within, "", "", _ms(found.best.whole), spent])
     rows.append(["guessing", answers.percent(found.guess), *[""] * (len(HEADS) - 2)])
     trainings = max(network.seeds for network in networks)
     over = f", of {trainings} trainings each" if trainings > 1 else ""
     caption = (
-        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Each pair has "
-        "one number of hidden neurons: that of the network named above, else the best on validation trials."
+        f"Means over {found.trials.test} test trials{over}; energy is an estimate of the arithmetic. Choices: accuracy "
+        "on validation trials, then the least energy. The best network of each pair is shown."
     )
     return Table(caption, HEADS, rows, n_heads=1)
 
@@ -325,9 +379,21 @@ def leading(baselines: Sequence[Baseline]) -> list[Baseline]:
     """The best on validation trials of logistic regression and of the others, on signals and on spikes."""
     groups: dict[tuple[bool, bool], list[Baseline]] = {}
     for one in baselines:
-        key = one.is_of_spikes, not one.name.startswith("logistic")
-        groups.setdefault(key, []).append(one)
-    return [max(groups[key], key=lambda one: one.validation) for key in sorted(groups)]
+        groups.setdefault((one.is_of_spikes, not one.name.startswith("logistic")), []).append(one)
+    return [group[referee.best_of([one.way for one in group])] for _, group in sorted(groups.items())]
+
+
+def validated(trials: pd.DataFrame, rows: Sequence[int]) -> dict[Hashable, float] | None:
+    """The share of correct windows of each validation trial, over the rows of a baseline; None if it is not saved."""
+    if "side" not in trials:
+        return None
+    own = trials[(trials["side"] == "validation") & trials["baseline"].isin(rows)]
+    return own.groupby("trial")["right"].mean().to_dict()
+
+
+def tested(trials: pd.DataFrame) -> pd.DataFrame:
+    """The rows of `baselines_trials.csv` on test trials; earlier versions saved no others."""
+    return trials[trials["side"] == "test"] if "side" in trials else trials
 
 
 def _ms(decision: Decision) -> str:

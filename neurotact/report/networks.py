@@ -11,6 +11,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import write_json
+from neurotact.metrics import referee
 from neurotact.networks import ledger
 from neurotact.report import details, front, page, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes
@@ -42,7 +43,7 @@ DOWNLOADS = {
     "answer.json": "the first screen of this report for programs",
     "baseline.csv": "the linear classifier",
     "baselines.csv": "classical classifiers on the same windows",
-    "baselines_trials.csv": "the test trials that each of them classifies correctly",
+    "baselines_trials.csv": "the validation and test trials that each of them classifies correctly",
     "ledger.csv": "the cost of a decision: operations, memory, SOPs, an estimate of energy",
     "cut_short.csv": "each network on the first part of its windows",
     "exit_curve.csv": "each network with early exit, over patience",
@@ -95,7 +96,8 @@ def write(study: StudySpec, folder: Path) -> Path:
     found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
     cautions = front.beware(study, folder, done, found, trains)
     write_json(folder / ANSWER, answers_as_json(found, cautions))
-    best = {"best": selection_steps.best_row(chosen, results)} if chosen else {}
+    shown = found[first_shown(found)]
+    best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
     costs = _ledger(study, results, baseline, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
@@ -112,7 +114,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         downloads=DOWNLOADS,
         specs=_specs(study, trains),
         fronts=found,
-        first=max(range(len(found)), key=lambda index: found[index].answer.best.validation),
+        first=first_shown(found),
         cautions=cautions,
         chosen=front.chosen(trains, done),
         seeds=study.sweep.get("seed", [0]),
@@ -126,8 +128,15 @@ def write(study: StudySpec, folder: Path) -> Path:
         baselines=_baselines_table(baselines),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,
-        page=page.parts(_page_data(folder, done, results, spent, trials, classes, found, trains) | best, page.NETWORKS),
+        page=page.parts(
+            _page_data(folder, done, results, spent, trials, classes, found, trains) | {"best": best}, page.NETWORKS
+        ),
     )
+
+
+def first_shown(fronts: Sequence[Front]) -> int:
+    """The data set that the page shows first: that of the network with the highest accuracy on validation trials."""
+    return referee.best_of([front.answer.best.way for front in fronts])
 
 
 def _write_tables(
@@ -164,7 +173,7 @@ def _page_data(
     found = details.cell_details(folder, done, classes)
     all_details = found if len(found) == len(results) else [{} for _ in range(len(results))]
     all_details = [{**detail, "search": search.of_cell(trials, index)} for index, detail in enumerate(all_details)]
-    drawn = {one.setting: front.as_json(one, one.networks) for one in fronts}
+    drawn = {one.setting: front.as_json(one) for one in fronts}
     step_ms = None if trains is None else 1e3 / trains.sampling_rate_Hz
     return {**details.page_data(results, spent, all_details, classes), "fronts": drawn, "stepMs": step_ms}
 
@@ -180,7 +189,7 @@ def answers_as_json(found: Sequence[Front], cautions: Sequence[str]) -> dict[str
                 "details": one.details,
                 "interval": list(one.answer.interval),
                 "test_trials": one.answer.trials.test,
-                **front.as_json(one, one.networks),
+                **front.as_json(one),
             }
             for one in found
         ],

@@ -113,7 +113,7 @@ def rows(
 ) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
-    Under `RIGHT` a row also has the share of correctly classified windows of each test trial.
+    Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial.
     stronger: also fit the families of `STRONGER`; validation windows choose the candidate of each.
     most_machines: training windows up to which support vector machines are fitted.
     """
@@ -127,8 +127,14 @@ def rows(
             if name == "SVM" and len(sides.y_train) > most_machines:
                 continue
             best = best_of(family, sides, 0)
-            right = best.fitted.predict(sides.test) == sides.y_test
-            yield {**_row(one, name, best, sides), RIGHT: paired.by_trial(cuts.windows.trial[cuts.sides[2]], right)}
+            right = {
+                side: paired.by_trial(cuts.windows.trial[selected], best.fitted.predict(x) == y)
+                for side, selected, x, y in (
+                    ("validation", cuts.sides[1], sides.validation, sides.y_validation),
+                    ("test", cuts.sides[2], sides.test, sides.y_test),
+                )
+            }
+            yield {**_row(one, name, best, sides), RIGHT: right}
 
 
 def _row(one: Input, name: str, best: Candidate, sides: Sides) -> dict[str, Any]:

@@ -98,9 +98,10 @@ def left_by(
 ) -> Files:
     """The files of a cell after its network is trained; seconds: the time of the training."""
     began, task = perf_counter() - seconds, task_of(cell)
-    result = measuring.measure(fitted, sides.test, trains.populations) | _tables(cell, fitted, sides, trains, task)
+    result = measuring.measure(fitted, sides, trains.populations) | _tables(cell, fitted, sides, trains, task)
     trial = trains.cut(task.window, tasks.trials_of(trains, task).test).trial
-    result["right"] = paired.by_trial(trial, result["right"])
+    for decided in ("right", "exit_right"):
+        result[decided] = paired.by_trial(trial, result[decided])
     result["row"] = {
         "dataset": cell.dataset,
         "t_ref_ra_ms": cell.encoder.ra1.t_ref_ms,

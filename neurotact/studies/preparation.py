@@ -108,10 +108,10 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
 def _baselines_tables(
     folder: Path, recordings: Recordings, study: StudySpec, cells: Sequence[Cell]
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Classical classifiers on the windows of the networks, for each subset and split, and their test trials.
+    """Classical classifiers on the windows of the networks, for each subset and split, and their single trials.
 
-    The second table contains, for each row of the first (`baseline`) and each test trial, the share of correctly
-    classified windows.
+    The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
+    share of correctly classified windows.
     """
     encoded = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     found = []
@@ -121,8 +121,13 @@ def _baselines_tables(
                 found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
                 advance(1, "")
     shares = [row.pop(baselines.RIGHT) for row in found]
-    trials = [(row, *pair) for row, by_trial in enumerate(shares) for pair in by_trial.items()]
-    return pd.DataFrame(found), pd.DataFrame(trials, columns=["baseline", "trial", "right"])
+    trials = [
+        (row, side, *pair)
+        for row, sides in enumerate(shares)
+        for side, by_trial in sides.items()
+        for pair in by_trial.items()
+    ]
+    return pd.DataFrame(found), pd.DataFrame(trials, columns=["baseline", "side", "trial", "right"])
 
 
 def _fitted(

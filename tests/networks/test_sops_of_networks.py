@@ -54,6 +54,11 @@ def window(n=4):
     return Examples(spikes, torch.zeros(n, dtype=torch.int64))
 
 
+def alike(examples: Examples) -> tasks.Sides:
+    """The same windows for training, validation and test."""
+    return tasks.Sides(examples, examples, examples)
+
+
 each_model = pytest.mark.parametrize("model", ["rsnn", "snn"])
 
 
@@ -81,7 +86,7 @@ def test_every_way_of_counting_agrees_with_paper(model):
     trains = from_rasters(window(60).spikes.numpy(), RATE_Hz, ("SA-I taxel1",), table)
     task = tasks.Task(window=WindowSpec(length_ms=STEPS), split=SplitSpec(), stratify=("force_N",))
     (under,) = conditions.by_condition(network, trains, task)
-    row = measuring.measure(fitted(network, patience=STEPS), test, POPULATIONS)["row"]
+    row = measuring.measure(fitted(network, patience=STEPS), alike(test), POPULATIONS)["row"]
     for found in (cut, under, row):
         assert {name: found[name] for name in whole} == whole
 
@@ -98,7 +103,7 @@ def test_an_early_exit_counts_the_steps_that_were_simulated_alone(model):
     Until then: 2 input spikes, 4 hidden ones.
     """
     network = wired(model)
-    row = measuring.measure(fitted(network, patience=1), window(), POPULATIONS)["row"]
+    row = measuring.measure(fitted(network, patience=1), alike(window()), POPULATIONS)["row"]
     recurrent = 8 if model == "rsnn" else 0
     assert row["exit_steps"] == 6
     found = tuple(row[f"exit_sops_{name}"] for name in NAMES)
@@ -115,7 +120,7 @@ def test_the_papers_exit_counts_the_steps_that_were_simulated_alone(model, monke
     """Algorithm 1 with a patience of 1 stops within the window, and pays for the steps until then."""
     monkeypatch.setattr(measuring, "ORACLE_PATIENCE", 1)
     network = wired(model)
-    row = measuring.measure(fitted(network, patience=STEPS), window(), POPULATIONS)["row"]
+    row = measuring.measure(fitted(network, patience=STEPS), alike(window()), POPULATIONS)["row"]
     steps = int(row["oracle_steps"])
     assert 0 < steps < 6
     sent, heard = sum(t < steps for t in (0, 3, 6)), HIDDEN * sum(t < steps for t in (2, 5, 8))

@@ -64,6 +64,11 @@ def examples(*pairs) -> Examples:
     return Examples(torch.from_numpy(np.stack(rasters)), torch.tensor(labels))
 
 
+def alike(examples: Examples) -> tasks.Sides:
+    """The same windows for training, validation and test."""
+    return tasks.Sides(examples, examples, examples)
+
+
 def trains_of(*pairs, **changes) -> SpikeTrains:
     rasters, labels = zip(*pairs, strict=True)
     table = pd.DataFrame({"label": [("felt", "silk")[label] for label in labels], "force_N": range(len(labels))})
@@ -98,7 +103,7 @@ def test_test_windows_are_measured_as_by_hand():
     Early exit: the readout first spikes at step 4, class 0 has stood 4 steps at step 7, so that 8 steps are simulated,
     with 4 input spikes (0, 2, 4, 6) and 3 hidden ones (2, 4, 6): 8 + 6 + 6. The silent window costs nothing.
     """
-    found = measuring.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)
+    found = measuring.measure(fitted(), alike(examples((STEADY, 0), (SILENT, 1))), POPULATIONS)
     row = found["row"]
     assert (row["accuracy_test"], row["exit_accuracy"]) == (0.5, 0.5)
     assert [row[f"sops_{n}"] for n in ("input", "recurrent", "readout", "total", "total_feedforward")] == [
@@ -110,6 +115,16 @@ def test_test_windows_are_measured_as_by_hand():
     assert (row["exit_steps"], row["exit_steps_sd"], row["window_steps"]) == (19, 11, 30)
     assert (row["spikes_sa"], row["spikes_ra"], row["exit_patience"]) == (7.5, 0, 3)
     assert found["confusion"] == [[1, 0], [1, 0]]
+    assert (found["right"], found["exit_right"]) == ([True, False], [True, False])
+
+
+def test_early_exit_has_its_own_accuracies_on_validation_and_test_windows():
+    """On the switching window class 0 leads from step 4 to 13: with a patience of 3 it exits there, and is right."""
+    sides = tasks.Sides(*(examples((window_, 0)) for window_ in (STEADY, SILENT, SWITCHING)))
+    found = measuring.measure(fitted(), sides, POPULATIONS)
+    assert (found["right"], found["exit_right"]) == ([False], [True])
+    assert (found["row"]["accuracy_test"], found["row"]["exit_accuracy"]) == (0.0, 1.0)
+    assert found["row"]["exit_accuracy_validation"] == 1.0  # a silent window is of the first class
 
 
 def test_the_oracle_pays_for_the_steps_that_it_simulates(monkeypatch):
@@ -118,13 +133,13 @@ def test_the_oracle_pays_for_the_steps_that_it_simulates(monkeypatch):
     The silent window is never right: the full window, at no cost.
     """
     monkeypatch.setattr(measuring, "ORACLE_PATIENCE", 3)
-    row = measuring.measure(fitted(), examples((STEADY, 0), (SILENT, 1)), POPULATIONS)["row"]
+    row = measuring.measure(fitted(), alike(examples((STEADY, 0), (SILENT, 1))), POPULATIONS)["row"]
     assert (row["oracle_steps"], row["oracle_accuracy"], row["oracle_sops_total"]) == (17, 0.5, 4)
 
 
 def test_a_feed_forward_network_has_no_recurrent_operations():
     alone = fitted()._replace(network=wired(spec=SPEC.model_copy(update={"model": "snn"})))
-    row = measuring.measure(alone, examples((STEADY, 0)), POPULATIONS)["row"]
+    row = measuring.measure(alone, alike(examples((STEADY, 0))), POPULATIONS)["row"]
     assert (row["sops_recurrent"], row["exit_sops_recurrent"]) == (0, 0)
     assert row["sops_total"] == row["sops_total_feedforward"] == 58
     assert row["exit_sops_total"] == row["exit_sops_total_feedforward"] == 14
@@ -134,7 +149,7 @@ def test_a_feed_forward_network_has_no_recurrent_operations():
 
 @pytest.mark.parametrize("best", range(3))
 def test_validation_accuracy_is_that_of_the_epoch_whose_weights_were_kept(best):
-    row = measuring.measure(fitted(best=best), examples((STEADY, 0)), POPULATIONS)["row"]
+    row = measuring.measure(fitted(best=best), alike(examples((STEADY, 0))), POPULATIONS)["row"]
     assert row["accuracy_validation"] == EPOCHS[best].validation_accuracy
     assert row["epochs"] == 3
 
@@ -337,7 +352,7 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
     found = restored.network.infer(examples.spikes, restored.rule)
     assert table["steps"].tolist() == found.steps.tolist()
     assert found.steps.min() < N_STEPS
-    assert measuring.measure(done, examples, trains.populations)["row"]["exit_margin"] == 2.0
+    assert measuring.measure(done, alike(examples), trains.populations)["row"]["exit_margin"] == 2.0
 
 
 def test_a_task_of_before_is_written_as_it_was():

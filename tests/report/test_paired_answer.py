@@ -49,22 +49,26 @@ def test_shares_of_trials_add_up_to_the_accuracies(run):
     for _, result in results_of(what, folder):
         assert np.mean([*result["right"].values()]) == pytest.approx(result["row"]["accuracy_test"])
         assert set(result["right"].values()) <= {0.0, 0.5, 1.0}  # two windows a trial
-    means = read_table(folder / "baselines_trials.csv").groupby("baseline")["right"].mean()
-    np.testing.assert_allclose(means, read_table(folder / "baselines.csv")["accuracy_test"])
+    table = read_table(folder / "baselines.csv")
+    for side in ("validation", "test"):
+        its = read_table(folder / "baselines_trials.csv").query(f"side == '{side}'")
+        np.testing.assert_allclose(its.groupby("baseline")["right"].mean(), table[f"accuracy_{side}"])
 
 
 def test_the_answer_pairs_the_trials_of_each_split(run):
     what, folder = run
     (found,) = json.loads((folder / "answer.json").read_text())["answers"]
     table, trials = read_table(folder / "baselines.csv"), read_table(folder / "baselines_trials.csv")
-    classifier, _, seen = found["baseline"]["name"].partition(" on ")
+    trials = trials[trials["side"] == "test"]
+    classifier, _, seen = found["verdict"]["decisive"].partition(" on ")
     source = "spikes" if " spikes " in seen else "signals"
     seen = f"{source}: {seen.partition('(')[2].removesuffix(')')}"
     its = table.index[(table["classifier"] == classifier) & (table["input"] == seen)]
     assert len(its) == 2  # a row of each fold
     spiking = {fold: [] for fold in (0, 2)}
     for cell, result in results_of(what, folder):
-        spiking[cell.split.fold].append(pd.Series(result["right"]).rename(index=int))
+        right = result["exit_right" if found["used"] == "early" else "right"]
+        spiking[cell.split.fold].append(pd.Series(right).rename(index=int))
     pairs = []
     for row in its:
         other = trials[trials["baseline"] == row].set_index("trial")["right"]
@@ -72,14 +76,12 @@ def test_the_answer_pairs_the_trials_of_each_split(run):
         assert set(mine.index) == set(other.index)
         pairs += [(mine[trial], other[trial]) for trial in other.index]
     expected = paired.compare(*np.array(pairs).T)
-    assert found["paired"] == pytest.approx(expected._asdict())
-    assert f"paired over {expected.n} test trials" in found["headline"] or found["kind"] in (
-        "nothing learned",
-        "unclear",
-    )
+    assert (found["verdict"]["n"], found["verdict"]["opponents"]) == (expected.n, len(found["rivals"]))
+    assert expected.p <= found["verdict"]["p"] <= min(1.0, expected.p * len(found["rivals"])) or expected.p == 1.0
+    assert f"{expected.n} test trials" in found["headline"] or found["kind"] in ("nothing learned", "unclear")
 
 
-def test_a_run_of_an_earlier_version_is_judged_by_the_interval(run):
+def test_where_single_trials_are_unknown_the_shares_are_compared(run):
     _, folder = run
     table = folder / "baselines_trials.csv"
     kept = table.read_bytes()
@@ -87,7 +89,6 @@ def test_a_run_of_an_earlier_version_is_judged_by_the_interval(run):
     try:
         report.write(folder)
         (found,) = json.loads((folder / "answer.json").read_text())["answers"]
-        assert found["paired"] is None
-        assert "paired" not in found["headline"]
+        assert found["verdict"]["n"] == found["test_trials"]
     finally:
         table.write_bytes(kept)

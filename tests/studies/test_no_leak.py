@@ -167,6 +167,6 @@ def test_labels_that_only_test_trials_betray_are_at_chance(tmp_path):
             # The same network, had the test trials been those it learns from.
             seen = sides._replace(train=sides.test, validation=sides.test)
             fitted, its = fitting.fit(trains, one.network, task_of(one), one.seeds, split=seen)
-            leaked.append(measuring.measure(fitted, its.test, trains.populations)["row"]["accuracy_test"])
+            leaked.append(measuring.measure(fitted, its, trains.populations)["row"]["accuracy_test"])
     assert np.mean(leaked) > 0.8
     assert abs(np.mean(honest) - 0.5) < 0.1

@@ -212,7 +212,7 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, at: int, split:
     pairs = list(zip(seeds[::2], seeds[1::2], strict=True))
     networks = [fitting.fit(trains, parameters.spiking, what, pair, split=split) for pair in pairs]
     fitted, sides = max(networks, key=lambda both: both[0].training.best.validation_accuracy)
-    found: dict[str, Any] = measuring.measure(fitted, sides.test, trains.populations)["row"]
+    found: dict[str, Any] = measuring.measure(fitted, sides, trains.populations)["row"]
     for chain, accuracy, prefix, steps in (
         ("RSNN", "accuracy_test", "sops", found["window_steps"]),
         (EARLY, "exit_accuracy", "exit_sops", found["exit_steps"]),

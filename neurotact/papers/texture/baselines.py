@@ -390,7 +390,7 @@ def network(parameters: Parameters, seen: Seen, arrays: Arrays, seed: int) -> It
         spec = parameters.network.model_copy(update=changes)
         tried.append(fitting.fit(trains, spec, task, (seed, seed + 1)))
     fitted, sides = max(tried, key=lambda pair: pair[0].training.best.validation_accuracy)
-    row, spec = measuring.measure(fitted, sides.test, trains.populations)["row"], fitted.network.spec
+    row, spec = measuring.measure(fitted, sides, trains.populations)["row"], fitted.network.spec
     sizes = len(trains.afferents), len(trains.classes)
     chosen = f"tau = {spec.tau_mem_ms:g} ms"
     for decision, start, accuracy, steps in (

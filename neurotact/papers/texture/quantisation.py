@@ -146,11 +146,11 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     ranges = formats.record(chain.network, sides.train.spikes, list(skin.select(split.train).signals))
     first = round(task.window.start_ms * 1e-3 * chain.clock_Hz)
     given = Given(done, chain, sides, ranges, task, skin.select(split.test), first)
-    measured = measuring.measure(done, sides.test, trains.populations)["row"]
+    measured = measuring.measure(done, sides, trains.populations)["row"]
     columns = ("accuracy_test", "exit_accuracy", "exit_steps", "exit_sops_total")
     rows = [_row(parameters, chain.network, TRAINED, (FLOAT, FLOAT), {key: measured[key] for key in columns})]
     if parameters.fine_tune_epochs:
-        measured = measuring.measure(_trained_on(parameters, given, {}), sides.test, trains.populations)["row"]
+        measured = measuring.measure(_trained_on(parameters, given, {}), sides, trains.populations)["row"]
         found = {key: measured[key] for key in columns}
         rows.append(_row(parameters, chain.network, TRAINED_ON, (FLOAT, FLOAT), found))
     return [*rows, *_whole_rows(parameters, given)]

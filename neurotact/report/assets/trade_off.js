@@ -14,18 +14,8 @@ function pointsOf(study) {
   const { chosen } = study;
   const front = study.fronts[chosen.setting];
   const isShown = (point) => !study.without.pairs.has(point.pair) && !study.without.sizes.has(String(point.hidden));
-  if (chosen.points === "means") return front ? front.networks.map((n, i) => ({ ...n, cell: cellOf(study, n), at: i })).filter(isShown) : [];
+  if (chosen.points === "means") return front ? front.networks.map((n, i) => ({ ...n, at: i })).filter(isShown) : [];
   return study.cells.map((cell, index) => ({ ...cell, cell: index })).filter((cell) => cell.setting === chosen.setting && isShown(cell));
-}
-
-/* The cell that represents a network: its best seed on validation trials. */
-function cellOf(study, network) {
-  let found = -1;
-  study.cells.forEach((cell, index) => {
-    if (cell.setting !== study.chosen.setting || cell.pair !== network.pair || cell.hidden !== network.hidden) return;
-    if (found < 0 || cell.row.accuracy_validation > study.cells[found].row.accuracy_validation) found = index;
-  });
-  return found;
 }
 
 function drawable(points, kind, cost) {
@@ -40,7 +30,7 @@ function pointTraces(study, points, kind, isFirst) {
     return {
       type: "scatter", mode: "markers", cliponaxis: false, name: plain(pair), legendgroup: pair, showlegend: here.length > 0 && isFirst,
       x: here.map((p) => p[kind][cost]), y: here.map((p) => 100 * p[kind].accuracy), customdata: here.map((p) => p.cell),
-      text: here.map((p) => plain(p.name) + (p.low == null || kind === "early" ? "" : `<br>95 % interval ${(100 * p.low).toFixed(0)} to ${(100 * p.high).toFixed(0)} %`)),
+      text: here.map((p) => plain(p.name) + (p.low == null || kind !== p.used ? "" : `<br>95 % interval ${(100 * p.low).toFixed(0)} to ${(100 * p.high).toFixed(0)} %`)),
       hovertemplate: `<b>%{text}</b><br>%{y:.1f} % accuracy, %{x:,.4~g} ${COSTS[cost].unit}<br>${words}<extra></extra>`,
       marker: {
         symbol: SYMBOLS[index % SYMBOLS.length] + open, color: colour, opacity: 0.9,
@@ -79,11 +69,12 @@ function markTraces(study, points, kinds) {
   };
   const looked = points.filter((point) => point.cell === study.cell).map((point) => ring(point, 21, "--ink"));
   const front = study.fronts[study.chosen.setting], best = front?.networks[front.best];
-  if (study.chosen.points !== "means" || !best || best.whole[cost] == null || !kinds.includes("whole") || !points.some((p) => p.at === front.best)) return looked;
+  const used = best?.[front.used];
+  if (study.chosen.points !== "means" || used?.[cost] == null || !kinds.includes(front.used) || !points.some((p) => p.at === front.best)) return looked;
   return [...looked, {
-    type: "scatter", mode: "markers", cliponaxis: false, hoverinfo: "skip", name: "95 % interval of the best", x: [best.whole[cost]], y: [100 * best.whole.accuracy],
+    type: "scatter", mode: "markers", cliponaxis: false, hoverinfo: "skip", name: "95 % interval of the best", x: [used[cost]], y: [100 * used.accuracy],
     marker: { symbol: "line-ew-open", size: 1, color: style("--ink") },
-    error_y: { type: "data", symmetric: false, array: [100 * (best.high - best.whole.accuracy)], arrayminus: [100 * (best.whole.accuracy - best.low)], color: style("--ink"), thickness: 1.4, width: 5 },
+    error_y: { type: "data", symmetric: false, array: [100 * (best.high - used.accuracy)], arrayminus: [100 * (used.accuracy - best.low)], color: style("--ink"), thickness: 1.4, width: 5 },
   }];
 }
 

@@ -1,0 +1,155 @@
+"""The referee: which of several ways to decide is best, which is the cheapest at the same accuracy, what may be said.
+
+Everything that names a best network, baseline or exit asks these functions. Choices use validation trials alone; a
+claim is judged on test trials against every opponent that validation cannot tell from the best one.
+"""
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.stats import fisher_exact
+
+from neurotact.metrics.paired import Paired, compare
+from neurotact.metrics.shares import standard_error
+
+LEVEL = 0.05
+"""The probability below which a difference is clear, after Holm's correction."""
+GAP = 0.01
+"""The probability below which an accuracy on test trials is clearly not that of validation trials."""
+Kind = Literal["better", "worse", "tie"]
+
+
+class Way(NamedTuple):
+    """What the referee knows of one way to decide.
+
+    validation: its accuracy on validation trials. cost: of a decision; infinite if unknown. right: by validation trial,
+    the share of its windows that are decided correctly; None if unknown.
+    """
+
+    validation: float
+    cost: float = math.inf
+    right: Mapping[Hashable, float] | None = None
+
+
+class Verdict(NamedTuple):
+    """The result of a comparison with several opponents on test trials.
+
+    kind: better than all of them, worse than one of them, or neither (tie). decisive: the index of the opponent that
+    decides: the closest one if better, the clearest one if worse, otherwise the most accurate one. p: of the comparison
+    with it, after Holm's correction for `opponents` comparisons. n: its test trials.
+    """
+
+    kind: Kind
+    decisive: int
+    p: float
+    n: int
+    opponents: int
+
+
+def best_of(ways: Sequence[Way]) -> int:
+    """The index of the highest accuracy on validation trials; of equal ones, the cheapest, then the first.
+
+    >>> best_of([Way(0.9, 5.0), Way(0.9, 3.0), Way(0.8, 1.0)])
+    1
+    """
+    return max(range(len(ways)), key=lambda index: (_rounded(ways[index].validation), -ways[index].cost))
+
+
+def within_error(ways: Sequence[Way], n_trials: int) -> list[int]:
+    """The indices of all ways within one standard error of the best on `n_trials` validation trials.
+
+    >>> within_error([Way(0.9), Way(0.87), Way(0.8)], 100)
+    [0, 1]
+    """
+    best = max(way.validation for way in ways)
+    least = best - standard_error(best, n_trials) - 1e-12
+    return [index for index, way in enumerate(ways) if way.validation >= least]
+
+
+def cheapest_of(ways: Sequence[Way], n_trials: int) -> int:
+    """The index of the cheapest way within one standard error of the best; of equal ones, the more accurate.
+
+    >>> cheapest_of([Way(0.9, 5.0), Way(0.88, 3.0), Way(0.8, 1.0)], 100)
+    1
+    """
+    return min(within_error(ways, n_trials), key=lambda index: (ways[index].cost, -ways[index].validation))
+
+
+def level_with_best(ways: Sequence[Way], n_trials: int) -> list[int]:
+    """The indices of all ways that validation cannot tell from the best one, which is among them.
+
+    A way is told from the best if a paired test on their common validation trials gives p below `LEVEL`; if the single
+    trials are unknown, if the shares differ by more than two standard errors of a difference. One within one standard
+    error is never told apart.
+
+    >>> level_with_best([Way(0.95), Way(0.9), Way(0.5)], 50)
+    [0, 1]
+    """
+    first = best_of(ways)
+    near = {*within_error(ways, n_trials), first}
+    return [index for index, way in enumerate(ways) if index in near or not _is_told_apart(ways[first], way, n_trials)]
+
+
+def _is_told_apart(best: Way, other: Way, n_trials: int) -> bool:
+    common = sorted(best.right.keys() & other.right.keys(), key=str) if best.right and other.right else []
+    if common and best.right and other.right:
+        shares = (np.array([way.right[trial] for trial in common]) for way in (best, other) if way.right)
+        return compare(*shares).p < LEVEL
+    errors = (standard_error(way.validation, n_trials) for way in (best, other))
+    return best.validation - other.validation > 2 * math.hypot(*errors)
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """The p-values of several comparisons after Holm's correction (1979, Scandinavian Journal of Statistics 6:65).
+
+    >>> holm([0.01, 0.04, 0.03])
+    [0.03, 0.06, 0.06]
+    """
+    corrected, largest = [0.0] * len(p), 0.0
+    for rank, index in enumerate(sorted(range(len(p)), key=lambda index: p[index])):
+        largest = max(largest, min(1.0, (len(p) - rank) * p[index]))
+        corrected[index] = largest
+    return corrected
+
+
+def judge(comparisons: Sequence[Paired]) -> Verdict:
+    """Compare a way with each of its opponents, at least one; each comparison is the way minus the opponent.
+
+    Better: clearly more accurate than every opponent. Worse: clearly less accurate than at least one. If there is no
+    difference at all, either is said in at most 5 % of the cases.
+
+    >>> judge([Paired(0.1, 0.01, 40), Paired(0.05, 0.3, 40)]).kind, judge([Paired(-0.1, 0.02, 40)]).kind
+    ('tie', 'worse')
+    """
+    corrected = holm([comparison.p for comparison in comparisons])
+    indices = range(len(comparisons))
+
+    def verdict(kind: Kind, decisive: int) -> Verdict:
+        return Verdict(kind, decisive, corrected[decisive], comparisons[decisive].n, len(comparisons))
+
+    lost = [index for index in indices if comparisons[index].difference < 0 and corrected[index] < LEVEL]
+    if lost:
+        return verdict("worse", min(lost, key=lambda index: (corrected[index], comparisons[index].difference)))
+    if all(comparisons[index].difference > 0 and corrected[index] < LEVEL for index in indices):
+        return verdict("better", max(indices, key=lambda index: (corrected[index], -comparisons[index].difference)))
+    return verdict("tie", min(indices, key=lambda index: comparisons[index].difference))
+
+
+def is_gap(validation: float, n_validation: int, test: float, n_test: int) -> bool:
+    """Whether an accuracy is clearly lower on test trials than on validation trials (Fisher's exact test).
+
+    >>> is_gap(1.0, 45, 0.43, 180), is_gap(0.95, 20, 0.9, 40)
+    (True, False)
+    """
+    if test >= validation or min(n_validation, n_test) < 1:
+        return False
+    right = [round(validation * n_validation), round(test * n_test)]
+    table = [[right[0], n_validation - right[0]], [right[1], n_test - right[1]]]
+    return float(fisher_exact(table, alternative="greater").pvalue) < GAP  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _rounded(share: float) -> float:
+    """Means over seeds in another order differ in their last bits, which must not decide."""
+    return -math.inf if math.isnan(share) else round(share, 12)

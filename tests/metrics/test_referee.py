@@ -1,0 +1,167 @@
+"""The referee: choices by hand, laws of choices, Holm's correction, and claims where there is no difference."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from neurotact.metrics import referee
+from neurotact.metrics.paired import Paired
+from neurotact.metrics.referee import Way
+from neurotact.metrics.shares import standard_error
+from neurotact.report.answer import Baseline, Decision, Network, Trials, answer
+
+share = st.integers(0, 20).map(lambda n: n / 20)
+ways = st.lists(st.builds(Way, share, st.sampled_from([1.0, 2.0, 5.0, math.inf]), st.none()), min_size=1, max_size=8)
+comparisons = st.lists(
+    st.builds(Paired, st.floats(-1, 1, allow_nan=False), st.floats(0, 1, allow_nan=False), st.just(40)),
+    min_size=1,
+    max_size=6,
+)
+
+
+@given(ways)
+def test_no_way_beats_the_best_and_of_equal_ones_none_is_cheaper(some):
+    best = some[referee.best_of(some)]
+    assert all(way.validation <= best.validation for way in some)
+    assert all(way.cost >= best.cost for way in some if way.validation == best.validation)
+
+
+@given(ways, st.integers(1, 100))
+def test_the_cheapest_is_within_the_error_and_none_there_is_cheaper(some, n):
+    best, cheapest = some[referee.best_of(some)], some[referee.cheapest_of(some, n)]
+    error = standard_error(best.validation, n)
+    assert cheapest.validation >= best.validation - error - 1e-9
+    assert all(way.cost >= cheapest.cost for way in some if way.validation >= best.validation - error)
+
+
+@given(ways, st.integers(1, 100), st.permutations(range(8)))
+def test_the_order_of_different_ways_does_not_matter(some, n, order):
+    distinct = list(dict.fromkeys(some))
+    mixed = [distinct[index] for index in order if index < len(distinct)]
+    assert distinct[referee.best_of(distinct)] == mixed[referee.best_of(mixed)]
+    assert {distinct[i] for i in referee.level_with_best(distinct, n)} == {
+        mixed[i] for i in referee.level_with_best(mixed, n)
+    }
+
+
+@given(ways, st.integers(1, 100))
+def test_whatever_is_within_the_error_is_level_with_the_best(some, n):
+    assert {*referee.within_error(some, n)} <= {*referee.level_with_best(some, n)}
+
+
+def test_means_that_differ_in_their_last_bits_are_equal():
+    assert referee.best_of([Way(0.1 + 0.2, 5.0), Way(0.3, 1.0)]) == 1
+
+
+def test_a_way_without_a_validation_accuracy_is_never_best():
+    assert referee.best_of([Way(math.nan, 0.0), Way(0.1, 9.0)]) == 1
+
+
+def right(*wrong: int, n: int = 40) -> dict[int, float]:
+    return {trial: float(trial not in wrong) for trial in range(n)}
+
+
+def test_single_trials_tell_apart_what_shares_cannot():
+    """Eight trials that one has wrong and the other right: p = 2 / 2^8; as shares of 40, 0.8 is within two errors."""
+    best, other = Way(1.0, right=right()), Way(0.8, right=right(*range(8)))
+    assert referee.level_with_best([best, other], 40) == [0]
+    assert referee.level_with_best([best._replace(right=None), other], 40) == [0]  # 2 * 7.5 points are 15
+    close = Way(0.9, right=right(*range(4)))
+    assert referee.level_with_best([best, close], 40) == [0, 1]  # four trials: p = 0.125
+
+
+def test_holm_by_hand():
+    assert referee.holm([]) == []
+    assert referee.holm([0.04]) == [0.04]
+    assert referee.holm([0.03, 0.02]) == [0.04, 0.04]
+    assert referee.holm([0.5, 0.9]) == [1.0, 1.0]
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=8))
+def test_holm_corrects_upwards_at_most_as_bonferroni_and_keeps_the_order(p):
+    corrected = referee.holm(p)
+    assert all(raw <= new <= min(1.0, len(p) * raw) or raw == new for raw, new in zip(p, corrected, strict=True))
+    order = np.argsort(p, kind="stable")
+    assert np.all(np.diff(np.array(corrected)[order]) >= 0)
+
+
+@given(comparisons)
+def test_a_verdict_is_that_of_every_comparison(some):
+    verdict = referee.judge(some)
+    corrected = referee.holm([one.p for one in some])
+    clear = [one.difference for one, p in zip(some, corrected, strict=True) if p < 0.05]
+    if verdict.kind == "better":
+        assert len(clear) == len(some)
+        assert min(clear) > 0
+    assert (verdict.kind == "worse") == any(difference < 0 for difference in clear)
+    assert verdict.p == corrected[verdict.decisive]
+
+
+def test_one_strong_opponent_late_in_the_list_decides():
+    many = [Paired(0.2, 0.0001, 60)] * 15
+    assert referee.judge([*many, Paired(-0.2, 0.0001, 60)])[:2] == ("worse", 15)
+    assert referee.judge([*many, Paired(0.01, 0.6, 60)])[:2] == ("tie", 15)
+    assert referee.judge(many).kind == "better"
+
+
+def test_a_comparison_at_the_level_is_not_clear():
+    assert referee.judge([Paired(0.1, 0.05, 40)]).kind == "tie"
+    assert referee.judge([Paired(0.1, 0.025, 40)] * 2).kind == "tie"  # twice 0.025
+
+
+@pytest.mark.parametrize(
+    ("validation", "test", "gap"), [((1.0, 45), (0.43, 180), True), ((0.95, 20), (0.9, 40), False)]
+)
+def test_a_gap_is_a_loss_beyond_chance(validation, test, gap):
+    assert referee.is_gap(*validation, *test) == gap
+    assert not referee.is_gap(*test, *validation)  # a gain is none
+
+
+@cache
+def mcnemar(won: int, lost: int) -> float:
+    return float(binomtest(won, won + lost).pvalue) if won + lost else 1.0
+
+
+def exact(mine: np.ndarray, other: np.ndarray) -> Paired:
+    """McNemar's exact test, which the permutation test is for single windows, and which takes microseconds."""
+    won, lost = int((mine > other).sum()), int((other > mine).sum())
+    return Paired((won - lost) / len(mine), mcnemar(won, lost), len(mine))
+
+
+def study_without_difference(rng: np.random.Generator, n_validation: int, n_test: int, n_baselines: int):
+    """A network and baselines that are right with the same probability, partly on the same trials."""
+    n = n_validation + n_test
+    ease = rng.random(n)[:, None] < 0.5
+    decided = np.where(ease, rng.random((n, 1)), rng.random((n, n_baselines + 3))) < 0.8
+    validation, test = decided[:n_validation], decided[n_validation:]
+    names = [str(index) for index in range(n_baselines + 3)]
+    networks = [
+        Network(name, 10, 1, validation[:, i].mean(), Decision(test[:, i].mean(), 1.0, 1.0, 1.0, 1.0), None)
+        for i, name in enumerate(names[:3])
+    ]
+    baselines = [
+        Baseline(name, validation[:, i].mean(), test[:, i].mean(), 1.0, right=dict(enumerate(validation[:, i] * 1.0)))
+        for i, name in enumerate(names)
+        if i >= 3
+    ]
+
+    def compare(network: Network, baseline: Baseline) -> Paired:
+        return exact(test[:, int(network.pair)], test[:, int(baseline.name)])
+
+    return answer(networks, baselines, 0.1, Trials(n_validation, n_test), compare)
+
+
+@pytest.mark.parametrize(("n_validation", "n_test", "n_baselines"), [(20, 40, 8), (60, 100, 20), (9, 18, 3)])
+def test_in_studies_without_a_difference_a_difference_is_claimed_in_at_most_one_of_twenty(
+    n_validation, n_test, n_baselines, monkeypatch
+):
+    monkeypatch.setattr(referee, "compare", exact)
+    rng = np.random.default_rng(7)
+    kinds = [study_without_difference(rng, n_validation, n_test, n_baselines).kind for _ in range(1000)]
+    assert sum(kind in ("better", "worse") for kind in kinds) <= 50
+    assert kinds.count("tie") >= 940
