@@ -1,22 +1,32 @@
-"""Families of classifiers chosen on validation examples: the candidates of each, and the cost of a decision.
+"""Families of classifiers sized on validation examples: the candidates of each, and the cost of a decision.
 
-Features are standardised on training examples. A family yields its candidates from the smallest on; ties in
-validation accuracy: the first.
+Features and sequences are standardised on training examples. A family yields its candidates from the cheapest on; ties
+in validation accuracy: the first.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.svm import SVC
 
 from neurotact.baselines.elm import ELMClassifier
+from neurotact.baselines.minirocket import MiniRocketClassifier
+from neurotact.baselines.pooled_gru import PooledGRUClassifier
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Layer
 from neurotact.metrics.linear import fit_linear
+from neurotact.metrics.signal_flops import FixedConvolutions, PooledStates
 
+LINEAR_CS = (1.0, 0.01, 0.1, 10.0, 100.0)
+"""Inverse penalties, the usual one first: it stands if none is better."""
+TREES, LEAVES = 200, (3, 1)
+"""Trees of a forest, and the least number of examples in a leaf."""
+ROCKET_FEATURES = (1008, 9996)
+GRU_HIDDEN = (64, 128)
 ELM_HIDDEN, ELM_ALPHAS = (25, 50, 100, 200), tuple(10.0**k for k in range(2, -7, -1))
-SVM_GAMMAS, SVM_CS = (0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
+SVM_GAMMAS, SVM_CS = (0.0625, 0.25, 1.0, 4.0), (1.0, 10.0, 100.0)
 """Gamma, before division by the number of features."""
 
 
@@ -43,9 +53,10 @@ Family = Callable[[Sides, int], Iterator[Candidate]]
 
 
 def logistic_regression(sides: Sides, seed: int = 0) -> Iterator[Candidate]:
-    """One logistic regression; nothing is chosen."""
-    fitted = fit_linear(sides.train, sides.y_train)
-    yield Candidate("C 1", fitted, (flops.Dense(sides.train.shape[1], len(np.unique(sides.y_train))),))
+    """Logistic regressions with several penalties; all cost the same."""
+    layer = flops.Dense(sides.train.shape[1], len(np.unique(sides.y_train)))
+    for c in LINEAR_CS:
+        yield Candidate(f"C {c:g}", fit_linear(sides.train, sides.y_train, c), (layer,))
 
 
 def elm(sides: Sides, seed: int) -> Iterator[Candidate]:
@@ -71,6 +82,75 @@ def svm(sides: Sides, seed: int) -> Iterator[Candidate]:
         vectors = int(fitted.n_support_.sum())
         layer = flops.SupportVectorMachines(vectors, n_features, n_classes)
         yield Candidate(f"C {c:g}, gamma {gamma:g}/{n_features}, {vectors} vectors", fitted, (layer,))
+
+
+def extra_trees(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """Forests of extremely randomised trees (Geurts et al. 2006)."""
+    n_classes = len(np.unique(sides.y_train))
+    for leaf in LEAVES:
+        forest = ExtraTreesClassifier(TREES, min_samples_leaf=leaf, random_state=seed)
+        fitted = forest.fit(sides.train, sides.y_train)
+        trees = [tree.tree_ for tree in fitted.estimators_]
+        layer = flops.Trees(TREES, mean_depth(fitted, sides.train), sum(tree.node_count for tree in trees), n_classes)
+        yield Candidate(f"{TREES} trees, leaves of {leaf}", fitted, (layer,))
+
+
+def mean_depth(forest: ExtraTreesClassifier, features: np.ndarray) -> float:
+    """Comparisons from the root to a leaf, a mean over trees and examples `(example, feature)`."""
+    return float(np.mean([tree.decision_path(features).getnnz() / len(features) - 1 for tree in forest.estimators_]))
+
+
+def minirocket(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """MiniRocket with few and with many features, on sequences `(example, time, channel)` of at least nine steps."""
+    _, n_steps, n_channels = sides.train.shape
+    for features in ROCKET_FEATURES:
+        fitted = MiniRocketClassifier(features, seed).fit(sides.train, sides.y_train)
+        convolutions = fitted.transform_.convolutions_
+        made = FixedConvolutions(
+            n_steps,
+            n_channels,
+            dilations=len({one.dilation for one in convolutions}),
+            convolved=sum(len(one.channels) for one in convolutions),
+            biases=sum(len(one.biases) for one in convolutions),
+        )
+        dense = flops.Dense(features, len(fitted.classes_))
+        yield Candidate(f"{features} features", fitted, (made, flops.Standardise(features), dense))
+
+
+def pooled_gru(sides: Sides, seed: int) -> Iterator[Candidate]:
+    """GRUs of two sizes by a modern recipe, on sequences `(example, time, channel)`."""
+    _, n_steps, n_channels = sides.train.shape
+    for hidden in GRU_HIDDEN:
+        network = PooledGRUClassifier(hidden, random_state=seed)
+        fitted = network.fit(sides.train, sides.y_train, validation=(sides.validation, sides.y_validation))
+        layers = (
+            flops.GRU(n_channels, hidden, n_steps),
+            PooledStates(hidden, n_steps),
+            flops.Dense(2 * hidden, len(fitted.classes_), "softmax"),
+        )
+        yield Candidate(f"N {hidden}, {fitted.epochs_} epochs", fitted, layers)
+
+
+def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
+    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
+
+    sides: indices or booleans that select the examples of training, validation and test.
+    """
+    training = sequences[sides[0]]
+    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
+    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
+    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
+
+
+MACHINES, MOST_MACHINES = "SVM", 3000
+"""Training examples up to which support vector machines are fitted: their time grows with the square of the number."""
+ON_FEATURES: dict[str, Family] = {
+    "logistic regression": logistic_regression,
+    MACHINES: svm,
+    "ELM": elm,
+    "extra trees": extra_trees,
+}
+"""The families on features, by their name."""
 
 
 def best_of(family: Family, sides: Sides, seed: int) -> Candidate:

@@ -363,6 +363,23 @@ class NearestPoints(Layer):
 
 
 @dataclass(frozen=True)
+class Trees(Layer):
+    """A forest of `trees` decision trees: `depth` comparisons a tree on average, then the shares of classes are added.
+
+    nodes: of all trees; an inner one holds a feature and a threshold, a leaf the shares of the classes.
+    """
+
+    trees: int
+    depth: float
+    nodes: int
+    classes: int
+
+    def cost(self) -> Cost:
+        parameters = self.nodes * (2 + self.classes) // 2
+        return _with_weights(parameters, acs=self.trees * self.classes, other_flops=self.trees * self.depth)
+
+
+@dataclass(frozen=True)
 class MovingAverage(Layer):
     """`y[i] = a x[i] + (1 - a) y[i - 1]` on every sample of every channel (stiffness paper, Sec. III-B: 3n FLOPs)."""
 

@@ -12,13 +12,13 @@ from sklearn.preprocessing import StandardScaler
 MOST_FOLDS = 5
 
 
-def fit_linear(features: np.ndarray, labels: np.ndarray) -> Pipeline:
-    """Logistic regression on features `(window, feature)`, standardised on the same windows.
+def fit_linear(features: np.ndarray, labels: np.ndarray, c: float = 1.0) -> Pipeline:
+    """Logistic regression on features `(window, feature)`, standardised on the same windows; c: inverse penalty.
 
     >>> fit_linear(np.array([[0.0], [1.0], [5.0], [6.0]]), np.array([0, 0, 1, 1])).predict([[0.5], [7.0]]).tolist()
     [0, 1]
     """
-    model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
+    model = make_pipeline(StandardScaler(), LogisticRegression(C=c, max_iter=2000))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)  # for features that carry no information
         return model.fit(features, labels)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from neurotact.errors import InputError, nearest
-from neurotact.metrics.flops import BYTES, SQUARE_ROOT, Cost, Layer
+from neurotact.metrics.flops import BYTES, EXPONENTIAL, SQUARE_ROOT, Cost, Layer
 
 
 @dataclass(frozen=True)
@@ -137,3 +137,71 @@ class LevelSpreadRate(Layer):
         ends = self.channels * (3 + SQUARE_ROOT)
         sums = 4 * self.channels  # three, and the previous sample
         return Cost(macs=n + self.channels, acs=3 * n, other_flops=n + ends, bytes=BYTES * sums)
+
+
+@dataclass(frozen=True)
+class BandPowers(Layer):
+    """The logarithm of a signal's power in bands of frequency: a window, a real FFT, squares, sums.
+
+    A real FFT of n samples takes n log2(n) multiplications and 1.5 n log2(n) additions (radix 2, half of the complex
+    transform); the logarithm counts as an exponential.
+
+    >>> BandPowers(samples=256, bands=8, channels=2).cost().macs
+    512.0
+    """
+
+    samples: int
+    bands: int
+    channels: int = 1
+
+    def cost(self) -> Cost:
+        n, transform = self.samples, self.samples * math.log2(max(2, self.samples))
+        others = transform + n + self.bands * EXPONENTIAL
+        return Cost(
+            macs=float(self.channels * n),
+            acs=self.channels * (1.5 * transform + n),
+            other_flops=self.channels * others,
+            bytes=BYTES * self.channels * n,
+        )
+
+
+@dataclass(frozen=True)
+class FixedConvolutions(Layer):
+    """MiniRocket's features: nine-tap convolutions with weights of -1 and 2, and comparisons with biases.
+
+    channels: of the sequence. dilations: how many different ones. convolved: channels, added up over all convolutions.
+    biases: number of features. At each step the sum of nine taps is made once per dilation and channel (eight
+    additions); a convolution then adds three taps, multiplies by 3 and subtracts that sum for each of its channels; a
+    feature is a comparison and a count.
+
+    >>> FixedConvolutions(samples=100, channels=1, dilations=1, convolved=84, biases=84).cost().acs
+    42800
+    """
+
+    samples: int
+    channels: int
+    dilations: int
+    convolved: int
+    biases: int
+
+    def cost(self) -> Cost:
+        n = self.samples
+        additions = 8 * self.dilations * self.channels + 4 * self.convolved
+        return Cost(
+            acs=n * (additions + self.biases),
+            other_flops=n * (self.convolved + self.biases) + self.biases,
+            parameters=self.biases,
+            bytes=BYTES * (self.biases + n * self.channels),
+        )
+
+
+@dataclass(frozen=True)
+class PooledStates(Layer):
+    """Mean and maximum over `steps` steps of each of `units` states: an addition and a comparison each."""
+
+    units: int
+    steps: int
+
+    def cost(self) -> Cost:
+        n = self.units * self.steps
+        return Cost(acs=n, other_flops=n + self.units, bytes=2 * BYTES * self.units)

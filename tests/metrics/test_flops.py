@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.svm import SVC
 
+from neurotact.baselines.families import mean_depth
 from neurotact.errors import InputError
 from neurotact.metrics import flops
 from neurotact.metrics.flops import (
@@ -31,9 +33,11 @@ from neurotact.metrics.flops import (
     SpikingLayer,
     Standardise,
     SupportVectorMachines,
+    Trees,
     cost,
     ledger_table,
 )
+from neurotact.metrics.signal_flops import BandPowers, FixedConvolutions, PooledStates
 from neurotact.papers import published_flops
 
 EVERY_LAYER = [
@@ -56,6 +60,7 @@ EVERY_LAYER = [
     PoissonAfferents(8, 300),
     SpikingLayer(16, 30, 300, 1000.0, recurrent=True),
     Integrator(30, 8, 1000.0),
+    Trees(200, 5.5, 900, 8),
 ]
 
 
@@ -264,3 +269,24 @@ def test_the_table_has_a_row_a_cost_in_the_order_given():
     assert list(table.columns) == ["name", *LEDGER_COLUMNS]
     assert table["energy_estimate_nJ"].tolist() == [pytest.approx(4.6e-3), pytest.approx(1.8e-3)]
     assert list(ledger_table({}).columns) == ["name", *LEDGER_COLUMNS]
+
+
+def test_opponents_on_sequences_by_hand():
+    # 100 steps, 2 channels, 3 dilations: 8 additions each; 10 channels in all convolutions: 4 additions, a product.
+    rocket = FixedConvolutions(samples=100, channels=2, dilations=3, convolved=10, biases=20).cost()
+    assert (rocket.macs, rocket.acs) == (0, 100 * (8 * 3 * 2 + 4 * 10 + 20))
+    assert (rocket.other_flops, rocket.parameters) == (100 * (10 + 20) + 20, 20)
+    # 8 samples: a window, an FFT of 8 * 3 products and 36 additions, 8 squares and sums, the logarithm of 2 bands.
+    bands = BandPowers(samples=8, bands=2, channels=3).cost()
+    assert (bands.macs, bands.acs, bands.other_flops) == (3 * 8, 3 * (36 + 8), 3 * (24 + 8 + 16))
+    pooled = PooledStates(units=4, steps=10).cost()
+    assert (pooled.acs, pooled.other_flops) == (40, 44)
+
+
+def test_trees_by_hand():
+    """A comparison at each inner node on the way; of two classes, two sums a tree; three numbers a node pair."""
+    forest = ExtraTreesClassifier(2, random_state=0).fit(np.arange(4.0)[:, None], [0, 0, 1, 1])
+    depth = mean_depth(forest, np.arange(4.0)[:, None])
+    assert depth == np.mean([tree.tree_.max_depth for tree in forest.estimators_]) == 1.0
+    spent = Trees(trees=2, depth=depth, nodes=6, classes=2).cost()
+    assert (spent.acs, spent.other_flops, spent.parameters) == (4, 2, 12)

@@ -1,0 +1,194 @@
+"""MiniRocket: shares of positive values of many fixed convolutions, and a ridge classifier on them."""
+
+from itertools import combinations, groupby
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, ClassifierMixin, TransformerMixin
+from sklearn.linear_model import RidgeClassifierCV
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted
+
+from neurotact.checks import at_least, sequences, trial_labels
+from neurotact.errors import InputError
+
+KERNEL = 9
+"""Weights of a kernel: three are 2, the others -1."""
+TRIPLES = tuple(combinations(range(KERNEL), 3))
+"""The places of the three weights of 2: 84 kernels."""
+MOST_DILATIONS = 32
+MOST_CHANNELS = 9
+"""Most channels that one kernel adds up."""
+GOLDEN = (5**0.5 + 1) / 2
+AT_ONCE = 64
+"""Sequences in one computation, which bounds its memory."""
+ALPHAS = tuple(np.logspace(-3, 3, 10).tolist())
+
+
+class Convolution(NamedTuple):
+    """One kernel at one dilation: its index among `TRIPLES`, the channels that it adds up, its biases `(feature,)`.
+
+    padded: whether the convolution runs over zeros beyond the ends, so that it is as long as the sequence.
+    """
+
+    dilation: int
+    kernel: int
+    channels: np.ndarray
+    biases: np.ndarray
+    padded: bool
+
+
+class MiniRocket(TransformerMixin, BaseEstimator):
+    """MiniRocket's features (Dempster, Schmidt and Webb 2021, KDD, doi 10.1145/3447548.3467231).
+
+    A feature is the share of time at which a convolution of the sequence is above a bias. The kernels are fixed: nine
+    weights, three of which are 2 and the others -1, at up to 32 dilations. Each adds up a random choice of channels.
+    Biases are quantiles of the convolution of one random training sequence. Half of the convolutions are padded.
+
+    Parameters
+    ----------
+    features : about how many, at least 84; rounded down to a multiple of 84.
+    random_state : seed or RandomState of the channels and of the sequences that give the biases.
+
+    Attributes
+    ----------
+    convolutions_ : list of `Convolution`, in the order of the features. n_channels_, n_steps_ : of the sequences.
+
+    Raises InputError for sequences that are not `(trial, time, channel)` or are shorter than nine steps.
+
+    >>> X = np.random.default_rng(0).normal(size=(4, 50, 2))
+    >>> MiniRocket(features=84, random_state=0).fit_transform(X).shape
+    (4, 84)
+    """
+
+    def __init__(self, features: int = 9996, random_state: int | np.random.RandomState | None = None):
+        self.features = features
+        self.random_state = random_state
+
+    def fit(self, X: ArrayLike, y: ArrayLike | None = None) -> "MiniRocket":
+        """Choose dilations, channels and biases. X `(trial, time, channel)`."""
+        at_least("features", self.features, len(TRIPLES), whole=True)
+        signals = sequences(X, "trial, time, channel", np.float32)
+        _, self.n_steps_, self.n_channels_ = signals.shape
+        if self.n_steps_ < KERNEL:
+            raise InputError(f"X: has {self.n_steps_} steps; MiniRocket needs at least {KERNEL}")
+        rng = check_random_state(self.random_state)
+        per_dilation = dilations(self.n_steps_, self.features)
+        shares = _quantiles(len(TRIPLES) * sum(n for _, n in per_dilation))
+        self.convolutions_: list[Convolution] = []
+        first = 0
+        for place, (dilation, n_biases) in enumerate(per_dilation):
+            for kernel in range(len(TRIPLES)):
+                channels = _channels(self.n_channels_, rng)
+                example = torch.from_numpy(signals[rng.randint(len(signals))][None])
+                convolved = _convolve(_shifted(example, dilation), kernel, channels)[0].numpy()
+                biases = np.quantile(convolved, shares[first : first + n_biases]).astype(np.float32)
+                padded = (place + kernel) % 2 == 0
+                self.convolutions_.append(Convolution(dilation, kernel, channels, biases, padded))
+                first += n_biases
+        return self
+
+    def transform(self, X: ArrayLike) -> np.ndarray:
+        """Features `(trial, feature)` float32, each from 0 to 1."""
+        check_is_fitted(self)
+        signals = sequences(X, "trial, time, channel", np.float32)
+        if signals.shape[1:] != (self.n_steps_, self.n_channels_):
+            raise InputError(
+                f"X: sequences are {signals.shape[1:]}, those of training ({self.n_steps_}, {self.n_channels_}); "
+                "give the same (time, channel)"
+            )
+        parts = torch.from_numpy(signals).split(AT_ONCE)
+        return np.concatenate([self._transform(part) for part in parts])
+
+    def _transform(self, signals: torch.Tensor) -> np.ndarray:
+        features = []
+        for dilation, own in groupby(self.convolutions_, key=lambda one: one.dilation):
+            shifted, edge = _shifted(signals, dilation), (KERNEL - 1) * dilation // 2
+            for convolution in own:
+                convolved = _convolve(shifted, convolution.kernel, convolution.channels)
+                inside = convolved if convolution.padded else convolved[:, edge:-edge]
+                # One bias after the other: all at once would hold (trial, time, bias), and is no faster.
+                shares = [(inside > bias).float().mean(dim=1) for bias in convolution.biases.tolist()]
+                features.append(torch.stack(shares, dim=1).numpy())
+        return np.concatenate(features, axis=1)
+
+
+class MiniRocketClassifier(ClassifierMixin, BaseEstimator):
+    """A ridge classifier on standardised MiniRocket features; leave-one-out on training trials chooses its penalty.
+
+    features, random_state : as for `MiniRocket`. Attributes: classes_ `(class,)`; transform_, ridge_, the fitted parts.
+
+    >>> X = np.random.default_rng(0).normal(size=(8, 50, 2)) * np.repeat([1.0, 4.0], 4)[:, None, None]
+    >>> MiniRocketClassifier(features=84, random_state=0).fit(X, list("aaaabbbb")).classes_.tolist()
+    ['a', 'b']
+    """
+
+    def __init__(self, features: int = 9996, random_state: int | np.random.RandomState | None = None):
+        self.features = features
+        self.random_state = random_state
+
+    def fit(self, X: ArrayLike, y: ArrayLike) -> "MiniRocketClassifier":
+        """Fit on X `(trial, time, channel)`, y `(trial,)`."""
+        self.transform_ = MiniRocket(self.features, self.random_state)
+        features = self.transform_.fit_transform(X)
+        labels = trial_labels(y, len(features))
+        self.ridge_ = make_pipeline(StandardScaler(), RidgeClassifierCV(alphas=ALPHAS)).fit(features, labels)
+        self.classes_ = self.ridge_.classes_
+        return self
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Labels `(trial,)`."""
+        check_is_fitted(self, "ridge_")
+        return self.ridge_.predict(self.transform_.transform(X))
+
+
+def dilations(n_steps: int, features: int) -> list[tuple[int, int]]:
+    """The dilations, and how many features each has per kernel: exponentially spaced, the longest kernel fits.
+
+    >>> dilations(100, 840)
+    [(1, 3), (2, 1), (3, 1), (4, 1), (5, 1), (7, 1), (9, 1), (12, 1)]
+    """
+    per_kernel = features // len(TRIPLES)
+    most = min(per_kernel, MOST_DILATIONS)
+    spaced = np.logspace(0, np.log2((n_steps - 1) / (KERNEL - 1)), most, base=2).astype(np.int32)
+    found, counts = np.unique(spaced, return_counts=True)
+    counts = (counts * (per_kernel / most)).astype(np.int32)
+    for place in range(per_kernel - int(counts.sum())):
+        counts[place % len(counts)] += 1
+    return list(zip(found.tolist(), counts.tolist(), strict=True))
+
+
+def _quantiles(n: int) -> np.ndarray:
+    """A low-discrepancy sequence of shares."""
+    return np.arange(1, n + 1) * GOLDEN % 1
+
+
+def _channels(n_channels: int, rng: np.random.RandomState) -> np.ndarray:
+    """A random choice of channels, small numbers being more likely."""
+    most = min(n_channels, MOST_CHANNELS)
+    n_chosen = int(2 ** rng.uniform(0, np.log2(most + 1)))
+    return np.sort(rng.choice(n_channels, n_chosen, replace=False))
+
+
+def _shifted(signals: torch.Tensor, dilation: int) -> dict[int, torch.Tensor]:
+    """The sequences as each of the nine weights sees them, `(trial, channel, time)`; -1: their sum."""
+    by_channel = signals.transpose(1, 2)
+    n_steps = by_channel.shape[2]
+    edge = (KERNEL - 1) * dilation // 2
+    padded = torch.nn.functional.pad(by_channel, (edge, edge))
+    shifted = {place: padded[:, :, place * dilation :][:, :, :n_steps] for place in range(KERNEL)}
+    return shifted | {-1: torch.stack([shifted[place] for place in range(KERNEL)]).sum(dim=0)}
+
+
+def _convolve(shifted: dict[int, torch.Tensor], kernel: int, channels: np.ndarray) -> torch.Tensor:
+    """The convolution with one kernel, summed over channels, `(trial, time)`.
+
+    Weights of 2 and -1 are 3 more than -1, and -1: the sum of all nine is shared by the 84 kernels.
+    """
+    one, two, three = (shifted[place] for place in TRIPLES[kernel])
+    parts = [3 * (one[:, c] + two[:, c] + three[:, c]) - shifted[-1][:, c] for c in channels.tolist()]
+    return parts[0] if len(parts) == 1 else torch.stack(parts).sum(dim=0)

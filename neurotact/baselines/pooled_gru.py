@@ -1,0 +1,152 @@
+"""A GRU by a modern recipe: mean and maximum of its states over time, drop-out, AdamW with one cycle of the rate."""
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted
+from torch import Tensor, nn
+
+from neurotact.baselines.targets import encode, indices_of
+from neurotact.checks import at_least, fraction, sequences, trial_labels
+from neurotact.errors import InputError
+
+BATCHES, MOST_BATCH, LEAST_BATCH = 16, 64, 8
+"""Batches of an epoch that are aimed at, and the limits of a batch."""
+LEAST_STEPS, LEAST_EPOCHS, MOST_EPOCHS = 800, 40, 200
+"""Training steps that few windows get by more epochs."""
+LARGEST_GRADIENT = 1.0
+PREDICTED_AT_ONCE = 512
+
+
+class PooledGRUClassifier(ClassifierMixin, BaseEstimator):
+    """One GRU layer; the mean and the maximum of its states over time feed a dense softmax.
+
+    Trained on cross-entropy by AdamW with one cycle of the learning rate (Smith and Topin 2018) and clipped gradients.
+    The number of epochs and the batch follow from the number of training trials. With validation trials the weights of
+    the epoch with the highest accuracy on them are kept (ties: the lowest loss), otherwise those of the last epoch.
+
+    Parameters
+    ----------
+    hidden : cells. dropout : share of the pooled states that are dropped in training.
+    learning_rate : the largest of the cycle. weight_decay : of AdamW.
+    epochs : None chooses them.
+    random_state : seed or RandomState of the weights, the order of the trials and the drop-out.
+
+    Attributes
+    ----------
+    classes_ `(class,)`; network_, a torch module; n_parameters_; n_channels_; epochs_, that were trained.
+
+    Raises InputError for sequences that are not `(trial, time, channel)`, for a single class and for parameters out of
+    range.
+
+    >>> X, y = np.random.default_rng(0).normal(size=(6, 20, 4)), ["felt", "silk", "wool"] * 2
+    >>> PooledGRUClassifier(hidden=8, epochs=1, random_state=0).fit(X, y).predict(X).shape
+    (6,)
+    """
+
+    def __init__(
+        self,
+        hidden: int = 128,
+        dropout: float = 0.3,
+        learning_rate: float = 4e-3,
+        weight_decay: float = 0.01,
+        epochs: int | None = None,
+        random_state: int | np.random.RandomState | None = None,
+    ):
+        self.hidden = hidden
+        self.dropout = dropout
+        self.learning_rate = learning_rate
+        self.weight_decay = weight_decay
+        self.epochs = epochs
+        self.random_state = random_state
+
+    def fit(
+        self, X: ArrayLike, y: ArrayLike, validation: tuple[ArrayLike, ArrayLike] | None = None
+    ) -> "PooledGRUClassifier":
+        """Train on X `(trial, time, channel)`, y `(trial,)`; validation: trials of the same kind."""
+        self._check()
+        signals = torch.from_numpy(sequences(X, "trial, time, channel", np.float32))
+        self.classes_, indices = encode(trial_labels(y, len(signals)))
+        labels = torch.from_numpy(indices)
+        self.n_channels_ = signals.shape[2]
+        held = None
+        if validation is not None:
+            held_X = torch.from_numpy(sequences(validation[0], "trial, time, channel", np.float32))
+            held = held_X, torch.from_numpy(indices_of(validation[1], self.classes_))
+        batch = min(MOST_BATCH, max(LEAST_BATCH, round(len(labels) / BATCHES)))
+        per_epoch = math.ceil(len(labels) / batch)
+        self.epochs_ = self.epochs or min(MOST_EPOCHS, max(LEAST_EPOCHS, math.ceil(LEAST_STEPS / per_epoch)))
+        with torch.random.fork_rng(devices=[]):  # drop-out draws from torch's own generator
+            torch.manual_seed(int(check_random_state(self.random_state).randint(2**31 - 1)))
+            self.network_ = _PooledGRU(self.n_channels_, self.hidden, len(self.classes_), self.dropout)
+            self._train(signals, labels, held, batch, per_epoch)
+        self.n_parameters_ = sum(weights.numel() for weights in self.network_.parameters())
+        return self
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Labels `(trial,)`."""
+        check_is_fitted(self)
+        signals = torch.from_numpy(sequences(X, "trial, time, channel", np.float32))
+        if signals.shape[2] != self.n_channels_:
+            raise InputError(f"X: has {signals.shape[2]} channels, but training had {self.n_channels_}; give those")
+        return self.classes_[self._logits(signals).argmax(dim=1).numpy()]
+
+    def _train(
+        self, signals: Tensor, labels: Tensor, held: tuple[Tensor, Tensor] | None, batch: int, per_epoch: int
+    ) -> None:
+        optimiser = torch.optim.AdamW(self.network_.parameters(), lr=self.learning_rate, weight_decay=self.weight_decay)
+        rates = torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, self.learning_rate, epochs=self.epochs_, steps_per_epoch=per_epoch
+        )
+        best: tuple[float, float] = (-1.0, 0.0)
+        kept: dict[str, Tensor] = {}
+        for _ in range(self.epochs_):
+            self.network_.train()
+            for chosen in torch.randperm(len(labels)).split(batch):
+                optimiser.zero_grad()
+                loss = nn.functional.cross_entropy(self.network_(signals[chosen]), labels[chosen])
+                loss.backward()
+                nn.utils.clip_grad_norm_(self.network_.parameters(), LARGEST_GRADIENT)
+                optimiser.step()
+                rates.step()
+            if held is None:
+                continue
+            logits = self._logits(held[0])
+            accuracy = float((logits.argmax(dim=1) == held[1]).double().mean())
+            merit = accuracy, -float(nn.functional.cross_entropy(logits, held[1]))
+            if merit > best:
+                best = merit
+                kept = {name: weights.clone() for name, weights in self.network_.state_dict().items()}
+        if kept:
+            self.network_.load_state_dict(kept)
+        self.network_.eval()
+
+    @torch.no_grad()
+    def _logits(self, signals: Tensor) -> Tensor:
+        self.network_.eval()
+        return torch.cat([self.network_(part) for part in signals.split(PREDICTED_AT_ONCE)])
+
+    def _check(self) -> None:
+        at_least("hidden", self.hidden, 1, whole=True)
+        at_least("learning_rate", self.learning_rate, 0, above=True)
+        at_least("weight_decay", self.weight_decay, 0)
+        fraction("dropout", self.dropout)
+        if self.epochs is not None:
+            at_least("epochs", self.epochs, 1, whole=True)
+
+
+class _PooledGRU(nn.Module):
+    def __init__(self, n_channels: int, hidden: int, n_classes: int, dropout: float) -> None:
+        super().__init__()
+        self.gru = nn.GRU(n_channels, hidden, batch_first=True)
+        self.dropout = nn.Dropout(dropout)
+        self.dense = nn.Linear(2 * hidden, n_classes)
+
+    def forward(self, signals: Tensor) -> Any:
+        states = self.gru(signals)[0]
+        return self.dense(self.dropout(torch.cat([states.mean(dim=1), states.max(dim=1).values], dim=1)))

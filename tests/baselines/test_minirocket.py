@@ -1,0 +1,78 @@
+"""MiniRocket: a feature counted by hand, its size and range, and what it recognises."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
+from neurotact.errors import InputError
+
+
+def by_hand(signal: np.ndarray, convolution: Convolution) -> np.ndarray:
+    """The definition, weight by weight: nine weights of -1, three of which are 2, zeros beyond the ends."""
+    n_steps = len(signal)
+    weights = np.full(9, -1.0)
+    weights[list(TRIPLES[convolution.kernel])] = 2.0
+    summed = signal[:, convolution.channels].sum(axis=1)
+    convolved = np.zeros(n_steps)
+    for step in range(n_steps):
+        for place, weight in enumerate(weights):
+            at = step + (place - 4) * convolution.dilation
+            convolved[step] += weight * summed[at] if 0 <= at < n_steps else 0.0
+    edge = 4 * convolution.dilation
+    inside = convolved if convolution.padded else convolved[edge : n_steps - edge]
+    return np.array([(inside > bias).mean() for bias in convolution.biases])
+
+
+@settings(max_examples=10)
+@given(st.integers(9, 40), st.integers(1, 4), st.integers(84, 400))
+def test_each_feature_is_the_share_of_time_above_its_bias(n_steps, n_channels, features):
+    X = np.random.default_rng(0).integers(-9, 9, (3, n_steps, n_channels)).astype(float)  # exact sums in any order
+    rocket = MiniRocket(features, random_state=1).fit(X)
+    found = rocket.transform(X)
+    assert found.shape[1] == features // 84 * 84
+    first = 0
+    for convolution in rocket.convolutions_[::7]:
+        first = sum(len(one.biases) for one in rocket.convolutions_[: rocket.convolutions_.index(convolution)])
+        mine = found[2, first : first + len(convolution.biases)]
+        np.testing.assert_allclose(mine, by_hand(X[2], convolution), atol=1e-6)
+
+
+@given(st.integers(9, 5000), st.integers(84, 10_000))
+def test_the_longest_kernel_fits_and_all_features_are_given_out(n_steps, features):
+    found = dilations(n_steps, features)
+    assert sum(n for _, n in found) == features // 84
+    assert all(8 * dilation <= n_steps - 1 for dilation, _ in found)
+    assert [dilation for dilation, _ in found] == sorted({dilation for dilation, _ in found})
+
+
+def waves(n=60, seed=0):
+    """Two classes that differ in the frequency of one channel alone, at any phase."""
+    rng = np.random.default_rng(seed)
+    period = np.where(np.arange(n) % 2, 5.0, 9.0)[:, None]
+    tone = np.sin(2 * np.pi * np.arange(80) / period + rng.uniform(0, 2 * np.pi, (n, 1)))
+    return np.stack([tone, rng.normal(size=tone.shape)], axis=2), np.array(["high", "low"])[np.arange(n) % 2]
+
+
+def test_it_recognises_frequencies_at_any_phase_and_repeats_from_a_seed():
+    X, y = waves()
+    fitted = MiniRocketClassifier(1008, random_state=0).fit(X, y)
+    assert fitted.score(*waves(seed=1)) > 0.95
+    again = MiniRocketClassifier(1008, random_state=0).fit(X, y)
+    np.testing.assert_array_equal(fitted.transform_.transform(X), again.transform_.transform(X))
+
+
+@pytest.mark.parametrize(
+    ("X", "words"),
+    [(np.zeros((4, 8, 1)), "has 8 steps; MiniRocket needs at least 9"), (np.zeros((4, 8)), "trial, time, channel")],
+)
+def test_what_it_cannot_read_is_refused(X, words):
+    with pytest.raises(InputError, match=words):
+        MiniRocket(84).fit(X)
+
+
+def test_other_sequences_than_those_of_training_are_refused():
+    fitted = MiniRocket(84, random_state=0).fit(np.zeros((4, 20, 2)))
+    with pytest.raises(InputError, match=r"sequences are \(20, 3\), those of training \(20, 2\)"):
+        fitted.transform(np.zeros((4, 20, 3)))
