@@ -91,7 +91,7 @@ def test_train_does_what_the_command_line_does(saved, tmp_path):
         assert (tmp_path / "mine" / name).read_bytes() == (tmp_path / "theirs" / name).read_bytes()
     assert 0 <= row["low"] <= row["accuracy_test"] <= row["high"] <= 1
     assert row["chance"] == 1 / 8
-    assert 0 <= row["linear"] <= 1
+    assert 0 <= row["baseline_accuracy"] <= 1
     assert any("epochs" in caution for caution in row["cautions"])
 
 

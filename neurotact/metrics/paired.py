@@ -1,7 +1,7 @@
 """Paired test of two classifiers on the same trials."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +68,16 @@ def compare_shares(share: float, other: float, n: int) -> Paired:
     """
     error = math.hypot(standard_error(share, n), standard_error(other, n))
     return Paired(share - other, math.erfc(abs(share - other) / error / math.sqrt(2)), n)
+
+
+def compare_by_trial(right: Mapping[int, float], other: Mapping[int, float]) -> Paired:
+    """As `compare`, of the trials that both hold: by trial, the share of its windows that are classified correctly.
+
+    >>> compare_by_trial({3: 1.0, 7: 0.5}, {7: 0.0, 9: 1.0}).n
+    1
+    """
+    common = sorted(right.keys() & other.keys())
+    return compare(*(np.array([shares[trial] for trial in common]) for shares in (right, other)))
 
 
 def by_trial(trial: np.ndarray, right: Sequence[bool] | np.ndarray) -> dict[int, float]:

@@ -32,14 +32,14 @@ def not_learned(accuracy: float, low: float, guess: float, command: Command = "t
         )
 
 
-def worse_than_linear(
+def worse_than_baseline(
     found: Comparison, spec: RSNNSpec, command: Command = "train", searched: Collection[str] = ()
 ) -> Iterator[str]:
-    """Whether logistic regression on the same spikes is clearly better than the network of this spec.
+    """Whether a classifier on the same spikes is clearly better than the network of this spec.
 
     searched: keys of the network that a search has chosen.
     """
-    if found.linear > found.high:
+    if found.verdict == "worse":
         is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
         last = {"train": "neurotact tune", "tune": "more trials (--trials)", "fine-tune": "neurotact tune"}[command]
         remedies = [
@@ -48,7 +48,7 @@ def worse_than_linear(
             last,
         ]
         yield (
-            f"logistic regression on the spike counts of the same windows is better, {100 * found.linear:.1f} % "
+            f"{found.rival} of the same spikes is better, {100 * found.rival_accuracy:.1f} % "
             f"against {100 * found.accuracy:.1f} %; {_again(command) or 'try'} {' or '.join(remedies)}"
         )
 

@@ -1,23 +1,34 @@
-"""How good a test accuracy is: its interval, chance, and a linear classifier on the same spikes."""
+"""How good a test accuracy is: its interval, chance, and classifiers on the same spikes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from sklearn.preprocessing import StandardScaler
 
-from neurotact.metrics.linear import fit_linear
+from neurotact.baselines import families
+from neurotact.baselines.features import counted
+from neurotact.metrics import referee
+from neurotact.metrics.paired import by_trial, compare_by_trial
+from neurotact.metrics.referee import Way
 from neurotact.metrics.shares import wilson_interval
 from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
+from neurotact.progress import say
+
+BINS = 10
+"""Time bins of a window, in which spikes are counted."""
 
 
 class Comparison(NamedTuple):
-    """A network's test accuracy and what it is compared with; all are shares of windows.
+    """A network's test accuracy and what it is compared with; all accuracies are shares of windows.
 
     low, high: the 95 % interval of `accuracy`, over `trials` test trials.
     chance: of guessing each class equally often.
     commonest: of always choosing the most frequent class of training.
-    linear: of logistic regression on the spike counts of the same windows, trained on the same training windows.
+    baseline: the classifier on the same spikes with the highest accuracy on validation windows, and its test accuracy.
+    verdict: whether the network is clearly better or worse than the classifiers that validation cannot tell from that
+    one, or neither (`tie`), by the referee; rival: the one that decides, its test accuracy, and p after correction.
     """
 
     accuracy: float
@@ -26,40 +37,99 @@ class Comparison(NamedTuple):
     trials: int
     chance: float
     commonest: float
-    linear: float
+    baseline: str
+    baseline_accuracy: float
+    verdict: str
+    rival: str
+    rival_accuracy: float
+    p: float
 
 
-def compare(accuracy: float, sides: Sides, n_trials: int, n_classes: int) -> Comparison:
-    """Measure chance and the linear classifier on the windows on which `accuracy` was measured.
+class Opponent(NamedTuple):
+    """A classifier on the spikes of the same windows: its name, and by trial the share of windows it has right."""
 
-    n_trials: test trials; the interval counts trials, because windows of one trial are not independent.
+    name: str
+    validation: dict[int, float]
+    test: dict[int, float]
+    accuracy_validation: float
+    accuracy_test: float
+
+
+class Trials(NamedTuple):
+    """The trial of each validation and of each test window, `(window,)`."""
+
+    validation: np.ndarray
+    test: np.ndarray
+
+
+def compare(right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int) -> Comparison:
+    """Measure chance and classifiers on the windows of a network; right: whether it has each test window right.
+
+    The interval counts trials, because windows of one trial are not independent.
     """
     commonest = int(sides.train.labels.bincount().argmax())
+    accuracy, n_trials = float(np.mean(right)), len(np.unique(trials.test))
+    opponents = list(opponents_of(sides, trials))
+    ways = [Way(one.accuracy_validation, right=one.validation) for one in opponents]
+    best = opponents[referee.best_of(ways)]
+    rivals = [opponents[index] for index in referee.level_with_best(ways, len(np.unique(trials.validation)))]
+    own = by_trial(trials.test, right)
+    verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
+    rival = rivals[verdict.decisive]
     return Comparison(
         accuracy,
         *wilson_interval(accuracy, n_trials),
         n_trials,
         1 / n_classes,
         float((sides.test.labels == commonest).double().mean()),
-        linear_accuracy(sides.train, sides.test),
+        best.name,
+        best.accuracy_test,
+        verdict.kind,
+        rival.name,
+        rival.accuracy_test,
+        verdict.p,
     )
 
 
-def linear_accuracy(training: Examples, test: Examples) -> float:
-    """Test accuracy of logistic regression on each afferent's spikes per window, standardised on training windows."""
-    model = fit_linear(_counts(training), training.labels.numpy())
-    return float(model.score(_counts(test), test.labels.numpy()))
+def opponents_of(sides: Sides, trials: Trials) -> Iterator[Opponent]:
+    """Classifiers on each afferent's spikes, counted over the window and in time bins, sized on validation windows."""
+    n_steps = sides.train.spikes.shape[1]
+    for n_bins in sorted({1, min(BINS, n_steps)}):
+        features = [_counts(side, n_bins) for side in sides]
+        scaler = StandardScaler().fit(features[0])
+        inputs = families.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
+        for name, family in families.ON_FEATURES.items():
+            if name == families.MACHINES and (n_train := len(inputs.y_train)) > families.MOST_MACHINES:
+                say(f"baselines: no {name}: {n_train} training windows, at most {families.MOST_MACHINES}")
+                continue
+            fitted = families.best_of(family, inputs, 0).fitted
+            held, tested = (
+                fitted.predict(x) == y
+                for x, y in ((inputs.validation, inputs.y_validation), (inputs.test, inputs.y_test))
+            )
+            shares = by_trial(trials.validation, held), by_trial(trials.test, tested)
+            source = "counts" if n_bins == 1 else f"{n_bins} time bins"
+            yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
 
 
 def lines(found: Comparison) -> tuple[str, str]:
     """The accuracy, and what it is compared with, in words."""
-    accuracy, low, high, chance, commonest, linear = (
+    accuracy, low, high, chance, commonest, baseline, rival = (
         f"{100 * share:.1f} %"
-        for share in (found.accuracy, found.low, found.high, found.chance, found.commonest, found.linear)
-    )
+        for share in (
+            found.accuracy, found.low, found.high, found.chance, found.commonest, found.baseline_accuracy,
+            found.rival_accuracy,
+        )
+    )  # fmt: skip
+    verdict = {
+        "better": "the network is clearly better",
+        "worse": f"{found.rival} {rival} is clearly better than the network",
+        "tie": "no clear difference",
+    }[found.verdict]
     return (
         f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials)",
-        f"baselines: chance {chance}, always the commonest class {commonest}, logistic regression on counts {linear}",
+        f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
+        f"{found.baseline} {baseline}; {verdict}",
     )
 
 
@@ -99,5 +169,6 @@ def confused(matrix: Sequence[Sequence[int]], classes: Sequence[str], most: int 
     )
 
 
-def _counts(examples: Examples) -> np.ndarray:
-    return np.stack([window.sum(dim=0).numpy() for window in examples.spikes]).astype(float)
+def _counts(examples: Examples, n_bins: int) -> np.ndarray:
+    """Spikes of each afferent in time bins, `(window, bin * afferent)`."""
+    return counted(examples.spikes.numpy(), n_bins).reshape(len(examples.labels), -1).astype(float)

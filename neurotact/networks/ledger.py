@@ -1,9 +1,10 @@
-"""The cost of a decision of a spiking chain, from measured numbers, compared with the linear baseline.
+"""The cost of a decision of a spiking chain, from measured numbers, beside that of the baselines.
 
 The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
 """
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields
 from typing import Any
 
 import pandas as pd
@@ -12,13 +13,10 @@ from neurotact.encoders.afferents import taxels_of
 from neurotact.encoders.specs import MODELS
 from neurotact.metrics.flops import (
     Cost,
-    Dense,
     Integrator,
     Layer,
-    Moments,
     MovingAverage,
     SpikingLayer,
-    Standardise,
     cost,
     ledger_table,
 )
@@ -117,13 +115,6 @@ def network_cost(
     )  # fmt: skip
 
 
-def linear_cost(n_taxels: int, samples: int, n_classes: int, signal_ms: float) -> Cost:
-    """Logistic regression on mean and deviation of each taxel, standardised."""
-    features = 2 * n_taxels
-    layers = (Moments(max(1, samples), n_taxels, order=2), Standardise(features), Dense(features, n_classes))
-    return cost(*layers, signal_ms=signal_ms)
-
-
 def decision_ledger(
     spec: RSNNSpec,
     n_afferents: int,
@@ -148,26 +139,29 @@ def decision_ledger(
 def study_ledger(
     spec: RSNNSpec,
     results: pd.DataFrame,
-    baseline: pd.DataFrame | None,
+    baselines: pd.DataFrame | None,
     *,
     n_afferents: int,
     n_classes: int,
     rate_Hz: float,
     encoder: Mapping[str, Any],
 ) -> pd.DataFrame:
-    """The ledger of a study: the linear baseline, encoding alone, and encoding with each network (means over seeds).
+    """The ledger of a study: the baselines, encoding alone, and encoding with each network (means over seeds).
 
     spec: of the study's network, resolved by its recipe if it has one; `hidden` and, if it was swept or searched,
         `network.model` come from `results`.
     results: a run's `results.csv` with the columns `pair` and `setting`.
-    baseline: its `baseline.csv` with the column `samples`, the signal's samples per window; without it, no such row.
+    baselines: its `baselines.csv`, whose rows are means over splits and data sets; None: no such rows.
     encoder: as for `encoding_cost`.
     """
     n_taxels = taxels_of(n_afferents, encoder)
     rows: list[tuple[str, Cost]] = []
-    if baseline is not None and "samples" in baseline:
-        window_ms = 1e3 * float(results["window_steps"].iloc[0]) / rate_Hz
-        rows.append(("linear baseline", linear_cost(n_taxels, int(baseline["samples"].iloc[0]), n_classes, window_ms)))
+    if baselines is not None:
+        spent = [field.name for field in fields(Cost) if field.name in baselines]
+        means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
+        for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
+            whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
+            rows.append((f"{classifier} on {source}", Cost(**{**row.to_dict(), **whole})))
     for steps in sorted(results["window_steps"].unique()):
         window_ms = 1e3 * steps / rate_Hz
         rows.append(

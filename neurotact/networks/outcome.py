@@ -9,7 +9,7 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.networks import cautions, measuring, tasks
-from neurotact.networks.comparison import Comparison, compare
+from neurotact.networks.comparison import Comparison, Trials, compare
 from neurotact.networks.fitting import Trained
 from neurotact.networks.tasks import Sides, Task
 
@@ -42,9 +42,7 @@ class Outcome(NamedTuple):
 
 
 def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of `result.json` in one row: the numbers, then `low`, `high`, `trials`, `chance`, `commonest` and
-    `linear` (see `Comparison`), and `cautions`.
-    """
+    """The content of `result.json` in one row: the numbers, then those of `Comparison`, and `cautions`."""
     compared = {name: value for name, value in result["compared"].items() if name != "accuracy"}
     return {**result["row"], **compared, "cautions": result.get("cautions", [])}
 
@@ -63,7 +61,9 @@ def outcome_of(
     """
     result = measuring.measure(fitted, sides, trains.populations)
     parts = tasks.trials_of(trains, task)
-    compared = compare(result["row"]["accuracy_test"], sides, len(parts.test), len(trains.classes))
+    held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
+    trials = Trials(*(trains.cut(window, side).trial for window, side in (held, tested)))
+    compared = compare(result["right"], sides, trials, len(trains.classes))
     return Outcome(
         result["row"],
         result["confusion"],
@@ -86,7 +86,7 @@ def _cautions(
 ) -> Iterator[str]:
     yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest), command)
     spec = fitted.network.spec
-    yield from cautions.worse_than_linear(compared, spec, command, searched)
+    yield from cautions.worse_than_baseline(compared, spec, command, searched)
     yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training, command=command)
     known = sorted(set(trains.labels[parts.train].tolist()))
     tested = trains.labels[parts.test]

@@ -72,7 +72,7 @@ def run(
             tell = _silent  # the recipe's choices are printed only for the first split
             result = files.read_json(subfolder / train_run.RESULT)
             split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
-            rows.append({"folder": name, **split, **result["row"], "linear": result["compared"]["linear"]})
+            rows.append({"folder": name, **split, **result["row"], "baseline": result["compared"]["baseline_accuracy"]})
         table = pd.DataFrame(rows)
         write_table(table, folder / TABLE)
     first = next(iter(tasks.values())).split
@@ -83,15 +83,15 @@ def run(
 def line(found: Repeated) -> str:
     """The mean accuracy of all trainings in one sentence.
 
-    >>> table = pd.DataFrame({"sops_total": [100.0, 200.0], "linear": [0.5, 0.5]})
+    >>> table = pd.DataFrame({"sops_total": [100.0, 200.0], "baseline": [0.5, 0.5]})
     >>> line(Repeated(table, Interval(0.9, 0.8, 1.0)))
-    'accuracy 90.0 % (95 % interval 80.0 to 100.0 %) over 2 splits, 150 synaptic operations per window; logistic regression on spike counts 50.0 %'
+    'accuracy 90.0 % (95 % interval 80.0 to 100.0 %) over 2 splits, 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
     """  # noqa: E501
     mean, low, high = (100 * min(1.0, max(0.0, share)) for share in found.accuracy)
     return (
         f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {len(found.table)} splits, "
         f"{found.table['sops_total'].mean():.0f} synaptic operations per window; "
-        f"logistic regression on spike counts {100 * found.table['linear'].mean():.1f} %"
+        f"the best baseline on the same spikes {100 * found.table['baseline'].mean():.1f} %"
     )
 
 

@@ -96,9 +96,8 @@ def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None,
 
 def networks_of(results: pd.DataFrame) -> list[Network]:
     """The networks of one data set, means over seeds; `results` has the columns of `costs_of`."""
-    kinds = {"whole": "accuracy_test", "early": "exit_accuracy"}
-    measures = ["accuracy_validation", EXIT_VALIDATION, *kinds.values()]
-    measures += [f"{kind}_{cost}" for kind in kinds for cost in COSTS]
+    measures = ["accuracy_validation", EXIT_VALIDATION, "accuracy_test", "exit_accuracy"]
+    measures += [f"{kind}_{cost}" for kind in KINDS for cost in COSTS]
     results = results if EXIT_VALIDATION in results else results.assign(**{EXIT_VALIDATION: float("nan")})
     return [
         Network(
@@ -106,7 +105,8 @@ def networks_of(results: pd.DataFrame) -> list[Network]:
             int(row["hidden"]),
             int(row["seeds"]),
             float(row["accuracy_validation"]),
-            *(_decision(row, kind, accuracy) for kind, accuracy in kinds.items()),
+            _decision(row, "whole", "accuracy_test"),
+            _decision(row, "early", "exit_accuracy"),
             None if pd.isna(row[EXIT_VALIDATION]) else float(row[EXIT_VALIDATION]),
         )
         for row in means_over(results.infer_objects(), NETWORK, measures, "seeds").to_dict("records")
@@ -194,11 +194,6 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
             shares = row["accuracy_validation"], row["accuracy_test"]
             right = validated(tables["baselines_trials"], rows) if "baselines_trials" in tables else None
             found.append(Baseline(name, *shares, float(row["energy_estimate_nJ"]), rows, right))
-    elif "baseline" in tables and "accuracy_validation" in tables["baseline"]:
-        table, measures = tables["baseline"], ["accuracy_validation", "accuracy_test"]
-        for row in means_over(table[table["dataset"] == dataset], ["dataset"], measures, "splits").to_dict("records"):
-            name = "logistic regression on signals (mean and deviation)"
-            found.append(Baseline(name, row["accuracy_validation"], row["accuracy_test"], None))
     return found
 
 
@@ -231,7 +226,7 @@ def fronts(
     """The answer of each data set, in the order of the table.
 
     results: a run's `results.csv` with the columns `pair` and `setting` and those of `costs_of`, a row per done cell.
-    tables: `baselines` and `baseline`, if they exist.
+    tables: `baselines` and `baselines_trials`, if they exist.
     """
     for setting, rows in results.groupby("setting", sort=False):
         first_of_splits = [group[0] for group in by_split(c for c in done if c.dataset == rows["dataset"].iloc[0])]

@@ -41,7 +41,6 @@ DOWNLOADS = {
     "searches.csv": "every trial of every cell's search",
     "selection.csv": "input and choice of each step of the selection",
     "answer.json": "the first screen of this report for programs",
-    "baseline.csv": "the linear classifier",
     "baselines.csv": "classical classifiers on the same windows",
     "baselines_trials.csv": "the validation and test trials that each of them classifies correctly",
     "ledger.csv": "the cost of a decision: operations, memory, SOPs, an estimate of energy",
@@ -89,16 +88,16 @@ def write(study: StudySpec, folder: Path) -> Path:
     chosen = course.found if course else None
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)
-    asked = [name for name in preparation.tables_of(study) if name.startswith("baseline")]
+    asked = [name for name in preparation.tables_of(study) if name in preparation.BASELINES]
     beside = {name.removesuffix(".csv"): read_table(folder / name) for name in asked if (folder / name).is_file()}
-    baseline, baselines = (beside.get(name) for name in ("baseline", "baselines"))
+    baselines = beside.get("baselines")
     spent = front.costs_of(study, results, trains)
     found = list(front.fronts(study, folder, done, results.join(spent), trains, beside))
     cautions = front.beware(study, folder, done, found, trains)
     write_json(folder / ANSWER, answers_as_json(found, cautions))
     shown = found[first_shown(found)]
     best = selection_steps.best_row(chosen, results) if chosen else shown.cells[shown.networks.index(shown.answer.best)]
-    costs = _ledger(study, results, baseline, trains)
+    costs = _ledger(study, results, baselines, trains)
     left = {"selection": selection.as_table(chosen)} if chosen else {}
     _write_tables(folder, study.title, results, swept, trials, costs, left)
     test_trials = {one.setting: one.answer.trials.test for one in found}
@@ -124,7 +123,6 @@ def write(study: StudySpec, folder: Path) -> Path:
         network_heads=list(NETWORK_COLUMNS.values()),
         means=means_table(results.join(spent)),
         searches=search.table(trials, results),
-        baseline=_baseline_table(baseline),
         baselines=_baselines_table(baselines),
         ledger=_ledger_table(costs),
         ledger_about=ledger.ABOUT,
@@ -256,20 +254,6 @@ def networks_table(results: pd.DataFrame) -> list[list[Entry]]:
     ]
 
 
-def _baseline_table(found: pd.DataFrame | None) -> Table | None:
-    """The linear baseline as text; None if the study has none."""
-    if found is None:
-        return None
-    shares = {"accuracy_validation", "accuracy_test", "chance", "majority_class"}
-    heads = [f"{c.replace('_', ' ')} (%)" if c in shares else c.replace("_", " ") for c in found.columns]
-    rows = [
-        [f"{100 * value:.1f}" if column in shares else _number(value) for column, value in row.items()]
-        for row in found.to_dict("records")
-    ]
-    caption = "Logistic regression on the mean and deviation of each taxel, on the same windows and the same split"
-    return Table(caption, heads, rows, n_heads=1)
-
-
 def _baselines_table(found: pd.DataFrame | None) -> Table | None:
     """The classical baselines as text; None if the study has none."""
     if found is None:
@@ -291,18 +275,20 @@ def _baselines_table(found: pd.DataFrame | None) -> Table | None:
         "classifier", "input", "t_ref RA-I & SA-I (ms)", "data set", "validation accuracy (%)", "test accuracy (%)",
         "FLOPs", HEADS["energy_estimate_nJ"], "chosen on validation windows",
     ]  # fmt: skip
-    return Table("Classical classifiers on the same windows and the same split", heads, rows, n_heads=2)
+    return Table(
+        "Classifiers without spikes in their decision, on the same windows and the same split", heads, rows, n_heads=2
+    )
 
 
 def _ledger(
-    study: StudySpec, results: pd.DataFrame, baseline: pd.DataFrame | None, trains: SpikeTrains | None
+    study: StudySpec, results: pd.DataFrame, baselines: pd.DataFrame | None, trains: SpikeTrains | None
 ) -> pd.DataFrame | None:
     """The cost of a decision; None without spikes, since the number of afferents is then unknown."""
     if trains is None or study.network is None:
         return None
     sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
     return ledger.study_ledger(
-        study.network, results, baseline, **sizes, rate_Hz=trains.sampling_rate_Hz, encoder=trains.encoder
+        study.network, results, baselines, **sizes, rate_Hz=trains.sampling_rate_Hz, encoder=trains.encoder
     )
 
 

@@ -1,7 +1,8 @@
-"""Classical classifiers on the inputs of a study's networks: the same windows of the same trials, the same split.
+"""Opponents of a study's networks: classical and modern classifiers on the same windows, trials and split.
 
-Logistic regression is fitted on every input. Support vector machines and extreme learning machines are fitted on the
-signals and on the spikes of the first encoder; of each family, validation windows choose the strongest.
+On the signals: logistic regression, support vector machines, extreme learning machines and extremely randomised trees
+on three kinds of features, MiniRocket and a GRU on the sequences. On the spikes of the first encoder, the first four on
+counts; on those of the others logistic regression. Each family is sized on validation windows.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,7 +12,10 @@ import numpy as np
 import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
-from neurotact.baselines.families import Candidate, Family, Sides, accuracy, best_of, elm, logistic_regression, svm
+from neurotact.baselines import families
+from neurotact.baselines.families import Candidate, Family, Sides, accuracy, best_of
+from neurotact.baselines.features import averaged, band_powers, counted
+from neurotact.baselines.minirocket import KERNEL
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
@@ -19,24 +23,32 @@ from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import taxels_of
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
-from neurotact.metrics.signal_flops import Averaging
+from neurotact.metrics.signal_flops import Averaging, BandPowers, StandardisedSteps
 from neurotact.networks.ledger import encoding_cost
+from neurotact.progress import say
+from neurotact.studies.study import Opponents
 
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
-MOST_MACHINES = 3000
-"""Training windows up to which support vector machines are fitted: their time grows with the square of the number."""
+BANDS = 8
+"""Bands of frequency, each about as wide in octaves."""
+MOST_SAMPLES = 1000
+"""Steps of the sequences for MiniRocket; longer windows are averaged."""
+GRU_BIN_MS, GRU_STEPS = 20.0, 150
+"""A bin of the sequences for the GRU, and the most bins of a window."""
 LINEAR = "logistic regression"
-STRONGER: dict[str, Family] = {"SVM": svm, "ELM": elm}
-SIGNALS, SPIKES = "signals", "spikes"
+ON_SAMPLES: dict[str, Family] = {"MiniRocket": families.minirocket}
+ON_BINS: dict[str, Family] = {"GRU": families.pooled_gru}
+SIGNALS, SPIKES, EVENTS = "signals", "spikes", "events"
 RIGHT = "right"
 """A key of each row that is not a column of `baselines.csv`."""
 
 
 class Input(NamedTuple):
-    """An input of classifiers: features of each window, `(window, feature)`, their name, and their cost.
+    """An input of classifiers: features `(window, feature)` or sequences `(window, time, channel)`, and their cost.
 
-    source: signals or spikes. pair: refractory periods of RA-I and SA-I in ms; None for signals.
+    source: signals, spikes, or the events of an event-based sensor. pair: refractory periods of RA-I and SA-I in ms;
+    None for signals. families: the classifiers that receive it.
     """
 
     source: str
@@ -44,6 +56,12 @@ class Input(NamedTuple):
     pair: tuple[float, float] | None
     features: np.ndarray
     made: Cost
+    families: Mapping[str, Family]
+
+    @property
+    def column(self) -> str:
+        """The input as a column of `baselines.csv` names it."""
+        return f"{self.source}: {self.words}"
 
 
 class Cuts(NamedTuple):
@@ -78,53 +96,93 @@ def pieces_of(recordings: Recordings, windows: Windows, clock_Hz: float) -> Iter
         yield signal[begin : max(end, begin + 1)]
 
 
-def signal_inputs(recordings: Recordings, cuts: Cuts) -> Iterator[Input]:
-    """Mean and deviation of each taxel, and its mean in `BINS` time bins of the window."""
+def signal_inputs(recordings: Recordings, cuts: Cuts, opponents: Opponents) -> Iterator[Input]:
+    """Features of the signals, and with all opponents the signals themselves as sequences."""
     pieces = list(pieces_of(recordings, cuts.windows, cuts.clock_Hz))
-    samples, taxels = max(map(len, pieces)), recordings.n_channels
+    least, samples, taxels = min(map(len, pieces)), max(map(len, pieces)), recordings.n_channels
+    of_features = {LINEAR: families.logistic_regression} if opponents == "linear" else families.ON_FEATURES
     moments = np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
     made = cost(Moments(samples, taxels, order=2), signal_ms=cuts.length_ms)
-    yield Input(SIGNALS, "mean and deviation", None, moments, made)
-    n_bins = min(BINS, min(map(len, pieces)))
-    binned = np.array([_binned(piece, n_bins) / _binned(np.ones((len(piece), 1)), n_bins) for piece in pieces])
+    yield Input(SIGNALS, "mean and deviation", None, moments, made, of_features)
+    if opponents == "linear":
+        return
+    n_bins = min(BINS, least)
+    binned = averaged(pieces, n_bins)
     made = cost(Averaging(samples, n_bins, taxels), signal_ms=cuts.length_ms)
-    yield Input(SIGNALS, _bins(n_bins), None, binned.reshape(len(binned), -1), made)
+    yield Input(SIGNALS, _bins(n_bins), None, binned.reshape(len(binned), -1), made, of_features)
+    if opponents == "quick":
+        return
+    n_bands = min(BANDS, least // 2)
+    if n_bands:
+        powers = np.array([band_powers(piece, n_bands).ravel() for piece in pieces])
+        made = cost(BandPowers(samples, n_bands, taxels), signal_ms=cuts.length_ms)
+        yield Input(SIGNALS, f"power in {n_bands} bands", None, powers, made, of_features)
+    for words, n_steps, of_sequences in _sequences_of("samples", cuts.length_ms, least):
+        made = Cost() if n_steps >= samples else cost(Averaging(samples, n_steps, taxels))
+        made += cost(StandardisedSteps(n_steps, taxels), signal_ms=cuts.length_ms)
+        yield Input(SIGNALS, words, None, averaged(pieces, n_steps), made, of_sequences)
 
 
-def spike_inputs(trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts) -> Iterator[Input]:
+def _sequences_of(words: str, length_ms: float, most: int) -> Iterator[tuple[str, int, dict[str, Family]]]:
+    """Sequences of a window of `most` samples: their name, their steps, and the classifiers that receive them."""
+    if most >= KERNEL:
+        yield words, min(MOST_SAMPLES, most), ON_SAMPLES
+    else:
+        say(f"baselines: no MiniRocket: windows of {most} {words} are shorter than its kernels of {KERNEL}")
+    yield f"{GRU_BIN_MS:g} ms bins", gru_steps(length_ms, most), ON_BINS
+
+
+def gru_steps(length_ms: float, most: int) -> int:
+    """Bins of a window for the GRU: of 20 ms, at most `GRU_STEPS` and at most one a sample.
+
+    >>> gru_steps(1000.0, 500), gru_steps(60_000.0, 500), gru_steps(1000.0, 20)
+    (50, 150, 20)
+    """
+    return max(1, min(round(length_ms / GRU_BIN_MS), GRU_STEPS, most))
+
+
+def spike_inputs(
+    trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts, opponents: Opponents = "quick", *, is_first: bool = True
+) -> Iterator[Input]:
     """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
-    Events of an event-based sensor cost nothing to encode.
+    is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
+    they cost nothing to encode, and with all opponents there are sequences of them, too.
     """
     rasters = trains.raster(cuts.windows)
     n_windows, n_steps, n_afferents = rasters.shape
+    source = SPIKES if trains.encoder else EVENTS
     n_taxels = taxels_of(n_afferents, trains.encoder)
     encoding = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder) if trains.encoder else Cost()
     made = encoding + Cost(acs=float(rasters.sum()) / n_windows)
+    of_features = families.ON_FEATURES if is_first else {LINEAR: families.logistic_regression}
     n_bins = min(BINS, n_steps)
-    edges = np.linspace(0, n_steps, n_bins + 1).round().astype(int)
-    counts = np.add.reduceat(rasters, edges[:-1], axis=1, dtype=np.int64)
-    yield Input(SPIKES, "counts", pair, counts.sum(axis=1).astype(float), made)
-    yield Input(SPIKES, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made)
+    counts = counted(rasters, n_bins)
+    yield Input(source, "counts", pair, counts.sum(axis=1).astype(float), made, of_features)
+    yield Input(source, _bins(n_bins), pair, counts.reshape(n_windows, -1).astype(float), made, of_features)
+    if opponents != "all" or source != EVENTS or not is_first:
+        return
+    for words, n_sequence, of_sequences in _sequences_of("steps", cuts.length_ms, n_steps):
+        sequences = counted(rasters, n_sequence).astype(np.float32)
+        spent = made + cost(StandardisedSteps(n_sequence, n_afferents), signal_ms=cuts.length_ms)
+        yield Input(source, words, pair, sequences, spent, of_sequences)
 
 
 def rows(
-    inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, stronger: bool, most_machines: int = MOST_MACHINES
+    inputs: Iterable[Input], labels: np.ndarray, cuts: Cuts, *, most_machines: int = families.MOST_MACHINES
 ) -> Iterator[dict[str, Any]]:
     """A row of `baselines.csv` for each classifier on each input; labels: class of each window, `(window,)`.
 
     Under `RIGHT` a row also has, for validation and test, the share of correctly classified windows of each trial.
-    stronger: also fit the families of `STRONGER`; validation windows choose the candidate of each.
     most_machines: training windows up to which support vector machines are fitted.
     """
     for one in inputs:
-        scaler = StandardScaler().fit(one.features[cuts.sides[0]])
-        sides = Sides(
-            *(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides)
-        )
-        families = {LINEAR: logistic_regression, **(STRONGER if stronger else {})}
-        for name, family in families.items():
-            if name == "SVM" and len(sides.y_train) > most_machines:
+        sides = _sides(one, labels, cuts)
+        for name, family in one.families.items():
+            if name == families.MACHINES and len(sides.y_train) > most_machines:
+                say(
+                    f"baselines: no SVM on {one.column}: {len(sides.y_train)} training windows, at most {most_machines}"
+                )
                 continue
             best = best_of(family, sides, 0)
             right = {
@@ -137,10 +195,19 @@ def rows(
             yield {**_row(one, name, best, sides), RIGHT: right}
 
 
+def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
+    """The input of each side; features and channels are standardised on training windows."""
+    if one.features.ndim == 3:
+        return families.standardised(one.features, labels, cuts.sides)
+    scaler = StandardScaler().fit(one.features[cuts.sides[0]])
+    return Sides(*(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides))
+
+
 def _row(one: Input, name: str, best: Candidate, sides: Sides) -> dict[str, Any]:
-    spent = one.made + cost(Standardise(one.features.shape[1]), *best.layers)
+    scaling = (Standardise(one.features.shape[1]),) if one.features.ndim == 2 else ()
+    spent = one.made + cost(*scaling, *best.layers)
     ra_ms, sa_ms = one.pair if one.pair else (None, None)
-    named = {"classifier": name, "input": f"{one.source}: {one.words}", "t_ref_ra_ms": ra_ms, "t_ref_sa_ms": sa_ms}
+    named = {"classifier": name, "input": one.column, "t_ref_ra_ms": ra_ms, "t_ref_sa_ms": sa_ms}
     return {**named, **measured(best, sides, spent)}
 
 
@@ -153,15 +220,9 @@ def measured(best: Candidate, sides: Sides, spent: Cost) -> dict[str, Any]:
         "n_test": len(sides.y_test),
         "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
         "accuracy_test": accuracy(best, sides.test, sides.y_test),
-        **spent.columns("macs", "flops", "parameters", "signal_ms", "energy_estimate_nJ"),
+        **{name: value for name, value in spent.columns().items() if name != "sops"},
     }
 
 
 def _bins(n: int) -> str:
     return f"{n} time bin{'' if n == 1 else 's'}"
-
-
-def _binned(piece: np.ndarray, n_bins: int) -> np.ndarray:
-    """Sums over `n_bins` time bins, as equal as whole samples allow, `(bin, taxel)`."""
-    edges = np.linspace(0, len(piece), n_bins + 1).round().astype(int)
-    return np.add.reduceat(piece, edges[:-1], axis=0, dtype=np.float64)

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +15,15 @@ from neurotact.data import hdf5
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.sources import expand, read_recordings, simulator
-from neurotact.data.splits import Split, split_conditions
+from neurotact.data.splits import split_conditions
 from neurotact.data.trial_choice import chosen_trials
-from neurotact.data.windows import Windows, check_fit
+from neurotact.data.windows import check_fit
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.files import write_json
-from neurotact.metrics.linear import fit_linear
 from neurotact.progress import track
 from neurotact.spec import build, digest
 from neurotact.studies import baselines, manifest
@@ -86,19 +86,6 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     if "same_drive.csv" in table_flaws and study.same_drive is not None and isinstance(study.encoder, AfferentSpec):
         table = same_drive_table(recordings, study.encoder, study.same_drive, study.window.start_ms)
         write_table(table, folder / "same_drive.csv")
-    if "baseline.csv" in table_flaws:
-        subsets = {cell.dataset: cell.subset for cell in cells}
-        trains = hdf5.load_spikes(folder / cells[0].given)
-        windows = trains.cut(cells[0].window)
-        features = linear_features(recordings, windows, trains.sampling_rate_Hz)
-        tables = []
-        for first_of_split, *_ in by_split(cells):
-            parts = split_conditions(recordings.conditions, dataset.stratify, first_of_split.split)
-            split = {key: value_at(first_of_split, key) for key in split_columns(study)}
-            tables.append(baseline_table(recordings, windows, features, parts, subsets).assign(**split))
-        table = pd.concat(tables, ignore_index=True)
-        table["samples"] = max(1, round(windows.n_steps * recordings.sampling_rate_Hz / trains.sampling_rate_Hz))
-        write_table(table, folder / "baseline.csv")
     if not table_flaws.keys().isdisjoint(BASELINES):
         for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
             write_table(table, folder / name)
@@ -140,11 +127,13 @@ def _fitted(
     pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
-        inputs = [
-            *(baselines.signal_inputs(recordings, cuts) if is_first else ()),
-            *baselines.spike_inputs(trains, pair, cuts),
-        ]
-        for row in baselines.rows(inputs, recordings.labels[windows.trial], cuts, stronger=is_first):
+        of_signals = baselines.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
+        of_spikes = (
+            ()
+            if study.baselines == "linear"
+            else baselines.spike_inputs(trains, pair, cuts, study.baselines, is_first=is_first)
+        )
+        for row in baselines.rows(chain(of_signals, of_spikes), recordings.labels[windows.trial], cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
             yield {"dataset": name, **split, **row, **encoder}
@@ -191,8 +180,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
 def tables_of(study: StudySpec) -> list[str]:
     """The tables of its recordings that a study requests, before any cell is run."""
     asked = {
-        "baseline.csv": study.linear_baseline,
-        **dict.fromkeys(BASELINES, study.baselines),
+        **dict.fromkeys(BASELINES, study.baselines != "none"),
         "signals.csv": study.signals,
         "same_drive.csv": study.same_drive is not None,
     }
@@ -218,37 +206,6 @@ def check_files(folder: Path, paths: Iterable[str]) -> None:
 def _encoded(cell: Cell) -> list[str]:
     """The files of an encoding in `spikes`, which differ only in their suffix."""
     return [f"{cell.spikes_name}.csv", f"{cell.spikes_name}.h5"]
-
-
-def linear_features(recordings: Recordings, windows: Windows, clock_Hz: float) -> np.ndarray:
-    """Each taxel's mean and deviation as recorded, `(window, 2 taxel)`, in windows on the encoder's clock."""
-    pieces = baselines.pieces_of(recordings, windows, clock_Hz)
-    return np.array([np.concatenate([piece.mean(axis=0), piece.std(axis=0)]) for piece in pieces])
-
-
-def baseline_table(
-    recordings: Recordings, windows: Windows, features: np.ndarray, parts: Split, subsets: Mapping[str, dict]
-) -> pd.DataFrame:
-    """Accuracy of logistic regression on features of the windows of the networks, for each subset."""
-    labels = recordings.labels[windows.trial]
-    rows = []
-    for name, where in subsets.items():
-        inside = select_conditions(recordings.conditions, where)[windows.trial]
-        train, validation, test = (inside & np.isin(windows.trial, part) for part in parts)
-        model = fit_linear(features[train], labels[train])
-        majority = np.bincount(labels[train]).argmax()
-        rows.append(
-            {
-                "dataset": name,
-                "n_train": int(train.sum()),
-                "n_test": int(test.sum()),
-                "accuracy_validation": model.score(features[validation], labels[validation]),
-                "accuracy_test": model.score(features[test], labels[test]),
-                "chance": 1.0 / len(recordings.classes),
-                "majority_class": float((labels[test] == majority).mean()),
-            }
-        )
-    return pd.DataFrame(rows)
 
 
 def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, AfferentSpec]) -> EncoderSpec:

@@ -127,6 +127,10 @@ class EarlyExitSpec(Spec):
     """As `exit_by` of a `Task`; the networks and their seeds are the same for both."""
 
 
+Opponents = Literal["none", "linear", "quick", "all"]
+"""Which opponents of the networks are fitted (`StudySpec.baselines`)."""
+
+
 class SelectionSpec(Spec):
     """How the best trade-off is selected, in the loop of the texture paper's Fig. 7 (`studies/selection.py`).
 
@@ -162,10 +166,9 @@ class StudySpec(Spec):
     window: WindowSpec = WindowSpec()
     split: SplitSpec = SplitSpec()
     early_exit: EarlyExitSpec = EarlyExitSpec()
-    linear_baseline: bool = False
-    """Also fit a linear classifier on the taxels' means and deviations in the same windows."""
-    baselines: bool = False
-    """Also fit logistic regression, SVM and ELM on the signals and the spikes of the same windows: baselines.csv."""
+    baselines: Opponents = "none"
+    """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
+    of the signals; `quick`, also SVM, ELM and trees, and on spikes; `all`, also spectra, MiniRocket and a GRU."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
     """Also test each network on the first part of its own windows, of these lengths: the table cut_short.csv."""
     exit_patiences: tuple[Steps, ...] = ()
@@ -211,7 +214,8 @@ class StudySpec(Spec):
         swept = [key for key in sweeps.keys(self.sweep) if key.startswith(SOURCE)]
         if swept and self.dataset.simulate is None:
             raise ValueError(f"sweep: '{swept[0]}' needs dataset.simulate; recordings that are read have no parameters")
-        described = [name for name in ("linear_baseline", "baselines", "signals", "same_drive") if getattr(self, name)]
+        asked = {"baselines": self.baselines != "none", "signals": self.signals, "same_drive": bool(self.same_drive)}
+        described = [name for name, is_asked in asked.items() if is_asked]
         if swept and described:
             raise ValueError(f"{described[0]} describes one set of recordings; remove it, or the sweep of '{swept[0]}'")
         return self

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from neurotact.networks.comparison import compare, costs, linear_accuracy, lines
+from neurotact.baselines import families
+from neurotact.networks import comparison
+from neurotact.networks.comparison import Trials, compare, costs, lines, opponents_of
 from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
 
@@ -18,27 +20,84 @@ def examples(labels: list[int], tells: bool, seed: int = 0) -> Examples:
     return Examples(torch.from_numpy(rasters.astype(np.uint8)), torch.tensor(labels))
 
 
+@pytest.fixture(autouse=True)
+def few_trees(monkeypatch):
+    monkeypatch.setattr(families, "TREES", 20)
+
+
+def sides_of(labels, tells):
+    return Sides(*(examples(labels, tells, seed) for seed in range(3)))
+
+
+def one_each(sides: Sides) -> Trials:
+    """A trial for each window."""
+    return Trials(*(np.arange(len(side.labels)) for side in (sides.validation, sides.test)))
+
+
 @pytest.mark.parametrize("tells", [True, False])
-def test_the_linear_classifier_learns_what_counts_tell(tells):
-    found = linear_accuracy(examples([0, 1, 2] * 20, tells), examples([0, 1, 2] * 20, tells, seed=1))
-    assert found == 1.0 if tells else found < 0.6
+def test_opponents_learn_what_counts_tell(tells):
+    sides = sides_of([0, 1, 2] * 20, tells)
+    found = {one.name: one for one in opponents_of(sides, one_each(sides))}
+    assert len(found) == 2 * len(families.ON_FEATURES)
+    for name in ("logistic regression on counts", "SVM on 10 time bins"):
+        shares = found[name].accuracy_validation, found[name].accuracy_test
+        assert min(shares) > 0.9 if tells else shares[1] < 0.6
+        assert np.mean([*found[name].test.values()]) == pytest.approx(shares[1])
+
+
+def test_when_spikes_come_is_seen_in_time_bins_alone():
+    """Both classes have as many spikes; one has them in the first half, the other in the second."""
+    labels = [0, 1] * 20
+    rasters = np.zeros((40, 50, 1), np.uint8)
+    rasters[::2, :20] = rasters[1::2, 25:45] = 1
+    whole = Examples(torch.from_numpy(rasters), torch.tensor(labels))
+    sides = Sides(whole, whole, whole)
+    found = {one.name: one.accuracy_test for one in opponents_of(sides, one_each(sides))}
+    assert found["logistic regression on 10 time bins"] == 1.0
+    assert found["logistic regression on counts"] == 0.5
 
 
 def test_more_than_255_spikes_are_counted():
-    many = Examples(torch.ones(4, 600, 1, dtype=torch.uint8), torch.tensor([0, 1, 0, 1]))
+    many = Examples(torch.ones(8, 600, 1, dtype=torch.uint8), torch.tensor([0, 1] * 4))
     many.spikes[::2, :256] = 0  # which leaves as many, were counts to wrap around
-    assert linear_accuracy(many, many) == 1.0
+    sides = Sides(many, many, many)
+    assert {one.accuracy_test for one in opponents_of(sides, one_each(sides)) if "logistic" in one.name} == {1.0}
 
 
 def test_chance_and_the_commonest_class_are_told():
-    train, test = examples([0, 0, 0, 1, 1, 2], True), examples([0, 1, 2, 0], True)
-    found = compare(0.75, Sides(train, test, test), 4, 3)
+    train, test = examples([0, 0, 0, 1, 1, 2] * 3, True), examples([0, 1, 2, 0], True)
+    sides = Sides(train, test, test)
+    found = compare([True, True, True, False], sides, one_each(sides), 3)
     assert found.chance == pytest.approx(1 / 3)
     assert found.commonest == 0.5
     assert found.trials == 4
     told = " ".join(lines(found))
     for words in ("accuracy 75.0 % (95 % interval 30.1 % to 95.4 %, 4 test trials)", "chance 33.3 %"):
         assert words in told
+
+
+@pytest.mark.parametrize(("right", "tells", "verdict"), [(False, True, "worse"), (True, False, "better")])
+def test_the_network_is_judged_by_the_referee(right, tells, verdict):
+    sides = sides_of([0, 1, 2] * 20, tells)
+    found = compare([right] * 60, sides, one_each(sides), 3)
+    assert found.verdict == verdict
+    assert found.p < 0.05
+    assert ("is clearly better than the network" in lines(found)[1]) == (verdict == "worse")
+
+
+def test_many_windows_are_too_many_for_machines(monkeypatch, capsys):
+    monkeypatch.setattr(families, "MOST_MACHINES", 59)
+    sides = sides_of([0, 1, 2] * 20, True)
+    assert not any("SVM" in one.name for one in opponents_of(sides, one_each(sides)))
+    assert "no SVM: 60 training windows, at most 59" in capsys.readouterr().err
+
+
+def test_windows_of_a_trial_are_one_trial():
+    sides = sides_of([0, 1, 2] * 20, True)
+    trials = Trials(*(np.arange(60) // 3 for _ in range(2)))
+    found = compare([True] * 60, sides, trials, 3)
+    assert found.trials == 20
+    assert comparison.wilson_interval(1.0, 20) == (found.low, found.high)
 
 
 def test_the_spikes_of_every_population_are_counted():

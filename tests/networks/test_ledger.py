@@ -32,13 +32,6 @@ def test_a_network_by_hand():
     assert costs["signal_ms"].tolist() == [5.0, 5.0, 5.0]
 
 
-def test_the_linear_baseline_by_hand():
-    # 2 taxels, 10 samples, 3 classes: mean 10 ACs, deviation 10 ACs and 10 MACs, a taxel; 4 features; 12 weights.
-    counted = ledger.linear_cost(2, 10, 3, 5.0)
-    assert (counted.macs, counted.acs) == (20 + 4 + 12, 40)
-    assert counted.parameters == 8 + 15
-
-
 def test_a_study_has_the_baseline_the_encoding_and_each_network():
     rows = [
         {"setting": "all", "pair": "1&1", "hidden": 20, "seed": seed, "window_steps": 300, "sops_input": 100.0 + seed,
@@ -47,16 +40,17 @@ def test_a_study_has_the_baseline_the_encoding_and_each_network():
     ]  # fmt: skip
     results = pd.DataFrame(rows)
     sizes = {"n_afferents": 16, "n_classes": 8, "rate_Hz": 2000.0, "encoder": SMOOTHED}
-    table = ledger.study_ledger(RSNNSpec(), results, pd.DataFrame({"samples": [300]}), **sizes)
+    spent = {"macs": 36.0, "acs": 40.0, "other_flops": 0.0, "parameters": 23, "bytes": 92, "signal_ms": 150.0}
+    baselines = pd.DataFrame([{"classifier": "SVM", "input": "signals: 10 time bins", **spent}] * 2)
+    table = ledger.study_ledger(RSNNSpec(), results, baselines, **sizes)
     assert table["name"].tolist() == [
-        "linear baseline",
+        "SVM on signals: 10 time bins",
         "conditioning and encoding alone, 150 ms",
         "spiking: all, t_ref 1&1 ms, N = 20",
     ]
     assert table["sops"].tolist() == [0.0, 0.0, 115.5]
     assert (table["signal_ms"] == 150).all()
-    older = pd.DataFrame({"accuracy_test": [0.5]})
-    assert ledger.study_ledger(RSNNSpec(), results, older, **sizes)["name"].iloc[0].startswith("conditioning")
+    assert table["energy_estimate_nJ"].iloc[0] == pytest.approx(1e-3 * (36 * 4.6 + 40 * 0.9))
     assert len(ledger.study_ledger(RSNNSpec(), results, None, **sizes)) == 2
 
 

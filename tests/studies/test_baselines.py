@@ -3,7 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from neurotact.baselines import families
+from neurotact.baselines.features import band_powers
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import Split
@@ -45,7 +49,7 @@ def test_signals_are_cut_on_the_encoders_clock():
     signal = np.arange(4.0)[:, None] * np.ones((4, 1))
     recordings = Recordings([signal] * 40, 100.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 31), WindowSpec(length_ms=15))
-    moments, binned = baselines.signal_inputs(recordings, made)
+    moments, binned = baselines.signal_inputs(recordings, made, "quick")
     assert moments.features[:2].tolist() == [[0.5, 0.5], [2.0, 0.0]]  # from 15 ms on: the sample at 20 ms alone
     assert binned.features.shape == (80, 1)  # of the shortest window, one bin
     assert binned.words == "1 time bin"
@@ -58,23 +62,22 @@ def test_a_window_behind_the_last_sample_sees_the_last_one():
     assert all(len(piece) >= 1 for piece in pieces)
 
 
-def rows_of(features, stronger=True, **limits):
+def rows_of(features, of=families.ON_FEATURES, **limits):
     made = cuts(np.full(40, 20))
     labels = np.arange(40) % 2
-    one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0))
-    return list(baselines.rows([one], labels, made, stronger=stronger, **limits))
+    one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0), of)
+    return list(baselines.rows([one], labels, made, **limits))
 
 
 def test_what_a_line_tells_apart_all_tell_apart():
     features = np.stack([np.arange(40) % 2 * 4.0, np.random.default_rng(0).normal(size=40)], axis=1)
     found = rows_of(features)
-    assert [row["classifier"] for row in found] == ["logistic regression", "SVM", "ELM"]
-    assert [row["accuracy_test"] for row in found] == [1.0, 1.0, 1.0]
+    assert [row["classifier"] for row in found] == ["logistic regression", "SVM", "ELM", "extra trees"]
+    assert [row["accuracy_test"] for row in found] == [1.0, 1.0, 1.0, 1.0]
     assert {(row["n_train"], row["n_validation"], row["n_test"]) for row in found} == {(24, 8, 8)}
     # Standardising 2 features and 2 outputs of 2 inputs: 2 + 4 MACs.
     assert found[0]["macs"] == 6
     assert found[0]["energy_estimate_nJ"] == pytest.approx(1e-3 * (4.6 * 6 + 0.9 * 7))
-    assert [row["classifier"] for row in rows_of(features, stronger=False)] == ["logistic regression"]
 
 
 def test_test_windows_choose_nothing():
@@ -84,12 +87,76 @@ def test_test_windows_choose_nothing():
     spoilt = features.copy()
     spoilt[32:] = rng.normal(size=(8, 3))
     for before, after in zip(rows_of(features), rows_of(spoilt), strict=True):
-        of_test = {"accuracy_test": 0, "right": {}}
-        assert {**before, **of_test} == {**after, **of_test}
-        assert before["right"].keys() == after["right"].keys()
+        of_test = {"accuracy_test": 0, "right": before["right"]["validation"]}
+        assert {**before, **of_test} == {**after, "accuracy_test": 0, "right": after["right"]["validation"]}
+        assert before["right"]["test"].keys() == after["right"]["test"].keys()
 
 
-def test_many_windows_are_too_many_for_machines():
+def test_many_windows_are_too_many_for_machines(capsys):
     features = np.arange(40.0)[:, None] % 2
-    assert [row["classifier"] for row in rows_of(features, most_machines=23)] == ["logistic regression", "ELM"]
-    assert len(rows_of(features, most_machines=24)) == 3
+    left = rows_of(features, most_machines=23)
+    assert [row["classifier"] for row in left] == ["logistic regression", "ELM", "extra trees"]
+    assert "no SVM on signals: made up: 24 training windows, at most 23" in capsys.readouterr().err
+    assert len(rows_of(features, most_machines=24)) == 4
+
+
+def sequences_of(n_steps=60):
+    """Two classes that differ in the frequency of one channel alone, at any phase: means and counts say nothing."""
+    rng = np.random.default_rng(3)
+    phase, period = rng.uniform(0, 2 * np.pi, 40)[:, None], np.where(np.arange(40) % 2, 5.0, 9.0)[:, None]
+    waves = np.sin(2 * np.pi * np.arange(n_steps) / period + phase)
+    return np.stack([waves, rng.normal(size=waves.shape)], axis=2)
+
+
+def test_all_opponents_see_the_signals_as_sequences_too():
+    recordings = Recordings(list(sequences_of()), 1000.0, "mV", CONDITIONS)
+    made = cuts(np.full(40, 60), WindowSpec(length_ms=60))
+    found = {one.words: one for one in baselines.signal_inputs(recordings, made, "all")}
+    assert [*found] == ["mean and deviation", "10 time bins", "power in 8 bands", "samples", "20 ms bins"]
+    assert found["samples"].features.shape == (40, 60, 2)
+    assert found["20 ms bins"].features.shape == (40, 3, 2)
+    np.testing.assert_allclose(found["20 ms bins"].features[0, 1], recordings.signals[0][20:40].mean(axis=0))
+    (linear,) = baselines.signal_inputs(recordings, made, "linear")
+    assert [*linear.families] == ["logistic regression"]
+
+
+def test_what_only_time_tells_is_found_by_spectra_and_sequences(monkeypatch):
+    monkeypatch.setattr(families, "ROCKET_FEATURES", (1008,))
+    monkeypatch.setattr(families, "GRU_HIDDEN", (16,))
+    made = cuts(np.full(40, 60), WindowSpec(length_ms=60))
+    recordings = Recordings(list(sequences_of()), 1000.0, "mV", CONDITIONS)
+    labels = np.arange(40) % 2
+    inputs = baselines.signal_inputs(recordings, made, "all")
+    told = {(row["classifier"], row["input"]): row for row in baselines.rows(inputs, labels, made)}
+    assert told["logistic regression", "signals: power in 8 bands"]["accuracy_test"] == 1.0
+    assert told["MiniRocket", "signals: samples"]["accuracy_test"] == 1.0
+    assert told["logistic regression", "signals: mean and deviation"]["accuracy_test"] < 1.0
+    assert told["GRU", "signals: 20 ms bins"]["parameters"] > 3 * 16 * (2 + 16)
+
+
+def test_events_of_a_sensor_are_its_signal():
+    rasters = (np.random.default_rng(0).random((40, 60, 2)) < 0.2).astype(np.uint8)
+    trains = from_rasters(rasters, 1000.0, ("ON a", "OFF a"), CONDITIONS)
+    made = cuts(trains.trial_steps, WindowSpec(length_ms=60))
+    found = list(baselines.spike_inputs(trains, (0.0, 0.0), made, "all"))
+    assert [one.column for one in found] == [
+        "events: counts", "events: 10 time bins", "events: steps", "events: 20 ms bins",
+    ]  # fmt: skip
+    assert found[3].features.shape == (40, 3, 2)
+    assert found[3].features[0, 0].tolist() == rasters[0, :20].sum(axis=0).tolist()
+
+
+@given(st.integers(2, 400), st.integers(1, 8))
+def test_bands_divide_all_frequencies_of_any_window(n_samples, n_bands):
+    n_bands = min(n_bands, n_samples // 2)
+    piece = np.random.default_rng(n_samples).normal(size=(n_samples, 1))
+    powers = band_powers(piece, n_bands)
+    assert powers.shape == (n_bands, 1)
+    assert np.isfinite(powers).all()
+
+
+def test_short_windows_have_no_minirocket_and_it_is_said(capsys):
+    recordings = Recordings([np.ones((8, 1))] * 40, 1000.0, "mV", CONDITIONS)
+    made = cuts(np.full(40, 8), WindowSpec(length_ms=8))
+    assert "samples" not in [one.words for one in baselines.signal_inputs(recordings, made, "all")]
+    assert "no MiniRocket: windows of 8 samples are shorter than its kernels of 9" in capsys.readouterr().err

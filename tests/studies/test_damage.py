@@ -31,7 +31,7 @@ COINS = HERE / "coins.toml"
 SPACE = {"forward_weight_scale": {"_type": "loguniform", "_value": [0.3, 3.0]}}
 ONE_SIZE = {"network.hidden": 4, "sweep.seed": [0]}
 KINDS = {
-    "networks": (TINY, ONE_SIZE | {"linear_baseline": True, "signals": True, "same_drive": {"spikes": 3, "trials": 1}}),
+    "networks": (TINY, ONE_SIZE | {"baselines": "linear", "signals": True, "same_drive": {"spikes": 3, "trials": 1}}),
     "searches": (
         TINY,
         ONE_SIZE | {"search.space": SPACE, "search.trials": 2, "search.batch": 2},
@@ -196,7 +196,16 @@ def test_a_whole_run_is_left_as_it_is_and_its_inputs_are_hashed_once(run, monkey
 @pytest.mark.parametrize("junk", [b"", b"[]", b"a,b\n1\n"])
 def test_junk_in_what_cells_share_is_written_again(whole, run, junk, capsys):
     before = times_of_results(run)
-    shared = ("data.json", "versions.json", "baseline.csv", "signals.csv", "same_drive.csv", "spikes/*.*", "data/*.*")
+    shared = (
+        "data.json",
+        "versions.json",
+        "baselines.csv",
+        "baselines_trials.csv",
+        "signals.csv",
+        "same_drive.csv",
+        "spikes/*.*",
+        "data/*.*",
+    )
     for path in sorted(path for name in shared for path in run.glob(name) if path.name != manifest.FILES):
         path.write_bytes(junk)
         resume(run)

@@ -25,7 +25,7 @@ from neurotact.studies import preparation, runner, study
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 TINY = HERE / "tiny.toml"
-SMALL = ("--set", "network.hidden=4", "--set", "sweep.seed=[0]", "--set", "linear_baseline=true")
+SMALL = ("--set", "network.hidden=4", "--set", "sweep.seed=[0]", "--set", "baselines=linear")
 SPACE = '[forward_weight_scale]\n_type = "loguniform"\n_value = [0.3, 3.0]\n'
 DEADLINE_S = 300.0
 

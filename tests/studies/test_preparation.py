@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from neurotact.baselines import families
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
@@ -14,9 +15,9 @@ from neurotact.data.splits import Split, split_conditions
 from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.studies import preparation, study
+from neurotact.metrics.flops import Cost
+from neurotact.studies import baselines, preparation, study
 from neurotact.studies.firing import encoding_table
-from neurotact.studies.preparation import baseline_table, linear_features
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 
@@ -168,7 +169,10 @@ def test_the_linear_baseline_sees_the_windows_of_the_networks():
     encoder = CELL.encoder.model_copy(update={"conditioning": ConditioningSpec(resample_Hz=1000.0)})
     trains = encode_recordings(skin, encoder)
     windows = cut(trains.trial_steps, trains.sampling_rate_Hz, WindowSpec(length_ms=500, start_ms=250))
-    features = linear_features(skin, windows, trains.sampling_rate_Hz)
+    every = np.ones(len(windows), bool)
+    cuts = baselines.Cuts(windows, trains.sampling_rate_Hz, (every, every, every))
+    (moments,) = baselines.signal_inputs(skin, cuts, "linear")
+    features = moments.features
     assert features.shape == (len(windows), 4)
     # From 250 ms on, 500 ms at 36 Hz: samples 9 to 26, then 27 to 44, and so on.
     means = [np.arange(9 + 18 * k, 27 + 18 * k).mean() for k in (0, 1, 2, 0, 1, 2, 3)]
@@ -179,7 +183,7 @@ def test_the_linear_baseline_sees_the_windows_of_the_networks():
 @pytest.fixture
 def told():
     """A window a trial whose one feature tells its class: rightly for training and validation at 3 N, the other way
-    round for test trials and at 6 N. Recordings, windows, features and the sides.
+    round for test trials and at 6 N. The row of a linear classifier, by the conditions of its trials.
     """
     table = pd.DataFrame({"label": ["felt", "silk"] * 12, "force_N": [3, 3, 6, 6] * 6})
     recordings = Recordings(np.zeros((24, 10, 1)), 1000.0, "mV", table)
@@ -187,16 +191,24 @@ def told():
     sides = Split(trials[:12], trials[12:16], trials[16:])
     is_turned = (table["force_N"] == 6).to_numpy() ^ (trials >= 16)
     features = np.where(recordings.labels.astype(bool) ^ is_turned, 1.0, -1.0)[:, None]
-    return recordings, Windows(trials, np.zeros(24, np.int64), 10), features, sides
+    told = baselines.Input("signals", "told", None, features, Cost(), {"linear": families.logistic_regression})
+    windows = Windows(trials, np.zeros(24, np.int64), 10)
+
+    def rows(where):
+        cuts = baselines.cuts_of(table, windows, 1000.0, sides, where)
+        (row,) = baselines.rows([told], recordings.labels, cuts)
+        return row
+
+    return rows
 
 
 def test_the_linear_baseline_learns_from_training_trials_and_keeps_the_sides_apart(told):
-    (row,) = baseline_table(*told, {"3 N": {"force_N": 3}}).to_dict("records")
+    row = told({"force_N": 3})
     assert (row["n_train"], row["n_test"]) == (6, 4)
     assert (row["accuracy_validation"], row["accuracy_test"]) == (1.0, 0.0)
 
 
 def test_the_linear_baseline_of_a_subset_sees_that_subset_alone(told):
-    rows = baseline_table(*told, {"3 N": {"force_N": 3}, "6 N": {"force_N": 6}, "mixed": {}})
-    assert rows["n_train"].tolist() == [6, 6, 12]
-    assert rows["accuracy_validation"].tolist() == [1.0, 1.0, 0.5]
+    rows = [told(where) for where in ({"force_N": 3}, {"force_N": 6}, {})]
+    assert [row["n_train"] for row in rows] == [6, 6, 12]
+    assert [row["accuracy_validation"] for row in rows] == [1.0, 1.0, 0.5]

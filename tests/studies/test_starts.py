@@ -79,7 +79,7 @@ def test_a_lost_encoding_of_a_later_start_is_made_again_the_same(run):
     [
         ({"sweep.dataset.parameters.start_mm": [1.0, -2.0]}, "start_mm: must be >= 0; got -2"),
         ({"sweep.dataset.parameters.strat_mm": [1.0]}, "did you mean 'start_mm'"),
-        ({"sweep.dataset.parameters.start_mm": [1.0], "linear_baseline": True}, "linear_baseline describes one set"),
+        ({"sweep.dataset.parameters.start_mm": [1.0], "baselines": "linear"}, "baselines describes one set"),
         (
             {"sweep.dataset.parameters.start_mm": [1.0], "dataset.simulate": None, "dataset.file": "x.h5"},
             "needs dataset.simulate",

@@ -4,7 +4,7 @@ Features and sequences are standardised on training examples; sequences are firs
 yields its candidates from the smallest on; of candidates with equal validation accuracy, the first is chosen.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans, Init
-from neurotact.baselines.families import Candidate, Family, Sides, elm, svm
+from neurotact.baselines.families import Candidate, Family, Sides, elm, standardised, svm
+from neurotact.baselines.features import averaged
 from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
 from neurotact.baselines.rls import RLSClassifier
 from neurotact.baselines.slfn import SLFNClassifier
@@ -41,32 +42,9 @@ def feature_sides(task: TaskData, split: Split) -> Sides:
 
 def sequence_sides(task: TaskData, split: Split, steps: int = STEPS) -> Sides:
     """The sequences of each side, averaged to at most `steps` steps, each channel standardised on the training side."""
-    return standardised(averaged(task.sequences, steps).astype(float), task.labels, split)
-
-
-def standardised(sequences: np.ndarray, labels: np.ndarray, sides: Sequence[np.ndarray]) -> Sides:
-    """Sequences `(example, time, channel)` of each side, each channel standardised on the training side.
-
-    sides: indices or booleans that select the examples of training, validation and test.
-    """
-    training = sequences[sides[0]]
-    offset, scale = training.mean(axis=(0, 1)), training.std(axis=(0, 1))
-    standard = (sequences - offset) / np.where(scale > 0, scale, 1.0)
-    return Sides(*(standard[side] for side in sides), *(labels[side] for side in sides))
-
-
-def averaged(sequences: np.ndarray, steps: int) -> np.ndarray:
-    """Means over `steps` time bins of `(example, time, channel)`, as equal as whole samples allow.
-
-    >>> averaged(np.arange(5.0).reshape(1, 5, 1), 2).ravel().tolist()
-    [0.5, 3.0]
-    """
-    n_samples = sequences.shape[1]
-    if n_samples <= steps:
-        return sequences
-    edges = np.round(np.linspace(0, n_samples, steps + 1)).astype(int)
-    sums = np.add.reduceat(sequences, edges[:-1], axis=1, dtype=np.float64)
-    return sums / np.diff(edges)[None, :, None]
+    sequences = np.asarray(task.sequences, float)
+    n_steps = min(steps, sequences.shape[1])
+    return standardised(averaged(sequences, n_steps), task.labels, split)
 
 
 def slfn(sides: Sides, seed: int) -> Iterator[Candidate]:

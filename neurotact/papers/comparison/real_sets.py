@@ -1,7 +1,8 @@
 """Spiking networks compared with classical classifiers on the same windows, splits and spikes of several sets.
 
-The networks follow the default recipe, with and without recurrence. Logistic regression, support vector machines and
-extreme learning machines receive signals and spikes, a GRU receives spikes. Sets and encoders: as in `ways_to_save`.
+The networks follow the default recipe, with and without recurrence. All opponents of `studies.baselines` receive the
+signals, or the events of an event-based sensor; those on counts also the spikes. Sets and encoders: as in
+`ways_to_save`.
 """
 
 from collections.abc import Iterator
@@ -12,20 +13,17 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
-from neurotact.baselines.families import best_of
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, new_figure, printed
-from neurotact.metrics.flops import Cost, cost
-from neurotact.metrics.signal_flops import StandardisedSteps
 from neurotact.networks.specs import RSNNSpec
-from neurotact.papers.comparison import families, fronts, sets
+from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
 from neurotact.papers.comparison.sets import WaysData
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
 from neurotact.spec import Spec
 from neurotact.studies import baselines
-from neurotact.studies.baselines import LINEAR, Cuts, Input
+from neurotact.studies.baselines import LINEAR, Input
 from neurotact.studies.protocol import Arrays, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
@@ -65,7 +63,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
         return [{"classifier": "", "input": "", **skipped_row(arrays, VIEW.measures)}]
     bench = sets.bench_of(parameters.data, parameters.network, parameters.seed, arrays)
     sides = cut(bench, Setting())
-    rows = [*_spiking(bench, sides), *_classical(bench, sides.trains, parameters.seed)]
+    rows = [*_spiking(bench, sides), *_classical(bench, sides.trains)]
     return [{**row, SKIPPED: ""} for row in rows]
 
 
@@ -77,30 +75,17 @@ def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
         yield {**row, **row_of(fitted)}
 
 
-def _classical(bench: Bench, trains: SpikeTrains, seed: int) -> Iterator[dict[str, Any]]:
+def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
     windows = trains.cut(bench.window)
     cuts = baselines.cuts_of(trains.conditions, windows, trains.sampling_rate_Hz, bench.split, {})
-    labels = trains.labels[windows.trial]
     inputs: list[Input] = []
     if isinstance(bench.touches, Recordings):
-        inputs += baselines.signal_inputs(bench.touches, cuts)
-    counts = list(baselines.spike_inputs(trains, (0.0, 0.0), cuts))
-    inputs += counts
+        inputs += baselines.signal_inputs(bench.touches, cuts, "all")
+    inputs += baselines.spike_inputs(trains, (0.0, 0.0), cuts, "all")
     wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
               "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
-    found = baselines.rows(inputs, labels, cuts, stronger=True, most_machines=MOST_MACHINES)
-    for row in (*found, _gru(trains, labels, cuts, counts[0].made, seed)):
+    for row in baselines.rows(inputs, trains.labels[windows.trial], cuts, most_machines=MOST_MACHINES):
         yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
-
-
-def _gru(trains: SpikeTrains, labels: np.ndarray, cuts: Cuts, made: Cost, seed: int) -> dict[str, Any]:
-    """A GRU on spike counts in `families.STEPS` bins; validation windows choose its size. made: cost of the counts."""
-    binned = families.averaged(trains.raster(cuts.windows), families.STEPS).astype(float)
-    sides = families.standardised(binned, labels, cuts.sides)
-    best = best_of(families.gru, sides, seed)
-    spent = made + cost(StandardisedSteps(*binned.shape[1:]), *best.layers)
-    named = {"classifier": "GRU", "input": f"{baselines.SPIKES}: {binned.shape[1]} time bins"}
-    return {**named, **baselines.measured(best, sides, spent)}
 
 
 def points(results: pd.DataFrame) -> pd.DataFrame:
