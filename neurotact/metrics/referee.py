@@ -12,7 +12,6 @@ import numpy as np
 from scipy.stats import fisher_exact
 
 from neurotact.metrics.paired import Paired, compare
-from neurotact.metrics.shares import standard_error
 
 LEVEL = 0.05
 """The probability below which a difference is clear, after Holm's correction."""
@@ -24,11 +23,12 @@ Kind = Literal["better", "worse", "tie"]
 class Way(NamedTuple):
     """What the referee knows of one way to decide.
 
-    validation: its accuracy on validation trials. cost: of a decision; infinite if unknown. right: by validation trial,
-    the share of its windows that are decided correctly; None if unknown.
+    validation: its accuracy on validation trials. error: one standard error of it. cost: of a decision; infinite if
+    unknown. right: by validation trial, the share of its windows that are decided correctly; None if unknown.
     """
 
     validation: float
+    error: float = 0.0
     cost: float = math.inf
     right: Mapping[Hashable, float] | None = None
 
@@ -51,54 +51,52 @@ class Verdict(NamedTuple):
 def best_of(ways: Sequence[Way]) -> int:
     """The index of the highest accuracy on validation trials; of equal ones, the cheapest, then the first.
 
-    >>> best_of([Way(0.9, 5.0), Way(0.9, 3.0), Way(0.8, 1.0)])
+    >>> best_of([Way(0.9, cost=5.0), Way(0.9, cost=3.0), Way(0.8, cost=1.0)])
     1
     """
     return max(range(len(ways)), key=lambda index: (_rounded(ways[index].validation), -ways[index].cost))
 
 
-def within_error(ways: Sequence[Way], n_trials: int) -> list[int]:
-    """The indices of all ways within one standard error of the best on `n_trials` validation trials.
+def within_error(ways: Sequence[Way]) -> list[int]:
+    """The indices of all ways within one standard error of the best.
 
-    >>> within_error([Way(0.9), Way(0.87), Way(0.8)], 100)
+    >>> within_error([Way(0.9, 0.03), Way(0.87), Way(0.8)])
     [0, 1]
     """
-    best = max(way.validation for way in ways)
-    least = best - standard_error(best, n_trials) - 1e-12
+    best = ways[best_of(ways)]
+    least = best.validation - (0.0 if math.isnan(best.error) else best.error) - 1e-12
     return [index for index, way in enumerate(ways) if way.validation >= least]
 
 
-def cheapest_of(ways: Sequence[Way], n_trials: int) -> int:
+def cheapest_of(ways: Sequence[Way]) -> int:
     """The index of the cheapest way within one standard error of the best; of equal ones, the more accurate.
 
-    >>> cheapest_of([Way(0.9, 5.0), Way(0.88, 3.0), Way(0.8, 1.0)], 100)
+    >>> cheapest_of([Way(0.9, 0.03, 5.0), Way(0.88, 0.03, 3.0), Way(0.8, 0.03, 1.0)])
     1
     """
-    return min(within_error(ways, n_trials), key=lambda index: (ways[index].cost, -ways[index].validation))
+    return min(within_error(ways), key=lambda index: (ways[index].cost, -ways[index].validation))
 
 
-def level_with_best(ways: Sequence[Way], n_trials: int) -> list[int]:
+def level_with_best(ways: Sequence[Way]) -> list[int]:
     """The indices of all ways that validation cannot tell from the best one, which is among them.
 
     A way is told from the best if a paired test on their common validation trials gives p below `LEVEL`; if the single
     trials are unknown, if the shares differ by more than two standard errors of a difference. One within one standard
     error is never told apart.
 
-    >>> level_with_best([Way(0.95), Way(0.9), Way(0.5)], 50)
+    >>> level_with_best([Way(0.95, 0.03), Way(0.9, 0.04), Way(0.5, 0.07)])
     [0, 1]
     """
-    first = best_of(ways)
-    near = {*within_error(ways, n_trials), first}
-    return [index for index, way in enumerate(ways) if index in near or not _is_told_apart(ways[first], way, n_trials)]
+    best, near = ways[best_of(ways)], {*within_error(ways)}
+    return [index for index, way in enumerate(ways) if index in near or not _is_told_apart(best, way)]
 
 
-def _is_told_apart(best: Way, other: Way, n_trials: int) -> bool:
+def _is_told_apart(best: Way, other: Way) -> bool:
     common = sorted(best.right.keys() & other.right.keys(), key=str) if best.right and other.right else []
     if common and best.right and other.right:
         shares = (np.array([way.right[trial] for trial in common]) for way in (best, other) if way.right)
         return compare(*shares).p < LEVEL
-    errors = (standard_error(way.validation, n_trials) for way in (best, other))
-    return best.validation - other.validation > 2 * math.hypot(*errors)
+    return best.validation - other.validation > 2 * math.hypot(best.error, other.error)
 
 
 def holm(p: Sequence[float]) -> list[float]:

@@ -11,7 +11,7 @@ from neurotact.baselines.features import counted
 from neurotact.metrics import referee
 from neurotact.metrics.paired import by_trial, compare_by_trial
 from neurotact.metrics.referee import Way
-from neurotact.metrics.shares import wilson_interval
+from neurotact.metrics.shares import standard_error, wilson_interval
 from neurotact.networks.tasks import Sides
 from neurotact.networks.training import Examples
 from neurotact.progress import say
@@ -70,9 +70,13 @@ def compare(right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int)
     commonest = int(sides.train.labels.bincount().argmax())
     accuracy, n_trials = float(np.mean(right)), len(np.unique(trials.test))
     opponents = list(opponents_of(sides, trials))
-    ways = [Way(one.accuracy_validation, right=one.validation) for one in opponents]
+    n_held = len(np.unique(trials.validation))
+    ways = [
+        Way(one.accuracy_validation, standard_error(one.accuracy_validation, n_held), right=one.validation)
+        for one in opponents
+    ]
     best = opponents[referee.best_of(ways)]
-    rivals = [opponents[index] for index in referee.level_with_best(ways, len(np.unique(trials.validation)))]
+    rivals = [opponents[index] for index in referee.level_with_best(ways)]
     own = by_trial(trials.test, right)
     verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
     rival = rivals[verdict.decisive]

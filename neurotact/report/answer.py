@@ -62,11 +62,11 @@ class Network(NamedTuple):
         """The decision as it is used: with early exit if that is advised."""
         return self.early if self.exits and self.early is not None else self.whole
 
-    @property
-    def way(self) -> Way:
+    def way(self, trials: "Trials") -> Way:
         """What the referee knows of the network, as it is used; its cost is energy, or SOPs if that is unknown."""
         validation = self.early_validation if self.exits and self.early_validation is not None else self.validation
-        return Way(validation, self.used.sops if self.used.nJ is None else self.used.nJ)
+        cost = self.used.sops if self.used.nJ is None else self.used.nJ
+        return Way(validation, standard_error(validation, trials.validation), cost)
 
 
 class Baseline(NamedTuple):
@@ -87,10 +87,10 @@ class Baseline(NamedTuple):
         """Whether its input is the afferents' spikes, and not the signals."""
         return " spikes (" in self.name
 
-    @property
-    def way(self) -> Way:
+    def way(self, trials: "Trials") -> Way:
         """What the referee knows of it; an unknown cost counts as zero."""
-        return Way(self.validation, self.nJ or 0.0, self.right)
+        error = standard_error(self.validation, trials.validation)
+        return Way(self.validation, error, self.nJ or 0.0, self.right)
 
 
 class Trials(NamedTuple):
@@ -172,18 +172,18 @@ def answer(
     >>> found.kind, found.cheapest.pair
     ('better', '5&5')
     """
-    ways = [network.way for network in networks]
-    best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways, trials.validation)]
-    error = standard_error(best.way.validation, trials.validation)
+    ways = [network.way(trials) for network in networks]
+    best, cheapest = networks[referee.best_of(ways)], networks[referee.cheapest_of(ways)]
+    error = best.way(trials).error
     interval = wilson_interval(best.used.accuracy, trials.test)
-    others = [baseline.way for baseline in baselines]
+    others = [baseline.way(trials) for baseline in baselines]
     if not others:
         return Answer(best, interval, error, cheapest, None, None, (), None, None, guess, trials)
-    rivals = [baselines[index] for index in referee.level_with_best(others, trials.validation)]
+    rivals = [baselines[index] for index in referee.level_with_best(others)]
     comparisons = [
         compare(best, rival) or compare_shares(best.used.accuracy, rival.accuracy, trials.test) for rival in rivals
     ]
-    near = [baselines[index] for index in referee.within_error(others, trials.validation)]
+    near = [baselines[index] for index in referee.within_error(others)]
     on_signals = [one for one in near if not one.is_of_spikes]
     lower = [one for one in baselines if one not in rivals and one.accuracy >= best.used.accuracy]
     return Answer(
@@ -192,7 +192,7 @@ def answer(
         error,
         cheapest,
         baselines[referee.best_of(others)],
-        min(on_signals, key=lambda one: one.way.cost, default=None),
+        min(on_signals, key=lambda one: one.nJ or 0.0, default=None),
         tuple(rivals),
         referee.judge(comparisons),
         max(lower, key=lambda one: one.accuracy, default=None),
@@ -331,7 +331,7 @@ def of_refractory_periods(found: Answer, networks: Sequence[Network]) -> Iterato
     if not found.is_above_chance or found.cheapest.pair == shortest:
         return
     with_shortest = [network for network in networks if network.pair == shortest]
-    other = with_shortest[referee.cheapest_of([network.way for network in with_shortest], found.trials.validation)]
+    other = with_shortest[referee.cheapest_of([network.way(found.trials) for network in with_shortest])]
     yield (
         f"Refractory periods of {found.cheapest.pair} ms in place of {shortest} ms: "
         f"{_saved(other.used, found.cheapest.used)}, {_lost(other.used, found.cheapest.used, found.trials.test)}."
@@ -344,7 +344,7 @@ def gaps(found: Answer, cause: str) -> Iterator[str]:
     cause: the likely one, as the split has it.
     """
     network = found.best
-    sides = [("the best network", network.way.validation, network.used.accuracy)]
+    sides = [("the best network", network.way(found.trials).validation, network.used.accuracy)]
     if found.baseline is not None:
         sides.append((found.baseline.name, found.baseline.validation, found.baseline.accuracy))
     apart = [
@@ -373,7 +373,7 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     groups = [[one for one in baselines if one.is_of_spikes == of_spikes] for of_spikes in (False, True)]
     if found.verdict is None or found.verdict.kind != "worse" or not all(groups):
         return
-    of_signals, of_spikes = (group[referee.best_of([one.way for one in group])] for group in groups)
+    of_signals, of_spikes = (group[referee.best_of([one.way(found.trials) for one in group])] for group in groups)
     used = found.best.used.accuracy
     encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - used
     lost = {

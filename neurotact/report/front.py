@@ -334,7 +334,7 @@ def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[
     for pair in dict.fromkeys(network.pair for network in networks):
         own = [network for network in networks if network.pair == pair]
         shown = [network for network in dict.fromkeys((found.best, found.cheapest)) if network in own]
-        for chosen in shown or [own[referee.best_of([network.way for network in own])]]:
+        for chosen in shown or [own[referee.best_of([network.way(found.trials) for network in own])]]:
             marks = [word for word, one in (("best", found.best), ("cheapest within its error", found.cheapest))
                      if one == chosen]  # fmt: skip
             name = f"{pair} ms, {chosen.hidden}"
@@ -343,7 +343,7 @@ def front_table(found: Answer, networks: Sequence[Network], baselines: Sequence[
             if chosen.early is not None:
                 early = _in_words(chosen.early, found.trials.test)
                 rows.append([f"{name}, early exit{said if chosen.exits else ''}", *early])
-    for baseline in {one.name: one for one in (*leading(baselines), *found.named)}.values():
+    for baseline in {one.name: one for one in (*leading(baselines, found.trials), *found.named)}.values():
         mark = ": cheapest on signals within the error of the best baseline"
         name = f"{baseline.name}{mark if baseline is found.cheapest_on_signals else ''}"
         spent = "-" if baseline.nJ is None else answers.energy(baseline.nJ)
@@ -370,12 +370,12 @@ def _with_interval(share: float, n_test: int) -> str:
     return f"{answers.percent(share)} ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def leading(baselines: Sequence[Baseline]) -> list[Baseline]:
+def leading(baselines: Sequence[Baseline], trials: Trials) -> list[Baseline]:
     """The best on validation trials of logistic regression and of the others, on signals and on spikes."""
     groups: dict[tuple[bool, bool], list[Baseline]] = {}
     for one in baselines:
         groups.setdefault((one.is_of_spikes, not one.name.startswith("logistic")), []).append(one)
-    return [group[referee.best_of([one.way for one in group])] for _, group in sorted(groups.items())]
+    return [group[referee.best_of([one.way(trials) for one in group])] for _, group in sorted(groups.items())]
 
 
 def validated(trials: pd.DataFrame, rows: Sequence[int]) -> dict[Hashable, float] | None:

@@ -134,7 +134,7 @@ def write(study: StudySpec, folder: Path) -> Path:
 
 def first_shown(fronts: Sequence[Front]) -> int:
     """The data set that the page shows first: that of the network with the highest accuracy on validation trials."""
-    return referee.best_of([front.answer.best.way for front in fronts])
+    return referee.best_of([front.answer.best.way(front.answer.trials) for front in fronts])
 
 
 def _write_tables(

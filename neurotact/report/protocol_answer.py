@@ -1,7 +1,8 @@
 """What a run of a protocol answers: the best configuration, the cheapest within its error, and what stands beside it.
 
-Validation rows choose where the run holds them, test rows tell. Errors are standard errors over the rows of a
-configuration (seeds, splits, folds); rows that share examples are not independent, so that they are rather too small.
+The referee (`metrics.referee`) chooses by validation rows where the run holds them; test rows tell. Errors are standard
+errors over the rows of a configuration (seeds, splits, folds); rows that share examples are not independent, so that
+they are rather too small.
 """
 
 import math
@@ -11,6 +12,9 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact.figures.columns import in_unit
+from neurotact.metrics import referee
+from neurotact.metrics.paired import Paired, compare_means
+from neurotact.metrics.referee import Verdict, Way
 from neurotact.report.answer import count
 from neurotact.report.page import Table
 from neurotact.studies.protocol import HEADS, View
@@ -41,12 +45,18 @@ class Configuration(NamedTuple):
     rows: int
     spent: dict[str, float]
 
+    @property
+    def way(self) -> Way:
+        """What the referee knows of it."""
+        return Way(self.chosen_by, self.choice_error, _or_inf(self.cost))
+
 
 class ProtocolAnswer(NamedTuple):
     """The answer for one task or rule of a run, whose configurations can be compared.
 
     setting: its name; empty where there is only one. cheapest: the cheapest within the best one's error.
-    rival: the best without spikes where the best spikes, and the other way round; None where the view names no kinds.
+    spiking: the best that spikes; None where the view names no kinds. others: all without spikes. rivals: those of them
+    that validation cannot tell from the best, `other`. verdict: on `spiking` against them; None without an error.
     chance: the accuracy of guessing; None where the run does not hold it.
     """
 
@@ -55,7 +65,10 @@ class ProtocolAnswer(NamedTuple):
     best: Configuration
     cheapest: Configuration
     spiking: Configuration | None
+    others: tuple[Configuration, ...]
     other: Configuration | None
+    rivals: tuple[Configuration, ...]
+    verdict: Verdict | None
     chance: float | None
     is_validated: bool
     is_optimistic: bool
@@ -83,20 +96,31 @@ def _answer(key: tuple[Any, ...], rows: pd.DataFrame, view: View) -> ProtocolAns
     is_validated = VALIDATION in rows and bool(rows[VALIDATION].notna().any())
     choice = VALIDATION if is_validated else view.score
     each = [_configuration(int(str(index)), row, view, choice) for index, row in rows.iterrows()]
-    best = max(each, key=lambda one: (_or_least(one.chosen_by), -_or_inf(one.cost)))
-    margin = 0.0 if math.isnan(best.choice_error) else best.choice_error
-    near = [one for one in each if one.chosen_by >= best.chosen_by - margin - 1e-12]
-    cheapest = min(near, key=lambda one: (_or_inf(one.cost), -one.chosen_by))
-    spiking, other = None, None
+    best, cheapest = (each[choose([one.way for one in each])] for choose in (referee.best_of, referee.cheapest_of))
+    spiking, others, other, rivals, verdict = None, (), None, (), None
     if view.spiking is not None:
         column, names = view.spiking
         are_spiking = dict(zip(rows.index, rows[column].isin(names), strict=True))
         sides = [[one for one in each if are_spiking[one.index] == is_spiking] for is_spiking in (True, False)]
-        spiking, other = (max(side, key=lambda one: _or_least(one.chosen_by), default=None) for side in sides)
+        spiking, other = (side[referee.best_of([one.way for one in side])] if side else None for side in sides)
+        others = tuple(sides[1])
+        level = referee.level_with_best([one.way for one in sides[1]]) if sides[1] else []
+        rivals = tuple(sides[1][index] for index in level)
+        comparisons = [one for one in (_compared(spiking, rival) for rival in rivals) if one is not None]
+        verdict = referee.judge(comparisons) if comparisons and len(comparisons) == len(rivals) else None
     chance = float(rows["chance"].mean()) if "chance" in rows and rows["chance"].notna().any() else None
     setting = setting_of(key, view)
     is_optimistic = any(str(value) in view.optimistic for value in key)
-    return ProtocolAnswer(setting, each, best, cheapest, spiking, other, chance, is_validated, is_optimistic)
+    return ProtocolAnswer(
+        setting, each, best, cheapest, spiking, others, other, rivals, verdict, chance, is_validated, is_optimistic
+    )
+
+
+def _compared(one: Configuration | None, other: Configuration) -> Paired | None:
+    """Their reported scores, by Welch's t test over rows; None if one of them has no error."""
+    if one is None or math.isnan(one.error) or math.isnan(other.error):
+        return None
+    return compare_means((one.score, one.error, one.rows), (other.score, other.error, other.rows))
 
 
 def _configuration(index: int, row: pd.Series, view: View, choice: str) -> Configuration:
@@ -126,24 +150,47 @@ def _or_inf(cost: float) -> float:
     return math.inf if math.isnan(cost) else cost
 
 
-def _or_least(score: float) -> float:
-    return -math.inf if math.isnan(score) else score
-
-
 def headline(found: ProtocolAnswer, view: View) -> str:
     """The result in one sentence."""
     guess = "" if found.chance is None else f"; guessing reaches {_score(found.chance, view)}"
     if found.spiking is None or found.other is None:
         return f"{_told(found.best, view)} at {_cost(found.best.cost, view)}{guess}."
-    rival = f"the best without spikes, {found.other.name}, has {_score(found.other.score, view)}"
-    both = f"{_told(found.spiking, view)}; {rival}{guess}."
-    difference = found.spiking.score - found.other.score
-    error = math.hypot(found.spiking.error, found.other.error)
-    if math.isnan(error):
+    both = f"{_told(found.spiking, view)}; {_rivals(found, view)}{guess}."
+    if found.verdict is None:
         return f"A comparison of single rows, without an error: {both}"
-    if abs(difference) <= 2 * error:
-        return f"No clear difference between spiking and the others: {both}"
-    return f"Spiking is more accurate: {both}" if difference > 0 else f"Spiking costs accuracy: {both}"
+    verdict = {
+        "better": "Spiking is more accurate",
+        "worse": "Spiking costs accuracy",
+        "tie": "No clear difference between spiking and the others",
+    }[kind_of(found)]
+    return f"{verdict}: {both}"
+
+
+def kind_of(found: ProtocolAnswer) -> referee.Kind:
+    """The verdict on spiking. A table with a more accurate row without spikes contradicts `better`: that is a tie."""
+    assert found.verdict is not None
+    return "tie" if found.verdict.kind == "better" and _unranked(found) is not None else found.verdict.kind
+
+
+def _unranked(found: ProtocolAnswer) -> Configuration | None:
+    """A configuration without spikes that validation ranks lower, and whose score is at least that of spiking."""
+    assert found.spiking is not None
+    lower = [one for one in found.others if one not in found.rivals and one.score >= found.spiking.score]
+    return max(lower, key=lambda one: one.score, default=None)
+
+
+def _rivals(found: ProtocolAnswer, view: View) -> str:
+    """What spiking is compared with, in words."""
+    assert found.other is not None
+    if found.verdict is not None and found.verdict.kind == "better" and (lower := _unranked(found)) is not None:
+        return f"{lower.name}, which validation ranks lower, has {_score(lower.score, view)}"
+    if found.verdict is not None and len(found.rivals) > 1:
+        worst, best = _ends(found.rivals)
+        return (
+            f"{len(found.rivals)} without spikes that validation cannot tell apart have {_score(worst.score, view)} "
+            f"({worst.name}) to {_score(best.score, view)} ({best.name})"
+        )
+    return f"the best without spikes, {found.other.name}, has {_score(found.other.score, view)}"
 
 
 def details(found: ProtocolAnswer, view: View) -> Iterator[str]:
@@ -168,10 +215,10 @@ def details(found: ProtocolAnswer, view: View) -> Iterator[str]:
 def table(found: ProtocolAnswer, view: View) -> Table:
     """The best of each kind, the cheapest within the error, and guessing."""
     kinds: dict[str, Configuration] = {}
-    for one in sorted(found.configurations, key=lambda one: -_or_least(one.chosen_by)):
+    for one in sorted(found.configurations, key=lambda one: (math.isnan(one.chosen_by), -one.chosen_by)):
         kinds.setdefault(one.kind, one)
     shown = list(kinds.values())[:MOST_KINDS]
-    shown += [one for one in (found.cheapest, found.other, found.spiking) if one is not None and one not in shown]
+    shown += [one for one in _named(found) if one not in shown]
     spent = [column for column in SPENT if any(column in one.spent for one in shown)]
     marks = ((found.best, "best"), (found.cheapest, "cheapest within its error"))
     rows = []
@@ -191,6 +238,20 @@ def table(found: ProtocolAnswer, view: View) -> Table:
     caption = f"The best of each kind{setting}{chosen}: {what}."
     heads = ["configuration", view.measures[view.score], view.measures[view.cost], *(SPENT[column] for column in spent)]
     return Table(caption, heads, rows, n_heads=1)
+
+
+def _named(found: ProtocolAnswer) -> list[Configuration]:
+    """Every configuration that a sentence of the answer may name, each once."""
+    known = [found.cheapest, found.other, found.spiking]
+    if found.verdict is not None:
+        known += [*_ends(found.rivals), _unranked(found)]
+    return list({one.index: one for one in known if one is not None}.values())
+
+
+def _ends(rivals: Sequence[Configuration]) -> tuple[Configuration, Configuration]:
+    """The least and the most accurate one."""
+    worst, best = (choose(rivals, key=lambda one: one.score) for choose in (min, max))
+    return worst, best
 
 
 def setting_of(values: Sequence[Any], view: View) -> str:

@@ -65,11 +65,31 @@ def test_one_row_has_no_error():
 )
 def test_spiking_is_set_beside_the_best_of_the_others(spiking, words):
     view = VIEW._replace(spiking=("kind", ("rsnn",)))
-    table = means(("rsnn", 1, 0.9, spiking, 9.0), ("svm", 1, 0.9, 0.90, 9.0), ("elm", 1, 0.6, 0.99, 9.0), chance=0.125)
+    table = means(("rsnn", 1, 0.9, spiking, 9.0), ("svm", 1, 0.9, 0.90, 9.0), ("elm", 1, 0.6, 0.95, 9.0), chance=0.125)
     (found,) = protocol_answer.answers(table, view)
     said = protocol_answer.headline(found, view)
     assert said.startswith(words)
     assert said.endswith("guessing reaches 12.5 %.")
+
+
+def test_what_a_row_of_the_table_contradicts_is_not_claimed():
+    view = VIEW._replace(spiking=("kind", ("rsnn",)))
+    table = means(("rsnn", 1, 0.9, 0.95, 9.0), ("svm", 1, 0.9, 0.8, 9.0), ("elm", 1, 0.6, 0.99, 9.0))
+    (found,) = protocol_answer.answers(table, view)
+    said = protocol_answer.headline(found, view)
+    assert said.startswith("No clear difference between spiking and the others: rsnn")
+    assert "elm, size 1, which validation ranks lower, has 99.0 %" in said
+
+
+def test_of_rivals_that_validation_cannot_tell_apart_each_counts():
+    view = VIEW._replace(spiking=("kind", ("rsnn",)))
+    table = means(("rsnn", 1, 0.9, 0.8, 9.0), ("svm", 1, 0.9, 0.6, 1.0), ("elm", 1, 0.88, 0.98, 9.0))
+    (found,) = protocol_answer.answers(table, view)
+    said = protocol_answer.headline(found, view)
+    assert said.startswith("Spiking costs accuracy: rsnn")
+    assert "2 without spikes that validation cannot tell apart have 60.0 % (svm, size 1) to 98.0 % (elm" in said
+    shown = " ".join(str(row[0]) for row in protocol_answer.table(found, view).rows)
+    assert all(kind in shown for kind in ("rsnn", "svm", "elm"))
 
 
 def test_tasks_apart_have_an_answer_each_and_what_saw_test_data_comes_last():
