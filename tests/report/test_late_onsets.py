@@ -14,6 +14,7 @@ from neurotact.spec import parse_assignments
 from neurotact.studies import loading, runner
 
 SMALL = {
+    "baselines": "quick",
     "sweep.seed": [0],
     "sweep.network.hidden": [4],
     "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],

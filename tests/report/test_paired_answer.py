@@ -15,6 +15,7 @@ from neurotact.studies.store import cell_folder
 from neurotact.tables import read_table
 
 SMALL = {
+    "baselines": "quick",
     "sweep.seed": [0, 1],
     "split.folds": 3,
     "sweep.split.fold": [0, 2],

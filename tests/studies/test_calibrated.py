@@ -19,6 +19,7 @@ from neurotact.tables import read_table
 
 RULE = CalibrationRule(candidates=10, step=1.6, excerpt_s=0.4, trials_per_class=6, shuffles=1, max_silent_share=0.2)
 SMALL = {
+    "baselines": "quick",
     "sweep.seed": [0],
     "sweep.network.hidden": [4],
     "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
@@ -62,14 +63,14 @@ def test_swept_keys_are_those_of_the_encoder_of_each_cell(touches, monkeypatch):
     one, other = {**one, "conditioning.baseline": "none"}, {**other, "conditioning.baseline": "running"}
     axis = " & ".join(f"encoder.{key}" for key in one)
     sweep = {f"sweep.{axis}": [[*one.values()], [*other.values()]]}
-    _, _, found = encoded(touches, monkeypatch, baselines=False, **sweep)
+    _, _, found = encoded(touches, monkeypatch, baselines="none", **sweep)
     for asked, made in zip((one, other), found, strict=True):
         assert ({"sa1.opposite": False} | leaves(made)).items() >= asked.items()
         assert made["sa1"]["gain"] != 3.2  # the spec's; calibration has found another
 
 
 def test_pairs_of_refractory_periods_share_one_fit(touches, monkeypatch):
-    _, _, (one, other) = encoded(touches, monkeypatch, **{**PERIODS, "baselines": False})
+    _, _, (one, other) = encoded(touches, monkeypatch, **{**PERIODS, "baselines": "none"})
     assert (one["sa1"]["t_ref_ms"], other["sa1"]["t_ref_ms"]) == (1.0, 10.0)
     assert one["sa1"]["gain"] == other["sa1"]["gain"]
     assert one["conditioning"] == other["conditioning"]

@@ -115,7 +115,7 @@ def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_pat
     signals = [noise.normal(n % 2, 1.0, (150, 2)).astype(np.float32) for n in range(24)]
     conditions = pd.DataFrame({"label": ["felt", "silk"] * 12})
     hdf5.save_recordings(Recordings(signals, 500.0, "mV", conditions), tmp_path / "touches.h5")
-    small = {"sweep.seed": [0], "split.folds": 3, "sweep.network.hidden": [4]}
+    small = {"sweep.seed": [0], "split.folds": 3, "sweep.network.hidden": [4], "baselines": "quick"}
     pair = {"sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]]}
 
     def fitted(**fold):
