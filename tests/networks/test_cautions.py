@@ -10,18 +10,26 @@ from neurotact.networks.comparison import Comparison
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 
 
+def compared(low, high, verdict="worse", rival=0.9) -> Comparison:
+    """With a classifier on the same spikes that the referee finds clearly better, or not."""
+    own = (low + high) / 2, low, high, 100, 0.25, 0.4
+    return Comparison(*own, "SVM on counts", 0.5, verdict, "extra trees on 10 time bins", rival, 0.01)
+
+
 @pytest.mark.parametrize(
-    ("low", "high", "linear", "expected"),
+    ("low", "high", "verdict", "expected"),
     [
-        (0.6, 0.8, 0.7, []),
-        (0.6, 0.8, 0.81, ["logistic regression"]),
-        (0.4, 0.8, 0.7, ["not clearly above chance (40.0 %)"]),
-        (0.1, 0.3, 0.9, ["not clearly above chance", "logistic regression"]),
+        (0.6, 0.8, "tie", []),
+        (0.6, 0.8, "better", []),
+        (0.6, 0.8, "worse", ["extra trees on 10 time bins of the same spikes is better, 90.0 % against 70.0 %"]),
+        (0.4, 0.8, "tie", ["not clearly above chance (40.0 %)"]),
+        (0.1, 0.3, "worse", ["not clearly above chance", "extra trees"]),
     ],
 )
-def test_a_network_that_stays_behind_is_named(low, high, linear, expected):
-    one = Comparison((low + high) / 2, low, high, 100, 0.25, 0.4, linear)
-    found = [*cautions.not_learned(one.accuracy, one.low, one.commonest), *cautions.worse_than_linear(one, RSNNSpec())]
+def test_a_network_that_stays_behind_is_named(low, high, verdict, expected):
+    one = compared(low, high, verdict)
+    behind = cautions.worse_than_baseline(one, RSNNSpec())
+    found = [*cautions.not_learned(one.accuracy, one.low, one.commonest), *behind]
     assert len(found) == len(expected)
     assert all(words in line for words, line in zip(expected, found, strict=True))
 
@@ -31,18 +39,18 @@ def test_a_network_that_stays_behind_is_named(low, high, linear, expected):
     ({"hidden": 128, "input_deviation": 1.0}, "try more hidden neurons (--set hidden=256) or neurotact tune"),
     ({"hidden": 600, "input_deviation": 1.0}, "; try neurotact tune"),
 ])  # fmt: skip
-def test_the_remedy_for_a_network_behind_a_linear_classifier_changes_this_network(given, expected):
-    one = Comparison(0.7, 0.6, 0.8, 100, 0.25, 0.4, 0.9)
-    (line,) = cautions.worse_than_linear(one, RSNNSpec(**given))
+def test_the_remedy_for_a_network_behind_a_classifier_changes_this_network(given, expected):
+    one = compared(0.6, 0.8)
+    (line,) = cautions.worse_than_baseline(one, RSNNSpec(**given))
     assert expected in line
 
 
 def test_a_remedy_names_only_what_its_command_has():
     """A search does not advise a search, and what is fine-tuned is trained again."""
-    one = Comparison(0.3, 0.1, 0.4, 100, 0.25, 0.4, 0.9)
-    (line,) = cautions.worse_than_linear(one, RSNNSpec(hidden=30), "tune")
+    one = compared(0.1, 0.4)
+    (line,) = cautions.worse_than_baseline(one, RSNNSpec(hidden=30), "tune")
     assert line.endswith("try --network default or more hidden neurons (--set hidden=60) or more trials (--trials)")
-    (line,) = cautions.worse_than_linear(one, RSNNSpec(hidden=30), "tune", ["hidden", "tau_syn_ms"])
+    (line,) = cautions.worse_than_baseline(one, RSNNSpec(hidden=30), "tune", ["hidden", "tau_syn_ms"])
     assert line.endswith("try --network default or more trials (--trials)")
     split = SplitSpec()
     (line,) = cautions.few_test_trials({"felt": 1}, split, "tune")
@@ -50,7 +58,7 @@ def test_a_remedy_names_only_what_its_command_has():
     diverged = log([2.0, 0.5, 2.1])
     again = [
         *cautions.not_learned(0.3, 0.1, 0.4, "fine-tune"),
-        *cautions.worse_than_linear(one, RSNNSpec(hidden=30), "fine-tune"),
+        *cautions.worse_than_baseline(one, RSNNSpec(hidden=30), "fine-tune"),
         *cautions.training(diverged, TrainingSpec(), command="fine-tune"),
     ]
     assert len(again) == 3
