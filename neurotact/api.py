@@ -133,6 +133,7 @@ def read_table(
     time_unit: str | None = None,
     max_gap_ms: float | None = None,
     decimal: str = ".",
+    header_lines: int | None = None,
 ) -> Recordings:
     """Read one CSV file with a row per sample of all trials: `neurotact import table`.
 
@@ -142,14 +143,14 @@ def read_table(
     end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
     trials when empty; those that are constant within each trial are conditions.
     where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
-    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, decimal: as of `read_folder`.
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, decimal, header_lines: as of `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
     """
     spec = {
         "label": label, "trial": trial, "segments": segments,
         "annotations": None if annotations is None else str(annotations), **TrialChoice.of(where, leave_out)._asdict(),
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal,
+        "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 

@@ -51,6 +51,9 @@ TimeUnit = Annotated[
     ),
 ]
 Decimal = Annotated[Literal[".", ","], typer.Option("--decimal", help="Decimal separator.")]
+HeaderLines = Annotated[
+    int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
+]
 MaxGap = Annotated[
     float | None,
     typer.Option(
@@ -82,9 +85,7 @@ def import_folder(
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
     decimal: Decimal = ".",
-    header_lines: Annotated[
-        int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
-    ] = None,
+    header_lines: HeaderLines = None,
     array: Annotated[
         str | None,
         typer.Option(help="The array of each NPZ or MATLAB file that is its trial.", show_default="each is a trial"),
@@ -140,6 +141,7 @@ def import_table(
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
     decimal: Decimal = ".",
+    header_lines: HeaderLines = None,
     where: Where = None,
     leave_out: LeaveOut = None,
     force: Force = False,
@@ -154,7 +156,7 @@ def import_table(
         "label": label, "trial": trial or (), "segments": segments,
         "annotations": str(annotations) if annotations else None, **choice_table(where, leave_out),
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal,
+        "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     _save(sample_table.read(source, sampling_rate_hz, unit, spec), out)
 

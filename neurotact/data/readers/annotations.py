@@ -9,8 +9,10 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.arrays import ALIASES
-from neurotact.data.readers.clock import UNIT_S, Unit, is_time_of_day, seconds_of, unit_in, without_unit
-from neurotact.data.readers.tables import FIRST_LINE, called, columns_of, named_table, values_of
+from neurotact.data.readers.clock import UNIT_S, Unit, is_time_of_day, seconds_of, without_unit
+from neurotact.data.readers.headings import named_table
+from neurotact.data.readers.layout import unit_of
+from neurotact.data.readers.tables import TextTable, called, columns_of, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest, some
 
@@ -26,13 +28,17 @@ log = logging.getLogger("neurotact")
 
 
 class Annotations(NamedTuple):
-    """When each touch begins and ends, `(touch,)`, in this unit (None if the file does not say it), and what it is."""
+    """When each touch begins and ends, `(touch,)`, in this unit (None if the file does not say it), and what it is.
+
+    first_line: the line of the first touch.
+    """
 
     path: Path
     begin: np.ndarray
     end: np.ndarray
     unit: Unit | None
     conditions: pd.DataFrame
+    first_line: int
 
     def on(self, time: np.ndarray, unit: Unit | None, where: str) -> tuple[np.ndarray, np.ndarray]:
         """The first row of each touch, and the row after its last, among samples at these times, in ascending order.
@@ -49,8 +55,9 @@ class Annotations(NamedTuple):
         outside = np.flatnonzero((end <= time[0]) | (begin > time[-1]))
         if len(outside):
             at = outside[0]
+            line = at + self.first_line
             raise InputError(
-                f"{self.path}: line {at + FIRST_LINE}: {begin[at]:.10g} to {end[at]:.10g} lies outside of {where}, "
+                f"{self.path}: line {line}: {begin[at]:.10g} to {end[at]:.10g} lies outside of {where}, "
                 f"which goes from {time[0]:.10g} to {time[-1]:.10g}; give both times on one clock, with their "
                 "units, as in begin_ms"
             )
@@ -75,7 +82,9 @@ def read(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".")
     >>> found.on(np.arange(0, 6, 0.5), "s", "touches.csv")
     (array([1, 8]), array([ 4, 10]))
     """
-    table = named_table(path)
+    table = named_table(path, decimal)
+    for note in table.notes:
+        log.warning("%s: %s", path, note)
     names = [name for name in table.names if name]
     its_label = label or called(names, LABELS)
     if its_label not in names:
@@ -85,34 +94,35 @@ def read(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".")
     if begin is None or end is None:
         absent = "begin" if begin is None else "end or duration"
         raise InputError(f"{path}: no column is called {absent} ({some(names)}); rename the columns to begin,end,label")
-    columns = columns_of(table, {its_label}, decimal)
-    first, second = (_times(columns[name], name, path) for name in (begin, end))
-    units = {unit_in(begin), unit_in(end)}
+    columns = columns_of(table, {its_label})
+    first, second = (_times(columns[name], name, table) for name in (begin, end))
+    units: set[Unit | None] = {unit_of(table, table.names.index(name), np.zeros(0)) for name in (begin, end)}
     if len(units) > 1:
         raise InputError(f"{path}: columns {begin} and {end} are in different units; give both the same")
     last = first + second if _named(END, names) is None else second
     wrong = np.flatnonzero(last <= first)
     if len(wrong):
-        raise InputError(f"{path}: line {wrong[0] + FIRST_LINE} ends before it begins; correct its times")
+        raise InputError(f"{path}: line {wrong[0] + table.first_line} ends before it begins; correct its times")
     others = {name: values_of(columns[name]) for name in names if name not in (its_label, begin, end, LABEL)}
     is_of_day = columns[begin].dtype.kind == "U"
-    unit: Unit | None = "s" if is_of_day else unit_in(begin)
-    return Annotations(path, first, last, unit, pd.DataFrame({LABEL: columns[its_label], **others}))
+    unit: Unit | None = "s" if is_of_day else units.pop()
+    conditions = pd.DataFrame({LABEL: columns[its_label], **others})
+    return Annotations(path, first, last, unit, conditions, table.first_line)
 
 
 def _named(pattern: re.Pattern[str], names: list[str]) -> str | None:
     return next((name for name in names if pattern.fullmatch(without_unit(name).strip())), None)
 
 
-def _times(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+def _times(values: np.ndarray, name: str, table: TextTable) -> np.ndarray:
     """The times of a column, finite numbers or times of day."""
     if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
-        return seconds_of(values.tolist(), str(path), name, FIRST_LINE, None)
+        return seconds_of(values.tolist(), str(table.path), name, table.first_line, None)
     found = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(np.float64)
     wrong = np.flatnonzero(~np.isfinite(found))
     if len(wrong):
         raise InputError(
-            f"{path}: line {wrong[0] + FIRST_LINE}, column {name} is {str(values[wrong[0]])[:20]!r}, not a time; write "
-            "a number"
+            f"{table.path}: line {wrong[0] + table.first_line}, column {name} is {str(values[wrong[0]])[:20]!r}, not a "
+            "time; write a number"
         )
     return found

@@ -135,7 +135,7 @@ FIRST_BYTES: tuple[tuple[bytes, Content], ...] = (
 )
 """What files of a kind begin with, as regular expressions."""
 _FIRST_BYTES = tuple((re.compile(pattern, re.DOTALL if b".{" in pattern else 0), kind) for pattern, kind in FIRST_BYTES)
-JSON_BEGIN = re.compile(rb"\s*(\{\s*[\"}]|\[\s*(\{\s*[\"}]|\[|\"|-?\d[\d.eE+-]*\s*[,\]]))")
+JSON_BEGIN = re.compile(rb"\s*(\{\s*[\"}]|(\[\s*)+(\{\s*[\"}]|\"|-?\d[\d.eE+-]*\s*[,\]]|\]))")
 
 
 def content_of(path: str | Path) -> Content | None:

@@ -14,8 +14,9 @@ from neurotact.data import heidelberg
 from neurotact.data.readers.archives import read_arrays
 from neurotact.data.readers.clock import UNIT_S, unit_in, without_unit
 from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
+from neurotact.data.readers.headings import named_table
 from neurotact.data.readers.naming import NamingSpec, conditions_of
-from neurotact.data.readers.tables import columns_of, is_number, named_table, values_of
+from neurotact.data.readers.tables import columns_of, is_number, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError, nearest

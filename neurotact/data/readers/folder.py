@@ -82,12 +82,23 @@ def read(
         n_bytes += sum(each.table.signal.nbytes for each in found)
         check_size(folder, n_bytes)
     _warn_of_axes(read, table, folder)
+    for note, noted in _noted(read).items():
+        log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
     conditions = of_files.iloc[row_of].reset_index(drop=True)
     conditions["file"] = [each.file for each in read]
     return sampled.recordings(
         read, conditions, sampling_rate_Hz, unit,
         max_gap_ms=table.max_gap_ms, source=f"folder {folder.name}", where=str(folder),
     )  # fmt: skip
+
+
+def _noted(read: Sequence[Read]) -> dict[str, list[str]]:
+    """What is said of files, and of which."""
+    noted: dict[str, list[str]] = {}
+    for each in read:
+        for note in each.table.notes:
+            noted.setdefault(note, []).append(each.file)
+    return noted
 
 
 def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list[Read]:

@@ -9,16 +9,25 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
+from neurotact.data.readers import ros
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
-from neurotact.data.readers.tables import SEPARATORS, cells, check_width, is_value, numbers, read_text
-from neurotact.errors import InputError, nearest
+from neurotact.data.readers.headings import open_table
+from neurotact.data.readers.tables import NOT_FINITE, TextTable, columns_at, finite
+from neurotact.errors import InputError, nearest, some
 from neurotact.spec import Spec
 
-TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros)(?![a-z0-9])", re.IGNORECASE)
+TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9])", re.IGNORECASE)
 """The beginning of a name that time stamps have."""
 FALLING = 0.1
 """Share of the intervals that may be negative in a column that is named like time stamps."""
-DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+SINCE_1970_NS = 1e18
+"""Nanoseconds since 1970 in 2001: no clock that starts with its computer counts as many."""
+INDEX = re.compile(r"(Unnamed: 0(\.\d+)?)?")
+"""The name of a column of row numbers that pandas writes, or wrote and read again."""
+LIKE_NUMBER = re.compile(rf"\W*\d|({NOT_FINITE.pattern})$", re.IGNORECASE)
+"""The beginning of a cell that may be meant as a number."""
+DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}", re.ASCII)
+CHOICE = ", or choose other columns with --columns"
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
@@ -52,7 +61,8 @@ class LayoutSpec(Spec):
 class Table(NamedTuple):
     """One file: the taxels' names (none without a header), their samples, the time stamps, the first sample's line.
 
-    time_unit: of the stamps, as asked for or as their column is named; None if neither says it.
+    time_unit: of the stamps, as asked for or as their column is named; None if neither says it. notes: what is said
+    once of such files.
     """
 
     names: tuple[str, ...]
@@ -60,84 +70,100 @@ class Table(NamedTuple):
     time: np.ndarray | None
     first_line: int
     time_unit: Unit | None = None
+    notes: tuple[str, ...] = ()
 
 
 class _Columns(NamedTuple):
-    """The columns of a file: all names (none without a header), the indices of the taxels, and that of the time."""
+    """The places of the taxels and that of the time, and what is said of others."""
 
-    names: tuple[str, ...]
     taxels: list[int]
     time: int | None
+    notes: tuple[str, ...]
 
 
 def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Table:
-    """The samples of a CSV file and their stamps, if the layout names a time column or the file has one by its name.
+    """The samples of a text file and their stamps, if the layout names a time column or the file has one by its name.
 
-    find_time: whether a column that the layout does not name may be the time. Columns are separated by `;`, by tabs or
-    by commas, whichever the first line has; a separator at the end of each line is ignored. Raises InputError, which
+    find_time: whether a column that the layout does not name may be the time. What may stand above the samples:
+    `headings.open_table`. Columns without a single number are no taxels, and are left out. Raises InputError, which
     names the file, the line and column, and the fix.
     """
-    text = read_text(path)
-    head, body, first_line = _parted(text, path, layout)
-    if not body.strip("\n"):
-        raise InputError(f"{path}: holds no row of numbers; record it again or drop the file")
-    first_row = body.partition("\n")[0]
-    separator = next((each for each in SEPARATORS if each in first_row), ",")
-    if layout.decimal == "," and separator == ",":
-        raise InputError(f"{path}: has commas between its columns, so there are no decimal commas; drop --decimal")
-    first = cells(first_row, separator)
-    names, n_columns = _names_of(head, first, separator, layout)
-    check_width(path, n_columns)
-    if len(first) == n_columns + 1 and not first[-1]:
-        body = re.sub(rf"{separator}[ \t]*$" if separator != "\t" else r"\t *$", "", body, flags=re.MULTILINE)
-    columns = _columns_of(names, [*first, *[""] * n_columns][:n_columns], layout, path, find_time)
-    times, body = _times_of_day(body, columns.time, separator, path, first_line, layout.time_unit)
-    if layout.decimal == ",":
-        _check_points(body, path)
-        body = body.replace(",", ".")
-    elif separator != "," and any(map(DECIMAL_COMMA.fullmatch, first)):
-        raise InputError(f"{path}: line {first_line} has decimal commas; pass --decimal , or write decimal points")
-    chosen = [*columns.taxels, *([] if columns.time is None else [columns.time])]
-    values = numbers(
-        body, path, separator=separator, first_line=first_line, names=names, width=n_columns,
-        columns=None if sorted(chosen) == list(range(n_columns)) else chosen,
-    )  # fmt: skip
-    taxels = tuple(names[i] for i in columns.taxels) if names else ()
-    signal = values[:, columns.taxels].astype(np.float32)
-    if columns.time is None or times is not None:
-        return Table(taxels, signal, times, first_line, "s" if times is not None else None)
-    time = values[:, columns.time]
+    table = open_table(path, layout.decimal, layout.header_lines, option="--header-lines", choice=CHOICE)
+    table.check_has_rows()
+    if not table.names:
+        _check_not_numbered(table)
+    is_free = find_time and not layout.columns and layout.time_column is None
+    ros_time = ros.stamps_of(table) if is_free else None
+    columns = _columns_of(table, layout, find_time) if ros_time is None else _after_ros_header(table)
+    is_of_day = columns.time is not None and is_time_of_day(table.first_row[columns.time])
+    stamps_at = [] if columns.time is None else [columns.time]
+    found = dict(zip(
+        (*columns.taxels, *stamps_at),
+        columns_at(table, [*columns.taxels, *stamps_at], stamps_at if is_of_day else ()), strict=True,
+    ))  # fmt: skip
+    taxels, notes = (columns.taxels, ()) if layout.columns else _without_texts(table, columns.taxels, found)
+    signal = np.empty((len(found[taxels[0]]), len(taxels)), np.float32)
+    for number, place in enumerate(taxels):
+        signal[:, number] = finite(table, place, found.pop(place))
+    names = tuple(table.names[place] for place in taxels) if table.names else ()
+    if not all(names):
+        names, notes = (), (*notes, "a column has no name, so the taxels have none")
+    its = Table(names, signal, None, table.first_line, notes=(*table.notes, *columns.notes, *notes))
+    if columns.time is None:
+        return its if ros_time is None else its._replace(time=ros_time, time_unit="s")
+    if is_of_day:
+        cells_of_day = found[columns.time].tolist()
+        time = seconds_of(cells_of_day, str(path), str(columns.time + 1), table.first_line, layout.time_unit)
+        return its._replace(time=time, time_unit="s")
+    time = finite(table, columns.time, found[columns.time])
     if layout.time_column is None:
-        check_rises(time, names[columns.time], path)
-    named = unit_in(names[columns.time]) if names else None
-    return Table(taxels, signal, time, first_line, layout.time_unit or named)
+        check_rises(time, table.names[columns.time], path)
+    return its._replace(time=time, time_unit=layout.time_unit or unit_of(table, columns.time, time))
 
 
-def _times_of_day(
-    body: str, place: int | None, separator: str, path: Path, first_line: int, unit: Unit | None
-) -> tuple[np.ndarray | None, str]:
-    """The seconds of a column of times of day, and the lines with 0 in its place; None and the lines if it is none."""
-    first = cells(body.partition("\n")[0], separator)
-    if place is None or len(first) <= place or not is_time_of_day(first[place]):
-        return None, body
-    stamps, lines = [], body.rstrip("\n").split("\n")
-    for at, line in enumerate(lines):
-        row = cells(line, separator)
-        stamps.append(row[place] if place < len(row) else "")
-        lines[at] = separator.join([*row[:place], "0", *row[place + 1 :]])
-    return seconds_of(stamps, str(path), str(place + 1), first_line, unit), "\n".join(lines)
+def unit_of(table: TextTable, place: int, time: np.ndarray) -> Unit | None:
+    """The unit of a column of times: in its name, below it, or that of nanoseconds since 1970; None if nothing says it.
 
-
-def _names_of(head: str, first: list[str], separator: str, layout: LayoutSpec) -> tuple[tuple[str, ...], int]:
-    """The names of the columns (none if one has no name), and the number of columns.
-
-    first: the cells of the first row of numbers.
+    >>> table = TextTable(Path("felt.csv"), ("t", "left"), ",", "0,1", 2, units=("[ms]", "mV"))
+    >>> unit_of(table, 0, np.zeros(1)), unit_of(table._replace(units=()), 0, np.array([1.7e18]))
+    ('ms', 'ns')
     """
-    header = cells(head.rstrip("\n"), separator) if head else []
-    if layout.header_lines is not None and len(_named(header)) != len(_named(first)):
-        header = []
-    n_columns = len(_named(header or first))
-    return (tuple(header[:n_columns]) if all(header[:n_columns]) else ()), n_columns
+    named = unit_in(table.names[place]) if table.names else None
+    below = unit_in(f"_{table.units[place].strip('[]()')}") if table.units else None
+    is_since_1970 = time.dtype.kind in "iuf" and len(time) > 0 and time[0] > SINCE_1970_NS
+    return named or below or ("ns" if is_since_1970 else None)
+
+
+def is_index(table: TextTable, place: int, values: np.ndarray) -> bool:
+    """Whether a column is one in which pandas numbers the rows: without a name, and counting."""
+    if not table.names or not INDEX.fullmatch(table.names[place]) or values.dtype.kind == "U":
+        return False
+    return bool((values == values[0] + np.arange(len(values))).all())
+
+
+def _without_texts(
+    table: TextTable, taxels: list[int], found: Mapping[int, np.ndarray]
+) -> tuple[list[int], tuple[str, ...]]:
+    """The taxels without columns that hold no number, nor pandas' numbers of rows; and what is said of these."""
+    texts = [place for place in taxels if found[place].dtype.kind == "U" and _holds_no_number(found[place])]
+    index = [place for place in taxels if is_index(table, place, found[place])]
+    rest = [place for place in taxels if place not in (*texts, *index)]
+    if not rest:
+        line = repr(" ".join(table.first_row))[:60]
+        raise InputError(
+            f"{table.path}: has no column of numbers for a taxel; line {table.first_line} is {line}: give a row per "
+            "sample and a column per taxel"
+        )
+    notes = ["a column without a name numbers the rows and is no taxel"] if index else []
+    named = [table.names[place] if table.names else f"column {place + 1}" for place in texts]
+    shown = [f"{name} ({found[place][0][:20]!r})" for name, place in zip(named, texts, strict=True)]
+    return rest, (*notes, *([f"holds no number, so no taxel: {some(shown)}"] if texts else []))
+
+
+def _holds_no_number(texts: np.ndarray) -> bool:
+    """Whether no cell of a column can be meant as a number; dates are none, and a single cell may be a fault."""
+    like_numbers = (LIKE_NUMBER.match(cell) and not DATE.fullmatch(cell) for cell in texts.tolist())
+    return len(texts) > 1 and not any(like_numbers)
 
 
 def is_text(name: str) -> bool:
@@ -145,64 +171,35 @@ def is_text(name: str) -> bool:
     return not any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in name)
 
 
-def _parted(text: str, path: Path, layout: LayoutSpec) -> tuple[str, str, int]:
-    """The line that names the columns (empty if none does), the lines of samples, and the number of the first one."""
-    if layout.header_lines is not None:
-        before, body = _skip(text, layout.header_lines)
-        head = before.rstrip("\n").rpartition("\n")[2]
-        return head, body, layout.header_lines + 1
-    n_comments = 0
-    while text.startswith("#"):
-        text = text.partition("\n")[2]
-        n_comments += 1
-    head, _, body = text.partition("\n")
-    separator = next((each for each in SEPARATORS if each in head), ",")
-    row = cells(head, separator)
-    filled = _named(row)
-    is_header = all(cell and not is_value(cell) and not DECIMAL_COMMA.fullmatch(cell) for cell in filled)
-    if is_header:
-        return head, body, n_comments + 2
-    _check_not_numbered(filled, path)
-    return "", text, n_comments + 1
+def _after_ros_header(table: TextTable) -> _Columns:
+    note = f"columns 1 to {ros.FIELDS} are the header of a ROS 2 message, whose stamp is the time"
+    return _Columns([*range(ros.FIELDS, table.n_columns)], None, (note,))
 
 
-def _skip(text: str, n_lines: int) -> tuple[str, str]:
-    at = 0
-    for _ in range(n_lines):
-        end = text.find("\n", at)
-        if end < 0:
-            return text, ""
-        at = end + 1
-    return text[:at], text[at:]
-
-
-def _named(row: list[str]) -> list[str]:
-    """The cells of a row; a separator at its end adds no cell."""
-    return row[:-1] if len(row) > 1 and not row[-1] else row
-
-
-def _columns_of(
-    names: tuple[str, ...], first: Sequence[str], layout: LayoutSpec, path: Path, find_time: bool
-) -> _Columns:
-    seen: set[str] = set()
-    for column, name in enumerate(names, 1):
-        if name in seen:
-            raise InputError(f"{path}: two columns are named '{name[:40]}'; give each taxel its own name")
-        if not is_text(name):
-            raise InputError(f"{path}: column {column}, {name[:40]!a}, has control characters; rename it")
-        seen.add(name)
+def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Columns:
+    names, first, path = table.names, table.first_row, table.path
+    headers = [place for place, name in enumerate(names) if ros.is_header(name)]
     chosen, time = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
-    taxels = chosen or [place for place in range(len(first)) if place != time]
+    taxels = chosen or [place for place in range(table.n_columns) if place not in (time, *headers)]
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
-    second = None if chosen else _time_place(names, first, [time])
+    seen: set[str] = set()
+    for place in [*taxels, *([] if time is None else [time])] if names else []:
+        if names[place] in seen - {""}:
+            raise InputError(f"{path}: two columns are named '{names[place][:40]}'; give each taxel its own name")
+        if not is_text(names[place]):
+            raise InputError(f"{path}: column {place + 1}, {names[place][:40]!a}, has control characters; rename it")
+        seen.add(names[place])
+    second = None if chosen else _time_place(names, first, [time, *headers])
     if second is not None:
         named = f" ('{names[second][:40]}')" if names else ""
         raise InputError(
             f"{path}: column {second + 1}{named} looks like time stamps but is not the time column; choose the taxels "
             "with --columns, or remove the column"
         )
-    return _Columns(names, taxels, time)
+    left_out = [] if chosen else [names[place] for place in headers if place != time]
+    notes = (f"the header of the ROS message is no taxel: {some(left_out)}",) if left_out else ()
+    return _Columns(taxels, time, notes)
 
 
 def chosen_places(
@@ -282,16 +279,10 @@ def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, pat
     return list(range(first - 1, last))
 
 
-def _check_points(body: str, path: Path) -> None:
-    at = body.find(".")
-    if at >= 0:
-        line = body.count("\n", 0, at) + 1
-        raise InputError(f"{path}: sample {line} holds a point, but commas are decimal; write all numbers one way")
-
-
-def _check_not_numbered(first: list[str], path: Path) -> None:
+def _check_not_numbered(table: TextTable) -> None:
+    first = table.first_row
     if len(first) > 2 and first == [str(i) for i in range(len(first))]:
         raise InputError(
-            f"{path}: line 1 counts 0 to {len(first) - 1}, which looks like column numbers, not a sample; "
-            "name the taxels or remove the line (pandas: to_csv(header=False))"
+            f"{table.path}: line {table.first_line} counts 0 to {len(first) - 1}, which looks like column numbers, not "
+            "a sample; name the taxels or remove the line (pandas: to_csv(header=False))"
         )

@@ -1,5 +1,6 @@
 """The class and the conditions of a file: from its sub-folders, a pattern of its name, or a table of conditions."""
 
+import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -7,7 +8,8 @@ from pathlib import Path, PurePosixPath
 import pandas as pd
 from pydantic import Field, field_validator, model_validator
 
-from neurotact.data.readers.tables import NUMBER, cells, read_text
+from neurotact.data.readers.headings import named_table
+from neurotact.data.readers.tables import NUMBER, columns_of
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
@@ -16,6 +18,9 @@ FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt")
 SUFFIXES = (*TEXTS, ".npz", ".mat")
+
+
+log = logging.getLogger("neurotact")
 
 
 class NamingSpec(Spec):
@@ -138,25 +143,20 @@ def _of_pattern(file: str, pattern: str | None, folder: Path) -> dict[str, str]:
 
 def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
     """The conditions of each file, by the table in `path`."""
-    lines = [line for line in read_text(path).split("\n") if line.strip(" ,;\t")]
-    separator = max(",;\t", key=lines[0].count) if lines else ","
-    rows = [cells(line, separator) for line in lines]
-    header = rows[0] if rows else []
-    if FILE not in header:
-        raise InputError(f"{path}: has no column 'file', the path of each file; {nearest(FILE, header)}")
-    twice = [name for name in header if header.count(name) > 1]
-    if twice or "" in header:
-        raise InputError(
-            f"{path}: line 1 names {twice[0] if twice else 'a column'!r} {'twice' if twice else 'nothing'}"
-        )
+    table = named_table(Path(path))
+    for note in table.notes:
+        log.warning("%s: %s", path, note)
+    if FILE not in table.names:
+        raise InputError(f"{path}: has no column 'file', the path of each file; {nearest(FILE, [*table.names])}")
+    if "" in table.names:
+        raise InputError(f"{path}: column {table.names.index('') + 1} has no name; give it one, or remove it")
+    columns = columns_of(table)
     by_name: dict[str, list[str]] = {}
     for file in files:
         by_name.setdefault(PurePosixPath(file).name, []).append(file)
     found: dict[str, dict[str, str]] = {}
-    for number, row in enumerate(rows[1:], 2):
-        if len(row) != len(header):
-            raise InputError(f"{path}: line {number} has {len(row)} columns where {len(header)} are expected")
-        given = dict(zip(header, row, strict=True))
+    for number, row in enumerate(zip(*(columns[name].tolist() for name in table.names), strict=True), table.first_line):
+        given = dict(zip(table.names, row, strict=True))
         name = given.pop(FILE)
         fitting = [name] if name in files else by_name.get(name, [])
         if len(fitting) != 1:

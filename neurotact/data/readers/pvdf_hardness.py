@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.archives import as_signal, read_arrays
-from neurotact.data.readers.tables import numbers, read_text, split_header
+from neurotact.data.readers.tables import numbers
+from neurotact.data.readers.texts import read_text, split_header
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader
 from neurotact.errors import InputError

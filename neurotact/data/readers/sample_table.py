@@ -2,16 +2,16 @@
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import sampled
+from neurotact.data.readers import ros, sampled
 from neurotact.data.readers.arrays import ALIASES
-from neurotact.data.readers.layout import DECIMAL_COMMA, Table, check_rises, chosen_places
+from neurotact.data.readers.headings import named_table
+from neurotact.data.readers.layout import CHOICE, Table, check_rises, chosen_places, is_index, unit_of
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.table_trials import (
     Clock,
@@ -23,7 +23,7 @@ from neurotact.data.readers.table_trials import (
     find_trials,
     numbers,
 )
-from neurotact.data.readers.tables import FIRST_LINE, called, columns_of, named_table, values_of
+from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, TextTable, called, columns_of, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.errors import InputError, nearest, some
@@ -32,6 +32,8 @@ from neurotact.spec import build
 
 TRIALS = ("trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id", "sequence_id")
 """Names of the column that tells trials apart."""
+FAULTS = 0.5
+"""Share of numbers above which a column of texts is a taxel with faults."""
 log = logging.getLogger("neurotact")
 
 
@@ -56,13 +58,19 @@ def read(
     path = existing(path)
     asked = build(TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
-    table = named_table(path)
-    names = [name for name in table.names if name]
-    first = [cell for cell, name in zip_longest(table.first_row, table.names, fillvalue="") if name]
-    roles = _roles(names, first, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
+    table = named_table(path, asked.decimal, asked.header_lines, option="--header-lines", choice=CHOICE)
+    for note in table.notes:
+        log.warning("%s: %s", path, note)
+    names = [*table.names]
+    roles = _roles(names, table.first_row, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
+    roles = roles._replace(first_line=table.first_line)
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
-    columns = columns_of(table, {roles.label, *roles.trial} & {*names}, asked.decimal)
+    columns = columns_of(table, {roles.label, *roles.trial} & {*names})
+    if roles.time is not None:
+        its_unit = asked.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
+        asked = asked.model_copy(update={"time_unit": its_unit})
+    columns = _without_others(columns, table, roles)
     clock = clock_of(columns, roles, asked, path)
     trials = find_trials(columns, roles, clock, asked, sampling_rate_Hz, path)
     taxels, conditions = _parted(columns, roles, trials, path)
@@ -73,16 +81,32 @@ def read(
     return chosen_trials(read, asked.choice.beyond(chosen_by(trials.conditions, asked)), str(path))
 
 
+def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Roles) -> dict[str, np.ndarray]:
+    """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
+    used = (roles.label, *roles.trial, roles.time, *roles.taxels)
+    others = [
+        place for place, name in enumerate(table.names) if name not in used
+        and (not name or ros.is_header(name) or is_index(table, place, columns[name]))
+    ]  # fmt: skip
+    read = [place for place in others if not is_index(table, place, columns[table.names[place]])]
+    if read:
+        named = [table.names[place] or f"column {place + 1}, which has no name" for place in read]
+        log.warning("%s: no taxel and no condition: %s", table.path, some(named))
+    return {name: values for place, (name, values) in enumerate(columns.items()) if place not in others}
+
+
 def _cut(
     columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, asked: TableSpec, path: Path
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
-    signal = np.stack([numbers(columns[name], name, path) for name in roles.taxels], axis=1).astype(np.float32)
+    signal = np.stack([numbers(columns[name], name, path, roles.first_line) for name in roles.taxels], axis=1).astype(
+        np.float32
+    )
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]
         if its_time is not None and asked.time_column is None:
             check_rises(its_time, roles.time or "", path)
-        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + FIRST_LINE, clock.unit)
+        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + roles.first_line, clock.unit)
         yield Read(f"{path}, {name}", name, its)
 
 
@@ -133,6 +157,9 @@ def _parted(
     commas = [name for name in (*ignored, *taxels) if DECIMAL_COMMA.fullmatch(str(columns[name][0]))]
     if commas:
         raise InputError(f"{path}: column {commas[0]} has decimal commas; pass --decimal , or write decimal points")
+    for name in [name for name in ignored if columns[name].dtype.kind == "U"]:
+        if np.mean([bool(NUMBER.fullmatch(cell)) for cell in columns[name].tolist()]) > FAULTS:
+            numbers(columns[name], name, path, roles.first_line)  # says which cell is no number
     if not taxels:
         raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with --columns")
     constant = [name for name in constant if name not in trials.conditions]

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neurotact.data.readers import annotations
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
-from neurotact.data.readers.tables import FIRST_LINE, FLOAT32_MAX, is_number, values_of
+from neurotact.data.readers.tables import FLOAT32_MAX, is_number, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.errors import InputError, some
@@ -48,6 +48,8 @@ class TableSpec(Spec):
     max_gap_ms: float | None = Field(default=None, gt=0)
     """The longest interval between stamps; five median ones when absent."""
     decimal: Literal[".", ","] = "."
+    header_lines: int | None = Field(default=None, ge=0, le=10_000)
+    """Lines above the first sample; the last of them names the columns. Found when absent."""
 
     @field_validator("columns", "trial", mode="before")
     @classmethod
@@ -75,12 +77,14 @@ class Roles(NamedTuple):
     """The names of the columns.
 
     label: empty with annotations. time: None without stamps. taxels: the chosen ones; none: all other columns.
+    first_line: the line of the first row.
     """
 
     label: str
     trial: tuple[str, ...]
     time: str | None
     taxels: tuple[str, ...]
+    first_line: int = 2
 
 
 class Trials(NamedTuple):
@@ -119,7 +123,7 @@ def find_trials(
     Raises InputError for trials that begin again or have two classes, and for annotations of another recording.
     """
     if asked.annotations is not None:
-        trials = _annotated(clock, len(next(iter(columns.values()))), asked, rate_Hz, path)
+        trials = _annotated(clock, len(next(iter(columns.values()))), asked, rate_Hz, path, roles.first_line)
     else:
         trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
     trials = _chosen(trials, asked.choice.among(chosen_by(trials.conditions, asked)), path)
@@ -133,9 +137,9 @@ def _trials(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Tria
     begin, end, firsts = _stretches(columns, roles.trial)
     again = np.flatnonzero(firsts.duplicated().to_numpy())
     if len(again):
-        name = " ".join(firsts.iloc[again[0]])
+        name, line = " ".join(firsts.iloc[again[0]]), begin[again[0]] + roles.first_line
         raise InputError(
-            f"{path}: trial {name[:40]} begins again at line {begin[again[0]] + FIRST_LINE}; if trials are numbered "
+            f"{path}: trial {name[:40]} begins again at line {line}; if trials are numbered "
             f"anew for each class or subject, name all columns that tell them apart, as in --trial "
             f"{roles.label},{','.join(roles.trial)}; else sort the rows by trial"
         )
@@ -154,11 +158,13 @@ def _segments(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Tr
     """The trials: rows one after another with the same class, and the same in the columns that tell trials apart."""
     begin, end, _ = _stretches(columns, tuple(dict.fromkeys((*roles.trial, roles.label))))
     conditions = _conditions(columns, roles, begin)
-    names = [f"the segment from line {row + FIRST_LINE}" for row in begin]
+    names = [f"the segment from line {row + roles.first_line}" for row in begin]
     return _touches(Trials(begin, end, names, conditions), path)
 
 
-def _annotated(clock: Clock, n_rows: int, asked: TableSpec, rate_Hz: float | None, path: Path) -> Trials:
+def _annotated(
+    clock: Clock, n_rows: int, asked: TableSpec, rate_Hz: float | None, path: Path, first_line: int
+) -> Trials:
     """The trials that the table of annotations names; times without stamps are seconds from the first sample."""
     marks = annotations.read(existing(asked.annotations or ""), asked.label, asked.decimal)
     time, unit = clock
@@ -168,7 +174,7 @@ def _annotated(clock: Clock, n_rows: int, asked: TableSpec, rate_Hz: float | Non
     back = np.flatnonzero(np.diff(time) < 0)
     if len(back):
         raise InputError(
-            f"{path}: line {back[0] + 1 + FIRST_LINE} is earlier than the line before it; annotations need one "
+            f"{path}: line {back[0] + 1 + first_line} is earlier than the line before it; annotations need one "
             "continuous recording"
         )
     begin, end = marks.on(time, unit, str(path))
@@ -179,7 +185,7 @@ def _annotated(clock: Clock, n_rows: int, asked: TableSpec, rate_Hz: float | Non
             "%s: annotations that begin before another one ends: %d; training and test trials may share their samples",
             marks.path, shared,
         )  # fmt: skip
-    names = [f"the touch of {marks.path.name}, line {at + FIRST_LINE}" for at in range(len(begin))]
+    names = [f"the touch of {marks.path.name}, line {at + marks.first_line}" for at in range(len(begin))]
     return _touches(Trials(begin, end, names, marks.conditions), path)
 
 
@@ -231,22 +237,25 @@ def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, 
         return Clock(None, None)
     values = columns[roles.time]
     if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
-        return Clock(seconds_of(values.tolist(), str(path), roles.time, FIRST_LINE, asked.time_unit), "s")
-    return Clock(numbers(values, roles.time, path), asked.time_unit or unit_in(roles.time))
+        return Clock(seconds_of(values.tolist(), str(path), roles.time, roles.first_line, asked.time_unit), "s")
+    return Clock(numbers(values, roles.time, path, roles.first_line), asked.time_unit or unit_in(roles.time))
 
 
-def numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
-    """A column of finite numbers; InputError with the line of the first cell that is none."""
+def numbers(values: np.ndarray, name: str, path: Path, first_line: int) -> np.ndarray:
+    """A column of finite numbers; InputError with the line of the first cell that is none. first_line: of the rows."""
     if values.dtype.kind not in "iuf":
         at = next((row for row, cell in enumerate(values) if not is_number(cell)), None)
         if at is not None:
             raise InputError(
-                f"{path}: line {at + FIRST_LINE}, column {name} is {values[at][:20]!r}, not a number; write a number, "
+                f"{path}: line {at + first_line}, column {name} is {values[at][:20]!r}, not a number; write a number, "
                 "or name the taxels with --columns"
             )
     found = values.astype(np.float64)
     wrong = np.flatnonzero(~(np.abs(found) <= FLOAT32_MAX))
     if len(wrong):
-        line = wrong[0] + FIRST_LINE
-        raise InputError(f"{path}: line {line}, column {name} is {found[wrong[0]]}; repair the gap or drop the trial")
+        line = wrong[0] + first_line
+        raise InputError(
+            f"{path}: line {line}, column {name} is {found[wrong[0]]}; repair the gap, or name other taxels with "
+            "--columns"
+        )
     return found

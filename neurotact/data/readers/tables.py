@@ -1,11 +1,11 @@
-"""Numbers from delimited text: every cell is a finite number, else the error names file, line and column."""
+"""Delimited text as columns: numbers where all cells are numbers, else texts; a fault is named by line and column."""
 
 import csv
 import io
 import re
 import warnings
-from array import array
 from collections.abc import Collection, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -13,47 +13,103 @@ import numpy as np
 import pandas as pd
 
 from neurotact import files
-from neurotact.data.readers.contents import LVM, content_of
 from neurotact.errors import InputError
 
 MAX_CHANNELS = 10_000
 """Maximum number of columns; a table with more is transposed, or is not a table."""
 FLOAT32_MAX = float(np.finfo(np.float32).max)
-SEPARATORS = (";", "\t", ",")
+BLANKS = " "
+"""The separator of a table whose columns are any number of blanks and tabs apart."""
+SPACES = re.compile(r"[ \t]+")
 BYTES_PER_TEXT, BYTES_PER_CELL = 120, 24
 """Bytes in memory per cell of a table of texts, and of one that is mostly numbers."""
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 NOT_FINITE = re.compile(r"[+-]?(nan|na|inf|infinity)", re.IGNORECASE)
+GAP = re.compile(r"-+|\?+|\*+|#?n/?a!?|#n/?v|<na>|none|null|missing", re.IGNORECASE)
+"""A word or a sign that stands for a value that is missing."""
+DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+THOUSANDS = re.compile(
+    r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?|[+-]?\d{1,3}((\.\d{3})+,\d*|(\.\d{3}){2,}|([ '\u00a0\u202f]\d{3})+([.,]\d*)?)"
+)
+"""A number with signs between its thousands, which no reader can tell from others."""
+WITH_UNIT = re.compile(r"[+-]?\d*[.,]?\d+ ?[a-zµ°%Ω]{1,4}", re.IGNORECASE)
+COMMENT = re.compile(r"[ \t]*(#|%|//)")
+"""The beginning of a line that is a comment."""
+Decimal = Literal[".", ","]
 
 
-def read_text(path: str | Path) -> str:
-    """The file's text, its line ends as `\\n`, without a byte-order mark.
+class TextTable(NamedTuple):
+    """The lines of samples in a text file, and what stands above them.
 
-    InputError if it is not UTF-8 text, or holds another kind of data (`contents`).
+    names: of the columns; none if no line names them. units: below the names; none without such a line.
+    separator: between cells, `BLANKS` for any number of blanks. first_line: the line of the file with which `body`
+    begins. skips_empty: whether an empty line is no row; otherwise it is refused, since a sample may be lost.
+    choice: how the user chooses other columns, the end of a sentence. notes: what is said once of a table.
     """
-    kind = content_of(path)
-    if kind not in (None, LVM):
-        raise kind.refusal(path)
-    return files.read_text(path).replace("\r\n", "\n").replace("\r", "\n")
+
+    path: Path
+    names: tuple[str, ...]
+    separator: str
+    body: str
+    n_columns: int
+    first_line: int = 1
+    decimal: Decimal = "."
+    units: tuple[str, ...] = ()
+    skips_empty: bool = False
+    choice: str = ""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def first_row(self) -> list[str]:
+        """The cells of the first line, as many as there are columns."""
+        row = cells(self.body.lstrip("\n").partition("\n")[0], self.separator)
+        return [*row, *[""] * self.n_columns][: self.n_columns]
+
+    def rows(self) -> Iterator[tuple[int, list[str]]]:
+        """The line and the cells of each row, slowly: for messages, and for what pandas does not check."""
+        line = self.first_line
+        reader = csv.reader(_spaced_once(self), delimiter=self.separator, skipinitialspace=True)
+        try:
+            for row in reader:
+                if any(row) or not self.skips_empty:
+                    yield line, [cell.strip() for cell in row]
+                line = self.first_line + reader.line_num
+        except csv.Error as error:
+            raise InputError(f"{self.path}: line {line} cannot be read as cells ({error}); repair that line") from error
+
+    def check_has_rows(self) -> None:
+        """Refuse a table without rows."""
+        if not self.body.strip("\n"):
+            raise InputError(f"{self.path}: holds no row of numbers; record it again, or move the file away")
+
+    def name(self, place: int) -> str:
+        """The name of a column for messages, in brackets; empty without names."""
+        return f" ({self.names[place][:40]})" if self.names else ""
 
 
-def split_header(text: str, path: str | Path) -> tuple[str, str]:
-    """The first line and the rest of a published file, in which every line ends with a line break.
+def lines_of(text: str) -> Iterator[str]:
+    """Each line, without a list of all of them."""
+    start = 0
+    while (end := text.find("\n", start)) >= 0:
+        yield text[start:end]
+        start = end + 1
+    yield text[start:]
 
-    InputError when the last line does not end: the file was cut off, and its last number may be too.
-    """
-    if not text.endswith("\n"):
-        raise InputError(f"{path}: the last line does not end, so the file was cut off; copy or download it again")
-    head, _, body = text.partition("\n")
-    return head, body
+
+def _spaced_once(table: TextTable) -> Iterator[str]:
+    """The lines, with one blank between cells where any number of them may stand."""
+    lines = (line + "\n" for line in lines_of(table.body.rstrip("\n")))
+    return (SPACES.sub(BLANKS, line.strip(" \t\n")) for line in lines) if table.separator == BLANKS else lines
 
 
 def cells(line: str, separator: str = ",") -> list[str]:
     """The cells of one line, without quotes and surrounding spaces; after MAX_CHANNELS cells the rest is one cell.
 
-    >>> cells('time, "felt, left",3')
-    ['time', 'felt, left', '3']
+    >>> cells('time, "felt, left",3'), cells("  0.5   3", BLANKS)
+    (['time', 'felt, left', '3'], ['0.5', '3'])
     """
+    if separator == BLANKS:
+        line = SPACES.sub(BLANKS, line.strip(" \t"))
     if line.count(separator) > MAX_CHANNELS:
         return [cell.strip() for cell in line.split(separator, MAX_CHANNELS)]
     try:
@@ -68,6 +124,15 @@ def is_value(cell: str) -> bool:
     return bool(NUMBER.fullmatch(cell) or NOT_FINITE.fullmatch(cell))
 
 
+def is_number(text: str) -> bool:
+    """Whether a text reads as a number, NaN and infinity included."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
 def numbers(
     text: str,
     path: str | Path,
@@ -75,35 +140,25 @@ def numbers(
     separator: str = ",",
     first_line: int = 1,
     names: Sequence[str] = (),
-    width: int = 0,
-    columns: Sequence[int] | None = None,
 ) -> np.ndarray:
     """The `(row, column)` float64 table in `text`, each value finite and within the range of float32.
 
-    first_line: the file's line on which `text` begins. names: of the columns. width: number of columns; that of
-    the names when 0, and that of the first row if there are none. columns: indices of the columns to read; the content
-    of the others is ignored, and they are 0. Empty lines are allowed only at the end. InputError names `path`,
-    line and column, and refuses a table that is too wide or takes too much memory.
+    first_line: the file's line on which `text` begins. names: of the columns; without them the first row says how many
+    there are. Empty lines are allowed only at the end. InputError names `path`, line and column, and refuses a table
+    that is too wide or takes too much memory.
 
     >>> numbers("1,2\\n3,4\\n", "a.csv")
     array([[1., 2.],
            [3., 4.]])
     >>> numbers("1,2\\n3,x\\n", "a.csv", names=["left", "right"])
     Traceback (most recent call last):
-    neurotact.errors.InputError: a.csv: line 2, column 2 (right) is 'x', not a number; write a number or drop the file
+    neurotact.errors.InputError: a.csv: line 2, column 2 (right) is 'x', not a number; write a number
     """
     body = text.rstrip("\n")
-    if not body:
-        raise InputError(f"{path}: holds no row of numbers; record it again or drop the file")
-    first_end = body.find("\n") if "\n" in body else len(body)
-    check_width(path, body.count(separator, 0, first_end) + 1)
-    files.check_size(path, 8 * (body.count(separator) + body.count("\n") + 1))
-    values = _parse_at_once(body, separator)
-    width = width or len(names)
-    right_width = values is not None and width in (0, values.shape[1])
-    if values is None or not right_width or not (np.abs(values) <= FLOAT32_MAX).all():
-        return _parse_by_cell(body, path, separator, first_line, names, width, columns)
-    return values
+    n_columns = len(names) or len(cells(body.partition("\n")[0], separator))
+    table = TextTable(Path(path), tuple(names), separator, body, n_columns, first_line)
+    columns = columns_at(table, range(n_columns))
+    return np.stack([finite(table, place, column) for place, column in enumerate(columns)], axis=1)
 
 
 def check_width(where: str | Path, n_channels: int) -> None:
@@ -115,111 +170,156 @@ def check_width(where: str | Path, n_channels: int) -> None:
         )
 
 
-def _parse_at_once(body: str, separator: str) -> np.ndarray | None:
-    """The table by pandas' C parser; None if `_parse_by_cell` must check it."""
+def columns_at(table: TextTable, places: Sequence[int], texts: Collection[int] = ()) -> list[np.ndarray]:
+    """The columns at these places: numbers if all of their cells are, and no place is among `texts`; else texts.
+
+    InputError for rows of different lengths, and for a table that is too wide or takes too much memory.
+    """
+    table.check_has_rows()
+    if "\0" in table.body:
+        line = table.first_line + table.body.count("\n", 0, table.body.index("\0"))
+        raise InputError(f"{table.path}: line {line} holds a NUL, so it was not written to its end; repair that line")
+    check_width(table.path, table.n_columns)
+    found = None if texts else _numbers_at_once(table, places)
+    return found if found is not None else _columns(table, places, texts)
+
+
+def _numbers_at_once(table: TextTable, places: Sequence[int]) -> list[np.ndarray] | None:
+    """The columns, if the whole table is numbers; None if `_columns` must look closer."""
+    body = table.body.rstrip("\n")
+    n_rows = body.count("\n") + 1
+    n_separators = 0 if table.separator == BLANKS else body.count(table.separator)
+    files.check_size(table.path, 8 * max(n_rows * len(places), n_separators + n_rows))
+    separators = b" \t" if table.separator == BLANKS else table.separator.encode()
     encoded = body.encode()
-    if encoded.translate(None, b"0123456789+-.eE \n" + separator.encode()):
+    if encoded.translate(None, b"0123456789+-eE \n" + separators + table.decimal.encode()):
         return None  # other characters: the C parser would take 'true' for 1 and end a cell at a NUL
+    if table.separator != BLANKS and n_separators != n_rows * (table.n_columns - 1):
+        return None
     try:
-        table = pd.read_csv(
-            io.BytesIO(encoded),
-            sep=separator,
-            header=None,
-            dtype="float64",
-            skip_blank_lines=False,
-            quoting=csv.QUOTE_NONE,
-            engine="c",
-        )
+        read = pd.read_csv(
+            io.BytesIO(encoded), sep=_pandas_separator(table), header=None, names=range(table.n_columns),
+            index_col=False, dtype="float64", na_filter=False, decimal=table.decimal,
+            skip_blank_lines=table.skips_empty, quoting=csv.QUOTE_NONE, engine="c",
+        )  # fmt: skip
     except (ValueError, OverflowError):
         return None
-    return table.to_numpy()
+    values = read.to_numpy()
+    return [values[:, place] for place in places]
 
 
-def _parse_by_cell(
-    body: str,
-    path: str | Path,
-    separator: str,
-    first_line: int,
-    names: Sequence[str],
-    width: int = 0,
-    columns: Sequence[int] | None = None,
-) -> np.ndarray:
-    """The definition of a valid table; `_parse_at_once` is the same, faster, for tables without a fault."""
-    values = array("d")
-    width = width or len(names)
-    is_read = None if columns is None else set(columns)
-    for line_number, line in enumerate(_lines(body), first_line):
-        row = cells(line, separator)
-        width = width or len(row)
+def _columns(table: TextTable, places: Sequence[int], texts: Collection[int]) -> list[np.ndarray]:
+    """The columns of a table that may hold anything."""
+    body = table.body.rstrip("\n")
+    n_cells = (body.count("\n") + 1) * max(1, len(places))
+    files.check_size(table.path, n_cells * (BYTES_PER_TEXT if len(texts) == len(places) else BYTES_PER_CELL))
+    _check_rows(table)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
+            read = pd.read_csv(
+                io.StringIO(body), sep=_pandas_separator(table), header=None, names=range(table.n_columns),
+                index_col=False, usecols=sorted(places), dtype=dict.fromkeys(texts, "str"), keep_default_na=False,
+                na_filter=False, skipinitialspace=True, skip_blank_lines=table.skips_empty, engine="c",
+                low_memory=False, decimal=table.decimal,
+            )  # fmt: skip
+    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
+        raise InputError(
+            f"{table.path}: cannot be read as a table ({str(error).splitlines()[0][:100]}); repair that line"
+        ) from error
+    return [_column(table, read[place].to_numpy(), is_text=place in texts) for place in places]
+
+
+def _column(table: TextTable, values: np.ndarray, *, is_text: bool) -> np.ndarray:
+    if values.dtype.kind in "iuf":
+        return values
+    texts = [str(cell).strip() for cell in values.tolist()]
+    plain = [] if is_text else [_with_point(cell, table.decimal) for cell in texts]
+    if plain and all(map(NUMBER.fullmatch, plain)):
+        return np.array(plain, np.float64)  # whole numbers that fit no integer
+    files.check_size(table.path, 4 * len(texts) * max(map(len, texts)))
+    return np.array(texts, str)
+
+
+def _pandas_separator(table: TextTable) -> str:
+    return r"\s+" if table.separator == BLANKS else table.separator
+
+
+def _check_rows(table: TextTable) -> None:
+    """Refuse a row with another number of cells than there are columns: pandas would fill it or cut it."""
+    expected = table.n_columns
+    if _are_alike(table):
+        return
+    for line, row in table.rows():
+        if len(row) == expected and any(row):
+            continue
         if not any(row):
-            raise InputError(f"{path}: line {line_number} is empty; remove the line or drop the file")
-        if len(row) != width:
-            raise InputError(
-                f"{path}: line {line_number} has {len(row)} columns where {width} are expected; "
-                "give every line the same columns or drop the file"
-            )
-        for column, cell in enumerate(row):
-            if is_read is not None and column not in is_read:
-                row[column] = "0"
-            elif not (NUMBER.fullmatch(cell) and abs(float(cell)) <= FLOAT32_MAX):
-                name = f" ({names[column]})" if names else ""
-                raise InputError(f"{path}: line {line_number}, column {column + 1}{name} {_fault(cell)}")
-        values.extend(map(float, row))
-    return np.array(values).reshape(-1, width)
+            raise InputError(f"{table.path}: line {line} is empty; remove empty lines")
+        if COMMENT.match(row[0]):
+            raise InputError(f"{table.path}: line {line} is a comment, {row[0][:40]!r}; remove the line")
+        raise InputError(
+            f"{table.path}: line {line} has {len(row)} columns where {expected} are expected; remove the line, or give "
+            "every line the same columns"
+        )
 
 
-def _lines(text: str) -> Iterator[str]:
-    """Each line, without a list of all of them."""
-    start = 0
-    while (end := text.find("\n", start)) >= 0:
-        yield text[start:end]
-        start = end + 1
-    yield text[start:]
+def _are_alike(table: TextTable) -> bool:
+    """Whether all rows have as many separators as columns need, quickly; false if quotes or empty lines need a look."""
+    if '"' in table.body or table.n_columns == 1:
+        return False
+    lines = lines_of(table.body.rstrip("\n"))
+    if table.separator == BLANKS:
+        return all(len(SPACES.split(line.strip(" \t"))) == table.n_columns for line in lines)
+    empty = table.separator * (table.n_columns - 1)
+    return all(line.count(table.separator) == len(empty) and line != empty for line in lines)
 
 
-def _fault(cell: str) -> str:
+def finite(table: TextTable, place: int, values: np.ndarray) -> np.ndarray:
+    """A column as float64, each value finite and within the range of float32; InputError names the first other one."""
+    if values.dtype.kind in "iuf":
+        found = values.astype(np.float64, copy=False)
+        wrong = np.flatnonzero(~(np.abs(found) <= FLOAT32_MAX))
+        row = int(wrong[0]) if len(wrong) else None
+    else:
+        found = np.empty(0)
+        row = next(i for i, cell in enumerate(values.tolist()) if not _is_finite(cell, table.decimal))
+    if row is None:
+        return found
+    line, its_cells = next(islice(table.rows(), row, None))
+    raise InputError(f"{table.path}: line {line}{_fault(table, place, its_cells[place])}")
+
+
+def _is_finite(cell: str, decimal: Decimal) -> bool:
+    plain = _with_point(cell, decimal)
+    return bool(NUMBER.fullmatch(plain) and abs(float(plain)) <= FLOAT32_MAX)
+
+
+def _with_point(cell: str, decimal: Decimal) -> str:
+    """A cell with decimal commas as a number with a point; empty if it has a point already."""
+    return cell if decimal == "." else "" if "." in cell else cell.replace(",", ".")
+
+
+def _fault(table: TextTable, place: int, cell: str) -> str:
+    """What is wrong with a cell, and the fix: the end of the sentence that names its line."""
+    at = f", column {place + 1}{table.name(place)} is"
+    repair = f"repair the gap{table.choice}"
     if not cell:
-        return "is empty; write a number or drop the file"
+        return f"{at} empty; {repair}"
     if NOT_FINITE.fullmatch(cell):
-        return f"is {cell}; repair the gap or drop the file"
-    if NUMBER.fullmatch(cell):
-        return f"is {cell[:20]}, more than float32 holds; use another unit"
-    return f"is {cell[:20]!r}, not a number; write a number or drop the file"
-
-
-FIRST_LINE = 2
-"""Line of the first row of a `NamedTable`, below the names of its columns."""
-
-
-class NamedTable(NamedTuple):
-    """A text table with a header: the names of its columns (empty: a separator ends each line), and its other lines."""
-
-    path: Path
-    names: list[str]
-    separator: str
-    body: str
-
-    @property
-    def first_row(self) -> list[str]:
-        """The cells of the first line below the header."""
-        return cells(self.body.partition("\n")[0], self.separator)
-
-
-def named_table(path: Path) -> NamedTable:
-    """The table of a file; InputError if its first line does not name the columns, or no line follows it."""
-    head, _, body = read_text(path).partition("\n")
-    separator = next((each for each in SEPARATORS if each in head), ",")
-    names = cells(head, separator)
-    names = names[:-1] if len(names) > 1 and not names[-1] else names
-    first = cells(body.partition("\n")[0], separator)
-    names += [""] if len(first) == len(names) + 1 and not first[-1] else []
-    if not body.strip():
-        raise InputError(f"{path}: holds no row below its header; give at least one")
-    if len(set(names)) < len(names):
-        raise InputError(f"{path}: line 1 names a column twice; give each its own name")
-    if all(is_number(name) for name in names):
-        raise InputError(f"{path}: line 1 holds numbers, but must name the columns, as in trial,time_s,label")
-    return NamedTable(path, names, separator, body)
+        return f"{at} {cell}; {repair}"
+    if GAP.fullmatch(cell):
+        return f"{at} {cell!r}, no value; {repair}"
+    if NUMBER.fullmatch(_with_point(cell, table.decimal)):
+        return f"{at} {cell[:20]}, more than float32 holds; use another unit"
+    if table.decimal == "." and DECIMAL_COMMA.fullmatch(cell):
+        return " has decimal commas; pass --decimal , or write decimal points"
+    if THOUSANDS.fullmatch(cell):
+        return f"{at} {cell[:20]!r}, with separators of thousands; write numbers without them"
+    if table.decimal == "," and NUMBER.fullmatch(cell):
+        return " holds a point, but commas are decimal; write all numbers one way"
+    if WITH_UNIT.fullmatch(cell):
+        return f"{at} {cell[:20]!r}, not a number; write it without its unit{table.choice}"
+    return f"{at} {cell[:20]!r}, not a number; write a number{table.choice}"
 
 
 def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
@@ -232,32 +332,13 @@ def called(names: Sequence[str], aliases: Sequence[str]) -> str | None:
     return next((lower[alias] for alias in aliases if alias in lower), None)
 
 
-def columns_of(
-    table: NamedTable, texts: Collection[str] | None = None, decimal: Literal[".", ","] = "."
-) -> dict[str, np.ndarray]:
+def columns_of(table: TextTable, texts: Collection[str] | None = None) -> dict[str, np.ndarray]:
     """The columns by their names. texts: those that are read as texts, all when None; others are numbers if all of
-    their cells are, with this decimal separator.
+    their cells are.
     """
-    if decimal == table.separator:
-        raise InputError(
-            f"{table.path}: has commas between its columns, so there are no decimal commas; drop --decimal"
-        )
-    n_cells = len(table.names) * (table.body.count("\n") + 1)
-    files.check_size(table.path, n_cells * (BYTES_PER_TEXT if texts is None else BYTES_PER_CELL))
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header
-            found = pd.read_csv(
-                io.StringIO(table.body), sep=table.separator, header=None, names=table.names, index_col=False,
-                dtype=str if texts is None else dict.fromkeys(texts, "str"), keep_default_na=False, na_filter=False,
-                skip_blank_lines=True, engine="c", on_bad_lines="error", low_memory=False, decimal=decimal,
-            )  # fmt: skip
-    except (ValueError, OverflowError, pd.errors.ParserWarning) as error:
-        raise InputError(
-            f"{table.path}: cannot be read as a table ({str(error).splitlines()[0][:100]}); repair that line"
-        ) from error
-    values = {name: found[name].to_numpy() for name in table.names if name}
-    return {name: each if each.dtype.kind in "iuf" else each.astype(str) for name, each in values.items()}
+    places = range(table.n_columns)
+    as_texts = [place for place in places if texts is None or table.names[place] in texts]
+    return dict(zip(table.names, columns_at(table, places, as_texts), strict=True))
 
 
 def values_of(values: np.ndarray) -> np.ndarray:
@@ -267,12 +348,3 @@ def values_of(values: np.ndarray) -> np.ndarray:
         numbers = pd.to_numeric(pd.Series(texts), errors="coerce").to_numpy()
         return texts if np.isnan(numbers.astype(float)).any() else numbers
     return values
-
-
-def is_number(text: str) -> bool:
-    """Whether a text reads as a number, NaN and infinity included."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

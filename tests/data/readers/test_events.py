@@ -189,7 +189,7 @@ def test_a_pickle_is_never_opened(tmp_path):
     [
         ("trial,time,channel\n0,0.1,2\n", {}, "no column is called label"),
         ("trial,time,label\n0,0.1,a\n", {}, "no column is called channel"),
-        ("0,0.1,2\n0,0.2,1\n", {}, "line 1 holds numbers, but must name the columns"),
+        ("0,0.1,2\n0,0.2,1\n", {}, "line 1 holds a row, but must name the columns"),
         ("trial,time,channel,label\n0,x,2,a\n", {}, r"event 0 of 'time' is 'x', not a number"),
         ("trial,time,channel,label\n0,nan,2,a\n", {}, "not a number|is nan"),
         ("trial,time,channel,label\n0,-1,2,a\n", {}, "before zero; pass --origin first"),
@@ -200,7 +200,11 @@ def test_a_pickle_is_never_opened(tmp_path):
         ("trial,time,channel,label\n0,1,2,a\n", {"polarity": "on"}, "holds no polarity"),
         ("trial,time,channel,p,label\n0,1,2,1,a\n0,1,2,2,a\n0,1,2,3,a\n", {}, "has 3 polarities"),
         ("trial,time,channel,label\n", {}, "holds no row below its header"),
-        ("trial,time,channel,label\n0,1,2,a,7,8\n", {}, "cannot be read as a table"),
+        (
+            "trial,time,channel,label\n0,1,2,a,7,8\n",
+            {},
+            "line 2 has 6 columns where 4 are expected, the names",
+        ),
     ],
 )
 def test_events_that_cannot_be_read_are_named(tmp_path, text, options, message):

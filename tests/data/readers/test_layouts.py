@@ -263,7 +263,7 @@ def test_times_of_day_need_no_header(tmp_path):
         ("time,p\n12:00:01,1\n12:00,2\n", {}, "line 3, column 1 is '12:00', not a time as in 12:00:00.25; repair it"),
         ("time,p\n12:00:01,1\n", {"time_unit": "ms"}, "column 1 holds times of day, which are in seconds; leave"),
         ("time,p\n12:00:01,1\n11:59:59,2\n", {}, "line 3 is earlier than the line before it"),
-        ("p,time\n1,12:00:01\n2\n", {}, "line 3, column 2 is '', not a time"),
+        ("p,time\n1,12:00:01\n2\n", {}, "line 3 has 1 columns where 2 are expected"),
         ("p,at\n1,12:00:01,9\n2,12:00:02\n", {}, "line 2 has 3 columns where 2 are expected"),
     ],
 )  # fmt: skip
@@ -321,7 +321,7 @@ def test_the_unit_of_stamps_of_touch_is_found_or_asked_for(unit, rate_Hz, n_samp
     [
         ("1;2,5\n", {}, "line 1 has decimal commas; pass --decimal ,"),
         ("1,2\n", {"decimal": ","}, "has commas between its columns"),
-        ("1,5;2.5\n", {"decimal": ","}, "sample 1 holds a point, but commas are decimal"),
+        ("1,5;2.5\n", {"decimal": ","}, "line 1 holds a point, but commas are decimal"),
         (
             "a,b\n1,2\n",
             {"columns": "3"},

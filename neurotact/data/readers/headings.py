@@ -1,0 +1,253 @@
+"""What stands above the samples of a text file: names, units, comments, the separator; and where the samples begin."""
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple
+
+from neurotact.data.readers import labview
+from neurotact.data.readers.tables import BLANKS, COMMENT, DECIMAL_COMMA, Decimal, TextTable, cells
+from neurotact.data.readers.texts import read_any_text
+from neurotact.data.readers.usual_rows import SEPARATORS, UsualRow, separator_of, usual_row, without_end
+from neurotact.errors import InputError, some
+
+LETTER = re.compile(r"[^\W\d_]")
+BRACKETS = re.compile(r"[ \t]*[\[(]+[ \t]*[+-]?\.?\d")
+"""The beginning of a row in brackets, as Python prints arrays, lists and tuples."""
+SEPARATOR_LINE = re.compile(r'"?sep=(.)"? *', re.IGNORECASE)
+"""The first line of a file that tells Excel the separator."""
+
+
+class _Line(NamedTuple):
+    """A line: where it begins, its number from 1, its text."""
+
+    begin: int
+    number: int
+    text: str
+
+
+class _Head(NamedTuple):
+    """The names of the columns, and units; the lines above the samples that are neither, nor comments.
+
+    comment: the number of the line with the names, if it is a comment whose words are taken for names; else 0.
+    """
+
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    others: tuple[_Line, ...] = ()
+    comment: int = 0
+
+
+def named_table(
+    path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
+) -> TextTable:
+    """As `open_table`, of a file that names its columns, and in which an empty line is no row."""
+    table = open_table(path, decimal, header_lines, option=option, choice=choice)
+    if not table.body.strip():
+        raise InputError(f"{path}: holds no row below its header; give at least one")
+    if not table.names:
+        line = table.first_line
+        raise InputError(f"{path}: line {line} holds a row, but must name the columns, as in trial,time_s,label")
+    twice = [name for name, n in Counter(table.names).items() if n > 1]
+    if twice:
+        raise InputError(f"{path}: names a column twice, '{twice[0][:40]}'; give each its own name")
+    return table._replace(skips_empty=True)
+
+
+def open_table(
+    path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
+) -> TextTable:
+    """The table in a text file: UTF-8, UTF-16 or Windows-1252; commas, `;`, tabs or blanks between its columns.
+
+    Above the samples may stand a line `sep=;`, comments (`#`, `%`, `//`; the last one may name the columns), the names,
+    and units below them; or the head of a LabVIEW measurement. header_lines: the number of lines above the samples,
+    which then may be any. option: the one that gives that number; empty without one. choice: see `TextTable`.
+
+    InputError names other lines above the samples.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "felt.txt"
+    >>> _ = path.write_text("# made by hand\\n t_s  left\\n s  mV\\n 0.0  1\\n 0.1  2\\n")
+    >>> table = open_table(path)
+    >>> table.names, table.units, table.separator, table.first_line
+    (('t_s', 'left'), ('s', 'mV'), ' ', 4)
+    """
+    text, note = read_any_text(path)
+    if labview.is_measurement(text):
+        table = labview.measurement(text, path, decimal)
+        return table._replace(notes=(note, *table.notes) if note else table.notes, choice=choice)
+    given = _given_separator(text)
+    begin = 0 if header_lines is None else _after(text, header_lines)
+    usual = usual_row(text[begin:] if begin else text, given)
+    above = [*_above(text, usual, begin if header_lines is not None else None, has_separator_line=given is not None)]
+    samples = above.pop()
+    _check_brackets([*above, samples], path)
+    if usual is None:
+        usual = _texts(text, samples, above, given)
+    if decimal == "," and usual.separator == ",":
+        usual = _in_one_column(usual, above, path)
+    head = _head(above, usual)
+    if header_lines is None:
+        _check_others(head, usual, samples, option, path)
+    notes = [note] if note else []
+    if head.comment:
+        notes.append(f"the comment in line {head.comment} names the columns: {some(head.names)}")
+    if head.units:
+        notes.append(f"the line of units is no sample ({some([unit for unit in head.units if unit])})")
+    body = text[samples.begin :]
+    n_columns = usual.n_columns
+    if head.names and len(head.names) == len(usual.cells) and head.names[-1]:
+        n_columns = len(head.names)
+    elif n_columns < len(usual.cells):
+        body = re.sub(rf"{usual.separator}[ \t]*$" if usual.separator != "\t" else r"\t *$", "", body, flags=re.M)
+    return TextTable(
+        path, head.names[:n_columns], usual.separator, body, n_columns, samples.number, decimal,
+        head.units[:n_columns], choice=choice, notes=tuple(notes),
+    )  # fmt: skip
+
+
+def _given_separator(text: str) -> str | None:
+    """The separator that the first line tells Excel."""
+    found = SEPARATOR_LINE.fullmatch(text.partition("\n")[0])
+    return found[1] if found else None
+
+
+def _after(text: str, n_lines: int) -> int:
+    """The place after the first lines; the end of a text that has no more."""
+    place = 0
+    for _ in range(n_lines):
+        place = text.find("\n", place) + 1
+        if not place:
+            return len(text)
+    return place
+
+
+def _lines(text: str) -> Iterator[_Line]:
+    begin = number = 0
+    while begin < len(text):
+        end = text.find("\n", begin)
+        end = len(text) if end < 0 else end
+        number += 1
+        yield _Line(begin, number, text[begin:end])
+        begin = end + 1
+    yield _Line(len(text), number + 1, "")
+
+
+def _above(text: str, usual: UsualRow | None, begin: int | None, *, has_separator_line: bool) -> list[_Line]:
+    """The lines above the samples, but empty ones; the last one is the first of the samples.
+
+    begin: where they begin, if that is known. Without a usual row they begin below the first line that is no comment.
+    """
+    found: list[_Line] = []
+    for line in islice(_lines(text), int(has_separator_line), None):
+        is_first = line.begin >= begin if begin is not None else _is_first(line, found, usual)
+        if line.text.strip() or is_first or line.begin == len(text):
+            found.append(line)
+        if is_first:
+            break
+    while begin is None and usual is not None and len(found) > 1 and usual.is_near(found[-2].text):
+        found.pop()
+    return found
+
+
+def _is_first(line: _Line, above: Sequence[_Line], usual: UsualRow | None) -> bool:
+    if not line.text.strip() or COMMENT.match(line.text):
+        return False
+    if usual is None:
+        return not LETTER.search(line.text) or any(not COMMENT.match(each.text) for each in above)
+    return usual.is_like(line.text)
+
+
+def _check_brackets(lines: Sequence[_Line], path: Path) -> None:
+    for line in lines:
+        if BRACKETS.match(line.text):
+            raise InputError(
+                f"{path}: line {line.number} begins with a bracket, {line.text.strip()[:20]!r}; write rows without "
+                "brackets, in Python with numpy.savetxt"
+            )
+
+
+def _texts(text: str, samples: _Line, above: Sequence[_Line], separator: str | None) -> UsualRow:
+    """The row of a table without numbers, as its names are, with the end of the first row below them."""
+    named = [each.text for each in above if not COMMENT.match(each.text)]
+    line = named[-1] if named else samples.text
+    row = text[samples.begin :].partition("\n")[0]
+    its = separator or separator_of(line)
+    if its == BLANKS and len(cells(line, its)) != len(cells(row, its)):
+        its = ","
+    names = without_end(cells(line, its))
+    first = cells(row, its)
+    ends_open = len(first) == len(names) + 1 and not first[-1]
+    return UsualRow(its, (*names, *[""] * ends_open), (False,) * (len(names) + ends_open))
+
+
+def _in_one_column(usual: UsualRow, above: Sequence[_Line], path: Path) -> UsualRow:
+    """The usual row if its comma is a decimal one, in a file of one column that has a name."""
+    cell = ",".join(usual.cells)
+    if not above or "," in above[-1].text or not DECIMAL_COMMA.fullmatch(cell):
+        raise InputError(f"{path}: has commas between its columns, so there are no decimal commas; drop --decimal")
+    return UsualRow("\t", (cell,), (True,))
+
+
+def _head(above: Sequence[_Line], usual: UsualRow) -> _Head:
+    """The names and units in the last lines above the samples, else in the last comments."""
+    comments = [line._replace(text=COMMENT.sub("", line.text)) for line in above if COMMENT.match(line.text)]
+    others = [line for line in above if not COMMENT.match(line.text)]
+    head = _named_by(others, usual, by_blanks=usual.separator == "\t")
+    if others or usual.n_columns == 1:
+        return head
+    comments = [line for line in comments if line.text.strip()]
+    head = _named_by(comments, usual, by_blanks=True)
+    last = comments[-1 - bool(head.units)] if head.names else None
+    are_words = last is not None and not any(each in last.text for each in SEPARATORS)
+    return head._replace(others=(), comment=last.number if last and are_words else 0)
+
+
+def _named_by(lines: Sequence[_Line], usual: UsualRow, *, by_blanks: bool) -> _Head:
+    last = usual.names_in(lines[-1].text, by_blanks=by_blanks) if lines else ()
+    if not last:
+        return _Head(others=tuple(lines))
+    are_units = len(lines) > 1 and bool(usual.units_in(lines[-1].text))
+    above = usual.names_in(lines[-2].text, by_blanks=by_blanks) if are_units else ()
+    if not above:
+        return _Head(last, others=tuple(lines[:-1]))
+    is_grouped = len(set(above)) < len(above)  # pandas' names on two levels
+    names = tuple(f"{group} {name}".strip() for group, name in zip(above, last, strict=True)) if is_grouped else above
+    return _Head(names, () if is_grouped else last, tuple(lines[:-2]))
+
+
+def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, path: Path) -> None:
+    """Refuse lines above the samples that are neither names nor units nor comments."""
+    if not head.others:
+        return
+    apart = [(line, without_end(cells(line.text, usual.separator))) for line in head.others]
+    broken = [(line, row) for line, row in apart if not re.search("[A-Za-z]", line.text)]
+    if broken:
+        line, row = broken[0]
+        raise InputError(
+            f"{path}: line {line.number} has {len(row)} columns where {usual.n_columns} are expected, as a first line "
+            "that was cut off; remove the line"
+        )
+    n_lines = samples.number - 1
+    skip = f"skip the lines above the samples with {option} {n_lines}" if option else "remove the lines above the names"
+    line, row = apart[-1]
+    if len(apart) == 1 and not head.names and (len(row) > 1 or usual.n_columns == 2):
+        raise InputError(
+            f"{path}: line {samples.number} has {usual.n_columns} columns where {len(row)} are expected, the names in "
+            f"line {line.number}; name each column{_hint(usual, len(row))}, or {skip}"
+        )
+    first = head.others[0]
+    which = f"line {first.number} is" if len(apart) == 1 else f"lines {first.number} to {line.number} are"
+    raise InputError(f"{path}: {which} no sample and no name of a column, {first.text.strip()[:40]!r}; {skip}")
+
+
+def _hint(usual: UsualRow, n_names: int) -> str:
+    """Why there may be more or fewer names than columns."""
+    if usual.separator == BLANKS:
+        return " (names that contain blanks need quotes, or commas between columns)"
+    if usual.separator == "," and usual.n_columns == 2 * n_names:
+        commas = "pass --decimal ," if n_names == 1 else "put ; between columns and pass --decimal ,"
+        return f" (if these are decimal commas, {commas})"
+    return ""
