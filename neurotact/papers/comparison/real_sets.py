@@ -6,7 +6,7 @@ signals, or the events of an event-based sensor; those on counts also the spikes
 """
 
 from collections.abc import Iterator
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,10 +15,16 @@ from pydantic import Field
 
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.figures.style import INK, MUTED, Drawn, new_figure, printed
+from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_figure, printed
+from neurotact.metrics import referee
+from neurotact.metrics.fronts import pareto_front
+from neurotact.metrics.paired import Paired
+from neurotact.metrics.referee import Way
+from neurotact.metrics.resampled import resampled_p
 from neurotact.networks.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
+from neurotact.papers.comparison.saving_figures import COLOURS, MARKS
 from neurotact.papers.comparison.sets import WaysData
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
 from neurotact.spec import Spec
@@ -30,6 +36,8 @@ MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
 COLUMNS = 3
 """Columns of panels."""
 NETWORK_INPUT = "spikes: every step"
+SPIKING = "spiking networks"
+"""The family of both networks in the figure of energy."""
 MOST_MACHINES = 10_000
 """Training windows up to which support vector machines are fitted; this takes minutes."""
 
@@ -104,52 +112,141 @@ def points(results: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def answers(results: pd.DataFrame) -> list[str]:
-    """One sentence for each set and split: the best network compared with the best classical classifier.
+class Contender(NamedTuple):
+    """A classifier on one input: its name, its rows by seed, and what the referee knows of it."""
 
-    Validation accuracy decides, for equal ones the least energy; differences are computed seed by seed.
-    """
+    name: str
+    rows: pd.DataFrame
+    way: Way
+
+    @property
+    def accuracy(self) -> float:
+        return float(self.rows["accuracy_test"].mean())
+
+    @property
+    def energy_nJ(self) -> float:  # noqa: N802
+        return float(self.rows["energy_estimate_nJ"].mean())
+
+    @property
+    def words(self) -> str:
+        return f"{self.name} has {100 * self.accuracy:.1f} % at {self.energy_nJ:,.0f} nJ"
+
+
+def answers(results: pd.DataFrame) -> list[str]:
+    """The verdict of the referee for each set and split; differences are computed seed by seed."""
     shown = of_run(results)
     return [_answer(*key, rows) for key, rows in shown.groupby(["set", "split"], sort=False)]  # pyright: ignore
 
 
 def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     spikes = rows["classifier"].isin(list(MODELS))
-    network, classical = (_best(part) for part in (rows[spikes], rows[~spikes]))
-    gained = network.set_index("seed")["accuracy_test"] - classical.set_index("seed")["accuracy_test"]
-    found = fronts.interval_of(100 * gained.to_numpy(), network)
-    within = f" (95 % interval {found.low:.1f} to {found.high:.1f})" if len(gained) > 1 else " (one seed)"
-    verb = "more" if found.mean >= 0 else "fewer"
-    return (
-        f"{name}, split by {split}: {_words(network)}; {_words(classical)}; the network has {abs(found.mean):.1f} "
-        f"points {verb}{within}."
+    networks, others = (_contenders(part) for part in (rows[spikes], rows[~spikes]))
+    network, best = (of[referee.best_of([one.way for one in of])] for of in (networks, others))
+    rivals = [others[index] for index in referee.level_with_best([one.way for one in others])]
+    near = [others[index] for index in referee.within_error([one.way for one in others])]
+    on_signals = [one for one in near if f" on {baselines.SPIKES}: " not in one.name]
+    cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None)
+    if len(network.rows) > 1:
+        verdict = referee.judge([_compared(network, rival) for rival in rivals])
+        rival = rivals[verdict.decisive]
+        kind = {"better": "spiking is more accurate", "worse": "spiking costs accuracy", "tie": "no clear difference"}
+        said = kind[verdict.kind]
+    else:
+        rival, said = best, "one seed, so that no difference is clear"
+    gained = fronts.interval_of(100 * _gained(network, rival), network.rows)
+    within = "" if np.isnan(gained.low) else f", 95 % interval {gained.low:.1f} to {gained.high:.1f}"
+    verb = "more" if gained.mean >= 0 else "fewer"
+    level = f", one of {len(rivals)} that validation cannot tell apart" if len(rivals) > 1 else ""
+    energy = f"{100 * network.energy_nJ / rival.energy_nJ:,.3g} % of its energy"
+    sentence = (
+        f"{name}, split by {split}: {said}. {network.words}; {rival.words}{level}: the network has "
+        f"{abs(gained.mean):.1f} points {verb}{within}, at {energy}."
     )
+    if cheapest is None or cheapest is rival:
+        return sentence
+    share = f"{100 * cheapest.energy_nJ / network.energy_nJ:,.3g} % of the network's energy"
+    return f"{sentence} The cheapest within the error of the best, {cheapest.words}, takes {share}."
 
 
-def _best(rows: pd.DataFrame) -> pd.DataFrame:
-    means = rows.groupby(["classifier", "input"], sort=False)[["accuracy_validation", "energy_estimate_nJ"]].mean()
-    first = means.sort_values(["accuracy_validation", "energy_estimate_nJ"], ascending=[False, True]).index[0]
-    return rows[(rows["classifier"] == first[0]) & (rows["input"] == first[1])]
+def _contenders(rows: pd.DataFrame) -> list[Contender]:
+    found = []
+    for (classifier, source), part in rows.groupby(["classifier", "input"], sort=False):  # pyright: ignore
+        validation = part["accuracy_validation"]
+        error = float(validation.std() / np.sqrt(len(validation)))
+        way = Way(float(validation.mean()), error, float(part["energy_estimate_nJ"].mean()))
+        found.append(Contender(f"{classifier} on {source}", part, way))
+    return found
 
 
-def _words(rows: pd.DataFrame) -> str:
-    one, accuracy_test, energy_nJ = rows.iloc[0], 100 * rows["accuracy_test"].mean(), rows["energy_estimate_nJ"].mean()
-    return f"{one['classifier']} on {one['input']} has {accuracy_test:.1f} % at {energy_nJ:,.0f} nJ"
+def _gained(one: Contender, other: Contender) -> np.ndarray:
+    """The accuracy of one minus that of another, by seed, `(seed,)`."""
+    mine, its = (contender.rows.set_index("seed")["accuracy_test"] for contender in (one, other))
+    return (mine - its).to_numpy()
+
+
+def _compared(one: Contender, other: Contender) -> Paired:
+    gained, sizes = _gained(one, other), one.rows.iloc[0]
+    p = resampled_p(gained, int(sizes["n_train"]), int(sizes["n_test"]))
+    return Paired(float(gained.mean()), p, len(gained))
 
 
 def draw(results: pd.DataFrame, arrays: Arrays) -> Iterator[Drawn]:
-    """Accuracy of each classifier, a panel per set and split."""
+    """Accuracy over energy with the front of each family, then the accuracy of each classifier."""
     shown = of_run(results)
     if shown.empty:
         return
+    table = points(shown)
+    yield Drawn(
+        "real-sets-energy",
+        "What each family reaches at which energy",
+        draw_energy(table),
+        "Mean test accuracy over seeds and the energy estimate of a decision, from the recording on. A mark per input; "
+        "lines join those marks of a family that no other mark of it dominates. Spiking networks are filled.",
+        "A panel per set and split; cheaper classifiers are further left, more accurate ones higher.",
+    )
     yield Drawn(
         "real-sets",
-        "Spiking networks compared with classical classifiers",
-        draw_points(points(shown)),
+        "Spiking networks compared with other classifiers",
+        draw_points(table),
         "Mean test accuracy over seeds with its 95 % interval if there are several, on the same windows and splits. "
         "Spiking networks are filled. LR: logistic regression.",
         "A panel per set and split; a mark per classifier and input; more accurate ones are further right.",
     )
+
+
+@printed
+def draw_energy(table: pd.DataFrame) -> Figure:
+    """A panel per set and split, a line per family: the front of accuracy over energy; networks are filled.
+
+    table: of `points`.
+    """
+    panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
+    families = list(dict.fromkeys(_family(name) for name in table["classifier"]))
+    n_columns = min(COLUMNS, len(panels))
+    n_rows = -(-len(panels) // n_columns)
+    figure = new_figure(0.9 + 2.6 * n_rows)
+    grid = figure.subplots(n_rows, n_columns, squeeze=False)
+    used = grid.ravel().tolist()[: len(panels)]
+    for axes, (name, split) in zip(used, panels, strict=True):
+        own = table[(table["set"] == name) & (table["split"] == split)]
+        for place, family in enumerate(families):
+            rows = own[own["classifier"].map(_family) == family].sort_values("energy_estimate_nJ")
+            nJ, share = rows["energy_estimate_nJ"].to_numpy(), 100 * rows["accuracy_test"].to_numpy()
+            front = pareto_front(nJ, share)
+            style = {"color": COLOURS[place % len(COLOURS)], "marker": MARKS[place % len(MARKS)]}
+            filled = style["color"] if family == SPIKING else "none"
+            axes.plot(nJ, share, ls="", ms=5 if family == SPIKING else 4, mfc=filled, label=family, **style)
+            axes.plot(nJ[front], share[front], lw=1.6 if family == SPIKING else 0.8, color=style["color"])
+        axes.set(title=f"{name}, by {split}", xlabel="energy estimate (nJ)", ylabel="test accuracy (%)", xscale="log")
+        axes.grid()
+    for axes in grid.ravel()[len(panels) :]:
+        axes.remove()
+    add_legend(figure, used, ncols=4)
+    return figure
+
+
+def _family(classifier: str) -> str:
+    return SPIKING if classifier in MODELS else classifier
 
 
 @printed
