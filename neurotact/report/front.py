@@ -411,6 +411,11 @@ def beware(
             lines += [before + line for line in cautions.few_test_trials(front.sides.tested, study.split)]
             few = cautions.few_for_exit(front.sides.trials.validation, study.early_exit.tolerance)
             lines += [before + line for line in few]
+    if study.baselines == "quick":
+        lines.append(
+            "the strongest opponents on many sets, MiniRocket and a GRU, are not fitted in this first look; leave "
+            "--quick out for a verdict"
+        )
     if trains is not None:
         note = acausal_note(trains.encoder)
         lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, suited.WORDS)]

@@ -112,6 +112,7 @@ def write(study: StudySpec, folder: Path) -> Path:
         figures=chain(drawn, _searches(study, trials), extra_drawings(study, results, extra, classes)),
         downloads=DOWNLOADS,
         specs=_specs(study, trains),
+        counted=counted(results),
         fronts=found,
         first=first_shown(found),
         cautions=cautions,
@@ -130,6 +131,22 @@ def write(study: StudySpec, folder: Path) -> Path:
             _page_data(folder, done, results, spent, trials, classes, found, trains) | {"best": best}, page.NETWORKS
         ),
     )
+
+
+def counted(results: pd.DataFrame) -> str:
+    """What a run has trained, in words.
+
+    >>> counted(pd.DataFrame({"pair": ["1&1", "5&5"], "hidden": [30, 30], "dataset": ["all"] * 2, "seed": [0, 0]}))
+    '2 networks: 2 pairs of refractory periods, 1 size, 1 data set, 1 seed'
+    """
+    axes = {"pair": "pair of refractory periods", "hidden": "size", "dataset": "data set", "seed": "seed"}
+    parts = [_number_of(results[column].nunique(), word) for column, word in axes.items()]
+    return f"{_number_of(len(results), 'network')}: {', '.join(parts)}"
+
+
+def _number_of(n: int, word: str) -> str:
+    first, _, rest = word.partition(" of ")
+    return f"{n} {first}{'' if n == 1 else 's'}{' of ' + rest if rest else ''}"
 
 
 def first_shown(fronts: Sequence[Front]) -> int:
