@@ -84,6 +84,7 @@ def read_folder(
     time_column: str | None = None,
     time_unit: str | None = None,
     max_gap_ms: float | None = None,
+    drop_repeats: bool = False,
     decimal: str = ".",
     header_lines: int | None = None,
     array: str | None = None,
@@ -101,6 +102,7 @@ def read_folder(
     time_column, time_unit, max_gap_ms: the stamps, by default a column, or in files of arrays an array, with a name
         like time, timestamp or t, else a column of times of day; their unit ("s", "ms", "us", "ns"), by default that of
         the name, else the one that fits touch; and their longest interval.
+    drop_repeats: drop every row with the time stamp of the row before it, in place of spreading such rows evenly.
     decimal: "." or ",". header_lines: lines before the first sample; found out when None.
     array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are
         (taxel, time).
@@ -111,7 +113,8 @@ def read_folder(
     naming = {"levels": levels, "pattern": pattern, "table": None if conditions is None else str(conditions)}
     layout = {
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal, "header_lines": header_lines, "array": array, "transpose": transpose,
+        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
+        "transpose": transpose,
     }  # fmt: skip
     found = folder.read(path, sampling_rate_Hz, unit, naming=naming, layout=layout)
     return chosen_trials(found, choice, str(path))
@@ -132,6 +135,7 @@ def read_table(
     time_column: str | None = None,
     time_unit: str | None = None,
     max_gap_ms: float | None = None,
+    drop_repeats: bool = False,
     decimal: str = ".",
     header_lines: int | None = None,
 ) -> Recordings:
@@ -143,14 +147,14 @@ def read_table(
     end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
     trials when empty; those that are constant within each trial are conditions.
     where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
-    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, decimal, header_lines: as of `read_folder`.
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, decimal, header_lines: as of `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
     """
     spec = {
         "label": label, "trial": trial, "segments": segments,
         "annotations": None if annotations is None else str(annotations), **TrialChoice.of(where, leave_out)._asdict(),
         "columns": columns, "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal, "header_lines": header_lines,
+        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     return sample_table.read(path, sampling_rate_Hz, unit, spec)
 

@@ -60,6 +60,13 @@ MaxGap = Annotated[
         "--max-gap-ms", help="Longest allowed interval between time stamps.", show_default="five times the usual one"
     ),
 ]
+DropRepeats = Annotated[
+    bool,
+    typer.Option(
+        "--drop-repeats",
+        help="Drop every row with the time stamp of the row before it, in place of spreading such rows evenly.",
+    ),
+]
 
 
 @app.command("folder")
@@ -84,6 +91,7 @@ def import_folder(
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
+    drop_repeats: DropRepeats = False,
     decimal: Decimal = ".",
     header_lines: HeaderLines = None,
     array: Annotated[
@@ -105,7 +113,8 @@ def import_folder(
     naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
     layout = {
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal, "header_lines": header_lines, "array": array, "transpose": transpose,
+        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
+        "transpose": transpose,
     }  # fmt: skip
     _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out, choice)
 
@@ -140,6 +149,7 @@ def import_table(
     time_column: TimeColumn = None,
     time_unit: TimeUnit = None,
     max_gap_ms: MaxGap = None,
+    drop_repeats: DropRepeats = False,
     decimal: Decimal = ".",
     header_lines: HeaderLines = None,
     where: Where = None,
@@ -156,7 +166,7 @@ def import_table(
         "label": label, "trial": trial or (), "segments": segments,
         "annotations": str(annotations) if annotations else None, **choice_table(where, leave_out),
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
-        "decimal": decimal, "header_lines": header_lines,
+        "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
     _save(sample_table.read(source, sampling_rate_hz, unit, spec), out)
 

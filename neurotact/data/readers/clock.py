@@ -7,6 +7,8 @@ from typing import Literal, NamedTuple, cast
 
 import numpy as np
 
+from neurotact.data.readers import shared_stamps
+from neurotact.data.readers.shared_stamps import Uneven
 from neurotact.errors import InputError
 
 Unit = Literal["s", "ms", "us", "ns"]
@@ -14,7 +16,7 @@ UNIT_S: dict[Unit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 IN_NAME = re.compile(r"(?:_|\s*\[|\s*\()(s|ms|us|ns)[])]?$", re.IGNORECASE)
 """The unit at the end of a column's name: `t_ms`, `Time [us]`, `time (s)`."""
 TIME_OF_DAY = re.compile(
-    r"(?:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4})[ T]+)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z| ?[+-]\d{2}:?\d{2})?",
+    r"(?:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4})[ T]+)?(\d{1,2}):(\d{2}):(\d{2}(?:[.,]\d+)?)(?:Z| ?([+-]\d{2}):?(\d{2}))?",
     re.ASCII,
 )
 """A time stamp with hours, minutes and seconds, with or without a date: `2024-01-31 12:00:00.25`."""
@@ -22,8 +24,16 @@ GAP = 5.0
 """An interval longer than this many median ones is a gap, unless the user gives a length."""
 REGULAR = 0.01
 """Intervals that deviate by less than this share of the median one are regular."""
+MOST_DROPPED = 0.05
+"""Share of the rows that may be dropped as repeats without being asked for."""
+BY_CHANCE = 0.05
+"""Probability below which rows that all repeat the values before them, too, do not do so by chance."""
+SPAN = 1.1
+"""Rows at a given rate may last longer or shorter than their stamps by this factor."""
+SLOWER = 1.1
+"""Factor from which on the interval of a file is longer than that of the clock, and not only by jitter."""
 MOST_DECIMALS = 9
-DAY_S = 86_400.0
+DAY_S, HOUR_S = 86_400.0, 3600.0
 
 SLOWEST_HZ, FASTEST_HZ = 10.0, 100_000.0
 """Sampling rates of touch."""
@@ -39,6 +49,7 @@ class Stamps(NamedTuple):
     time_s: from the first sample on, `(time,)`, ascending, without repeats. keep: their rows in the file.
     interval_s: the mean interval without gaps. jitter_s: standard deviation of the intervals, and the largest one.
     resolution_s: of the clock that wrote the stamps; deviations up to it are rounding.
+    n_shared: rows that had the stamp of the row before and were spread.
     """
 
     time_s: np.ndarray
@@ -46,6 +57,7 @@ class Stamps(NamedTuple):
     interval_s: float
     jitter_s: float
     resolution_s: float
+    n_shared: int = 0
 
     @property
     def is_regular(self) -> bool:
@@ -53,6 +65,11 @@ class Stamps(NamedTuple):
         intervals = np.diff(self.time_s)
         allowed = max(1.001 * self.resolution_s, REGULAR * self.interval_s)
         return bool(np.abs(intervals - self.interval_s).max() <= allowed)
+
+    @property
+    def n_dropped(self) -> int:
+        """Rows of the file that were dropped as repeats."""
+        return len(self.keep) - len(self.time_s)
 
 
 def unit_in(name: str) -> Unit | None:
@@ -86,16 +103,20 @@ def is_time_of_day(cell: str) -> bool:
 def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, unit: Unit | None) -> np.ndarray:
     """Seconds since midnight of the first day for time stamps with hours, minutes and seconds.
 
-    A stamp whose date is another than that of the stamp before is of the next day. unit: the one that is asked for.
+    A stamp whose date is another than that of the stamp before is of the next day; without dates, one that is half a
+    day earlier. A time zone at the end is taken off, so that a change to daylight-saving time is none. unit: the one
+    that is asked for.
     Raises InputError, which begins with `where`, for a cell that is no such stamp, and for another unit than seconds.
 
     >>> seconds_of(["2024-01-31 23:59:59.5", "2024-02-01 00:00:00.5"], "felt.csv", "time", 2, None).tolist()
     [86399.5, 86400.5]
+    >>> seconds_of(["02:59:59+02:00", "02:00:00+01:00"], "felt.csv", "time", 2, None).tolist()
+    [3599.0, 3600.0]
     """
     if unit not in (None, "s"):
         raise InputError(f"{where}: column {column} holds times of day, which are in seconds; leave --time-unit out")
     seconds = array("d")
-    days, last = -1, None
+    days, last, before = -1, None, 0.0
     for line, cell in enumerate(cells, first_line):
         found = TIME_OF_DAY.fullmatch(cell)
         if found is None:
@@ -103,10 +124,12 @@ def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, u
                 f"{where}: line {line}, column {column} is {cell[:30]!r}, not a time as in 12:00:00.25; repair it or "
                 "drop the file"
             )
-        date, hours, minutes, of_minute = found.groups()
-        days += date != last or days < 0
-        last = date
-        seconds.append(DAY_S * days + 3600 * int(hours) + 60 * int(minutes) + float(of_minute.replace(",", ".")))
+        date, hours, minutes, of_minute, zone_hours, zone_minutes = found.groups()
+        of_day = HOUR_S * int(hours) + 60 * int(minutes) + float(of_minute.replace(",", "."))
+        days += date != last or days < 0 or (date is None and of_day < before - DAY_S / 2)
+        last, before = date, of_day
+        zone = HOUR_S * int(zone_hours or 0) + 60 * int(f"{(zone_hours or '+')[0]}{zone_minutes or 0}")
+        seconds.append(DAY_S * days + of_day - zone)
     return np.array(seconds)
 
 
@@ -130,7 +153,10 @@ def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[
     ['ms', 'us']
     """
     steps = [np.diff(time) for time in times]
-    usual = float(np.median([np.median(each[each != 0]) for each in steps if each.any()] or [0.0]))
+    shared = [len(each) / max(1, np.count_nonzero(each)) for each in steps]  # rows per stamp
+    usual = float(np.median([
+        np.median(each[each != 0]) / n for each, n in zip(steps, shared, strict=True) if each.any()
+    ] or [0.0]))  # fmt: skip
     if usual <= 0:
         return []
     length = float(np.median([time[-1] - time[0] for time in times]))
@@ -142,34 +168,141 @@ def timings(times: Sequence[np.ndarray], given_Hz: float | None = None) -> list[
     ]
 
 
-def stamps_of(time: np.ndarray, unit: Unit, where: str, first_line: int, max_gap_ms: float | None) -> Stamps:
-    """The stamps of a file; rows that repeat the previous stamp are dropped.
+def stamps_of(
+    time: np.ndarray,
+    unit: Unit,
+    where: str,
+    first_line: int,
+    max_gap_ms: float | None,
+    *,
+    signal: np.ndarray | None = None,
+    drop_repeats: bool = False,
+    given_Hz: float | None = None,
+    common_s: float | None = None,
+) -> Stamps:
+    """The stamps of a file. Rows with the stamp of the row before are spread evenly, or dropped if they repeat it.
 
-    first_line: the line of the first sample, 0 in an array. max_gap_ms: the longest interval; five median ones when
-    None.
-    Raises InputError, which begins with `where`, for stamps that go back, for a gap and for less than two times.
+    They are dropped if they repeat the values, too, more often than by chance, or if they are few and the other stamps
+    are regular. Otherwise they are spread (`shared_stamps`). first_line: the line of the first sample, 0 in an array.
+    max_gap_ms: the longest interval between stamps; five median ones when None. signal: the samples, `(time, channel)`.
+    drop_repeats: drop all such rows. given_Hz: the given sampling rate. common_s: the interval of samples in other
+    files of the same import, for a file with less than three stamps.
+    Raises InputError, which begins with `where`, for stamps that go back, for a gap, for less than two times, and for
+    rows that share stamps so unevenly that they cannot be spread.
     """
-    row = "line" if first_line else "sample"
     time_s = (time - time[0]) * UNIT_S[unit]
     keep = np.concatenate([[True], np.diff(time_s) != 0])
-    lines = np.flatnonzero(keep) + first_line
-    time_s = time_s[keep]
-    if len(time_s) < 2:
-        raise InputError(f"{where}: holds a single time, and a sampling rate needs two; drop the file")
+    rows = _Rows("line" if first_line else "sample", np.flatnonzero(keep) + first_line)
+    _check_ascends(time_s[keep], rows, where, max_gap_ms)
+    resolution_s = _resolution(time) * UNIT_S[unit]
+    if keep.all() or drop_repeats:
+        if keep.sum() < 2:
+            raise InputError(f"{where}: holds a single time, and a sampling rate needs two; drop the file")
+        return _stamps(time_s[keep], keep, resolution_s)
+    found = _shared(time_s, keep, resolution_s, signal, given_Hz, common_s)
+    if not isinstance(found, Stamps):
+        raise InputError(f"{where}: {_not_spread(found, keep, rows, given_Hz)}")
+    return found
+
+
+class _Rows(NamedTuple):
+    """What a row is called in messages, and the number of the row of each distinct stamp."""
+
+    name: str
+    lines: np.ndarray
+
+
+def _shared(
+    time_s: np.ndarray, keep: np.ndarray, resolution_s: float, signal: np.ndarray | None, given_Hz: float | None,
+    common_s: float | None,
+) -> Stamps | Uneven | None:  # fmt: skip
+    """The stamps of a file in which rows share stamps; keep: the first row of each. Else why there are none."""
+    n_rows, n_repeats = len(keep), int((~keep).sum())
+    every = np.ones(n_rows, bool)
+    given_s = None if given_Hz is None else 1 / given_Hz
+    if given_s is not None and shared_stamps.on_line(time_s, resolution_s, given_s):
+        return _stamps(np.arange(n_rows) * given_s, every, 0.0, n_repeats)
+    dropped = _stamps(time_s[keep], keep, resolution_s) if keep.sum() > 1 else None
+    is_few = n_repeats <= MOST_DROPPED * n_rows
+    if dropped and ((is_few and dropped.is_regular) or _are_copies(signal, keep)):
+        return dropped
+    spread = shared_stamps.spread(time_s, resolution_s, common_s)
+    if isinstance(spread, np.ndarray):
+        return _stamps(spread, every, 0.0, n_repeats)
+    if given_s is not None and 1 / SPAN < n_rows * given_s / _span(time_s[keep]) < SPAN:
+        return _stamps(np.arange(n_rows) * given_s, every, 0.0, n_repeats)
+    return dropped if dropped and is_few else spread
+
+
+def _stamps(time_s: np.ndarray, keep: np.ndarray, resolution_s: float, n_shared: int = 0) -> Stamps:
     intervals = np.diff(time_s)
+    without_gaps = intervals[intervals <= GAP * float(np.median(intervals))]
+    return Stamps(time_s, keep, float(without_gaps.mean()), float(without_gaps.std()), resolution_s, n_shared)
+
+
+def _check_ascends(time_s: np.ndarray, rows: _Rows, where: str, max_gap_ms: float | None) -> None:
+    """InputError if distinct stamps go back or have a gap."""
+    intervals = np.diff(time_s)
+    if not len(intervals):
+        return
     if (intervals < 0).any():
-        line = lines[int(np.argmax(intervals < 0)) + 1]
-        raise InputError(f"{where}: {row} {line} is earlier than the {row} before it; sort the rows or drop the file")
+        at = int(np.argmax(intervals < 0))
+        raise InputError(
+            f"{where}: {rows.name} {rows.lines[at + 1]} is earlier than the {rows.name} before it, by "
+            f"{-intervals[at]:.4g} s{_set_by_an_hour(intervals[at])}; sort the rows, cut the file there, or drop it"
+        )
     usual = float(np.median(intervals))
     most = GAP * usual if max_gap_ms is None else max_gap_ms * 1e-3
     if intervals.max() > most:
         at = int(np.argmax(intervals > most))
         raise InputError(
-            f"{where}: {row} {lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the {row} before it, where "
-            f"{1e3 * usual:.4g} ms is usual; cut the file there, or allow such gaps with --max-gap-ms"
+            f"{where}: {rows.name} {rows.lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the {rows.name} "
+            f"before it, where {1e3 * usual:.4g} ms is usual{_set_by_an_hour(intervals[at])}; cut the file there, or "
+            "allow such gaps with --max-gap-ms"
         )
-    without_gaps = intervals[intervals <= GAP * usual]
-    return Stamps(time_s, keep, float(without_gaps.mean()), float(without_gaps.std()), _resolution(time) * UNIT_S[unit])
+
+
+def _set_by_an_hour(interval_s: float) -> str:
+    """What a jump of an hour may be."""
+    return " (a clock that was set, as for daylight-saving time?)" if abs(abs(interval_s) - HOUR_S) <= 60 else ""
+
+
+def _are_copies(signal: np.ndarray | None, keep: np.ndarray) -> bool:
+    """Whether all rows that repeat a stamp repeat the values, too, where other rows change too often for that."""
+    if signal is None:
+        return False
+    is_same = np.concatenate([[False], (signal[1:] == signal[:-1]).all(axis=1)])
+    if not is_same[~keep].all():
+        return False
+    unchanged = is_same[1:][keep[1:]].mean()
+    return bool(unchanged ** int((~keep).sum()) <= BY_CHANCE)
+
+
+def _span(time_s: np.ndarray) -> float:
+    """How long the rows of distinct stamps last, in s: those of the last one as long as usual."""
+    return float(time_s[-1] + np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+
+
+def _not_spread(uneven: Uneven | None, keep: np.ndarray, rows: _Rows, given_Hz: float | None) -> str:
+    """Why rows that share stamps are not spread, and what to do."""
+    n_rows = len(keep)
+    if len(rows.lines) == 1:
+        return f"holds a single time in {n_rows:,} rows, and a sampling rate needs two; give --sampling-rate-Hz"
+    why = "and two time stamps do not tell the sampling rate"
+    if uneven is not None:
+        line = uneven.row + rows.lines[0]
+        why = (
+            f"too unevenly to be spread: {uneven.n_rows} within {uneven.lasts_s:.4g} s from {rows.name} {line} on, "
+            f"where {uneven.usual:.3g} are usual"
+        )
+    fix = "give --sampling-rate-Hz if the samples are regular"
+    if given_Hz is not None:
+        why = f"{why}; they do not last as long as at {given_Hz:g} Hz"
+        fix = "correct or leave out --sampling-rate-Hz"
+    return (
+        f"{int((~keep).sum()):,} of {n_rows:,} rows have the time stamp of the row before them, {why}; {fix}, or drop "
+        "them with --drop-repeats"
+    )
 
 
 def rate_of(stamps: Sequence[Stamps]) -> float:
@@ -185,7 +318,8 @@ def rate_of(stamps: Sequence[Stamps]) -> float:
 def on_clock(signal: np.ndarray, stamps: Stamps, sampling_rate_Hz: float) -> np.ndarray:
     """The samples at the ticks of a regular clock that starts with the first one, by linear interpolation.
 
-    signal: `(time, channel)`, one row per stamp. Samples that are already on this clock are unchanged.
+    signal: `(time, channel)`, one row per stamp. Samples that are already on this clock are unchanged. The last sample
+    of a slower file holds as long as its samples last.
 
     >>> jittered = Stamps(np.array([0.0, 0.9, 2.1, 3.0]), np.ones(4, bool), 1.0, 0.1, 0.01)
     >>> on_clock(np.array([[0.0], [9.0], [21.0], [30.0]]), jittered, 1.0)[:, 0].round(6).tolist()
@@ -195,15 +329,25 @@ def on_clock(signal: np.ndarray, stamps: Stamps, sampling_rate_Hz: float) -> np.
     drift_s = abs(duration_s - (len(signal) - 1) / sampling_rate_Hz)
     if stamps.is_regular and drift_s <= 0.5 / sampling_rate_Hz:
         return signal
-    n_ticks = int(np.floor(duration_s * sampling_rate_Hz + 1e-6)) + 1
+    last_ticks = stamps.interval_s * sampling_rate_Hz
+    n_ticks = int(np.floor(duration_s * sampling_rate_Hz + (last_ticks if last_ticks > SLOWER else 1.0) + 1e-6))
     ticks = np.arange(n_ticks) / sampling_rate_Hz
     columns = [np.interp(ticks, stamps.time_s, column) for column in signal.T]
     return np.stack(columns, axis=1).astype(signal.dtype)
 
 
 def _resolution(time: np.ndarray) -> float:
-    """The unit of the last digit that the stamps use: 1 for whole numbers, 0.1 for one decimal."""
+    """The unit of the last digit that the stamps use: 1 for whole numbers, 0.1 for one decimal.
+
+    Large numbers have no finer digits than their type holds, which is float32 if all stamps are such numbers.
+
+    >>> _resolution(np.arange(3) * 0.25), _resolution((40_000 + np.arange(9) * 0.001).astype(np.float32).astype(float))
+    (0.01, 0.00390625)
+    """
+    largest = np.abs(time).max()
+    single = time.astype(np.float32)
+    held = np.spacing(np.float32(largest)) if (single == time).all() else np.spacing(largest)
     for decimals in range(MOST_DECIMALS):
         if np.allclose(time, np.round(time, decimals), rtol=0, atol=1e-3 * 10.0**-decimals):
-            return 10.0**-decimals
-    return 10.0**-MOST_DECIMALS
+            return max(10.0**-decimals, float(held))
+    return max(10.0**-MOST_DECIMALS, float(held))

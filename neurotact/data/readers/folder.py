@@ -88,7 +88,7 @@ def read(
     conditions["file"] = [each.file for each in read]
     return sampled.recordings(
         read, conditions, sampling_rate_Hz, unit,
-        max_gap_ms=table.max_gap_ms, source=f"folder {folder.name}", where=str(folder),
+        max_gap_ms=table.max_gap_ms, drop_repeats=table.drop_repeats, source=f"folder {folder.name}", where=str(folder),
     )  # fmt: skip
 
 

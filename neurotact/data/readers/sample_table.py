@@ -76,7 +76,7 @@ def read(
     taxels, conditions = _parted(columns, roles, trials, path)
     read = sampled.recordings(
         [*_cut(columns, roles._replace(taxels=taxels), trials, clock, asked, path)], conditions, sampling_rate_Hz, unit,
-        max_gap_ms=asked.max_gap_ms, source=f"table {path.name}", where=str(path),
+        max_gap_ms=asked.max_gap_ms, drop_repeats=asked.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
     return chosen_trials(read, asked.choice.beyond(chosen_by(trials.conditions, asked)), str(path))
 

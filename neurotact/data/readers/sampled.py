@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import clock
+from neurotact.data.readers import clock, repeats, shared_stamps
 from neurotact.data.readers.layout import Table
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError, some
@@ -48,18 +48,27 @@ def recordings(
     unit: str,
     *,
     max_gap_ms: float | None,
+    drop_repeats: bool,
     source: str,
     where: str,
 ) -> Recordings:
     """The trials at one sampling rate, given or from their stamps; irregular samples are interpolated, with a warning.
 
-    where: of all trials, begins messages. Raises InputError for trials of other taxels, stamps that make no clock, or a
-    wrong unit of time.
+    Rows that share a time stamp are spread or dropped, as `clock.stamps_of` does, and counted in a warning.
+    drop_repeats: whether more than `clock.MOST_DROPPED` of the rows may be dropped. where: of all trials, begins
+    messages. Raises InputError for trials of other taxels, stamps that make no clock, or a wrong unit of time.
     """
     _check_same_channels(read)
     channels = _same_names(read)
     unit_of_time = _unit_of_time([each.table for each in read], sampling_rate_Hz, where)
-    trials = [_stamped(each, unit_of_time, max_gap_ms) for each in read]
+    common_s = _common_interval(read, unit_of_time)
+    trials = [
+        _stamped(each, unit_of_time, max_gap_ms, drop_repeats, given_Hz=sampling_rate_Hz, common_s=common_s)
+        for each in read
+    ]
+    if max_gap_ms is not None and all(trial.stamps is None for trial in trials):
+        raise InputError(f"{where}: --max-gap-ms: the samples have no time stamps; leave it out, or give --time-column")
+    repeats.say_dropped(_stamps_of(trials), drop_repeats, where)
     _warn_of_other_columns(trials, channels, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
     return Recordings(signals, rate_Hz, unit, conditions, channels, source)
@@ -81,15 +90,34 @@ def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -
     return found[0].unit
 
 
-def _stamped(read: Read, unit: clock.Unit, max_gap_ms: float | None) -> _Trial:
+def _stamps_of(trials: Sequence[_Trial]) -> dict[str, clock.Stamps]:
+    """The stamps of the trials that have any, by the names of the trials."""
+    return {trial.file: trial.stamps for trial in trials if trial.stamps is not None}
+
+
+def _common_interval(read: Sequence[Read], unit: clock.Unit) -> float | None:
+    """The median interval of samples that share stamps, in s; None if no trial tells it."""
+    tables = [each.table for each in read]
+    found = [
+        shared_stamps.own_interval(table.time * clock.UNIT_S[table.time_unit or unit])
+        for table in tables if table.time is not None
+    ]  # fmt: skip
+    known = [interval_s for interval_s in found if interval_s is not None]
+    return float(np.median(known)) if known else None
+
+
+def _stamped(
+    read: Read, unit: clock.Unit, max_gap_ms: float | None, drop_repeats: bool, *, given_Hz: float | None,
+    common_s: float | None,
+) -> _Trial:  # fmt: skip
     """The trial with the stamps of its samples; unit: of stamps whose file does not say it."""
     table = read.table
     if table.time is None:
         return _Trial(read.file, table.signal, None)
-    stamps = clock.stamps_of(table.time, table.time_unit or unit, read.where, table.first_line, max_gap_ms)
-    dropped = len(table.time) - len(stamps.time_s)
-    if dropped:
-        log.warning("%s: %d rows repeat the time stamp of the row before them and are dropped", read.where, dropped)
+    stamps = clock.stamps_of(
+        table.time, table.time_unit or unit, read.where, table.first_line, max_gap_ms,
+        signal=table.signal, drop_repeats=drop_repeats, given_Hz=given_Hz, common_s=common_s,
+    )  # fmt: skip
     return _Trial(read.file, table.signal[stamps.keep], stamps)
 
 
@@ -127,12 +155,13 @@ def _named_taxels(chosen: np.ndarray, channels: Sequence[str]) -> str:
 
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) -> tuple[float, list[np.ndarray]]:
     """The sampling rate of all trials, given or from their stamps, and the samples at that rate."""
-    stamps = [trial.stamps for trial in trials if trial.stamps is not None]
+    stamps = [*_stamps_of(trials).values()]
     if not stamps:
         assert given_Hz is not None
         return float(given_Hz), [trial.signal for trial in trials]
     found_Hz = clock.rate_of(stamps)
     rate_Hz = found_Hz if given_Hz is None else float(given_Hz)
+    _check_same_unit(trials, where)
     _check_unit(found_Hz, given_Hz, float(np.median([each.time_s[-1] for each in stamps])), where)
     n_ticks = sum(each.time_s[-1] * rate_Hz for each in stamps)
     check_size(f"{where} at {rate_Hz:g} Hz", int(4 * n_ticks * trials[0].signal.shape[1]))
@@ -149,8 +178,21 @@ def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) 
             "of %d trials are interpolated onto a regular clock of %g Hz",
             where, float(np.median(jitter_ms)), worst_ms, n_moved, len(trials), rate_Hz,
         )  # fmt: skip
+    repeats.say_shared(_stamps_of(trials), rate_Hz, where)
     _warn_of_other_rates(trials, rate_Hz, where)
     return rate_Hz, signals
+
+
+def _check_same_unit(trials: Sequence[_Trial], where: str) -> None:
+    """Refuse trials of which one is a hundred times faster than another: their stamps are in different units."""
+    intervals_s = {file: stamps.interval_s for file, stamps in _stamps_of(trials).items()}
+    fast, slow = min(intervals_s, key=intervals_s.__getitem__), max(intervals_s, key=intervals_s.__getitem__)
+    if intervals_s[slow] >= OTHER_UNIT * intervals_s[fast]:
+        raise InputError(
+            f"{where}: the time stamps give {1 / intervals_s[fast]:.4g} Hz in {fast} and {1 / intervals_s[slow]:.4g} "
+            f"Hz in {slow}; if their units differ, write the unit at the end of the column's name (t_s, t_ms), or "
+            "import them apart"
+        )
 
 
 def _check_unit(found_Hz: float, given_Hz: float | None, median_s: float, where: str) -> None:
@@ -179,7 +221,7 @@ def _check_unit(found_Hz: float, given_Hz: float | None, median_s: float, where:
 
 
 def _warn_of_other_rates(trials: Sequence[_Trial], rate_Hz: float, where: str) -> None:
-    rates_Hz = {trial.file: 1 / trial.stamps.interval_s for trial in trials if trial.stamps is not None}
+    rates_Hz = {file: 1 / stamps.interval_s for file, stamps in _stamps_of(trials).items()}
     odd = [file for file, each_Hz in rates_Hz.items() if abs(each_Hz / rate_Hz - 1) > RATES_DIFFER]
     if odd:
         log.warning(

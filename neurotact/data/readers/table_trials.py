@@ -47,6 +47,8 @@ class TableSpec(Spec):
     """Their unit; when absent, that at the end of the column's name, else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
     """The longest interval between stamps; five median ones when absent."""
+    drop_repeats: bool = False
+    """Whether rows with the time stamp of the row before are dropped, however many they are."""
     decimal: Literal[".", ","] = "."
     header_lines: int | None = Field(default=None, ge=0, le=10_000)
     """Lines above the first sample; the last of them names the columns. Found when absent."""
