@@ -147,7 +147,8 @@ def read_table(
     end and label, a row per touch, in place of both. columns: the taxels; all columns of numbers that change within
     trials when empty; those that are constant within each trial are conditions.
     where, leave_out: the trials to keep, and to leave out, such as the class "rest", which is no touch; as of `read`.
-    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, decimal, header_lines: as of `read_folder`.
+    sampling_rate_Hz, unit, time_column, time_unit, max_gap_ms, drop_repeats, decimal, header_lines: as of
+    `read_folder`.
     Raises InputError, which names the file, the line or the column, and the fix.
     """
     spec = {
