@@ -12,6 +12,8 @@ import pandas as pd
 from pydantic import Field, field_validator, model_validator
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
+from neurotact.data import nested
+from neurotact.data.nested import Turn
 from neurotact.data.recordings import LABEL, select_conditions
 from neurotact.data.trial_choice import Where, trials_with
 from neurotact.errors import InputError, nearest
@@ -24,7 +26,7 @@ AS_RECORDED = "trial"
 class SplitSpec(Spec):
     """The division of trials (70/15/15 at random in the texture paper)."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("group", "test_where", "order", "folds", "fold")
+    later_keys: ClassVar[tuple[str, ...]] = ("group", "test_where", "nested", "order", "folds", "fold")
     validation: float = Field(default=0.15, gt=0, lt=1)
     """Share of all trials; with `test_where` or `folds`, which select the test trials, share of the other trials."""
     test: float = Field(default=0.15, gt=0, lt=1)
@@ -36,6 +38,9 @@ class SplitSpec(Spec):
     test_where: Where = {}
     """Test on the trials with these conditions and train on the others: `{ speed = 450, force_N = [3, 6] }`. A trial is
     tested if each condition has the value, or one of the values."""
+    nested: bool = True
+    """With `test_where`, validate on one of the other values of its conditions, which no training trial has; the random
+    seed chooses which. Otherwise, and where there are too few of them, on random trials."""
     order: str | None = None
     """Test on the last trials of each class and validate on those before them, in the order of this condition;
     `trial`: the order in the file."""
@@ -130,18 +135,37 @@ def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: Sp
     if groups is None and not spec.test_where and spec.folds is None:
         return split_trials(strata, spec)
     trials = _Trials(conditions[LABEL].astype(str).to_numpy(dtype=str), strata, groups, spec)
+    turns: list[Turn] = []
     if spec.test_where:
         test = _where(conditions, spec.test_where)
         trials.check_whole_groups(test)
+        turns = turns_of(conditions, spec)
     elif spec.folds is not None:
         test = trials.fold(spec.folds, spec.fold)
     else:
         test = trials.share(np.arange(len(conditions)), spec.test, spec.seed)
     rest = np.setdiff1d(np.arange(len(conditions)), test)
+    if turns:
+        is_held = np.isin(nested.units_of(conditions, spec.test_where)[rest], turns[spec.seed % len(turns)])
+        return Split(rest[~is_held], rest[is_held], test)
     is_share_of_rest = bool(spec.test_where) or spec.folds is not None
     share = spec.validation if is_share_of_rest else spec.validation / (1 - spec.test)
     validation = trials.share(rest, share, spec.seed + 1)
     return Split(np.setdiff1d(rest, validation), validation, test)
+
+
+def turns_of(conditions: pd.DataFrame, spec: SplitSpec) -> list[Turn]:
+    """The values of the tested conditions that validation leaves out in turn, one for each seed; empty if none.
+
+    >>> table = pd.DataFrame({"label": ["felt", "silk"] * 6, "speed": [150, 150, 300, 300, 450, 450] * 2})
+    >>> turns_of(table, SplitSpec(test_where={"speed": 450}))
+    [('speed = 150',), ('speed = 300',)]
+    """
+    if not spec.test_where or not spec.nested or spec.group:
+        return []
+    rest = np.setdiff1d(np.arange(len(conditions)), _where(conditions, spec.test_where))
+    labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
+    return nested.turns_of(nested.units_of(conditions, spec.test_where), labels, rest)
 
 
 def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: int) -> np.ndarray:

@@ -90,6 +90,7 @@ class WindowedSpikes:
         stratify: Sequence[str] = (),
         group: str | Sequence[str] = (),
         test_where: Mapping[str, Any] | None = None,
+        nested: bool = True,
         order: str | None = None,
         folds: int | None = None,
         fold: int = 0,
@@ -100,13 +101,14 @@ class WindowedSpikes:
         stratify: conditions that are balanced over the sides, besides the class.
         group: conditions that name a group, such as "subject"; its trials are on one side.
         test_where: test on the trials with these conditions, `{"speed": 450}`, and train on the others.
+        nested: with test_where, validate on another value of these conditions, which the seed chooses.
         order: test on the last trials of each class by this condition; "trial": the order in the file.
         folds, fold: divide the trials into this many folds, and test on one of them, from 0; repeat with other seeds.
         Raises InputError when a class has too few trials, or when training trials would lack one.
         """
         table = {
             "seed": seed, "validation": validation, "test": test, "test_where": dict(test_where or {}), "order": order,
-            "group": group if isinstance(group, str) else list(group), "folds": folds, "fold": fold,
+            "group": group if isinstance(group, str) else list(group), "folds": folds, "fold": fold, "nested": nested,
         }  # fmt: skip
         spec = build(SplitSpec, table, source="split")
         sides = split_conditions(self.trains.conditions, stratify, spec)

@@ -33,8 +33,8 @@ def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
     ['seed-0-fold-0', 'seed-0-fold-1', 'seed-1-fold-0', 'seed-1-fold-1']
     """
     n_folds = task.split.folds if every_fold else None
-    if repeats > 1 and (task.split.test_where or task.split.order):
-        raise InputError("--repeats: the test trials of --test-where and --order are the same for every seed; drop it")
+    if repeats > 1 and task.split.order:
+        raise InputError("--repeats: the test trials of --order are the same for every seed; drop it")
     found = {}
     for seed in range(task.split.seed, task.split.seed + repeats):
         for fold in range(n_folds) if n_folds else [task.split.fold]:

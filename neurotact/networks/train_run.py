@@ -14,7 +14,9 @@ from typing import Any
 from pydantic import Field
 
 from neurotact import files
+from neurotact.data import nested
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import turns_of
 from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks import checkpoint, fitting, recipe, tasks, trained, training_checkpoint
@@ -104,6 +106,8 @@ def run(
             if not _holds(folder, CHECKPOINT):
                 return None
             start = _load(folder, asked, trains)
+        if task.split.test_where:
+            tell(nested.note(task.split.test_where, turns_of(trains.conditions, task.split)))
         for line in recipe.described(network, seen):
             tell(line)
         return _train(trains, asked, spikes, folder, start)

@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.data import nested
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec
+from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.window_choice import on_late_onsets, timing_of
 from neurotact.errors import InputError
 from neurotact.metrics import paired, referee
@@ -245,7 +246,16 @@ def fronts(
         saved = answers.of_refractory_periods(found, networks)
         words = [*answers.details(found), *_of_encoding(found, trains), *saved]
         standing = [representative(rows, network) for network in networks]
-        yield Front(str(setting), found, sides, networks, standing, answers.headline(found), words, table, lost)
+        first = untold(study.split, trains)
+        headline = f"{first}. {answers.headline(found)}" if first else answers.headline(found)
+        yield Front(str(setting), found, sides, networks, standing, headline, words, table, lost)
+
+
+def untold(split: SplitSpec, trains: SpikeTrains | None) -> str:
+    """A statement that validation cannot choose for the test, because it cannot leave out a condition; else empty."""
+    if not split.test_where or trains is None or turns_of(trains.conditions, split):
+        return ""
+    return nested.note(split.test_where, ())
 
 
 def representative(rows: pd.DataFrame, network: Network) -> int:

@@ -359,7 +359,7 @@ def _suited(
         )
     clock_Hz = study.encoder.conditioning.resample_Hz
     recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice)
-    table, notes = suited.suit(table, recorded, left, given, has_split=bool(study.split.model_fields_set))
+    table, notes = suited.suit(table, recorded, left, given, split=study.split)
     return {**table, "notes": [*study.notes, *notes, *suited.clock(recorded, clock_Hz)]}
 
 

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from neurotact.data import hdf5
+from neurotact.data import hdf5, nested
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import LABEL
+from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.data.window_choice import Timing, Words, choose
 from neurotact.data.windows import WindowSpec
@@ -27,6 +29,8 @@ SMALL = 1000
 """Number of trials up to which three seeds are trained."""
 FOLDS, FOLDED = 5, 300
 """Folds that test each trial once, and the most trials for which they are used: 15 % of 300 are 45 test trials."""
+TURNS = 3
+"""Values of a tested condition that validation leaves out at most, one after the other."""
 SOURCES = ("simulate", "read", "file")
 WORDS = Words(
     "--window-ms",
@@ -47,12 +51,14 @@ class _Given(Spec):
 class Recorded(NamedTuple):
     """The properties of recordings that the rules use.
 
-    timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class.
+    timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class. conditions: of
+    the trials.
     """
 
     timing: Timing
     sampling_rate_Hz: float
     rarest: int = 0
+    conditions: pd.DataFrame = pd.DataFrame()
 
 
 def closed(table: dict[str, Any]) -> tuple[dict[str, Any], set[str]]:
@@ -87,18 +93,18 @@ def with_file(table: dict[str, Any], data: str | Path | None, path: Path) -> dic
 
 
 def suit(
-    table: dict[str, Any], recorded: Recorded, left: Set[str], given: Mapping[str, Any], *, has_split: bool
+    table: dict[str, Any], recorded: Recorded, left: Set[str], given: Mapping[str, Any], *, split: SplitSpec
 ) -> tuple[dict[str, Any], list[str]]:
     """The table of a study with values that suit its recordings, in place of those `left` open, and the rules in words.
 
-    given: dotted keys, which stay. has_split: whether the study says how trials are divided.
+    given: dotted keys, which stay. split: how the study divides trials.
     """
     notes = []
     if "window" in left - given.keys():
         chosen, notes = window(recorded.timing, given)
         table = {**table, "window": override(chosen, _of_window(given))}
     if SEED in left:
-        table, note = _with_seeds(table, recorded, given, has_split=has_split)
+        table, note = _with_seeds(table, recorded, given, split=split)
         notes += [] if {"seed", SEED} & given.keys() else [note]
     return table, notes
 
@@ -136,7 +142,9 @@ def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = 
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
         rarest = int(stored.conditions[LABEL].value_counts().min())
-        return Recorded(Timing(np.array(n_steps) / on_Hz, on_Hz, common_onset_s(stored)), rate_Hz, rarest)
+        return Recorded(
+            Timing(np.array(n_steps) / on_Hz, on_Hz, common_onset_s(stored)), rate_Hz, rarest, stored.conditions
+        )
 
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
@@ -161,17 +169,23 @@ def seeds(n_trials: int) -> tuple[list[int], str]:
 
 
 def _with_seeds(
-    table: dict[str, Any], recorded: Recorded, given: Mapping[str, Any], *, has_split: bool
+    table: dict[str, Any], recorded: Recorded, given: Mapping[str, Any], *, split: SplitSpec
 ) -> tuple[dict[str, Any], str]:
     """A study's table with its seeds, and with folds if trials are few and no split is given; the rule in words.
 
-    A few test trials give an uncertain accuracy; with folds, every trial is a test trial once.
+    A few test trials give an uncertain accuracy; with folds, every trial is a test trial once. If the test is on other
+    conditions, each seed of the split validates on another one that training leaves out.
     """
     n_trials = len(recorded.timing.durations_s)
     found, note = seeds(n_trials)
     sweep = {**table["sweep"]} if {"seed", SEED} & given.keys() else {**table["sweep"], "seed": found}
+    if split.test_where and not {"split.seed", "sweep.split.seed", "seed", SEED} & given.keys():
+        turns = turns_of(recorded.conditions, split)[:TURNS]
+        if len(turns) > 1:
+            sweep |= {"split.seed": [*range(len(turns))], "seed": [0]}
+        return {**table, "sweep": sweep}, f"Split: {nested.note(split.test_where, turns)}."
     is_given = any(key == "seed" or key.startswith(("split", SEED, "sweep.split")) for key in given)
-    if is_given or has_split or n_trials > FOLDED or recorded.rarest < FOLDS:
+    if is_given or split.model_fields_set or n_trials > FOLDED or recorded.rarest < FOLDS:
         return {**table, "sweep": sweep}, note
     note = (
         f"Split: {FOLDS} folds with one random seed each, so that each of the {n_trials} trials is tested once; for "

@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from neurotact.data.recordings import select_conditions
-from neurotact.data.splits import SplitSpec, split_conditions, split_trials
+from neurotact.data.splits import SplitSpec, split_conditions, split_trials, turns_of
 from neurotact.data.windows import WindowSpec, cut
 from neurotact.errors import InputError
 from neurotact.spec import build
@@ -179,9 +179,45 @@ def test_groups_make_about_the_asked_shares():
 
 def test_validation_is_a_share_of_what_is_not_tested():
     table = table_of()
-    split = split_conditions(table, (), SplitSpec(test_where={"subject": ["s0", "s1", "s2"]}, validation=0.25))
+    split = split_conditions(
+        table, (), SplitSpec(test_where={"subject": ["s0", "s1", "s2"]}, validation=0.25, nested=False)
+    )
     assert [len(side) for side in split] == [60, 20, 120]
     assert not set(table.subject[np.concatenate(split[:2])]) & {"s0", "s1", "s2"}
+
+
+@given(st.integers(0, 50), st.sampled_from([["s0"], ["s1", "s2"], ["s4"]]))
+def test_validation_leaves_out_a_condition_as_the_test_does(seed, tested):
+    """Each seed another subject; every subject that is not tested has its turn."""
+    table, spec = table_of(n_each=2), SplitSpec(test_where={"subject": tested}, seed=seed)
+    split = split_conditions(table, (), spec)
+    subjects = [set(table.subject[side]) for side in split]
+    assert subjects[2] == set(tested)
+    assert len(subjects[1]) == 1
+    assert not subjects[0] & (subjects[1] | subjects[2])
+    turns = turns_of(table, spec)
+    assert [f"subject = {name}" for name in sorted(subjects[0] | subjects[1])] == [turn[0] for turn in turns]
+    assert subjects[1] == {turns[seed % len(turns)][0].removeprefix("subject = ")}
+
+
+def test_many_values_are_left_out_several_at_a_time():
+    table, spec = table_of(n_each=1, n_subjects=20), SplitSpec(test_where={"subject": "s0"})
+    turns = turns_of(table, spec)
+    assert sorted(map(len, turns)) == [2, 2, 3, 3, 3, 3, 3]
+    assert len(split_conditions(table, (), spec).validation) == 6
+
+
+@pytest.mark.parametrize("where", [{"subject": ["s1", "s2"]}, {"subject": "s2"}])
+def test_where_no_condition_can_be_left_out_trials_are_drawn(where):
+    """One subject is left, or one of the two left is the only one that touched jute."""
+    table = table_of(n_each=8, n_subjects=3)
+    table.loc[(table.subject == "s0") & (table.repetition < 4), "label"] = "jute"
+    spec = SplitSpec(test_where=where)
+    split = split_conditions(table, (), spec)
+    left = {turn[0] for turn in turns_of(table, spec)}
+    assert left == (set() if "s1" in where["subject"] else {"subject = s1"})
+    assert len(split.train)
+    assert set(table.label[split.train]) == set(table.label[np.concatenate(split[:2])])
 
 
 def test_the_last_trials_as_recorded_are_tested():
