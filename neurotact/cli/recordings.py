@@ -50,6 +50,13 @@ TimeUnit = Annotated[
         show_default="that of the column's name (t_ms), else the one that fits touch",
     ),
 ]
+MergeEvents = Annotated[
+    bool,
+    typer.Option(
+        "--merge-events",
+        help="Accept that more than 1 % of the events become one spike with another of their channel and step.",
+    ),
+]
 Decimal = Annotated[Literal[".", ","], typer.Option("--decimal", help="Decimal separator.")]
 HeaderLines = Annotated[
     int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
@@ -218,7 +225,9 @@ def import_events(
         Literal["separate", "merge", "on", "off"],
         typer.Option(help="One population per polarity, one for both (merge), or one polarity only."),
     ] = "separate",
-    polarities: Annotated[str, typer.Option(help="Names of the polarities, from the lowest value.")] = "OFF,ON",
+    polarities: Annotated[
+        str | None, typer.Option(help="Names of the polarities, from the lowest value.", show_default="OFF,ON")
+    ] = None,
     channels: Annotated[str | None, typer.Option(help="Names of the channels, from channel 0.")] = None,
     n_channels: Annotated[
         int | None, typer.Option("--n-channels", help="Number of channels.", show_default="up to the last event's")
@@ -235,19 +244,22 @@ def import_events(
     levels: Annotated[str | None, typer.Option(help="For a folder: conditions that name sub-folders.")] = None,
     pattern: Annotated[str | None, typer.Option(help="For a folder: conditions in the file names.")] = None,
     conditions: Annotated[Path | None, typer.Option(help="For a folder: a CSV file of conditions.")] = None,
+    merge_events: MergeEvents = False,
     where: Where = None,
     leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:  # fmt: skip
     """Spikes of any event-based sensor: CSV, NPZ or NPY, HDF5 in the Heidelberg layout, or a folder of such files.
 
-    The file defines the populations, such as ON and OFF. Events of a channel within one step are one spike.
+    The file defines the populations, such as ON and OFF. Events of a channel within one step are one spike: how many is
+    printed, and more than 1 % of the events are refused without --merge-events.
     """
     _check_import(source, out, force, conditions)
     choice = choice_of(where, leave_out)
     spec = {
         "step_ms": step_ms, "time_unit": time_unit, "origin": origin, "duration_ms": duration_ms, "polarity": polarity,
-        "polarities": polarities, "channels": channels or (), "n_channels": n_channels, "sensor": sensor,
+        "polarities": polarities or (), "channels": channels or (), "n_channels": n_channels, "sensor": sensor,
+        "merge_events": merge_events,
     }  # fmt: skip
     naming = {"levels": levels or (), "pattern": pattern, "table": str(conditions) if conditions else None}
     _save(
@@ -276,6 +288,7 @@ def import_nwb(
         str | None, typer.Option(help="Read this time series as recordings, one taxel per column, instead of spikes.")
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the series.", show_default="as the file says")] = None,
+    merge_events: MergeEvents = False,
     where: Where = None,
     leave_out: LeaveOut = None,
     force: Force = False,
@@ -283,7 +296,10 @@ def import_nwb(
     """Neurodata Without Borders: spike times of units, or a time series, cut into the trials of an NWB 2 file."""
     _check_import(source, out, force)
     choice = choice_of(where, leave_out)
-    asked = {"trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit}
+    asked = {
+        "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
+        "merge_events": merge_events,
+    }  # fmt: skip
     _save(nwb.read(source, asked), out, choice)
 
 
@@ -294,6 +310,9 @@ def _names(assignments: list[str], known: list[str]) -> dict[str, str]:
     wrong = [what + equals for what, equals, name in pairs if what not in known or not name]
     if wrong:
         raise InputError(f"--names {wrong[0]}: must read WHAT=NAME, where WHAT is one of {', '.join(known)}")
+    twice = [what for what, _, _ in pairs if [each[0] for each in pairs].count(what) > 1]
+    if twice:
+        raise InputError(f"--names {twice[0]}: is given twice; give it one name")
     return {what: name for what, _, name in pairs}
 
 

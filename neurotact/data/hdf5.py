@@ -302,7 +302,7 @@ def load_spikes(path: str | Path) -> SpikeTrains:
 
 def _events(declared: Declared) -> SpikeTrains:
     log.warning("%s: its events are put on a clock of 1 ms; neurotact import events chooses another", declared.path)
-    return heidelberg.read(declared, EventSpec())
+    return heidelberg.read(declared, EventSpec(merge_events=True))
 
 
 def _spikes(declared: Declared) -> SpikeTrains:

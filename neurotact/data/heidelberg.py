@@ -12,10 +12,31 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.hdf5_input import EVENTS, Declared, opened
-from neurotact.data.readers.events import EventSpec, channel_names, clock_of, one_trial
+from neurotact.data.readers.clock import UNIT_S
+from neurotact.data.readers.event_times import (
+    MOST_COMPARED,
+    EventTimes,
+    InOrder,
+    event_times,
+    in_order,
+    joined_times,
+    rounding_of,
+    steps_of,
+)
+from neurotact.data.readers.events import (
+    EventSpec,
+    channel_names,
+    check_range,
+    n_steps_of,
+    on_clock,
+    say_lost,
+    say_order,
+)
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.errors import InputError
+
+NO_EVENTS = EventTimes(np.zeros(0), np.zeros(0))
 
 
 def load(path: str | Path, spec: EventSpec) -> SpikeTrains:
@@ -30,27 +51,59 @@ def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     Rows are read as they are stored and binned trial by trial, since such files hold many millions of spikes.
     """
     path = declared.path
-    times, units = declared.rows("spikes/times", "f"), declared.rows("spikes/units", "iu")
+    _check_options(spec, path)
+    rows, units = declared.rows("spikes/times", "iuf"), declared.rows("spikes/units", "iu")
     labels = declared.numbers("labels", "iu")
-    if len(times) != len(units) or any(len(a) != len(b) for a, b in zip(times, units, strict=False)):
+    if len(rows) != len(units) or any(len(a) != len(b) for a, b in zip(rows, units, strict=False)):
         raise InputError(f"{path}: spikes/times and spikes/units differ in length; copy the file again")
-    if len(labels) != len(times) or not len(times):
-        raise InputError(f"{path}: has {len(labels)} labels for {len(times)} trials; copy the file again")
+    if len(labels) != len(rows) or not len(rows):
+        raise InputError(f"{path}: has {len(labels)} labels for {len(rows)} trials; copy the file again")
     conditions = _conditions(declared, declared.file, labels, path)
-    filled = [trial for trial, row in enumerate(times) if len(row)]
+    filled = [trial for trial, row in enumerate(rows) if len(row)]
     for trial in filled:
-        if not np.isfinite(times[trial]).all() or units[trial].min() < 0:
+        if not np.isfinite(rows[trial]).all() or units[trial].min() < 0:
             raise InputError(f"{path}: trial {trial} has a time that is no number, or a negative unit; drop the trial")
-    if spec.origin == "first":
-        times = [row.astype(float) - (float(row.min()) if len(row) else 0.0) for row in times]
     afferents = channel_names(max((int(units[trial].max()) + 1 for trial in filled), default=1), spec, str(path))
-    ends_s = [(float(times[trial].min()), float(times[trial].max())) for trial in filled] or [(0.0, 0.0)]
-    n_steps = clock_of(min(first for first, _ in ends_s), max(last for _, last in ends_s), spec, str(path))
-    trials = (
-        one_trial(row.astype(float), unit, spec.step_ms, n_steps, len(afferents))
-        for row, unit in zip(times, units, strict=True)
+    ordered = [_in_order(row, unit, spec) for row, unit in zip(rows, units, strict=True)]
+    n_events = sum(map(len, rows))
+    say_order(sum(each.n_back for each in ordered), sum(each.n_wraps for each in ordered), n_events, str(path))
+    some, ends = [NO_EVENTS], [NO_EVENTS]
+    every = max(1, n_events // MOST_COMPARED)
+    for trial in filled:
+        times = _times_of(ordered[trial], spec)
+        some.append(times.at(np.arange(trial % every, len(times.time_s), every)))
+        ends.append(times.at(np.array([times.time_s.argmin(), times.time_s.argmax()])))
+    of_ends = joined_times(ends)
+    check_range(float(of_ends.time_s.min(initial=0.0)), float(of_ends.time_s.max(initial=0.0)), spec, str(path))
+    step_s = 1e-3 * spec.step_ms
+    rounding = rounding_of(joined_times(some), step_s)
+    last_step = int(steps_of(of_ends, step_s, rounding).max(initial=0))
+    n_steps = n_steps_of(last_step, spec)
+    found = on_clock(
+        (
+            (np.minimum(steps_of(_times_of(each, spec), step_s, rounding), last_step), unit, n_steps)
+            for each, unit in zip(ordered, units, strict=True)
+        ),
+        len(afferents),
     )
-    return from_trials(trials, 1e3 / spec.step_ms, afferents, conditions, source=str(path))
+    say_lost(found, spec, str(path))
+    return from_trials(found.trials, 1e3 / spec.step_ms, afferents, conditions, source=str(path))
+
+
+def _check_options(spec: EventSpec, path: str | Path) -> None:
+    """Refuse what such a file has no use for."""
+    given = {"polarity": spec.polarity != "separate", "polarities": spec.polarities, "sensor": spec.sensor}
+    wrong = next((name for name, value in given.items() if value), None)
+    if wrong is not None:
+        raise InputError(f"{path}: the Heidelberg layout has units, neither polarities nor a grid; drop --{wrong}")
+
+
+def _in_order(row: np.ndarray, units: np.ndarray, spec: EventSpec) -> InOrder:
+    return in_order(row, np.zeros(len(row), np.int64), [units], may_wrap=spec.time_unit != "ns")
+
+
+def _times_of(row: InOrder, spec: EventSpec) -> EventTimes:
+    return event_times(row.stamps, UNIT_S[spec.time_unit or "s"], spec.origin)
 
 
 def _conditions(declared: Declared, file: h5py.File, labels: np.ndarray, path: str | Path) -> pd.DataFrame:

@@ -3,15 +3,16 @@
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from neurotact.data.digests import DIGEST
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, one_trial
+from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, rounding_of, steps_of
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, on_clock, say_merged
 from neurotact.data.recordings import LABEL
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
@@ -59,13 +60,17 @@ def to_neo(spikes: SpikeTrains) -> Any:
     return block
 
 
-def from_neo(block: Any, *, step_ms: float | None = None, label: str = LABEL) -> SpikeTrains:
+def from_neo(
+    block: Any, *, step_ms: float | None = None, label: str = LABEL, merge_events: bool = False
+) -> SpikeTrains:
     """The spike trains of a `neo.Block`, a trial per segment; those of the same name are one afferent.
 
     step_ms: the clock; that of the block of `to_neo` or of its spike trains when None, else 1 ms. A spike falls in
     step floor((t - t_start) / step), counted from the beginning of its segment.
     label: the annotation of segments with their class. Other annotations that all segments have are conditions.
-    Raises InputError for another object, for segments without spike trains or classes, and for times beyond any clock.
+    merge_events: whether more than 1 % of the spikes may become one with another of their unit and step.
+    Raises InputError for another object, for segments without spike trains or classes, for times beyond any clock, and
+    for a clock that would lose more spikes.
     """
     _neo()
     segments: list[Any] = list(getattr(block, "segments", ()))
@@ -77,8 +82,17 @@ def from_neo(block: Any, *, step_ms: float | None = None, label: str = LABEL) ->
     check_size(f"block: {n_spikes} spikes", BYTES_PER_EVENT * n_spikes)
     places = {name: place for place, name in enumerate(afferents)}
     trials = [_trial(segment, trial, rate_Hz, places) for trial, segment in enumerate(segments)]
+    rounding = rounding_of(joined_times([trial.times for trial in trials]), 1 / rate_Hz)
+    # A spike at the end of its train falls in the last step.
+    steps = (steps_of(trial.times, 1 / rate_Hz, rounding).clip(0, trial.n_steps - 1) for trial in trials)
+    found = on_clock(
+        ((each, trial.units, trial.n_steps) for each, trial in zip(steps, trials, strict=True)), len(places)
+    )
+    say_merged(found, 1 / rate_Hz, "block", accept=merge_events, step="step_ms", flag="merge_events=True")
+    digests = [str(segment.annotations.get(DIGEST, "")) for segment in segments]
     return from_trials(
-        trials, rate_Hz, afferents, _conditions(segments, label),
+        (trial._replace(digest=digest) for trial, digest in zip(found.trials, digests, strict=True)),
+        rate_Hz, afferents, _conditions(segments, label),
         _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
     )  # fmt: skip
 
@@ -113,20 +127,26 @@ def _afferents(segments: Sequence[Any]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _trial(segment: Any, trial: int, rate_Hz: float, places: dict[str, int]) -> TrialSpikes:
-    """The spikes of a segment on the clock; those of a unit within one step are one."""
+class _Trial(NamedTuple):
+    """The spikes of a segment: their times, the unit of each, and the length in steps."""
+
+    times: EventTimes
+    units: np.ndarray
+    n_steps: int
+
+
+def _trial(segment: Any, trial: int, rate_Hz: float, places: dict[str, int]) -> _Trial:
     trains = segment.spiketrains
     start_s = min(float(train.t_start.rescale("s").magnitude) for train in trains)
     stop_s = max(float(train.t_stop.rescale("s").magnitude) for train in trains)
     n_steps = max(1, math.ceil((stop_s - start_s) * rate_Hz - SLACK)) if math.isfinite(stop_s - start_s) else 0
     if not 0 < n_steps <= LONGEST_STEPS:
         raise InputError(f"block: segment {trial} lasts from {start_s:g} s to {stop_s:g} s; no clock holds it")
-    times_s = [np.asarray(train.rescale("s").magnitude, np.float64) - start_s for train in trains]
-    units = np.repeat([places[name] for name in _names(segment)], [len(each) for each in times_s])
-    # A spike at the end of its train falls in the last step.
-    since_s = np.concatenate(times_s).clip(0.0, (n_steps - 0.5) / rate_Hz)
-    found = one_trial(since_s, units, 1e3 / rate_Hz, n_steps, len(places), SLACK)
-    return found._replace(digest=str(segment.annotations.get(DIGEST, "")))
+    times = [
+        event_times(np.asarray(train.magnitude), float(train.units.rescale("s").magnitude)) for train in trains
+    ]  # fmt: skip
+    units = np.repeat([places[name] for name in _names(segment)], [len(each.time_s) for each in times])
+    return _Trial(joined_times(times).since(start_s), units, n_steps)
 
 
 def _conditions(segments: Sequence[Any], label: str) -> pd.DataFrame:

@@ -5,8 +5,9 @@ Published on Zenodo (record 6556273) and at github.com/miskarous/tactile_braille
 a threshold, so the recordings are spikes already: they are only binned to a clock.
 """
 
+import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -14,7 +15,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.readers.archives import read_arrays
-from neurotact.data.readers.events import one_trial
+from neurotact.data.readers.event_times import event_times, joined_times, rounding_of, steps_of
+from neurotact.data.readers.events import on_clock, say_merged
 from neurotact.data.readers.plain_objects import read_plain
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -29,6 +31,8 @@ ARRAYS = ("letter", "event_recording", "event_taxel", "event_polarity", "event_t
 STEP_MS = 5.0
 """The clock of the published study."""
 Binning = Literal["floor", "nearest"]
+
+log = logging.getLogger("neurotact")
 
 
 class Letter(NamedTuple):
@@ -72,19 +76,25 @@ def read(
     last_s = max((float(letter.times_s.max(initial=0.0)) for letter in letters), default=0.0)
     if last_s * 1e3 / step_ms >= LONGEST_STEPS:
         raise InputError(f"{path}: an event at {last_s:g} s is beyond any clock of {step_ms:g} ms; check the file")
-    last_s = float(_binned(np.array(last_s), step_ms, binning)) if length_ms is None else 1e-3 * (length_ms - step_ms)
-    n_steps = int(last_s * 1e3 / step_ms + 1e-9) + 1
-    trials = (
-        one_trial(_binned(letter.times_s, step_ms, binning), letter.units, step_ms, n_steps, len(AFFERENTS))
-        for letter in letters
-    )
+    steps = _steps([letter.times_s for letter in letters], step_ms, binning)
+    last = max(int(each.max(initial=0)) for each in steps)
+    n_steps = last + 1 if length_ms is None else int(length_ms / step_ms + 1e-9)
+    trials = ((each, letter.units, n_steps) for each, letter in zip(steps, letters, strict=True))
+    found = on_clock(trials, len(AFFERENTS))
+    if found.n_late:
+        log.warning("%s: %d of %d events are after %g ms and left out", path, found.n_late, found.n_events, length_ms)
+    say_merged(found, 1e-3 * step_ms, str(path), accept=True)
     conditions = pd.DataFrame({"label": [letter.letter for letter in letters]})
-    return from_trials(trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
+    return from_trials(found.trials, 1e3 / step_ms, AFFERENTS, conditions, source=str(path))
 
 
-def _binned(times_s: np.ndarray, step_ms: float, binning: Binning) -> np.ndarray:
-    """Times shifted so that rounding down gives the step by `binning`."""
-    return times_s if binning == "floor" else np.rint(times_s * 1e3 / step_ms) * step_ms * 1e-3
+def _steps(times_s: Sequence[np.ndarray], step_ms: float, binning: Binning) -> list[np.ndarray]:
+    """The step of each event by `binning`."""
+    if binning == "nearest":
+        return [np.rint(each * 1e3 / step_ms).astype(np.int64) for each in times_s]
+    times = [event_times(each, 1.0)._replace(resolutions=()) for each in times_s]
+    rounding = rounding_of(joined_times(times), 1e-3 * step_ms)
+    return [steps_of(each, 1e-3 * step_ms, rounding) for each in times]
 
 
 def _from_archive(path: Path) -> Iterator[Letter]:
@@ -105,7 +115,7 @@ def _from_archive(path: Path) -> Iterator[Letter]:
     ends = np.searchsorted(recording[order], np.arange(len(letter) + 1))
     for number, name in enumerate(letter.tolist()):
         mine = order[ends[number] : ends[number + 1]]
-        yield Letter(str(name), time_s[mine].astype(float), units[mine])
+        yield Letter(str(name), time_s[mine], units[mine])
 
 
 def _from_published(path: Path) -> Iterator[Letter]:

@@ -1,9 +1,10 @@
 """Files of events: CSV tables, NumPy arrays, structured x, y, t, p arrays, and HDF5 in the Heidelberg layout."""
 
 import logging
+import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +13,16 @@ import pandas as pd
 
 from neurotact.data import heidelberg
 from neurotact.data.readers.archives import read_arrays
-from neurotact.data.readers.clock import UNIT_S, unit_in, without_unit
+from neurotact.data.readers.clock import UNIT_S, Unit, unit_in, without_unit
+from neurotact.data.readers.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, Content, content_of
+from neurotact.data.readers.event_times import event_times, in_order
 from neurotact.data.readers.events import ROW, Events, EventSpec, joined, to_trains
 from neurotact.data.readers.headings import named_table
 from neurotact.data.readers.naming import NamingSpec, conditions_of
-from neurotact.data.readers.tables import columns_of, is_number, values_of
+from neurotact.data.readers.tables import called, columns_of, is_number, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
@@ -31,9 +34,9 @@ ALIASES = {
     LABEL: (LABEL, "labels", "class", "classes"),
 }
 """Names of columns and arrays of events, without the prefix `event_` and a unit of time as suffix."""
-POLARITY = "polarity"
-"""Another name for the population, of which a sensor with polarities has two."""
-ARCHIVES, TABLES, HDF5 = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
+POPULATION, POLARITY = "population", "polarity"
+"""The population, and its other name, of which a sensor with polarities has two."""
+ARCHIVES, TABLES, HDF5_FILES = (".npz", ".npy"), (".csv", ".txt", ".tsv"), (".h5", ".hdf5")
 
 log = logging.getLogger("neurotact")
 
@@ -56,19 +59,30 @@ def read(
     Pickles are not loaded. Raises InputError, which names the file and the place.
     """
     asked = build(EventSpec, spec or {}, "import events")
-    names = {"population" if what == POLARITY else what: name for what, name in (names or {}).items()}
+    names = dict(names or {})
+    if {POLARITY, POPULATION} <= names.keys():
+        raise InputError(f"--names {POLARITY} and {POPULATION}: are the same; give one of them")
     path = existing(path, "file or folder")
     if path.is_dir():
+        wrong = next((what for what in (LABEL, "trial") if what in names), None)
+        if wrong is not None:
+            raise InputError(
+                f"{path}: each file is a trial, and its place or name gives the class (--levels, --pattern or "
+                f"--conditions); drop --names {wrong}"
+            )
         named = build(NamingSpec, naming or {}, "import events")
         return _to_trains(_of_folder(path, asked, names, named), asked, path)
     if naming and any(naming.values()):
         raise InputError(f"{path}: is one file; --levels, --pattern and --conditions are for a folder")
-    if existing(path).suffix.lower() in HDF5:
+    if path.suffix.lower() in HDF5_FILES:
+        if names:
+            raise InputError(f"{path}: the Heidelberg layout has names of its own; drop --names {next(iter(names))}")
+        _check_content(path, HDF5)
         return heidelberg.load(path, asked)
-    found = _of_file(path, asked, names)
-    if LABEL not in found.conditions:
+    events = _of_file(path, asked, names)
+    if LABEL not in events.conditions:
         raise InputError(f"{path}: no column is called label, the class of each trial; name it with --names label=...")
-    return _to_trains(found, asked, path)
+    return _to_trains(events, asked, path)
 
 
 def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
@@ -78,7 +92,16 @@ def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
             "--names polarity=...",
             path, ", ".join(events.ignored),
         )  # fmt: skip
+    if events.other:
+        log.warning("%s: not used, because it has no value per event or trial: %s", path, some(events.other))
     return to_trains(events, spec, str(path))
+
+
+def _check_content(path: Path, *kinds: Content) -> None:
+    """Refuse a file that holds another kind of data than these, whatever its name."""
+    kind = content_of(path)
+    if kind not in (None, *kinds):
+        raise kind.refusal(path)
 
 
 def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
@@ -86,87 +109,116 @@ def _of_file(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
     if suffix in TABLES:
         return _of_columns(columns_of(named_table(path)), spec, names, path)
     if suffix in ARCHIVES:
+        _check_content(path, *((NPZ, ZIP) if suffix == ".npz" else (NPY,)))
         arrays = _arrays(path)
         if all(array.dtype.names for array in arrays.values()):
-            return _structured(arrays, spec, path)
+            return _structured(arrays, spec, names, path)
         return _of_columns(arrays, spec, names, path)
-    known = ", ".join((*TABLES, *ARCHIVES, *HDF5))
+    _check_content(path, NPY, NPZ, MATLAB, TDMS, LVM)  # their fix is another suffix
+    known = ", ".join((*TABLES, *ARCHIVES, *HDF5_FILES))
     raise InputError(f"{path}: is not a file of events by its suffix; give one that ends with {known}")
 
 
 def _of_folder(folder: Path, spec: EventSpec, names: Mapping[str, str], naming: NamingSpec) -> Events:
     """One trial per file; class and conditions come from paths and names, as for a folder of recordings."""
-    suffixes = (*TABLES, *ARCHIVES)
     table = None if naming.table is None else os.path.realpath(naming.table)
+    inside = [path for path in below(folder) if table is None or os.path.realpath(path) != table]
     paths = [
-        path for path in below(folder)
-        if path.suffix.lower() in suffixes and not is_hidden(path.name)
-        and (table is None or os.path.realpath(path) != table)
+        path for path in inside if path.suffix.lower() in (*TABLES, *ARCHIVES) and not is_hidden(path.name)
     ]  # fmt: skip
+    ignored = [path for path in inside if path not in paths]
     if not paths:
-        raise InputError(f"{folder}: holds no {', '.join(suffixes)} file; add one")
+        for path in ignored:
+            _check_content(path)
+        raise InputError(f"{folder}: holds no {', '.join((*TABLES, *ARCHIVES))} file; add one")
+    if ignored:
+        shown = some([path.relative_to(folder).as_posix() for path in ignored])
+        log.warning("%s: %d files are ignored (hidden, or not events): %s", folder, len(ignored), shown)
     conditions = conditions_of([path.relative_to(folder).as_posix() for path in paths], naming, folder)
     parts, n_bytes = [], 0
     for path in paths:
-        part = _one_trial(path, spec, names)
+        part = _of_file(path, spec, {**names, LABEL: ""})
+        if len(part.conditions) != 1:
+            raise InputError(f"{path}: holds {len(part.conditions)} trials where a folder has one per file")
         parts.append(part)
         n_bytes += sum(np.asarray(each).nbytes for each in part[:4] if each is not None)
         check_size(folder, n_bytes)
-    return joined(parts)._replace(conditions=conditions)
+    return _joined(parts, paths)._replace(conditions=conditions)
 
 
-def _one_trial(path: Path, spec: EventSpec, names: Mapping[str, str]) -> Events:
-    found = _of_file(path, spec, {**names, LABEL: ""})
-    if len(found.conditions) != 1:
-        raise InputError(f"{path}: holds {len(found.conditions)} trials where a folder has one per file")
-    return found
+def _joined(parts: Sequence[Events], places: Sequence[Path]) -> Events:
+    """The events of all files or arrays, which must say the same about their events."""
+    told = [(part.is_grid, part.population is not None, part.channel.dtype.kind in "iu") for part in parts]
+    for what, ours in zip(("places x and y", "a polarity", "numbered channels"), zip(*told, strict=True), strict=True):
+        if len(set(ours)) > 1:
+            raise InputError(
+                f"{places[ours.index(True)]} has {what}, but {places[ours.index(False)]} has none; give each the same"
+            )
+    return joined(parts)
 
 
-def _of_columns(columns: Mapping[str, np.ndarray], spec: EventSpec, names: Mapping[str, str], path: Path) -> Events:
-    """Columns by their names: those as long as the times are of events, the others of trials."""
-    found = {what: _place(what, columns, names, path) for what in ALIASES}
-    time_name = found["time"]
-    if time_name is None or found["channel"] is None:
+def _of_columns(
+    columns: Mapping[str, np.ndarray], spec: EventSpec, names: Mapping[str, str], path: Path, usual: Unit = "s"
+) -> Events:
+    """Columns by their names: those as long as the times are of events, the others of trials.
+
+    usual: the unit of times that neither the spec nor a name gives; of places x and y they are microseconds.
+    """
+    roles = {what: _place(what, columns, names, path) for what in ALIASES}
+    is_grid = roles["channel"] is None and called([*columns], ("x",)) is not None
+    if is_grid:
+        roles |= {axis: called([*columns], (axis,)) for axis in ("x", "y")}
+    time_name = roles["time"]
+    if time_name is None or (roles["channel"] is None and not is_grid):
         absent = "time" if time_name is None else "channel"
         raise InputError(
             f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with --names {absent}=..."
         )
-    unit = spec.time_unit or unit_in(time_name) or "s"
+    unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid else usual)
     if columns[time_name].ndim != 1:
         raise InputError(f"{path}: '{time_name}' has the shape {columns[time_name].shape}; give one time per event")
-    time_s = _numbers(columns[time_name], time_name, path) * UNIT_S[unit]
-    of_events = {what: columns[name] for what, name in found.items() if name is not None and what != LABEL}
+    stamps = _stamps(columns[time_name], time_name, path)
+    of_events = {what: columns[name] for what, name in roles.items() if name is not None and what != LABEL}
     for what, values in of_events.items():
-        if values.shape != time_s.shape:
-            raise InputError(f"{path}: '{found[what]}' has the shape {values.shape} where {time_s.shape} is expected")
-    trial, others = _trials(columns, found, time_s, path)
-    used = {*found.values(), *others.columns}
-    ignored = tuple(name for name in columns if name not in used and columns[name].shape == time_s.shape)
-    population = of_events.get("population")
+        if values.shape != stamps.shape:
+            raise InputError(f"{path}: '{roles[what]}' has the shape {values.shape} where {stamps.shape} is expected")
+    trial, others = _trials(columns, roles, len(stamps), path)
+    unused = [name for name in columns if name not in {*roles.values(), *others.columns}]
+    channel = _places_of(of_events, path) if is_grid else _channel(of_events["channel"], str(roles["channel"]), path)
+    population = of_events.get(POPULATION)
+    if population is not None:
+        population = _population(population, str(roles[POPULATION]), path)
+    ordered = in_order(stamps, trial, [channel, *([] if population is None else [population])], may_wrap=unit != "ns")
+    cells = columns[time_name]
+    times = event_times(
+        ordered.stamps, UNIT_S[unit], spec.origin, trial, cells.astype(str) if cells.dtype.kind in "OSU" else None
+    )
     return Events(
-        time_s, _channel(of_events["channel"], str(found["channel"]), path),
-        None if population is None else values_of(population), trial, others, ignored=ignored,
+        times.time_s, channel, population, trial, others, is_grid,
+        ignored=tuple(name for name in unused if columns[name].shape == stamps.shape),
+        other=tuple(f"{name} {columns[name].shape}" for name in unused if columns[name].shape != stamps.shape),
+        error_s=times.error_s, resolutions=times.resolutions, n_back=ordered.n_back, n_wraps=ordered.n_wraps,
     )  # fmt: skip
 
 
 def _place(what: str, columns: Mapping[str, np.ndarray], names: Mapping[str, str], path: Path) -> str | None:
     """The column of a quantity; None if there is none."""
-    if what in names:
-        if names[what] and names[what] not in columns:
-            raise InputError(
-                f"{path}: --names {what}: there is no '{names[what]}'; {nearest(names[what], list(columns))}"
-            )
-        return names[what] or None
-    plain = {name: without_unit(name.lower().removeprefix("events_").removeprefix("event_")) for name in columns}
+    word = POLARITY if what == POPULATION and POLARITY in names else what
+    if word in names:
+        name = names[word]
+        if name and name not in columns:
+            raise InputError(f"{path}: --names {word}: there is no '{name[:40]}'; {nearest(name, list(columns))}")
+        return name or None
+    free = [name for name in columns if name not in names.values()]
+    plain = {name: without_unit(name.lower().removeprefix("events_").removeprefix("event_")) for name in free}
     return next((name for alias in ALIASES[what] for name, shown in plain.items() if shown == alias), None)
 
 
 def _trials(
-    columns: Mapping[str, np.ndarray], found: Mapping[str, str | None], time_s: np.ndarray, path: Path
+    columns: Mapping[str, np.ndarray], found: Mapping[str, str | None], n_events: int, path: Path
 ) -> tuple[np.ndarray, pd.DataFrame]:
     """The trial of each event, and the conditions of all trials."""
-    n_events = len(time_s)
-    used = {found[what] for what in ("time", "channel", "population", "trial")}
+    used = {name for what, name in found.items() if what != LABEL}
     rest = {name: values for name, values in columns.items() if name not in used and values.ndim == 1}
     number = np.zeros(n_events, np.int64) if found["trial"] is None else columns[str(found["trial"])]
     lengths = {len(values) for values in rest.values()} - {n_events}
@@ -220,12 +272,29 @@ def _channel(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     return found.astype(np.int64)
 
 
-def _numbers(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+def _population(values: np.ndarray, name: str, path: Path) -> np.ndarray:
     found = values_of(values)
-    if found.dtype.kind not in "iuf":
-        at = next(i for i, text in enumerate(found.astype(str)) if not is_number(text) or not np.isfinite(float(text)))
-        raise InputError(f"{path}: event {at} of '{name}' is {str(found[at])[:20]!r}, not a number; drop the event")
-    return found.astype(float)
+    wrong = np.flatnonzero(~np.isfinite(found)) if found.dtype.kind == "f" else []
+    if len(wrong):
+        raise InputError(f"{path}: event {wrong[0]} of '{name}' is {found[wrong[0]]}; drop the event")
+    return found
+
+
+def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """The times of events as the numbers that the file holds."""
+    found = values_of(values)
+    if found.dtype.kind == "U":
+        texts = found.tolist()
+        wrong = [i for i, text in enumerate(texts) if not is_number(text) or not math.isfinite(float(text))]
+    elif found.dtype.kind in "iuf":
+        wrong = np.flatnonzero(~np.isfinite(found)).tolist()
+    else:
+        raise InputError(f"{path}: '{name}' holds {found.dtype}, not numbers; save the times as numbers")
+    if wrong:
+        what = f"event {wrong[0]} of '{name}' is {str(found[wrong[0]])[:20]!r}, not a number"
+        more = f", and so are {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        raise InputError(f"{path}: {what}{more}; drop {'these events' if more else 'the event'}")
+    return found
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -239,29 +308,34 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"{path}: cannot be read as an array ({why}); save plain numbers with numpy.save") from error
 
 
-def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, path: Path) -> Events:
+def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, names: Mapping[str, str], path: Path) -> Events:
     """Structured arrays with the fields t, p, x and y (or one address), one per trial, by the key in the file."""
-    parts = []
+    wrong = next((what for what in (LABEL, "trial") if names.get(what)), None)
+    if wrong is not None:
+        raise InputError(f"{path}: each structured array is a trial, and its key the class; drop --names {wrong}")
+    parts, places = [], []
     for key, array in arrays.items():
         fields = {name: array[name] for name in array.dtype.names or ()}
-        where = path if len(arrays) == 1 else Path(f"{path}:{key}")
+        places.append(path if len(arrays) == 1 else Path(f"{path}:{key}"))
         if any(each.dtype.kind not in "iufb" or each.ndim != 1 for each in fields.values()):
-            raise InputError(f"{where}: its fields must hold one number each; save t, x, y and p")
-        is_grid = "x" in fields
-        if is_grid:
-            fields["channel"] = _places_of(fields.pop("x"), fields.pop("y", np.zeros(len(array))), where)
-        unit = spec.model_copy(update={"time_unit": spec.time_unit or "us"})
-        part = _of_columns(fields, unit, {LABEL: "", "trial": ""}, where)
-        parts.append(part._replace(conditions=pd.DataFrame({LABEL: [_label_of(key)]}), is_grid=is_grid))
-    return joined(parts)
+            raise InputError(f"{places[-1]}: its fields must hold one number each; save t, x, y and p")
+        part = _of_columns(fields, spec, {**names, LABEL: "", "trial": ""}, places[-1], "us")
+        parts.append(part._replace(conditions=pd.DataFrame({LABEL: [_label_of(key)]})))
+    return _joined(parts, places)
 
 
-def _places_of(x: np.ndarray, y: np.ndarray, where: Path) -> np.ndarray:
-    """Positions on a grid whose width is not known yet."""
-    for name, values in (("x", x), ("y", y)):
-        if len(values) and not (values.min() >= 0 and values.max() < ROW and (values == np.floor(values)).all()):
+def _places_of(columns: Mapping[str, np.ndarray], where: Path) -> np.ndarray:
+    """Positions on a grid whose width is not known yet, from x and, if there is one, y."""
+    places = np.zeros(len(columns["x"]), np.int64)
+    for name, scale in (("x", 1), ("y", ROW)):
+        values = values_of(columns[name]) if name in columns else places
+        is_number = values.dtype.kind in "iufb"
+        if len(values) and not (
+            is_number and values.min() >= 0 and values.max() < ROW and (values == np.floor(values)).all()
+        ):
             raise InputError(f"{where}: '{name}' must hold whole numbers from 0 on; number columns and rows")
-    return x.astype(np.int64) + ROW * y.astype(np.int64)
+        places = places + scale * values.astype(np.int64)
+    return places
 
 
 def _label_of(key: str) -> str:

@@ -1,7 +1,7 @@
 """Events of any sensor to spikes on a clock: trial, channel, population (such as ON and OFF) and time of each."""
 
-import math
-from collections.abc import Sequence
+import logging
+from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -9,9 +9,10 @@ import pandas as pd
 from pydantic import Field, field_validator
 
 from neurotact.data.readers.clock import Unit
+from neurotact.data.readers.event_times import EventTimes, Origin, joined_times, rounding_of, steps_of
 from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
-from neurotact.errors import InputError
+from neurotact.errors import InputError, some
 from neurotact.files import check_size
 from neurotact.spec import Spec
 
@@ -20,10 +21,14 @@ ROW = 2**31
 """Offset between rows of a grid, before its width is known."""
 SLACK = 1e-6
 """Tolerance as a share of a step, for times that count from long before the trial and are rounded."""
-BYTES_PER_EVENT = 64
+BYTES_PER_EVENT = 100
 """Memory per event during binning."""
+MOST_MERGED = 0.01
+"""Share of the events that may become one spike with another without being asked."""
 ON_OFF = ("OFF", "ON")
 """The lower and the higher value of a polarity."""
+
+log = logging.getLogger("neurotact")
 
 
 class EventSpec(Spec):
@@ -31,16 +36,18 @@ class EventSpec(Spec):
 
     step_ms: float = Field(default=1.0, gt=0)
     """The clock; events of an afferent within one step are one spike."""
+    merge_events: bool = False
+    """Whether more than 1 % of the events may become one spike with another of their afferent and step."""
     time_unit: Unit | None = None
     """Unit of the times; when absent, from the file (`time_us`), microseconds for x, y, t, p arrays, else seconds."""
-    origin: Literal["zero", "first"] = "zero"
+    origin: Origin = "zero"
     """The start of a trial: time zero, or its first event."""
     duration_ms: float | None = Field(default=None, gt=0)
     """Length of every trial, later events are dropped; up to the last event of all when absent."""
     polarity: Literal["separate", "merge", "on", "off"] = "separate"
     """One population per polarity; one for both; or only the events of one polarity."""
-    polarities: tuple[str, ...] = ON_OFF
-    """Names of the polarities, from the lowest value."""
+    polarities: tuple[str, ...] = ()
+    """Names of the polarities, from the lowest value; OFF and ON when absent."""
     channels: tuple[str, ...] = ()
     """Names of the channels, from channel 0."""
     n_channels: int | None = Field(default=None, ge=1, le=MOST_AFFERENTS)
@@ -54,12 +61,24 @@ class EventSpec(Spec):
     def _apart(cls, names: object) -> object:
         return tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else names
 
+    @field_validator("polarities", "channels")
+    @classmethod
+    def _each_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ValueError(f"{twice[0]!r} is there twice; give each its own name")
+        return names
+
 
 class Events(NamedTuple):
-    """Events, unordered: the time in s, the channel (a number or a name), the polarity or the name of a population
-    (None if there is none) and the trial of each, `(event,)`; and one row of conditions per trial, with `label`.
+    """Events, unordered: the time in s from the origin of their trial, the channel (a number or a name), the polarity
+    or the name of a population (None if there is none) and the trial of each, `(event,)`; and one row of conditions per
+    trial, with `label`.
 
-    is_grid: channels are positions on a sensor's grid, `ROW * y + x`. ignored: columns that are not used.
+    is_grid: channels are positions on a sensor's grid, `ROW * y + x`. ignored: columns that change within a trial
+    and are not used; other: arrays of another length.
+    error_s: of each time; resolutions: as of `EventTimes`. n_back: events that are earlier than the one before them in
+    the file; n_wraps: how often its counter began again.
     """
 
     time_s: np.ndarray
@@ -69,6 +88,15 @@ class Events(NamedTuple):
     conditions: pd.DataFrame
     is_grid: bool = False
     ignored: tuple[str, ...] = ()
+    other: tuple[str, ...] = ()
+    error_s: np.ndarray | float = 0.0
+    resolutions: tuple = ()
+    n_back: int = 0
+    n_wraps: int = 0
+
+    @property
+    def times(self) -> EventTimes:
+        return EventTimes(self.time_s, np.broadcast_to(self.error_s, self.time_s.shape), self.resolutions)
 
 
 class _Named(NamedTuple):
@@ -84,11 +112,11 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     Afferents are named `POPULATION CHANNEL`, or by the channel alone if there are no populations, ordered by
     population. `source` begins messages. Raises InputError, which names the fault.
 
-    >>> events = Events(np.array([0.001, 0.0012, 0.007]), np.array([0, 0, 2]), np.array([1, 1, 0]), np.zeros(3, int),
+    >>> events = Events(np.array([0.001, 0.0012, 0.007]), np.array([0, 1, 2]), np.array([1, 1, 0]), np.zeros(3, int),
     ...                 pd.DataFrame({"label": ["felt"]}))
     >>> trains = to_trains(events, EventSpec(step_ms=5), "touch.npz")
-    >>> trains.afferents[0], trains.steps[0].tolist(), [trains.afferents[unit] for unit in trains.units[0]]
-    ('OFF channel0', [0, 1], ['ON channel0', 'OFF channel2'])
+    >>> trains.steps[0].tolist(), [trains.afferents[unit] for unit in trains.units[0]]
+    ([0, 0, 1], ['ON channel0', 'ON channel1', 'OFF channel2'])
     """
     _check(events, source)
     check_size(f"{source}: {len(events.time_s)} events", BYTES_PER_EVENT * len(events.time_s))
@@ -98,22 +126,15 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
         keep = np.flatnonzero(populations.index == (len(populations.names) - 1 if spec.polarity == "on" else 0))
     channels = _grid(events.channel, spec, source) if events.is_grid else _channels(events.channel, spec, source)
     afferents, units = _afferents(populations if spec.polarity == "separate" else None, channels, source)
-    time_s = _from_origin(events, spec)
-    n_steps = clock_of(float(time_s.min()), float(time_s.max()), spec, source)
+    check_range(float(events.time_s.min()), float(events.time_s.max()), spec, source)
+    steps = steps_of(events.times, 1e-3 * spec.step_ms, rounding_of(events.times, 1e-3 * spec.step_ms))
+    n_steps = n_steps_of(int(steps.max()), spec)
     order = keep[np.argsort(events.trial[keep], kind="stable")]
     ends = np.searchsorted(events.trial[order], np.arange(1, len(events.conditions)))
-    trials = (
-        one_trial(time_s[mine], units[mine], spec.step_ms, n_steps, len(afferents)) for mine in np.split(order, ends)
-    )
-    return from_trials(trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
-
-
-def _from_origin(events: Events, spec: EventSpec) -> np.ndarray:
-    if spec.origin == "zero":
-        return events.time_s
-    first = np.full(len(events.conditions), np.inf)
-    np.minimum.at(first, events.trial, events.time_s)
-    return events.time_s - first[events.trial]
+    found = on_clock(((steps[mine], units[mine], n_steps) for mine in np.split(order, ends)), len(afferents))
+    say_order(events.n_back, events.n_wraps, len(events.time_s), source)
+    say_lost(found, spec, source)
+    return from_trials(found.trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
 
 
 def _check(events: Events, source: str) -> None:
@@ -121,38 +142,59 @@ def _check(events: Events, source: str) -> None:
         raise InputError(f"{source}: holds no trial; give at least one")
     if not len(events.time_s):
         raise InputError(f"{source}: holds no event; give at least one")
-    wrong = np.flatnonzero(~np.isfinite(events.time_s))
-    if len(wrong):
-        raise InputError(f"{source}: the time of event {wrong[0]} is {events.time_s[wrong[0]]}; drop the event")
 
 
 def _populations(events: Events, spec: EventSpec, source: str) -> _Named | None:
     """The population of each event; numeric polarities get the names of the spec."""
     if events.population is None:
-        if spec.polarity in ("on", "off"):
+        if spec.polarity != "separate":
             raise InputError(f"{source}: holds no polarity, so --polarity {spec.polarity} selects nothing; drop it")
+        if spec.polarities:
+            raise InputError(f"{source}: holds no polarity, so --polarities names nothing; drop it")
         return None
-    values, index = np.unique(events.population, return_inverse=True)
-    if values.dtype.kind not in "iufb":
-        names = tuple(str(value) for value in values)
-        wrong = [name for name in names if not name.strip() or " " in name]
-        if wrong:
-            raise InputError(f"{source}: the population {wrong[0]!r} is not a single word; rename it")
-        if spec.polarity in ("on", "off") and len(names) != 2:
-            raise InputError(f"{source}: has {len(names)} populations, not two polarities; drop --polarity")
-        return _Named(index, names)
+    if spec.polarity != "separate" and spec.polarities:
+        raise InputError(f"{source}: --polarity {spec.polarity} makes one population without a name; drop --polarities")
+    if spec.polarity == "merge":
+        return None
+    is_named = events.population.dtype.kind not in "iufb"
+    found = _named(events.population, spec, source) if is_named else _numbered(events.population, spec, source)
+    if spec.polarity != "separate" and len(found.names) != 2:
+        raise InputError(f"{source}: has {len(found.names)} populations, not two polarities; drop --polarity")
+    return found
+
+
+def _named(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
+    values, index = np.unique(population, return_inverse=True)
+    names = tuple(str(value) for value in values)
+    wrong = [name for name in names if not name.strip() or " " in name]
+    if wrong:
+        raise InputError(f"{source}: the population {wrong[0]!r} is not a single word; rename it")
+    if spec.polarities:
+        raise InputError(f"{source}: its populations have names ({some(names)}); drop --polarities")
+    return _Named(index, names)
+
+
+def _numbered(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
+    values, index = np.unique(population, return_inverse=True)
     expected = sorted({*values.tolist()} | ({0, 1} if {*values.tolist()} <= {0, 1} else set()))
     expected = sorted({*expected} | ({-1, 1} if {*values.tolist()} == {-1} else set()))
-    if len(expected) > len(spec.polarities):
+    names = spec.polarities or ON_OFF[: len(expected)]
+    if spec.polarity != "separate":
+        names = tuple(map(str, expected))
+    if len(expected) != len(names):
         raise InputError(
             f"{source}: has {len(expected)} polarities ({', '.join(map(str, expected[:5]))}) but "
-            f"{len(spec.polarities)} names for them; name each with --polarities"
+            f"{len(names)} names for them; name each with --polarities"
         )
-    return _Named(np.searchsorted(expected, values)[index], spec.polarities[: len(expected)])
+    return _Named(np.searchsorted(expected, values)[index], names)
 
 
 def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
+    if spec.sensor:
+        raise InputError(f"{source}: has channels, not places x and y on a grid; drop --sensor, or give --n-channels")
     if channel.dtype.kind not in "iu":
+        if spec.n_channels:
+            raise InputError(f"{source}: its channels have names, not numbers; name them all with --channels instead")
         values, index = np.unique(channel, return_inverse=True)
         names = tuple(str(value) for value in values)
         if spec.channels and set(names) - set(spec.channels):
@@ -169,8 +211,10 @@ def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
 
 def channel_names(n_found: int, spec: EventSpec, source: str) -> tuple[str, ...]:
     """Names of numbered channels; the highest with an event is `n_found - 1`."""
+    if spec.n_channels and spec.channels:
+        raise InputError(f"{source}: --channels says how many channels there are; drop --n-channels")
     n_channels = spec.n_channels or len(spec.channels) or n_found
-    if n_found > n_channels or (spec.channels and len(spec.channels) != n_channels):
+    if n_found > n_channels:
         raise InputError(
             f"{source}: channel {n_found - 1} has events, but there are {n_channels} channels, 0 to {n_channels - 1}; "
             "give as many names in --channels, or another --n-channels"
@@ -182,6 +226,9 @@ def channel_names(n_found: int, spec: EventSpec, source: str) -> tuple[str, ...]
 
 def _grid(places: np.ndarray, spec: EventSpec, source: str) -> _Named:
     """The channels of a grid, row by row, with names such as `x3y5`."""
+    if spec.channels or spec.n_channels:
+        wrong = "--channels" if spec.channels else "--n-channels"
+        raise InputError(f"{source}: its channels are places x and y on a grid; drop {wrong}, --sensor gives its size")
     x, y = places % ROW, places // ROW
     width, height = map(int, spec.sensor.split("x")) if spec.sensor else (int(x.max()) + 1, int(y.max()) + 1)
     if x.max() >= width or y.max() >= height or width * height > MOST_AFFERENTS:
@@ -202,8 +249,8 @@ def _afferents(populations: _Named | None, channels: _Named, source: str) -> tup
     return names, populations.index * len(channels.names) + channels.index
 
 
-def clock_of(first_s: float, last_s: float, spec: EventSpec, source: str) -> int:
-    """The length of trials in steps, for events between two times; InputError if no clock holds them."""
+def check_range(first_s: float, last_s: float, spec: EventSpec, source: str) -> None:
+    """Refuse times of events that no clock holds."""
     if first_s < 0:
         raise InputError(f"{source}: an event is at {first_s:g} s, before zero; pass --origin first")
     end_s = last_s if spec.duration_ms is None else 1e-3 * spec.duration_ms
@@ -212,39 +259,100 @@ def clock_of(first_s: float, last_s: float, spec: EventSpec, source: str) -> int
             f"{source}: an event at {last_s:g} s is beyond any clock of {spec.step_ms:g} ms; give --time-unit, or "
             "--origin first if times count from long before"
         )
-    if spec.duration_ms is not None:
-        return max(1, round(spec.duration_ms / spec.step_ms))
-    return math.floor(last_s * 1e3 / spec.step_ms + 1e-9) + 1
 
 
-def one_trial(
-    time_s: np.ndarray, units: np.ndarray, step_ms: float, n_steps: int, n_afferents: int, slack: float = 1e-9
-) -> TrialSpikes:
-    """The events of one trial on the clock: those of an afferent within one step are one spike; later ones are dropped.
+def n_steps_of(last_step: int, spec: EventSpec) -> int:
+    """The length of trials in steps."""
+    return last_step + 1 if spec.duration_ms is None else max(1, round(spec.duration_ms / spec.step_ms))
 
-    slack: share of a step by which an event may lie before it because of rounding.
 
-    >>> one_trial(np.array([0.004, 0.001, 0.0012, 0.02]), np.array([0, 1, 1, 0]), 1.0, 10, 2).steps.tolist()
-    [1, 4]
+class OnClock(NamedTuple):
+    """The spikes of trials, the number of their events, and of those that are left out, after the end of their trial.
+
+    Events that share a step and an afferent with another are merged with it.
     """
-    steps = np.floor(time_s * (1e3 / step_ms) + slack).astype(np.int64)
-    spikes = np.unique(steps * n_afferents + units.astype(np.int64))
-    spikes = spikes[: np.searchsorted(spikes, n_steps * n_afferents)]
-    return TrialSpikes(spikes // n_afferents, (spikes % n_afferents).astype(np.uint16), n_steps)
+
+    trials: list[TrialSpikes]
+    n_events: int
+    n_late: int
+
+    @property
+    def n_merged(self) -> int:
+        return self.n_events - self.n_late - sum(len(trial.steps) for trial in self.trials)
+
+
+def on_clock(trials: Iterable[tuple[np.ndarray, np.ndarray, int]], n_afferents: int) -> OnClock:
+    """The spikes of trials, of each the step and the afferent of its events, `(event,)`, and its length in steps.
+
+    >>> found = on_clock([(np.array([4, 1, 1, 20]), np.array([0, 1, 1, 0]), 10)], n_afferents=2)
+    >>> found.trials[0].steps.tolist(), found.n_merged, found.n_late
+    ([1, 4], 1, 1)
+    """
+    found, n_events, n_late = [], 0, 0
+    for steps, units, n_steps in trials:
+        is_late = steps >= n_steps
+        n_events += len(steps)
+        n_late += int(is_late.sum())
+        spikes = np.unique((steps * n_afferents + units.astype(np.int64))[~is_late])
+        found.append(TrialSpikes(spikes // n_afferents, (spikes % n_afferents).astype(np.uint16), n_steps))
+    return OnClock(found, n_events, n_late)
+
+
+def say_lost(found: OnClock, spec: EventSpec, source: str) -> None:
+    """Say how many events are left out or merged; InputError if more are merged than `spec` accepts."""
+    if found.n_late:
+        log.warning("%s: %d of %d events are after --duration-ms and left out", source, found.n_late, found.n_events)
+    say_merged(found, 1e-3 * spec.step_ms, source, accept=spec.merge_events)
+
+
+def say_merged(
+    found: OnClock, step_s: float, source: str, *, accept: bool, step: str = "--step-ms", flag: str = "--merge-events"
+) -> None:
+    """Say how many events are merged; InputError if they are more than `MOST_MERGED`, unless `accept`.
+
+    step, flag: what sets the clock, and what accepts more.
+    """
+    if not found.n_merged:
+        return
+    n_events = found.n_events - found.n_late
+    share = found.n_merged / n_events
+    what = f"{source}: {found.n_merged} of {n_events} events ({100 * share:.3g} %) share a step of {1e3 * step_s:g} ms"
+    if share > MOST_MERGED and not accept:
+        unit = "check the unit of the times, " if share > 0.5 else ""
+        fix = f"{unit}give a shorter {step}, or make one spike of them with {flag}"
+        raise InputError(f"{what} and a channel with another and would be lost; {fix}")
+    log.warning("%s and a channel with another and are one spike with it", what)
+
+
+def say_order(n_back: int, n_wraps: int, n_events: int, source: str) -> None:
+    """Say what was found of a file whose stamps do not rise."""
+    if n_wraps:
+        log.warning(
+            "%s: a counter of 31 or 32 bits begins again %d times; the stamps after it count on", source, n_wraps
+        )
+    if n_back:
+        log.warning(
+            "%s: %d of %d events are earlier than the one before them and are put in order of time; if the clock was "
+            "set back there, cut the file", source, n_back, n_events,
+        )  # fmt: skip
 
 
 def joined(parts: Sequence[Events]) -> Events:
     """Events of several files, concatenated."""
     starts = np.cumsum([0, *(len(part.conditions) for part in parts)])
     populations = [part.population for part in parts]
+    times = joined_times([part.times for part in parts])
     return Events(
-        np.concatenate([part.time_s for part in parts]),
+        times.time_s,
         np.concatenate([part.channel for part in parts]),
-        None
-        if any(each is None for each in populations)
-        else np.concatenate([each for each in populations if each is not None]),
+        np.concatenate([each for each in populations if each is not None]) if populations[0] is not None else None,
         np.concatenate([part.trial + start for part, start in zip(parts, starts, strict=False)]),
         pd.concat([part.conditions for part in parts], ignore_index=True),
         all(part.is_grid for part in parts),
         tuple(dict.fromkeys(name for part in parts for name in part.ignored)),
+        tuple(dict.fromkeys(name for part in parts for name in part.other)),
+        times.error_s,
+        times.resolutions,
+        sum(part.n_back for part in parts),
+        sum(part.n_wraps for part in parts),
     )

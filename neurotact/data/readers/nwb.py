@@ -5,6 +5,7 @@ as HDF5, dataset by dataset, so that declared sizes are checked before reading. 
 """
 
 import json
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -18,10 +19,11 @@ from pydantic import Field
 from neurotact.data.digests import DIGEST
 from neurotact.data.hdf5_input import Declared, attribute, reading
 from neurotact.data.readers import clock
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, one_trial
+from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, rounding_of, steps_of
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, on_clock, say_merged
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
-from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
+from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
@@ -38,12 +40,16 @@ SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": 
 """Short names of units that NWB spells out."""
 MOST_NAMED = 8
 
+log = logging.getLogger("neurotact")
+
 
 class NWBSpec(Spec):
     """The parts of a file to read, and the clock."""
 
     step_ms: float | None = Field(default=None, gt=0)
     """The clock of spikes; the file's resolution of spike times when absent, else 1 ms."""
+    merge_events: bool = False
+    """Whether more than 1 % of the spikes may become one with another of their unit and step."""
     trials: str = "trials"
     """The table of intervals whose rows are trials."""
     label: str = LABEL
@@ -73,6 +79,12 @@ def read(path: str | Path, spec: Mapping[str, Any] | None = None) -> SpikeTrains
     Raises InputError for a file that is damaged, too large, or without trials, classes or spikes.
     """
     asked = build(NWBSpec, spec or {}, "import nwb")
+    of_units = {"step_ms": asked.step_ms, "name": asked.name != AFFERENT, "merge_events": asked.merge_events}
+    of_series = {"unit": asked.unit}
+    wrong = next((name for name, value in (of_series if asked.series is None else of_units).items() if value), None)
+    if wrong is not None:
+        what = "a time series" if asked.series is None else "spikes of units"
+        raise InputError(f"{path}: --{wrong.replace('_', '-')} is for {what}; drop it")
     with reading(path, "NWB", "the program that made it") as file:
         declared = Declared(file, path)
         trials = _trials(declared, asked)
@@ -150,23 +162,39 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         raise InputError(
             f"{path}: holds no spike times of units; name a time series with --series ({_of_series(declared)})"
         )
-    time_s = declared.numbers("units/spike_times").astype(float)
+    stamps = declared.numbers("units/spike_times")
     afferents = _afferents(declared, spec)
-    unit = _unit_of_each(declared, len(time_s), len(afferents))
-    if not np.isfinite(time_s).all():
-        at = int(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise InputError(f"{path}: spike {at} of '{afferents[unit[at]]}' is at {time_s[at]} s; drop it")
+    unit = _unit_of_each(declared, len(stamps), len(afferents))
+    if not np.isfinite(stamps).all():
+        at = int(np.flatnonzero(~np.isfinite(stamps))[0])
+        raise InputError(f"{path}: spike {at} of '{afferents[unit[at]]}' is at {stamps[at]} s; drop it")
     notes = _notes(declared)
     own_Hz = float(notes.get("sampling_rate_Hz") or 1 / _resolution_s(declared))
     rate_Hz = own_Hz if spec.step_ms is None else 1e3 / spec.step_ms
     steps = np.maximum(1, np.ceil((trials.stop_s - trials.start_s) * rate_Hz - SLACK))
     if steps.max() > LONGEST_STEPS:
         raise InputError(f"{path}: a trial has {steps.max():g} steps of {1e3 / rate_Hz:g} ms; give a longer --step-ms")
-    order = np.argsort(time_s, kind="stable")
-    found = list(_on_clock(time_s[order], unit[order], trials, steps.astype(np.int64), rate_Hz, len(afferents), path))
-    digests = trials.digests or [""] * len(found)
+    order = np.argsort(stamps, kind="stable")
+    times = event_times(stamps[order], 1.0)
+    cuts = _of_trials(times, trials, rate_Hz)
+    n_read = sum(len(each) for each in cuts)
+    check_size(f"{path}: the spikes of its trials", BYTES_PER_EVENT * n_read)
+    n_outside = len(stamps) - len(np.unique(np.concatenate(cuts)))
+    if n_outside:
+        log.warning("%s: %d of %d spikes are in no trial and left out", path, n_outside, len(stamps))
+    since = [times.at(cut).since(start_s) for cut, start_s in zip(cuts, trials.start_s.tolist(), strict=True)]
+    rounding = rounding_of(joined_times(since), 1 / rate_Hz)
+    found = on_clock(
+        (
+            (np.minimum(steps_of(each, 1 / rate_Hz, rounding), n - 1), unit[order[cut]], n)
+            for each, cut, n in zip(since, cuts, steps.astype(np.int64).tolist(), strict=True)
+        ),
+        len(afferents),
+    )
+    say_merged(found, 1 / rate_Hz, str(path), accept=spec.merge_events)
+    digests = trials.digests or [""] * len(found.trials)
     return from_trials(
-        (each._replace(digest=digest) for each, digest in zip(found, digests, strict=True)),
+        (each._replace(digest=digest) for each, digest in zip(found.trials, digests, strict=True)),
         rate_Hz,
         afferents,
         trials.conditions,
@@ -175,22 +203,17 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     )
 
 
-def _on_clock(
-    time_s: np.ndarray,
-    unit: np.ndarray,
-    trials: _Trials,
-    n_steps: np.ndarray,
-    rate_Hz: float,
-    n_afferents: int,
-    path: str | Path,
-) -> Iterator[TrialSpikes]:
-    """The spikes of each trial; overlapping trials share spikes."""
-    slack_s = SLACK / rate_Hz
-    first, last = (np.searchsorted(time_s, at - slack_s) for at in (trials.start_s, trials.stop_s))
-    check_size(f"{path}: the spikes of its trials", BYTES_PER_EVENT * int((last - first).sum()))
-    for start_s, n, begin, end in zip(trials.start_s, n_steps.tolist(), first, last, strict=True):
-        since_s = np.maximum(time_s[begin:end] - start_s, 0.0)
-        yield one_trial(since_s, unit[begin:end], 1e3 / rate_Hz, n, n_afferents, SLACK)
+def _of_trials(times: EventTimes, trials: _Trials, rate_Hz: float) -> list[np.ndarray]:
+    """The spikes of each trial, from just before it begins to just before it ends; overlapping trials share spikes.
+
+    times: ascending. A spike at the beginning of a trial may be a little earlier because it is rounded.
+    """
+    bounds = []
+    for at in (trials.start_s, trials.stop_s):
+        error_s = np.interp(at, times.time_s, times.error_s) if len(times.time_s) else np.zeros(len(at))
+        slack_s = np.minimum(np.maximum(error_s, SLACK / rate_Hz), 0.5 / rate_Hz)
+        bounds.append(np.searchsorted(times.time_s, at - slack_s).tolist())
+    return [np.arange(first, last) for first, last in zip(*bounds, strict=True)]
 
 
 def _afferents(declared: Declared, spec: NWBSpec) -> tuple[str, ...]:

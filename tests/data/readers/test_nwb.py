@@ -169,7 +169,9 @@ def test_what_nwb_cannot_hold_is_refused(tmp_path, monkeypatch):
 
 def test_units_are_cut_into_trials_by_hand(tmp_path):
     minimal(tmp_path / "theirs.nwb")
-    found = nt.read_nwb(tmp_path / "theirs.nwb", {"label": "cloth"})
+    with pytest.raises(InputError, match=r"theirs.nwb: 1 of 6 events \(16\.7 %\) share a step of 1 ms and a channel"):
+        nt.read_nwb(tmp_path / "theirs.nwb", {"label": "cloth"})
+    found = nt.read_nwb(tmp_path / "theirs.nwb", {"label": "cloth", "merge_events": True})
     assert isinstance(found, SpikeTrains)
     assert (found.afferents, found.sampling_rate_Hz, found.encoder) == (("unit7", "unit9"), 1000.0, {})
     assert found.conditions["label"].tolist() == ["felt", "silk"]
@@ -179,15 +181,18 @@ def test_units_are_cut_into_trials_by_hand(tmp_path):
     assert fine.steps[1].tolist() == [0, 21, 24]
 
 
-def test_a_spike_where_one_trial_ends_belongs_to_the_next_and_overlapping_trials_share_theirs(tmp_path):
+def test_a_spike_where_one_trial_ends_belongs_to_the_next_and_overlapping_trials_share_theirs(tmp_path, caplog):
+    asked = {"label": "cloth", "merge_events": True}  # three spikes of a unit are at 0
     times = {"intervals__trials__start_time": [0.0, 0.003], "intervals__trials__stop_time": [0.003, 0.012]}
     minimal(tmp_path / "one.nwb", units__spike_times=[0.003, 0.0051, 0.02, 0.0, 0.0, 0.0], **times)
-    found = nt.read_nwb(tmp_path / "one.nwb", {"label": "cloth"})
+    found = nt.read_nwb(tmp_path / "one.nwb", asked)
+    assert "1 of 6 spikes are in no trial and left out" in caplog.text
+    assert "2 of 5 events (40 %) share a step of 1 ms and a channel with another and are one spike" in caplog.text
     assert [each.tolist() for each in found.steps] == [[0], [0, 2]]
     assert found.trial_steps.tolist() == [3, 9]
     times["intervals__trials__stop_time"] = [0.006, 0.012]
     minimal(tmp_path / "two.nwb", units__spike_times=[0.003, 0.0051, 0.02, 0.0, 0.0, 0.0], **times)
-    found = nt.read_nwb(tmp_path / "two.nwb", {"label": "cloth"})
+    found = nt.read_nwb(tmp_path / "two.nwb", asked)
     assert [each.tolist() for each in found.steps] == [[0, 3, 5], [0, 2]]
 
 

@@ -1,0 +1,297 @@
+"""The steps of events on a clock, found within the resolution that their stamps show.
+
+Stamps are rounded to whole microseconds, cut off, stored as float32, or count from long before the trial. So the stamp
+of an event at the beginning of a step may be a little earlier, in the step of the event before. Where stamps are as
+near to the beginnings of steps as they can show, an event belongs to the step that begins there; elsewhere to the step
+in which its stamp is.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+Origin = Literal["zero", "first"]
+NOISE = 1e-9
+"""Tolerance of times in double precision, as a share of a step."""
+FLOAT_ERROR = 2.0
+"""Error of a stamp in units in the last place: of a product of two rounded numbers, and of the origin."""
+MOST_DECIMALS = 12
+VISIBLE = 0.4
+"""Numbers show a decimal if they are exact to this share of it."""
+FLOAT32_DIGITS = 9
+"""Digits that tell any two numbers of float32 apart."""
+ON_CLOCK = 0.9
+"""Stamps are on a clock if this share of those that are not near a beginning by chance are near one."""
+MOST_COMPARED = 100_000
+"""Stamps, evenly chosen, that are compared with a clock."""
+NO_ORDER = 1 / 3
+"""If more than this share of the events are earlier than the one before, a file is in no order of time."""
+LATTICE = 4096
+CUT = 0.999
+KNOWN, LIKELY, SURE = 0.0, float(np.log(20)), float(np.log(1000))
+"""How many times less likely chance has to be than the clock, as logarithms."""
+
+
+class Resolution(NamedTuple):
+    """A difference of adjacent stamps in s, and what it takes to believe that the stamps are rounded to it."""
+
+    unit_s: float
+    evidence: float
+
+
+class EventTimes(NamedTuple):
+    """Times of events in s from the origin of their trial, and the error of each by the precision of its number.
+
+    time_s, error_s: `(event,)`. resolutions: those that the stamps may have.
+    """
+
+    time_s: np.ndarray
+    error_s: np.ndarray
+    resolutions: tuple[Resolution, ...] = ()
+
+    def at(self, index: np.ndarray) -> "EventTimes":
+        """The times of some events."""
+        return EventTimes(self.time_s[index], self.error_s[index], self.resolutions)
+
+    def since(self, start_s: float) -> "EventTimes":
+        """The times from a later origin, which is itself rounded; none is before it."""
+        error_s = self.error_s + FLOAT_ERROR * np.spacing(abs(start_s))
+        return EventTimes(np.maximum(self.time_s - start_s, 0.0), error_s, self.resolutions)
+
+
+class Rounding(NamedTuple):
+    """How stamps lie about the beginnings of steps: `shift_s` earlier, and from there within `width_s`."""
+
+    shift_s: float
+    width_s: float
+
+
+def event_times(
+    stamps: np.ndarray,
+    unit_s: float,
+    origin: Origin = "zero",
+    trial: np.ndarray | None = None,
+    texts: np.ndarray | None = None,
+) -> EventTimes:
+    """The times of events; stamps that are whole numbers stay whole until the origin is taken off.
+
+    stamps: finite numbers, `(event,)`. origin: time zero, or the first event of each trial. trial: that of each event,
+    from 0 on; one for all when None. texts: the cells from which stamps were read.
+
+    >>> times = event_times(np.array([1_700_000_000_000_000, 1_700_000_000_001_000]), 1e-6, "first")
+    >>> times.time_s.tolist(), [resolution.unit_s for resolution in times.resolutions]
+    ([0.0, 0.001], [1e-06, 0.001])
+    """
+    since = stamps.astype(float) if origin == "zero" or not len(stamps) else _from_first(stamps, trial)
+    error = np.zeros(len(stamps)) if stamps.dtype.kind in "iu" else _error_of(stamps, texts)
+    resolutions = tuple(Resolution(unit * unit_s, evidence) for unit, evidence in _units_of(stamps, error, texts))
+    return EventTimes(since * unit_s, error * unit_s, resolutions)
+
+
+def _from_first(stamps: np.ndarray, trial: np.ndarray | None) -> np.ndarray:
+    is_whole = stamps.dtype.kind in "iu"
+    values = stamps if is_whole else stamps.astype(float)
+    trial = np.zeros(len(stamps), np.int64) if trial is None else trial
+    first = np.full(int(trial.max()) + 1, np.iinfo(values.dtype).max if is_whole else np.inf, values.dtype)
+    np.minimum.at(first, trial, values)
+    if not is_whole:
+        return values - first[trial]
+    return (values.astype(np.uint64) - first.astype(np.uint64)[trial]).astype(float)  # exact modulo 2^64
+
+
+def _error_of(stamps: np.ndarray, texts: np.ndarray | None) -> np.ndarray:
+    """The error of each stamp, a float, by its type or the digits that were written, in its own unit."""
+    size = np.abs(stamps)
+    if texts is None:
+        was_float32 = (stamps == _float32(stamps)).all() and (stamps != np.rint(stamps)).any()
+        return FLOAT_ERROR * np.spacing(_float32(size) if was_float32 and size.itemsize > 4 else size).astype(float)
+    decimals, digits = _written(texts)
+    error = FLOAT_ERROR * np.spacing(size)
+    if digits <= FLOAT32_DIGITS and (_float32(stamps).astype(str).astype(float) == stamps).all():
+        error = FLOAT_ERROR * np.spacing(_float32(size)).astype(float)
+    last = 10.0 ** (np.floor(np.log10(np.where(size > 0, size, 1.0))) + 1 - digits)
+    return np.maximum(error, np.where(last > 1.5 * 10.0**-decimals, last, 0.0))
+
+
+def _float32(values: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        return values.astype(np.float32)
+
+
+def _units_of(stamps: np.ndarray, error: np.ndarray, texts: np.ndarray | None) -> Iterator[tuple[float, float]]:
+    """The last digit of stamps and the evidence for it; and the greatest common divisor of stamps, in the same unit."""
+    stamps, error = _some(stamps), _some(error)
+    if not len(stamps):
+        return
+    if stamps.dtype.kind in "iu":
+        unit, whole, evidence = 1.0, stamps.astype(np.uint64) - stamps.astype(np.uint64)[0], KNOWN
+    else:
+        unit = _shown(stamps.astype(float), error / FLOAT_ERROR) if texts is None else 10.0 ** -_written(texts)[0]
+        if unit == 0.0 or np.ptp(stamps.astype(float)) / unit > 2.0**53:
+            return
+        whole = np.rint((stamps.astype(float) - float(stamps[0])) / unit)
+        evidence = LIKELY if texts is None and unit < 1 else KNOWN
+    yield unit, evidence
+    yield unit * float(np.gcd.reduce(whole.astype(np.int64))), SURE
+
+
+def _some(values: np.ndarray) -> np.ndarray:
+    return values[:: max(1, len(values) // MOST_COMPARED)]
+
+
+def _written(texts: np.ndarray) -> tuple[int, int]:
+    """The most decimals of any cell, and the most digits from the first that is not zero.
+
+    >>> _written(np.array(["0.033", "12.50", "1.5e-05"]))
+    (6, 4)
+    """
+    decimals = digits = 0
+    for text in _some(texts).tolist():
+        mantissa, _, exponent = text.strip().lower().partition("e")
+        whole, _, fraction = mantissa.partition(".")
+        decimals = max(decimals, len(fraction) - int(exponent or 0))
+        digits = max(digits, len((whole + fraction).lstrip("+-0")))
+    return decimals, digits
+
+
+def _shown(values: np.ndarray, ulp: np.ndarray) -> float:
+    """The last decimal that numbers show, 1 if they are whole; 0 if they show all that their type holds."""
+    for decimals in range(MOST_DECIMALS + 1):
+        scaled = values * 10.0**decimals
+        exact = ulp * 10.0**decimals + np.spacing(np.abs(scaled))
+        if exact.max() >= VISIBLE:
+            break
+        if (np.abs(scaled - np.rint(scaled)) <= exact).all():
+            return 10.0**-decimals
+    return 0.0
+
+
+def joined_times(parts: Sequence[EventTimes]) -> EventTimes:
+    """Times of events of several files; the finest resolution of any."""
+    return EventTimes(
+        np.concatenate([part.time_s for part in parts]),
+        np.concatenate([part.error_s for part in parts]),
+        min((part.resolutions for part in parts if len(part.time_s)), default=()),
+    )
+
+
+class InOrder(NamedTuple):
+    """Stamps that rise throughout a trial; those that do not are counted.
+
+    n_back: events earlier than the one before them. n_wraps: how often a counter of 31 or 32 bits began again, which is
+    undone.
+    """
+
+    stamps: np.ndarray
+    n_back: int = 0
+    n_wraps: int = 0
+
+
+def in_order(
+    stamps: np.ndarray, trial: np.ndarray, afferent: Sequence[np.ndarray], *, may_wrap: bool = True
+) -> InOrder:
+    """Stamps in the order of a file, in which a counter may begin again: whole numbers then go on.
+
+    afferent: what tells afferents apart, `(event,)` each. Tables of one afferent after the other, or in no order at
+    all, are not out of order. may_wrap: whether a trial can be as long as the range of a counter.
+
+    >>> in_order(np.array([2**32 - 2, 2**32 - 1, 1, 0, 2]), np.zeros(5, int), [np.array([0, 1, 0, 1, 0])])
+    InOrder(stamps=array([4294967294, 4294967295, 4294967297, 4294967296, 4294967298]), n_back=1, n_wraps=1)
+    """
+    order = np.argsort(trial, kind="stable")
+    ordered, of_trial = stamps[order], trial[order]
+    follows = of_trial[1:] == of_trial[:-1]
+    if not (follows & (ordered[1:] < ordered[:-1])).any():
+        return InOrder(stamps)
+    groups = of_trial
+    for names in afferent:
+        values, index = np.unique(names[order], return_inverse=True)
+        groups = groups * len(values) + index
+    if np.count_nonzero(np.diff(groups)) + 1 == len(np.unique(groups)):
+        return InOrder(stamps)
+    turns = _turns(ordered, follows) if may_wrap else None
+    n_wraps = 0
+    if turns is not None:
+        n_wraps = int((turns[1] > 0).sum())
+        before = np.concatenate([[0], np.cumsum(turns[1])])
+        starts = np.maximum.accumulate(np.where(np.concatenate([[True], ~follows]), np.arange(len(ordered)), 0))
+        ordered = ordered.astype(np.int64) + turns[0] * (before - before[starts])
+        stamps = np.empty(len(ordered), np.int64)
+        stamps[order] = ordered
+    n_back = int((follows & (ordered[1:] < ordered[:-1])).sum())
+    return InOrder(stamps, n_back if n_back <= NO_ORDER * follows.sum() else 0, n_wraps)
+
+
+def _turns(stamps: np.ndarray, follows: np.ndarray) -> tuple[int, np.ndarray] | None:
+    """The range of a counter that begins again, and by how many ranges each next stamp is ahead; None without one."""
+    if stamps.dtype.kind not in "iu" or stamps.min() < -(2**31) or stamps.max() >= 2**32:
+        return None
+    period = 2**31 if stamps.min() >= 0 and stamps.max() < 2**31 else 2**32
+    change = np.diff(stamps.astype(np.int64))
+    turns = np.where(follows, (change < -period // 2).astype(np.int64) - (change > period // 2), 0)
+    is_wrap = turns.any() and np.abs(change + period * turns)[turns != 0].max() <= period // 4
+    return (period, turns) if is_wrap else None
+
+
+def rounding_of(times: EventTimes, step_s: float) -> Rounding | None:
+    """How stamps that are on a clock of steps of `step_s` were rounded; None if they are not on it.
+
+    >>> whole_us = event_times(np.rint(np.arange(100) * 1000 / 30).astype(int), 1e-6)
+    >>> rounding_of(whole_us, 1 / 30_000), rounding_of(whole_us, 7e-5)
+    (Rounding(shift_s=0.0, width_s=5e-07), None)
+    """
+    some = times.at(_some(np.flatnonzero(times.time_s)))  # the origin is on every clock
+    best, share = None, ON_CLOCK
+    for rounding, unit_s, evidence in _roundings(times.resolutions, step_s):
+        _, is_near = _nearest(some, step_s, rounding)
+        chance = np.clip(_chance(rounding, unit_s, step_s) + 2 * some.error_s / step_s, 1e-12, 1.0)
+        by_chance, others = float(chance.sum()), float((1 - chance).sum())
+        own_share = (is_near.sum() - by_chance) / others if others > 0 else 0.0
+        if own_share > share and -np.log(chance[is_near]).sum() >= evidence:
+            best, share = rounding, own_share
+        if is_near.all() and best is not None:
+            break
+    return best
+
+
+def _roundings(resolutions: Sequence[Resolution], step_s: float) -> Iterator[tuple[Rounding, float, float]]:
+    """Ways to round, with the resolution and the evidence that each needs, from the least to the most deviation."""
+    yield Rounding(0.0, 0.0), 0.0, KNOWN
+    for unit_s, evidence in resolutions:
+        if 0 < unit_s < step_s * (1 - NOISE):
+            yield Rounding(0.0, unit_s / 2), unit_s, evidence  # to the nearest
+            yield Rounding(CUT / 2 * unit_s, CUT / 2 * unit_s), unit_s, SURE  # cut off, by less than a unit
+            yield Rounding(0.0, unit_s), unit_s, SURE  # either, from an origin that is itself rounded
+
+
+def _chance(rounding: Rounding, unit_s: float, step_s: float) -> float:
+    """The share of all multiples of `unit_s` that are so near to the beginning of a step."""
+    if unit_s == 0.0 or step_s / unit_s > LATTICE / 4:
+        return (2 * rounding.width_s + unit_s) / step_s
+    return float(_nearest(EventTimes(np.arange(LATTICE) * unit_s, np.zeros(LATTICE)), step_s, rounding)[1].mean())
+
+
+def _nearest(times: EventTimes, step_s: float, rounding: Rounding) -> tuple[np.ndarray, np.ndarray]:
+    """The step whose beginning is nearest to each stamp, and whether it is as near as the rounding makes it."""
+    place = (times.time_s + rounding.shift_s) / step_s
+    nearest = np.rint(place)
+    width = (rounding.width_s + times.error_s) / step_s + NOISE + 4 * np.finfo(float).eps * np.abs(place)
+    return nearest, np.abs(place - nearest) <= width
+
+
+def steps_of(times: EventTimes, step_s: float, rounding: Rounding | None) -> np.ndarray:
+    """The step of each event, `(event,)` int64; `rounding`: as by `rounding_of` for all events of a file.
+
+    >>> times = event_times((np.arange(3) / 1000).astype("f4"), 1.0)
+    >>> steps_of(times, 0.001, rounding_of(times, 0.001)).tolist()
+    [0, 1, 2]
+    """
+    place = times.time_s / step_s
+    error = times.error_s / step_s
+    tolerance = NOISE + 4 * np.finfo(float).eps * np.abs(place) + np.where(error <= 1e-3, error, 0.0)
+    steps = np.floor(place + tolerance)
+    if rounding is not None:
+        nearest, is_near = _nearest(times, step_s, rounding)
+        steps = np.where(is_near, nearest, steps)
+    return steps.astype(np.int64)
