@@ -192,7 +192,7 @@ def read_events(
 ) -> SpikeTrains:
     """Spike trains from a file of events (CSV, NPZ, NPY, HDF5) or a folder of one file per trial.
 
-    settings: step_ms, time_unit, origin, duration_ms, polarity, polarities, channels, n_channels, sensor.
+    settings: step_ms, merge_events, time_unit, origin, duration_ms, polarity, polarities, channels, n_channels, sensor.
     names: what the file calls time, channel, population, trial and label. naming: of a folder: levels, pattern, table.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file and the place.
@@ -210,8 +210,8 @@ def read_nwb(
 ) -> Recordings | SpikeTrains:
     """The spike trains of the units of an NWB file, cut into its trials; with `series` recordings of a time series.
 
-    settings: trials, label, step_ms, name, series, unit. where, leave_out: the trials to keep and to leave out, by the
-    columns of the table of trials, as of `read`. Raises InputError, which names the file and the fix.
+    settings: trials, label, step_ms, name, merge_events, series, unit. where, leave_out: the trials to keep and to leave
+    out, by the columns of the table of trials, as of `read`. Raises InputError, which names the file and the fix.
     """
     choice = TrialChoice.of(where, leave_out)
     return chosen_trials(nwb.read(path, settings), choice, str(path))

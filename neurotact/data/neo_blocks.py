@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data.digests import DIGEST
-from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, rounding_of, steps_of
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, on_clock, say_merged
+from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_merged
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
@@ -83,10 +83,14 @@ def from_neo(
     places = {name: place for place, name in enumerate(afferents)}
     trials = [_trial(segment, trial, rate_Hz, places) for trial, segment in enumerate(segments)]
     rounding = rounding_of(joined_times([trial.times for trial in trials]), 1 / rate_Hz)
+    lengths = lengths_of(joined_times([trial.end for trial in trials]), 1 / rate_Hz, rounding).tolist()
     # A spike at the end of its train falls in the last step.
-    steps = (steps_of(trial.times, 1 / rate_Hz, rounding).clip(0, trial.n_steps - 1) for trial in trials)
     found = on_clock(
-        ((each, trial.units, trial.n_steps) for each, trial in zip(steps, trials, strict=True)), len(places)
+        (
+            (steps_of(trial.times, 1 / rate_Hz, rounding).clip(0, n_steps - 1), trial.units, n_steps)
+            for trial, n_steps in zip(trials, lengths, strict=True)
+        ),
+        len(places),
     )
     say_merged(found, 1 / rate_Hz, "block", accept=merge_events, step="step_ms", flag="merge_events=True")
     digests = [str(segment.annotations.get(DIGEST, "")) for segment in segments]
@@ -128,25 +132,28 @@ def _afferents(segments: Sequence[Any]) -> tuple[str, ...]:
 
 
 class _Trial(NamedTuple):
-    """The spikes of a segment: their times, the unit of each, and the length in steps."""
+    """The spikes of a segment from its beginning on: their times and the unit of each; and the time of its end."""
 
     times: EventTimes
     units: np.ndarray
-    n_steps: int
+    end: EventTimes
 
 
 def _trial(segment: Any, trial: int, rate_Hz: float, places: dict[str, int]) -> _Trial:
     trains = segment.spiketrains
     start_s = min(float(train.t_start.rescale("s").magnitude) for train in trains)
     stop_s = max(float(train.t_stop.rescale("s").magnitude) for train in trains)
-    n_steps = max(1, math.ceil((stop_s - start_s) * rate_Hz - SLACK)) if math.isfinite(stop_s - start_s) else 0
-    if not 0 < n_steps <= LONGEST_STEPS:
+    if not 0 <= (stop_s - start_s) * rate_Hz <= LONGEST_STEPS:
         raise InputError(f"block: segment {trial} lasts from {start_s:g} s to {stop_s:g} s; no clock holds it")
-    times = [
-        event_times(np.asarray(train.magnitude), float(train.units.rescale("s").magnitude)) for train in trains
-    ]  # fmt: skip
+    times = [_times(train) for train in trains]
     units = np.repeat([places[name] for name in _names(segment)], [len(each.time_s) for each in times])
-    return _Trial(joined_times(times).since(start_s), units, n_steps)
+    ends = joined_times([_times(train.t_stop) for train in trains])
+    last = ends.at(np.array([int(ends.time_s.argmax())]))
+    return _Trial(joined_times(times).since(start_s), units, last.since(start_s))
+
+
+def _times(quantity: Any) -> EventTimes:
+    return event_times(np.atleast_1d(np.asarray(quantity.magnitude)), float(quantity.units.rescale("s").magnitude))
 
 
 def _conditions(segments: Sequence[Any], label: str) -> pd.DataFrame:

@@ -226,7 +226,8 @@ def _trials(
         (n_trials,) = lengths  # arrays of one value per trial; events refer to trials by index
         if n_events and not (number.min() >= 0 and number.max() < n_trials):
             raise InputError(
-                f"{path}: '{found['trial']}' must hold 0 to {n_trials - 1}, as there are {n_trials} trials"
+                f"{path}: '{found['trial']}' must hold 0 to {n_trials - 1}, as there are {n_trials} trials; "
+                "number them from 0"
             )
         per_trial = {name: values for name, values in rest.items() if len(values) == n_trials}
         return number.astype(np.int64), _conditions(per_trial, found[LABEL], path)

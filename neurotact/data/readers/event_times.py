@@ -14,6 +14,8 @@ import numpy as np
 Origin = Literal["zero", "first"]
 NOISE = 1e-9
 """Tolerance of times in double precision, as a share of a step."""
+SLACK = 1e-6
+"""Tolerance of the bounds of trials, which are sums of many times, as a share of a step."""
 FLOAT_ERROR = 2.0
 """Error of a stamp in units in the last place: of a product of two rounded numbers, and of the origin."""
 MOST_DECIMALS = 12
@@ -54,9 +56,9 @@ class EventTimes(NamedTuple):
         """The times of some events."""
         return EventTimes(self.time_s[index], self.error_s[index], self.resolutions)
 
-    def since(self, start_s: float) -> "EventTimes":
+    def since(self, start_s: float | np.ndarray) -> "EventTimes":
         """The times from a later origin, which is itself rounded; none is before it."""
-        error_s = self.error_s + FLOAT_ERROR * np.spacing(abs(start_s))
+        error_s = self.error_s + FLOAT_ERROR * np.spacing(np.abs(start_s))
         return EventTimes(np.maximum(self.time_s - start_s, 0.0), error_s, self.resolutions)
 
 
@@ -202,36 +204,38 @@ def in_order(
     order = np.argsort(trial, kind="stable")
     ordered, of_trial = stamps[order], trial[order]
     follows = of_trial[1:] == of_trial[:-1]
-    if not (follows & (ordered[1:] < ordered[:-1])).any():
+    is_back = follows & (ordered[1:] < ordered[:-1])
+    if not is_back.any():
         return InOrder(stamps)
     groups = of_trial
     for names in afferent:
         values, index = np.unique(names[order], return_inverse=True)
         groups = groups * len(values) + index
-    if np.count_nonzero(np.diff(groups)) + 1 == len(np.unique(groups)):
+    changes = np.diff(groups) != 0
+    if np.count_nonzero(changes) + 1 == len(np.unique(groups)) and not (is_back & ~changes).any():
         return InOrder(stamps)
-    turns = _turns(ordered, follows) if may_wrap else None
+    period = _period(ordered) if may_wrap else 0
     n_wraps = 0
-    if turns is not None:
-        n_wraps = int((turns[1] > 0).sum())
-        before = np.concatenate([[0], np.cumsum(turns[1])])
+    if period:
+        change = np.diff(ordered.astype(np.int64))
+        turns = np.where(follows, (change < -period // 2).astype(np.int64) - (change > period // 2), 0)
+        total = np.concatenate([[0], np.cumsum(turns)])
         starts = np.maximum.accumulate(np.where(np.concatenate([[True], ~follows]), np.arange(len(ordered)), 0))
-        ordered = ordered.astype(np.int64) + turns[0] * (before - before[starts])
-        stamps = np.empty(len(ordered), np.int64)
-        stamps[order] = ordered
+        rounds = total - total[starts]
+        if rounds.min() >= 0 and np.abs(change + period * turns)[turns != 0].max(initial=0) <= period // 4:
+            n_wraps = int((turns > 0).sum())
+            ordered = ordered.astype(np.int64) + period * rounds
+            stamps = np.empty(len(ordered), np.int64)
+            stamps[order] = ordered
     n_back = int((follows & (ordered[1:] < ordered[:-1])).sum())
     return InOrder(stamps, n_back if n_back <= NO_ORDER * follows.sum() else 0, n_wraps)
 
 
-def _turns(stamps: np.ndarray, follows: np.ndarray) -> tuple[int, np.ndarray] | None:
-    """The range of a counter that begins again, and by how many ranges each next stamp is ahead; None without one."""
+def _period(stamps: np.ndarray) -> int:
+    """The range of the counter that these stamps may come from, signed or not; 0 if there is none."""
     if stamps.dtype.kind not in "iu" or stamps.min() < -(2**31) or stamps.max() >= 2**32:
-        return None
-    period = 2**31 if stamps.min() >= 0 and stamps.max() < 2**31 else 2**32
-    change = np.diff(stamps.astype(np.int64))
-    turns = np.where(follows, (change < -period // 2).astype(np.int64) - (change > period // 2), 0)
-    is_wrap = turns.any() and np.abs(change + period * turns)[turns != 0].max() <= period // 4
-    return (period, turns) if is_wrap else None
+        return 0
+    return 2**31 if stamps.min() >= 0 and stamps.max() < 2**31 else 2**32
 
 
 def rounding_of(times: EventTimes, step_s: float) -> Rounding | None:
@@ -248,11 +252,30 @@ def rounding_of(times: EventTimes, step_s: float) -> Rounding | None:
         chance = np.clip(_chance(rounding, unit_s, step_s) + 2 * some.error_s / step_s, 1e-12, 1.0)
         by_chance, others = float(chance.sum()), float((1 - chance).sum())
         own_share = (is_near.sum() - by_chance) / others if others > 0 else 0.0
-        if own_share > share and -np.log(chance[is_near]).sum() >= evidence:
+        is_better = own_share > share and -np.log(chance[is_near]).sum() >= evidence
+        is_odd = rounding.width_s == unit_s > 0 and _is_whole(step_s / unit_s)
+        if is_better and (not is_odd or _tells_apart(some, step_s)):
             best, share = rounding, own_share
         if is_near.all() and best is not None:
             break
     return best
+
+
+def _is_whole(number: float) -> bool:
+    return abs(number - round(number)) <= NOISE * number
+
+
+def _tells_apart(times: EventTimes, step_s: float) -> bool:
+    """Whether stamps that share a step each have their own nearest beginning of a step: then they are of a clock.
+
+    Stamps that can show the beginnings of steps are a unit off only where a program cut off a product of floats
+    (`int(1.001 * 1e6)`); else the last microsecond of a step is in it.
+    """
+    stamps = np.unique(times.time_s)
+    n_steps, n_nearest = (
+        len(np.unique(place)) for place in (np.floor(stamps / step_s + NOISE), np.rint(stamps / step_s))
+    )
+    return n_steps < n_nearest == len(stamps)
 
 
 def _roundings(resolutions: Sequence[Resolution], step_s: float) -> Iterator[tuple[Rounding, float, float]]:
@@ -287,11 +310,32 @@ def steps_of(times: EventTimes, step_s: float, rounding: Rounding | None) -> np.
     >>> steps_of(times, 0.001, rounding_of(times, 0.001)).tolist()
     [0, 1, 2]
     """
-    place = times.time_s / step_s
-    error = times.error_s / step_s
-    tolerance = NOISE + 4 * np.finfo(float).eps * np.abs(place) + np.where(error <= 1e-3, error, 0.0)
-    steps = np.floor(place + tolerance)
+    place, tolerance = _place(times, step_s)
+    return _as_rounded(times, step_s, rounding, np.floor(place + tolerance))
+
+
+def lengths_of(ends: EventTimes, step_s: float, rounding: Rounding | None) -> np.ndarray:
+    """The steps of trials that last until `ends` from their origin, `(trial,)` int64, at least one.
+
+    rounding: that of their events; a trial that ends on the clock has no step of which only rounding is left.
+
+    >>> ends = event_times(np.array([0.006667, 0.0069]), 1.0)
+    >>> lengths_of(ends, 1 / 30_000, Rounding(0.0, 5e-7)).tolist()
+    [200, 207]
+    """
+    place, tolerance = _place(ends, step_s)
+    return np.maximum(1, _as_rounded(ends, step_s, rounding, np.ceil(place - np.maximum(tolerance, SLACK))))
+
+
+def _place(times: EventTimes, step_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times in steps, and the tolerance of each where it is negligible."""
+    place, error = times.time_s / step_s, times.error_s / step_s
+    return place, NOISE + 4 * np.finfo(float).eps * np.abs(place) + np.where(error <= 1e-3, error, 0.0)
+
+
+def _as_rounded(times: EventTimes, step_s: float, rounding: Rounding | None, others: np.ndarray) -> np.ndarray:
+    """The nearest beginning of a step where rounding explains the distance from it, else the given step."""
     if rounding is not None:
         nearest, is_near = _nearest(times, step_s, rounding)
-        steps = np.where(is_near, nearest, steps)
-    return steps.astype(np.int64)
+        others = np.where(is_near, nearest, others)
+    return others.astype(np.int64)

@@ -19,8 +19,6 @@ from neurotact.spec import Spec
 MOST_AFFERENTS = 65_536
 ROW = 2**31
 """Offset between rows of a grid, before its width is known."""
-SLACK = 1e-6
-"""Tolerance as a share of a step, for times that count from long before the trial and are rounded."""
 BYTES_PER_EVENT = 100
 """Memory per event during binning."""
 MOST_MERGED = 0.01

@@ -19,8 +19,16 @@ from pydantic import Field
 from neurotact.data.digests import DIGEST
 from neurotact.data.hdf5_input import Declared, attribute, reading
 from neurotact.data.readers import clock
-from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, rounding_of, steps_of
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, SLACK, on_clock, say_merged
+from neurotact.data.readers.event_times import (
+    SLACK,
+    EventTimes,
+    event_times,
+    joined_times,
+    lengths_of,
+    rounding_of,
+    steps_of,
+)
+from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_merged
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -171,9 +179,9 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     notes = _notes(declared)
     own_Hz = float(notes.get("sampling_rate_Hz") or 1 / _resolution_s(declared))
     rate_Hz = own_Hz if spec.step_ms is None else 1e3 / spec.step_ms
-    steps = np.maximum(1, np.ceil((trials.stop_s - trials.start_s) * rate_Hz - SLACK))
-    if steps.max() > LONGEST_STEPS:
-        raise InputError(f"{path}: a trial has {steps.max():g} steps of {1e3 / rate_Hz:g} ms; give a longer --step-ms")
+    longest = float((trials.stop_s - trials.start_s).max()) * rate_Hz
+    if longest > LONGEST_STEPS:
+        raise InputError(f"{path}: a trial has {longest:g} steps of {1e3 / rate_Hz:g} ms; give a longer --step-ms")
     order = np.argsort(stamps, kind="stable")
     times = event_times(stamps[order], 1.0)
     cuts = _of_trials(times, trials, rate_Hz)
@@ -184,10 +192,11 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         log.warning("%s: %d of %d spikes are in no trial and left out", path, n_outside, len(stamps))
     since = [times.at(cut).since(start_s) for cut, start_s in zip(cuts, trials.start_s.tolist(), strict=True)]
     rounding = rounding_of(joined_times(since), 1 / rate_Hz)
+    lengths = lengths_of(event_times(trials.stop_s, 1.0).since(trials.start_s), 1 / rate_Hz, rounding).tolist()
     found = on_clock(
         (
             (np.minimum(steps_of(each, 1 / rate_Hz, rounding), n - 1), unit[order[cut]], n)
-            for each, cut, n in zip(since, cuts, steps.astype(np.int64).tolist(), strict=True)
+            for each, cut, n in zip(since, cuts, lengths, strict=True)
         ),
         len(afferents),
     )

@@ -72,7 +72,9 @@ def test_a_table_and_arrays_are_the_same_events(tmp_path_factory, seed, step_ms)
 def test_a_polarity_is_chosen_or_both_are_one(tmp_path, polarity, chosen):
     table = made()
     table.to_csv(tmp_path / "e.csv", index=False)
-    found = nt.read_events(tmp_path / "e.csv", {"polarity": polarity, "channels": "a,b,c,d", "duration_ms": 500, "merge_events": True})
+    found = nt.read_events(
+        tmp_path / "e.csv", {"polarity": polarity, "channels": "a,b,c,d", "duration_ms": 500, "merge_events": True}
+    )
     assert found.afferents == (("a", "b", "c", "d"))
     expected = np.zeros((N_TRIALS, 500, N_CHANNELS), bool)
     some = table[table["polarity"].isin(chosen)]
