@@ -159,7 +159,9 @@ def _written(texts: np.ndarray) -> tuple[int, int]:
 
 def _shown(values: np.ndarray, ulp: np.ndarray) -> float:
     """The last decimal that numbers show, 1 if they are whole; 0 if they show all that their type holds."""
-    for decimals in range(MOST_DECIMALS + 1):
+    if ulp.max() < 1 and (values == np.rint(values)).all():
+        return 1.0
+    for decimals in range(1, MOST_DECIMALS + 1):
         scaled = values * 10.0**decimals
         exact = ulp * 10.0**decimals + np.spacing(np.abs(scaled))
         if exact.max() >= VISIBLE:

@@ -175,7 +175,7 @@ def write(place: Path) -> dict[str, Path]:
         units = file.create_dataset("spikes/units", (2,), h5py.vlen_dtype(np.uint16))
         for trial in (0, 1):
             times[trial], units[trial] = one["time_us"].to_numpy() * 1e-6, one["channel"].to_numpy(np.uint16)
-        file["labels"] = np.array([0, 1], np.uint8)
+        file["labels"], file["extra/keys"] = np.array([0, 1], np.uint8), np.array([b"a", b"b"])
     for kind, suffix in (("tables", "csv"), ("grids", "npy")):
         named = {"file": [f"F0.{suffix}", f"F1.{suffix}"], "label": ["felt", "silk"]}
         pd.DataFrame(named).to_csv(place / f"{kind}.csv", index=False)
@@ -188,7 +188,7 @@ FILES, FOLDERS, COLUMNS, GRIDS = ("csv", "npz", "grid_npz", "h5"), ("tables", "g
     "grid_npz", "grids")  # fmt: skip
 HDF5_SAYS = "the Heidelberg layout has "
 OPTIONS = [
-    # option, settings, names, naming, layouts in which it acts, what the others say
+    # option, settings, names, naming (or choice of trials), layouts in which it acts, what the others say
     ("step_ms", {"step_ms": 2.0, "merge_events": True}, {}, {}, ALL, ""),
     ("time_unit", {"time_unit": "ms", "merge_events": True}, {}, {}, ALL, ""),
     ("origin", {"origin": "first"}, {}, {}, ALL, ""),
@@ -214,6 +214,8 @@ OPTIONS = [
     ("levels", {}, {}, {"levels": "cloth", "pattern": "F{label}"}, FOLDERS, "are for a folder"),
     ("pattern", {}, {}, {"pattern": "F{force}"}, FOLDERS, "are for a folder"),
     ("conditions", {}, {}, {"table": "..."}, FOLDERS, "are for a folder"),
+    ("where", {}, {}, {"where": {"label": "a"}}, ALL, ""),
+    ("leave_out", {}, {}, {"leave_out": {"label": "a"}}, ALL, ""),
 ]  # fmt: skip
 
 
@@ -234,12 +236,14 @@ def test_every_option_changes_the_spikes_or_is_refused(layouts, option):
     for layout, path in layouts.items():
         if "table" in naming:
             naming = {"table": f"{path}.csv"}
+        choice = {key: naming[key] for key in ("where", "leave_out") if key in naming}
+        given = {"names": names} | (choice or {"naming": naming})
         if layout in acting:
-            plain, other = nt.read_events(path), nt.read_events(path, spec, names=names, naming=naming)
+            plain, other = nt.read_events(path), nt.read_events(path, spec, **given)
             assert content(plain) != content(other), layout
             continue
         with pytest.raises(InputError, match=refusal) as refused:
-            nt.read_events(path, spec, names=names, naming=naming)
+            nt.read_events(path, spec, **given)
         assert str(refused.value).count("; ") >= 1, layout  # what to do follows what is wrong
 
 
@@ -248,7 +252,8 @@ def test_the_table_of_options_is_whole():
     tried = {option[0] for option in OPTIONS} | {"merge_events"}
     given = set(inspect.signature(recordings_commands.import_events).parameters) - {"source", "out", "force"}
     assert tried == given
-    assert set(EventSpec.model_fields) | {"names"} | ({*NamingSpec.model_fields} - {"table"}) | {"conditions"} == tried
+    keys = {*EventSpec.model_fields, *NamingSpec.model_fields} - {"table"}
+    assert keys | {"names", "conditions", "where", "leave_out"} == tried
     assert {name for option in OPTIONS for name in option[2]} == {*ALIASES, "polarity"}
 
 
