@@ -425,10 +425,10 @@ def test_a_gain_that_silences_or_saturates_is_said(neurotact, made, tmp_path, ch
 def test_a_terminal_that_knows_no_letter_of_a_unit_is_written_to(tmp_path):
     (tmp_path / "in" / "felt").mkdir(parents=True)
     (tmp_path / "in" / "felt" / "a.csv").write_text("1,2\n3,4\n")
-    words = ("import", "folder", "in", "--sampling-rate-Hz", 2, "--unit", "µV", "-o", "x.h5")
+    words = ("import", "folder", "in", "--sampling-rate-Hz", 20, "--unit", "µV", "-o", "x.h5")
     done = typed(*words, cwd=tmp_path, PYTHONIOENCODING="ascii")
     assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout == "x.h5: 1 trials of 1 classes, 2 taxels, 1.0 s at 2 Hz, in \\xb5V\n"
+    assert done.stdout == "x.h5: 1 trials of 1 classes, 2 taxels, 0.1 s at 20 Hz, in \\xb5V\n"
 
 
 def test_ctrl_c_ends_with_one_line(neurotact, monkeypatch, made, tmp_path):

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.readers import clock, repeats, shared_stamps
+from neurotact.data.readers import clock, doubts, repeats, shared_stamps
 from neurotact.data.readers.layout import Table
 from neurotact.data.recordings import Recordings
-from neurotact.errors import InputError, some
+from neurotact.errors import InputError
 from neurotact.files import check_size
 
 RATES_DIFFER = 0.1
@@ -19,8 +19,8 @@ RATES_DIFFER = 0.1
 OTHER_UNIT = 100.0
 """If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
 
-LEAST_RISING = 20
-"""Samples of a trial from which on a channel that never falls causes a warning."""
+OF_COLUMNS = doubts.Fixes("select the taxels with --columns", "give --time-column, or ")
+"""What mends a wrong column."""
 
 log = logging.getLogger("neurotact")
 
@@ -51,12 +51,14 @@ def recordings(
     drop_repeats: bool,
     source: str,
     where: str,
+    fixes: doubts.Fixes | None = OF_COLUMNS,
 ) -> Recordings:
     """The trials at one sampling rate, given or from their stamps; irregular samples are interpolated, with a warning.
 
     Rows that share a time stamp are spread or dropped, as `clock.stamps_of` does, and counted in a warning.
     drop_repeats: whether more than `clock.MOST_DROPPED` of the rows may be dropped. where: of all trials, begins
-    messages. Raises InputError for trials of other taxels, stamps that make no clock, or a wrong unit of time.
+    messages. fixes: of doubts about them; None says no doubt. Raises InputError for trials of other taxels, stamps that
+    make no clock, or a wrong unit of time.
     """
     _check_same_channels(read)
     channels = _same_names(read)
@@ -69,9 +71,11 @@ def recordings(
     if max_gap_ms is not None and all(trial.stamps is None for trial in trials):
         raise InputError(f"{where}: --max-gap-ms: the samples have no time stamps; leave it out, or give --time-column")
     repeats.say_dropped(_stamps_of(trials), drop_repeats, where)
-    _warn_of_other_columns(trials, channels, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
-    return Recordings(signals, rate_Hz, unit, conditions, channels, source)
+    found = Recordings(signals, rate_Hz, unit, conditions, channels, source)
+    if fixes is not None:
+        doubts.say(found, where, fixes, rate_is_given=all(trial.stamps is None for trial in trials))
+    return found
 
 
 def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -> clock.Unit:
@@ -119,38 +123,6 @@ def _stamped(
         signal=table.signal, drop_repeats=drop_repeats, given_Hz=given_Hz, common_s=common_s,
     )  # fmt: skip
     return _Trial(read.file, table.signal[stamps.keep], stamps)
-
-
-def _warn_of_other_columns(trials: Sequence[_Trial], channels: Sequence[str], where: str) -> None:
-    """Warn of columns that are rarely taxels: a constant one (a temperature of the board), and one that rises
-    throughout every trial while others fall (time stamps without a name, a counter of samples).
-    """
-    first = trials[0].signal[0]
-    constant = np.logical_and.reduce([(trial.signal == first).all(axis=0) for trial in trials])
-    if constant.any() and not constant.all():
-        log.warning(
-            "%s: every sample has the same value in %s; select the taxels with --columns",
-            where, _named_taxels(constant, channels),
-        )  # fmt: skip
-    rising = np.logical_and.reduce([_rises(trial.signal) for trial in trials])
-    if rising.any() and not rising.all():
-        log.warning(
-            "%s: %s rises throughout every trial, as time stamps or a counter do; give --time-column, or select the "
-            "taxels with --columns",
-            where, _named_taxels(rising, channels),
-        )  # fmt: skip
-
-
-def _rises(signal: np.ndarray) -> np.ndarray:
-    """Of each channel of `(time, channel)`, whether it rises and never falls over enough samples to be no chance."""
-    if len(signal) < LEAST_RISING:
-        return np.zeros(signal.shape[1], bool)
-    return (signal[1:] >= signal[:-1]).all(axis=0) & (signal[-1] > signal[0])
-
-
-def _named_taxels(chosen: np.ndarray, channels: Sequence[str]) -> str:
-    places = np.flatnonzero(chosen).tolist()
-    return some([channels[at] if channels else f"column {at + 1} of the taxels" for at in places])
 
 
 def _on_one_clock(trials: Sequence[_Trial], given_Hz: float | None, where: str) -> tuple[float, list[np.ndarray]]:

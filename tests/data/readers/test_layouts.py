@@ -195,7 +195,7 @@ def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
     write(tmp_path / "felt" / "a.csv", counted(20, 19))
     write(tmp_path / "silk" / "b.csv", counted(30, 29))
     nt.read_folder(tmp_path, 100, "mV")
-    expected = "column 1 of the taxels rises throughout every trial, as time stamps or a counter do; give --time-column"
+    expected = "taxel1 rises throughout every trial, as time stamps or a counter do; give --time-column"
     assert expected in caplog.text
     for text in (counted(30, 27), counted(19, 18)):
         write(tmp_path / "silk" / "b.csv", text)
