@@ -162,23 +162,28 @@ def read_table(
 
 def read_arrays(
     path: str | Path,
-    sampling_rate_Hz: float,
-    unit: str,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
     *,
     names: Mapping[str, str] | None = None,
-    axes: str = "trial,time,taxel",
+    axes: str | None = None,
+    conditions: str | Path | None = None,
     where: Settings | None = None,
     leave_out: LeftOut = None,
 ) -> Recordings:
-    """Read one NPZ, MATLAB or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
+    """Read one NPZ, NPY, MATLAB or HDF5 file with the signals of all trials in one array: `neurotact import arrays`.
 
-    names: what the file calls signals, label and channels, such as `{"label": "gesture"}`; signals are the only array
-    with three axes, unless named. axes: theirs, in their order. Other arrays of one value a trial become conditions.
+    sampling_rate_Hz: that which the file says (`fs`, `sampling_rate`) when None. names: what the file calls signals,
+    label and channels, such as `{"label": "gesture"}`; signals are the only array with three or four axes, unless
+    named. axes: theirs, in their order, such as "trial,taxel,time" or of a grid "trial,time,row,column". conditions: a
+    CSV file with a row per trial, or an .npy file with the class of each. Other arrays of one value a trial become
+    conditions.
     where, leave_out: the trials to keep and to leave out, as of `read`.
     Raises InputError, which names the file, the array and the fix.
     """
     choice = TrialChoice.of(where, leave_out)
-    return chosen_trials(arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes), choice, str(path))
+    found = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
+    return chosen_trials(found, choice, str(path))
 
 
 def read_events(

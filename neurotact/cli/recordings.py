@@ -57,6 +57,29 @@ MergeEvents = Annotated[
         help="Accept that more than 1 % of the events become one spike with another of their channel and step.",
     ),
 ]
+RateOfFile = Annotated[
+    float | None,
+    typer.Option("--sampling-rate-Hz", help="Samples per second.", show_default="the array fs of the file"),
+]
+NamesOfArrays = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--names",
+        metavar="WHAT=NAME",
+        help="Names of signals, label or channels in the file, as in signals=data,label=gesture; may be repeated.",
+    ),
+]
+Axes = Annotated[
+    str | None,
+    typer.Option(
+        help="Axes of the signals, in their order, as in trial,taxel,time or, of a grid, trial,row,column,time.",
+        show_default="trial,time,taxel; of a grid its longest axis is the time",
+    ),
+]
+TrialTable = Annotated[
+    Path | None,
+    typer.Option(help="A CSV file of conditions: a row per trial, for a folder a column file; or classes as .npy."),
+]
 Decimal = Annotated[Literal[".", ","], typer.Option("--decimal", help="Decimal separator.")]
 HeaderLines = Annotated[
     int | None, typer.Option("--header-lines", help="Lines before the first sample.", show_default="detected")
@@ -183,27 +206,22 @@ def import_arrays(
     source: Source,
     out: OutFile,
     unit: SignalUnit,
-    sampling_rate_hz: Annotated[float, typer.Option("--sampling-rate-Hz", help="Samples per second.")],
-    names: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--names", metavar="WHAT=NAME",
-            help="Names of signals, label or channels in the file, as in signals=data,label=gesture; may be repeated.",
-        ),
-    ] = None,
-    axes: Annotated[str, typer.Option(help="Axes of the signals, in their order.")] = "trial,time,taxel",
+    sampling_rate_hz: RateOfFile = None,
+    names: NamesOfArrays = None,
+    axes: Axes = None,
+    conditions: TrialTable = None,
     where: Where = None,
     leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:  # fmt: skip
-    """Recordings in one NPZ, MATLAB or HDF5 file: signals of all trials in one array, their classes in another.
+    """Recordings in one NPZ, NPY, MATLAB or HDF5 file: signals of all trials in one array, their classes in another.
 
-    Further arrays with one value per trial become conditions.
+    Further arrays with one value per trial become conditions. A grid of taxels is read row by row.
     """
-    _check_import(source, out, force)
+    _check_import(source, out, force, conditions)
     choice = choice_of(where, leave_out)
     named = _names(names or [], [arrays.SIGNALS, *arrays.ALIASES])
-    _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes), out, choice)
+    _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes, conditions=conditions), out, choice)
 
 
 @app.command("events")

@@ -1,4 +1,4 @@
-"""Arrays from NumPy .npz archives: pickles are never loaded, and errors name the archive."""
+"""Arrays from NumPy files, .npz and .npy: pickles are never loaded, and errors name the file."""
 
 import math
 import zipfile
@@ -13,6 +13,7 @@ from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
 FLOAT32_MAX = np.finfo(np.float32).max
+PICKLED = "holds pickled Python objects, which are never loaded; save plain arrays of numbers"
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
@@ -39,9 +40,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         raise
     except Exception as error:  # damaged bytes make zipfile, zlib and numpy raise nearly anything
         if "Object arrays" in str(error):
-            raise InputError(
-                f"{path}: holds pickled Python objects, which are never loaded; save plain arrays of numbers"
-            ) from error
+            raise InputError(f"{path}: {PICKLED}") from error
         why = str(error).split("\n")[0][:80] or type(error).__name__
         raise InputError(f"{path}: is a damaged .npz archive ({why}); save or copy it again") from error
     foreign = [key for key, array in arrays.items() if not isinstance(array, np.ndarray)]
@@ -52,25 +51,51 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     return arrays
 
 
+def read_array(path: str | Path) -> np.ndarray:
+    """The array of an .npy file; InputError when it is damaged, too large, or holds pickled objects.
+
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "touch.npy"
+    >>> np.save(path, np.ones((4, 2)))
+    >>> read_array(path).shape
+    (4, 2)
+    """
+    check_size(path, existing(path).stat().st_size)
+    try:
+        with open(path, "rb") as stream:
+            check_size(path, _array_bytes(stream))
+            stream.seek(0)
+            return np.load(stream, allow_pickle=False)
+    except InputError:
+        raise
+    except Exception as error:  # damaged bytes make numpy raise nearly anything
+        if "Object arrays" in str(error):
+            raise InputError(f"{path}: {PICKLED}") from error
+        why = str(error).split("\n")[0][:80] or type(error).__name__
+        raise InputError(f"{path}: cannot be read as an array ({why}); save it with numpy.save") from error
+
+
 def _declared_bytes(stream: IO[bytes]) -> int:
     """The memory of the members, by the archive's directory or by their own headers, whichever is larger."""
     with zipfile.ZipFile(stream) as archive:
         members = archive.infolist()
-        declared = sum(max(member.file_size, _array_bytes(archive, member)) for member in members)
+        declared = 0
+        for member in members:
+            with archive.open(member) as inside:
+                declared += max(member.file_size, _array_bytes(inside))
     stream.seek(0)
     return declared
 
 
-def _array_bytes(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """The size of the array that a member's header declares; 0 if it is not an array."""
-    with archive.open(member) as stream:
-        if stream.read(len(npy.MAGIC_PREFIX)) != npy.MAGIC_PREFIX:
-            return 0
-        stream.seek(0)
-        version = npy.read_magic(stream)
-        read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, _, dtype = read_header(stream)
-        return math.prod(shape) * dtype.itemsize
+def _array_bytes(stream: IO[bytes]) -> int:
+    """The size of the array that a header declares; 0 if the stream is not an array."""
+    if stream.read(len(npy.MAGIC_PREFIX)) != npy.MAGIC_PREFIX:
+        return 0
+    stream.seek(0)
+    version = npy.read_magic(stream)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, _, dtype = read_header(stream)
+    return math.prod(shape) * dtype.itemsize
 
 
 def as_signal(array: np.ndarray, where: str) -> np.ndarray:
@@ -79,10 +104,14 @@ def as_signal(array: np.ndarray, where: str) -> np.ndarray:
     >>> as_signal(np.array([[1, 2]]), "touch.npz, key 'press'")
     array([[1., 2.]], dtype=float32)
     """
-    if array.dtype.kind not in "iuf":
+    if array.dtype.kind not in "iufb":
         raise InputError(f"{where}: holds {array.dtype}, not numbers; save a (time, channel) array of real numbers")
     if array.ndim != 2 or 0 in array.shape:
-        stacked = "; neurotact import arrays reads (trial, time, taxel)" if array.ndim == 3 else ""
+        stacked = (
+            "; neurotact import arrays reads (trial, time, taxel), and a grid over time is saved as "
+            "grid.reshape(len(grid), -1)"
+        )
+        stacked = stacked if array.ndim == 3 else ""
         raise InputError(f"{where}: has shape {array.shape}; save a (time, channel) array that is not empty{stacked}")
     check_width(where, array.shape[1])
     fits = np.abs(array) <= FLOAT32_MAX if array.dtype.kind == "f" else np.ones(array.shape, dtype=bool)

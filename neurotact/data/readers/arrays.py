@@ -1,197 +1,272 @@
-"""One NPZ, MATLAB or HDF5 file: signals `(trial, time, taxel)`, and the class and conditions of each trial."""
+"""One NPZ, NPY, MATLAB or HDF5 file: signals of all trials, and the class and conditions of each trial."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 import pandas as pd
 
-from neurotact.data.hdf5_input import Declared, reading
-from neurotact.data.readers.archives import read_arrays
-from neurotact.data.readers.matlab import MATLAB, read_variables
-from neurotact.data.readers.tables import check_width
+from neurotact.data.readers import doubts
+from neurotact.data.readers.archives import read_array
+from neurotact.data.readers.array_files import ArrayFile, is_rate, opened_arrays, said_rates, sampling_rate_of
+from neurotact.data.readers.axes import AXES, TAXEL, TIME, TRIAL, Grid, order_of, stacked, stacked_cells
+from neurotact.data.readers.headings import named_table
+from neurotact.data.readers.tables import called, check_width, columns_of, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import existing
 
-AXES = ("trial", "time", "taxel")
 SIGNALS, CHANNELS = "signals", "channels"
 ALIASES = {
     LABEL: (LABEL, "labels", "class", "classes", "y", "target", "targets"),
     CHANNELS: (CHANNELS, "channel_names", "taxels", "electrodes"),
 }
-"""Names of the arrays; the signals are the only array with three axes."""
-HDF5 = (".h5", ".hdf5")
-DEEPEST = 4
-"""Depth of nested groups of an HDF5 file to search."""
+"""Names of the arrays; the signals are the only array with three or four axes, or the only cell array of matrices."""
+CLASSES = ".npy"
+"""The suffix of a file with the class of each trial alone."""
+FIXES = doubts.Fixes("save the array without it", axes="use --axes")
 
 log = logging.getLogger("neurotact")
 
 
-class _Arrays(NamedTuple):
-    """The arrays of a file: the shape of each by its name, and a function that reads one."""
+class Loaded(NamedTuple):
+    """What a file of arrays holds: one `(time, taxel)` array per trial, or one `(trial, time, taxel)` array.
 
-    path: Path
-    shapes: dict[str, tuple[int, ...]]
-    read: Callable[[str], Any]
+    channels: the taxels' names; none if the file has none.
+    """
+
+    signals: Sequence[np.ndarray] | np.ndarray
+    conditions: pd.DataFrame
+    channels: tuple[str, ...]
+    sampling_rate_Hz: float
 
 
 def read(
     path: str | Path,
-    sampling_rate_Hz: float,
-    unit: str,
+    sampling_rate_Hz: float | None = None,
+    unit: str = "",
     *,
     names: Mapping[str, str] | None = None,
-    axes: str = "trial,time,taxel",
+    axes: str | None = None,
+    conditions: str | Path | None = None,
 ) -> Recordings:
-    """The recordings in one .npz, .mat, .h5 or .hdf5 file.
+    """The recordings in one .npz, .npy, .mat, .h5 or .hdf5 file.
 
+    sampling_rate_Hz: that which the file says (`fs`, `sampling_rate`) when None.
     names: the names of signals, label and channels in the file, such as `{"signals": "data", "label": "gesture"}`; by
-    default the signals are the only array with three axes, and the label is one of `ALIASES`.
-    axes: the axes of the signals, in order.
+    default the signals are the only array with three or four axes, and the label is one of `ALIASES`.
+    axes: the axes of the signals, in order; "trial,time,taxel" when None, or for a grid "trial,time,row,column" or
+    "trial,row,column,time", whichever has the time as its longest axis. Signals of one taxel: "trial,time".
+    conditions: a CSV file with a row per trial and a column per condition, or an .npy file with the class of each.
 
-    Every other array of one value per trial is a condition. All trials are equally long. Pickles are not loaded. Raises
-    InputError, which names the file, the array and the fix.
+    Every other array of one value per trial is a condition. A cell array of matrices has trials of any lengths. A grid
+    is read row by row, with names such as `r0c1`. Pickles are not loaded. Raises InputError, which names the file, the
+    array and the fix.
 
     >>> import tempfile
     >>> path = Path(tempfile.mkdtemp()) / "touches.npz"
-    >>> np.savez(path, data=np.ones((2, 50, 3)), gesture=["tap", "rub"], session=[1, 1])
+    >>> rest = np.random.default_rng(0).normal(size=(2, 50, 3))
+    >>> np.savez(path, data=rest, gesture=["tap", "rub"], session=[1, 1])
     >>> touches = read(path, 100, "count", names={"label": "gesture"})
     >>> touches, touches.conditions["session"].tolist()
     (Recordings(2 trials x 3 taxels, 50 samples at 100 Hz (0.5 s), count, 2 classes), [1, 1])
     """
-    path = existing(path)
     check_import(sampling_rate_Hz, unit, str(path))
+    found = load(path, sampling_rate_Hz, names, axes, conditions)
+    recordings = Recordings(
+        found.signals, found.sampling_rate_Hz, unit, found.conditions, found.channels, f"arrays of {Path(path).name}"
+    )
+    doubts.say(recordings, str(path), FIXES)
+    return recordings
+
+
+def load(
+    path: str | Path,
+    sampling_rate_Hz: float | None,
+    names: Mapping[str, str] | None = None,
+    axes: str | None = None,
+    conditions: str | Path | None = None,
+) -> Loaded:
+    """What a file of arrays holds, with numbers as they are stored; the arguments are those of `read`."""
     unknown = [name for name in names or {} if name not in (SIGNALS, *ALIASES)]
     if unknown:
         raise InputError(f"{path}: '{unknown[0]}' is not a known name; {nearest(unknown[0], (SIGNALS, *ALIASES))}")
-    if path.suffix.lower() in HDF5:
-        with reading(path, "arrays", "the program that made it") as file:
-            declared = Declared(file, path)
-            return _recordings(
-                _Arrays(path, dict(_datasets(file, "")), declared.value), sampling_rate_Hz, unit, names, axes
-            )
-    if path.suffix.lower() == MATLAB:
-        arrays, others = read_variables(path)
-        if others:
-            log.warning("%s: neither numbers nor texts, so not read: %s", path, some(others))
-    elif path.suffix.lower() == ".npz":
-        arrays = read_arrays(path)
-    else:
-        raise InputError(
-            f"{path}: is not a file of arrays by its suffix; give one that ends with .npz, .mat, .h5 or .hdf5"
-        )
-    shapes = {name: array.shape for name, array in arrays.items()}
-    return _recordings(_Arrays(path, shapes, arrays.__getitem__), sampling_rate_Hz, unit, names, axes)
+    with opened_arrays(path) as file:
+        if file.others:
+            log.warning("%s: neither numbers nor texts, so not read: %s", path, some(file.others))
+        return _loaded(file, sampling_rate_Hz, names or {}, axes, conditions)
 
 
-def _datasets(group: h5py.Group, place: str, depth: int = 0) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """The shapes of the datasets of an HDF5 file by their paths; links are not followed."""
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        found = group[name]
-        if isinstance(found, h5py.Dataset) and found.shape is not None:
-            yield place + name, found.shape
-        elif isinstance(found, h5py.Group) and depth < DEEPEST:
-            yield from _datasets(found, f"{place}{name}/", depth + 1)
-
-
-def _recordings(arrays: _Arrays, rate_Hz: float, unit: str, names: Mapping[str, str] | None, axes: str) -> Recordings:
-    names = names or {}
-    signals_at = _signals_at(arrays, names.get(SIGNALS))
-    signals = _signals(arrays, signals_at, axes)
-    n_trials, n_samples, n_taxels = signals.shape
-    if n_taxels > n_samples:
-        log.warning(
-            "%s: '%s' has %d taxels of %d samples each; if it is the other way round, use --axes",
-            arrays.path, signals_at, n_taxels, n_samples,
-        )  # fmt: skip
-    label_at = _at(arrays, LABEL, names, (n_trials,))
-    if label_at is None:
-        others = [name for name, shape in arrays.shapes.items() if shape == (n_trials,)]
-        known = ", ".join(others) or "none has one value per trial"
-        raise InputError(f"{arrays.path}: no array is called label ({known}); name the class with --names label=...")
-    channels_at = _at(arrays, CHANNELS, names, (n_taxels,))
-    channels = () if channels_at is None else tuple(map(str, _values(arrays, channels_at).tolist()))
-    conditions: dict[str, Any] = {LABEL: _labels(_values(arrays, label_at))}
-    for name, shape in arrays.shapes.items():
-        column = name.rpartition("/")[2]
-        if shape == (n_trials,) and name not in (label_at, channels_at) and column not in conditions:
-            conditions[column] = _values(arrays, name)
-    return Recordings(
-        signals, float(rate_Hz), unit, pd.DataFrame(conditions), channels, f"arrays of {arrays.path.name}"
+def _loaded(
+    file: ArrayFile, rate_Hz: float | None, names: Mapping[str, str], axes: str | None, table: str | Path | None
+) -> Loaded:
+    name = _signals_at(file, names.get(SIGNALS), axes)
+    signals, grid, order = _signals(file, name, axes)
+    check_width(f"{file.path}: '{name}'", signals[0].shape[1])
+    label_at, channels_at = (
+        _at(file, what, names, n, name, order) for what, n in ((LABEL, len(signals)), (CHANNELS, signals[0].shape[1]))
     )
+    channels = () if channels_at is None else tuple(map(str, file.values(channels_at).tolist()))
+    if grid is not None and not channels:
+        channels = grid.channels
+        log.warning(
+            "%s: '%s' has the axes %s: %d taxels, named %s to %s row by row",
+            file.path, name, ", ".join(order), len(channels), channels[0], channels[-1],
+        )  # fmt: skip
+    others = [each for each in file.shapes if each not in (name, channels_at, label_at) and not is_rate(each)]
+    of_trials = [each for each in others if file.shapes[each] == (len(signals),)]
+    given = {} if table is None else _table_of_trials(Path(table), len(signals), str(file.path))
+    conditions = _conditions(file, label_at, of_trials, given)
+    unused = [each for each in others if each not in of_trials] + [each for each in file.cells if each != name]
+    if unused:
+        log.warning("%s: not used: %s", file.path, some([f"{each} {_shape(file, each)}" for each in unused]))
+    return Loaded(signals, conditions, channels, sampling_rate_of(said_rates(file), rate_Hz, str(file.path)))
 
 
-def _signals_at(arrays: _Arrays, named: str | None) -> str:
-    """The name of the array of signals."""
+def _shape(file: ArrayFile, name: str) -> str:
+    return f"({len(file.cells[name])} cells)" if name in file.cells else str(file.shapes[name])
+
+
+def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
+    """The name of the array of signals, or of the cell array of them."""
     if named is not None:
-        return _existing(arrays, named)
-    found = [name for name, shape in arrays.shapes.items() if len(shape) == len(AXES)]
-    if len(found) != 1:
-        shown = ", ".join(f"{name} {shape}" for name, shape in list(arrays.shapes.items())[:12]) or "none at all"
-        raise InputError(
-            f"{arrays.path}: holds {len(found)} arrays with the axes trial, time and taxel ({shown}); "
-            f"{'name one with --names signals=...' if found else 'save the signals as one array with three axes'}"
+        return _existing(file, named)
+    stacks = [name for name, shape in file.shapes.items() if len(shape) in (3, 4)]
+    named_axes = [name for name, shape in file.shapes.items() if axes and len(shape) == axes.count(",") + 1]
+    found = named_axes or stacks or [*file.cells]
+    if len(found) == 1:
+        return found[0]
+    shown = ", ".join(f"{name} {_shape(file, name)}" for name in [*file.shapes, *file.cells][:12]) or "none at all"
+    matrix = next((name for name, shape in file.shapes.items() if len(shape) == 2), None)
+    fix = "save the signals as one array with three axes"
+    if found:
+        fix = "name one with --names signals=..."
+    elif matrix is not None:
+        fix = (
+            f"{fix}; '{matrix}' is read as the signals of one taxel with --axes trial,time, but features of each trial "
+            "have no time to encode"
         )
-    return found[0]
+    raise InputError(f"{file.path}: holds {len(found)} arrays with the axes trial, time and taxel ({shown}); {fix}")
 
 
-def _signals(arrays: _Arrays, name: str, axes: str) -> np.ndarray:
-    """The signals as `(trial, time, taxel)`."""
-    order = tuple(part.strip() for part in axes.split(","))
-    if sorted(order) != sorted(AXES):
-        raise InputError(f"axes must name trial, time and taxel, each once, as in trial,taxel,time; got {axes[:60]}")
-    shape = arrays.shapes[name]
-    if len(shape) != len(AXES) or 0 in shape:
-        raise InputError(f"{arrays.path}: '{name}' has the shape {shape}; give an array of trials, samples and taxels")
-    check_width(f"{arrays.path}: '{name}'", shape[order.index("taxel")])
-    values = np.asarray(arrays.read(name))
-    if values.dtype.kind not in "iuf":
-        raise InputError(f"{arrays.path}: '{name}' holds {values.dtype}, not numbers; save the signals as numbers")
-    return np.ascontiguousarray(values.transpose([order.index(axis) for axis in AXES]))
+def _signals(
+    file: ArrayFile, name: str, axes: str | None
+) -> tuple[Sequence[np.ndarray] | np.ndarray, Grid | None, tuple[str, ...]]:
+    """The signals as `(trial, time, taxel)`, or a `(time, taxel)` array per cell; their grid and the order of axes."""
+    where = f"{file.path}: '{name}'"
+    if name in file.cells:
+        return stacked_cells(file.cells[name], axes, where)
+    shape = file.shapes[name]
+    order = order_of(axes, shape, where)
+    if 0 in shape:
+        raise InputError(f"{where} has the shape {shape}; give an array of trials, samples and taxels")
+    values = np.asarray(file.read(name))
+    if values.dtype.kind not in "iufb":
+        raise InputError(f"{where} holds {values.dtype}, not numbers; save the signals as numbers")
+    return *stacked(values, order), order
 
 
-def _at(arrays: _Arrays, what: str, names: Mapping[str, str], shape: tuple[int, ...]) -> str | None:
-    """The name of the array of a label or of channels; None if there is none."""
+def _at(
+    file: ArrayFile, what: str, names: Mapping[str, str], n: int, signals: str, order: tuple[str, ...]
+) -> str | None:
+    """The name of the array of a label or of channels, of `n` values; None if there is none.
+
+    signals, order: the name of the array of signals and its axes, for messages.
+    """
     named = names.get(what)
     if named is None:
-        fitting = {name.rpartition("/")[2].lower(): name for name, each in arrays.shapes.items() if each == shape}
-        return next((fitting[alias] for alias in ALIASES[what] if alias in fitting), None)
-    if arrays.shapes[_existing(arrays, named)] != shape:
-        per = "trial" if what == LABEL else "taxel"
+        plain = {name.rpartition("/")[2].lower(): name for name, shape in file.shapes.items() if shape == (n,)}
+        found = next((plain[alias] for alias in ALIASES[what] if alias in plain), None)
+        if found is None and what == LABEL:
+            _check_trial_axis(file, [each for each in file.shapes if _is_label(each)], signals, order)
+        return found
+    if file.shapes[_existing(file, named)] != (n,):
+        if what == LABEL:
+            _check_trial_axis(file, [named], signals, order)
         raise InputError(
-            f"{arrays.path}: '{named}' has the shape {arrays.shapes[named]} where {shape} is expected; "
-            f"give one value per {per}"
+            f"{file.path}: '{named}' has the shape {file.shapes[named]} where ({n},) is expected; give one value per "
+            f"{TRIAL if what == LABEL else TAXEL}"
         )
     return named
 
 
-def _existing(arrays: _Arrays, named: str) -> str:
-    """The name unchanged; InputError if the file has no such array."""
-    if named not in arrays.shapes:
-        raise InputError(f"{arrays.path}: holds no array '{named}'; {nearest(named, list(arrays.shapes))}")
-    return named
+def _is_label(name: str) -> bool:
+    return name.rpartition("/")[2].lower() in ALIASES[LABEL]
 
 
-def _values(arrays: _Arrays, name: str) -> np.ndarray:
-    """An array of one value per trial: numbers, or texts."""
-    found = np.asarray(arrays.read(name))
-    if found.dtype.kind == "S":
-        try:
-            return np.char.decode(found, "utf-8")
-        except UnicodeDecodeError as error:
-            raise InputError(f"{arrays.path}: '{name}' holds text that is not UTF-8; save it again") from error
-    if found.dtype.kind not in "iufbUO":
-        raise InputError(f"{arrays.path}: '{name}' holds {found.dtype}, neither numbers nor text; leave it out")
+def _check_trial_axis(file: ArrayFile, labels: Sequence[str], signals: str, order: tuple[str, ...]) -> None:
+    """Refuse classes of as many trials as another axis of the signals is long: it is the axis of trials."""
+    if signals in file.cells:
+        return
+    shape = file.shapes[signals]
+    for label in labels:
+        places = [place for place, n in enumerate(shape) if file.shapes[label] == (n,)]
+        if len(places) == 1 and len(shape) == len(AXES) and order[places[0]] != TRIAL:
+            rest = [place for place in range(len(shape)) if place != places[0]]
+            time = max(rest, key=lambda place: shape[place])
+            meant = [TRIAL if place == places[0] else TIME if place == time else TAXEL for place in range(len(shape))]
+            raise InputError(
+                f"{file.path}: '{label}' has {shape[places[0]]} values, as many as axis {places[0] + 1} of '{signals}' "
+                f"{shape} is long; if these are the trials, use --axes {','.join(meant)}"
+            )
+
+
+def _conditions(
+    file: ArrayFile, label_at: str | None, of_trials: Sequence[str], given: Mapping[str, Any]
+) -> pd.DataFrame:
+    """The class and the conditions of each trial: arrays of one value per trial, and the columns of a table."""
+    columns = {name.rpartition("/")[2]: name for name in reversed(of_trials)}
+    twice = [name for name in of_trials if columns[name.rpartition("/")[2]] != name]
+    if label_at is None and LABEL not in given:
+        known = ", ".join(of_trials) or "none has one value per trial"
+        raise InputError(
+            f"{file.path}: no array is called label ({known}); name the class with --names label=..., or give a table "
+            "that has it with --conditions"
+        )
+    table: dict[str, Any] = {} if label_at is None else {LABEL: labels_of(file.values(label_at))}
+    table |= {column: file.values(name) for column, name in columns.items() if column not in table}
+    shared = [name for name in given if name in table]
+    if shared:
+        raise InputError(f"{file.path}: '{shared[0]}' is an array here and a column of --conditions; drop one of them")
+    if twice:
+        log.warning("%s: not used, as another array of its name is: %s", file.path, some(twice))
+    table |= given
+    return pd.DataFrame({LABEL: table.pop(LABEL), **table})
+
+
+def _table_of_trials(path: Path, n_trials: int, file: str) -> dict[str, Any]:
+    """The columns of a table with a row per trial, or the class of each trial from an .npy file."""
+    if path.suffix.lower() == CLASSES:
+        found: dict[str, Any] = {LABEL: labels_of(read_array(path).ravel())}
+    else:
+        table = named_table(existing(path))
+        for note in table.notes:
+            log.warning("%s: %s", path, note)
+        label = called(table.names, ALIASES[LABEL])
+        columns = columns_of(table, {label} if label else set())
+        found = {LABEL if name == label else name: values_of(values) for name, values in columns.items()}
+    n_rows = len(next(iter(found.values())))
+    if n_rows != n_trials:
+        raise InputError(
+            f"{path}: has {n_rows} rows, but {file} {n_trials} trials; give a row per trial, in their order"
+        )
     return found
 
 
-def _labels(values: np.ndarray) -> list[str]:
-    """Names of classes; whole numbers are written without a decimal point."""
+def _existing(file: ArrayFile, named: str) -> str:
+    """The name unchanged; InputError if the file has no such array."""
+    if named not in file.shapes and named not in file.cells:
+        raise InputError(f"{file.path}: holds no array '{named}'; {nearest(named, [*file.shapes, *file.cells])}")
+    return named
+
+
+def labels_of(values: np.ndarray) -> list[str]:
+    """Names of classes; whole numbers are written without a decimal point.
+
+    >>> labels_of(np.array([1.0, 0.0]))
+    ['1', '0']
+    """
     is_whole = values.dtype.kind == "f" and bool(np.isfinite(values).all() and (values == np.floor(values)).all())
     return [str(value) for value in (values.astype(np.int64) if is_whole else values).tolist()]

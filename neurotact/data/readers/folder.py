@@ -8,21 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from neurotact.data.readers import sampled
-from neurotact.data.readers.archives import as_signal, read_arrays
+from neurotact.data.readers import doubts, sampled
+from neurotact.data.readers.archives import as_signal
+from neurotact.data.readers.array_files import ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.clock import unit_in
 from neurotact.data.readers.layout import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
-from neurotact.data.readers.matlab import MATLAB, read_variables
+from neurotact.data.readers.matlab import MATLAB
 from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
-from neurotact.data.readers.sampled import Read
+from neurotact.data.readers.sampled import OF_COLUMNS, Read
 from neurotact.data.recordings import Recordings, check_import
 from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
-USUAL = (".csv", ".npz", MATLAB)
+USUAL = (".csv", ".npz", ".npy", MATLAB)
 """Files that are read; other text files are notes, unless a folder holds none of these."""
-KINDS = ".csv, .tsv, .txt, .npz or .mat"
+KINDS = ".csv, .tsv, .txt, .npz, .npy or .mat"
+
+OF_ARRAYS = doubts.Fixes("save the arrays without it")
 
 log = logging.getLogger("neurotact")
 
@@ -34,6 +37,7 @@ def read(
     *,
     naming: Mapping[str, Any] | None = None,
     layout: Mapping[str, Any] | None = None,
+    is_raster: bool = False,
 ) -> Recordings:
     """The recordings in a folder of CSV, NPZ and MATLAB files, at any depth, in the order of their paths.
 
@@ -41,7 +45,7 @@ def read(
     sub-folder is the label when absent.
     layout: keys of `layout.LayoutSpec`: which columns are taxels, which is the time, the number format; all
     columns but the time are taxels when absent. Of files of arrays: which array is the trial, its axes, and the array
-    of time stamps.
+    of time stamps. is_raster: whether the samples are spikes, of which nothing is doubted.
 
     CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
     names the columns. NPZ and MATLAB: each array is one trial, (time, channel), but for the time stamps and for the
@@ -71,16 +75,20 @@ def read(
     files = [path.relative_to(folder).as_posix() for path in paths]
     of_files = conditions_of(files, names, folder)
     read: list[Read] = []
+    said_hz: dict[str, float] = {}
     row_of = []
     n_bytes = 0
     for row, path in enumerate(paths):
-        found = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
-        if sampling_rate_Hz is None and found[0].table.time is None:
+        found, rates_hz = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
+        said_hz |= {f"{files[row]}: {name}": rate_hz for name, rate_hz in rates_hz.items()}
+        if sampling_rate_Hz is None and found[0].table.time is None and not rates_hz:
             raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
         read += found
         row_of += [row] * len(found)
         n_bytes += sum(each.table.signal.nbytes for each in found)
         check_size(folder, n_bytes)
+    if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
+        sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
     _warn_of_axes(read, table, folder)
     for note, noted in _noted(read).items():
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
@@ -89,6 +97,7 @@ def read(
     return sampled.recordings(
         read, conditions, sampling_rate_Hz, unit,
         max_gap_ms=table.max_gap_ms, drop_repeats=table.drop_repeats, source=f"folder {folder.name}", where=str(folder),
+        fixes=None if is_raster else OF_ARRAYS if all(each.table.first_line == 0 for each in read) else OF_COLUMNS,
     )  # fmt: skip
 
 
@@ -101,20 +110,23 @@ def _noted(read: Sequence[Read]) -> dict[str, list[str]]:
     return noted
 
 
-def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list[Read]:
+def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
+    """The trials of a file, and the sampling rates that it says."""
     if path.suffix.lower() in TEXTS:
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: --array and --transpose are for NPZ and MATLAB files; leave them out")
-        return [Read(str(path), file, read_table(path, layout, find_time=find_time))]
+        return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
     if layout.columns:
         raise InputError(f"{path}: --columns is for CSV files; save the chosen columns, or as CSV")
-    arrays = _matrices(path, layout.array) if path.suffix.lower() == MATLAB else read_arrays(path)
-    for asked in (layout.array, layout.time_column):
+    with opened_arrays(path) as opened:
+        arrays, rates_hz = _matrices(opened, layout.array), said_rates(opened)
+    for asked in (layout.array if layout.array not in opened.cells else None, layout.time_column):
         if asked is not None and asked not in arrays:
             raise InputError(f"{path}: holds no array '{asked[:40]}'; {nearest(asked, list(arrays))}")
     time_at = layout.time_column or (_stamps_at(arrays, layout) if find_time else None)
     time = None if time_at is None else _stamps(arrays[time_at], f"{path}, key '{time_at}'")
-    chosen = {key: each for key, each in arrays.items() if key != time_at and layout.array in (None, key)}
+    wanted = (layout.array, *_names_of_cells(opened, layout.array))
+    chosen = {key: each for key, each in arrays.items() if key != time_at and (layout.array is None or key in wanted)}
     if not chosen:
         raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
     signals = _signals(chosen, path, transpose=layout.transpose)
@@ -125,7 +137,8 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> list
                 f"{'' if layout.transpose else ', or use --transpose'}"
             )
     unit = layout.time_unit or unit_in(time_at or "")
-    return [Read(f"{path}:{key}", f"{file}:{key}", Table((), each, time, 0, unit)) for key, each in signals.items()]
+    trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), each, time, 0, unit)) for key, each in signals.items()]
+    return trials, rates_hz
 
 
 def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -> dict[str, np.ndarray]:
@@ -157,20 +170,31 @@ def _stamps(array: np.ndarray, where: str) -> np.ndarray:
     return stamps
 
 
-def _matrices(path: Path, chosen: str | None) -> dict[str, np.ndarray]:
-    """The variables of a MATLAB file that can be trials, all but single numbers and texts.
+def _matrices(file: ArrayFile, chosen: str | None) -> dict[str, np.ndarray]:
+    """The arrays of a file that can be trials, all but single numbers and texts; of a cell array each cell is one.
 
     chosen: the one that is; without it, other kinds are refused.
     """
-    arrays, others = read_variables(path)
-    if others and chosen is None:
+    if file.others and chosen is None:
         raise InputError(
-            f"{path}: '{others[0][:40]}' is neither numbers nor text; name the matrix of samples with --array"
+            f"{file.path}: '{file.others[0][:40]}' is neither numbers nor text; name the matrix of samples with --array"
         )
-    found = {name: values for name, values in arrays.items() if values.dtype.kind in "iuf" and values.size > 1}
+    held = {name: np.asarray(file.read(name)) for name in file.shapes}
+    is_matlab = file.path.suffix.lower() == MATLAB
+    found = {
+        name: values for name, values in held.items()
+        if (values.size != 1 or values.ndim > 1) and (values.dtype.kind in "iufb" or not is_matlab)
+    }  # fmt: skip
+    for name, cells in file.cells.items():
+        found |= dict(zip(_names_of_cells(file, name), cells, strict=True))
     if not found:
-        raise InputError(f"{path}: holds no matrix of numbers; save one, (time, taxel)")
-    return {name: values[:, None] if values.ndim == 1 else values for name, values in found.items()}
+        raise InputError(f"{file.path}: holds no matrix of numbers; save one, (time, taxel)")
+    return {name: values[:, None] if values.ndim == 1 and is_matlab else values for name, values in found.items()}
+
+
+def _names_of_cells(file: ArrayFile, name: str | None) -> list[str]:
+    """The names of the trials of a cell array, as MATLAB names its cells; none for another array."""
+    return [f"{name}{{{number}}}" for number in range(1, 1 + len(file.cells.get(name or "", ())))]
 
 
 def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> None:

@@ -1,9 +1,9 @@
-"""Variables of MATLAB files: matrices of numbers and texts; nothing else is loaded."""
+"""Variables of MATLAB files: matrices of numbers, cell arrays of them, and texts; nothing else is loaded."""
 
 import math
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,20 +34,29 @@ CHARACTER_BYTES = 100
 """Memory of a character while it is read."""
 
 
+Cells = list[np.ndarray]
+"""The matrices of a cell array, in MATLAB's order."""
+Value = np.ndarray | Cells | None
+"""A variable; None if it is of a class that is not read."""
+
+
 class Variables(NamedTuple):
     """What a file holds. arrays: numbers and texts by name; vectors have one axis, whether they were rows or columns.
 
-    others: the names of what was not read, such as structures and cell arrays of matrices.
+    cells: cell arrays of matrices of numbers, of any sizes, or of vectors alone. others: the names of what was not
+    read, such as structures.
     """
 
     arrays: dict[str, np.ndarray]
+    cells: dict[str, Cells]
     others: list[str]
 
 
 def read_variables(path: str | Path) -> Variables:
     """The variables of a MATLAB file: `save` writes version 7, or with `-v7.3` HDF5.
 
-    A cell array of texts is an array of texts, as is a matrix of characters, row by row.
+    A cell array of texts is an array of texts, as is a matrix of characters, row by row; one of single numbers is an
+    array of numbers.
 
     Raises InputError for a file that is damaged, too large, or holds neither numbers nor texts.
 
@@ -61,23 +70,45 @@ def read_variables(path: str | Path) -> Variables:
     """
     path = existing(path)
     check_size(path, path.stat().st_size)
-    arrays, others = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
-    if not arrays:
+    found = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
+    filled = {name: values for name, values in found.items() if isinstance(values, np.ndarray) and values.size}
+    arrays = {name: _as_vector(values) for name, values in filled.items()}
+    cells = {name: values for name, values in found.items() if isinstance(values, list)}
+    others = [name for name in found if name not in arrays and name not in cells]
+    if not (arrays or cells):
         held = f" ({', '.join(others[:5])})" if others else ""
         raise InputError(
             f"{path}: holds neither matrices of numbers nor texts{held}; save matrices, as in save('touch.mat', 'data')"
         )
-    return Variables({name: _as_vector(values) for name, values in arrays.items()}, others)
+    return Variables(arrays, cells, others)
 
 
 def _as_vector(values: np.ndarray) -> np.ndarray:
-    return values.ravel() if values.ndim == 2 and 1 in values.shape else values
+    return values.ravel() if _is_vector(values) else values
 
 
-def _as_texts(cells: Sequence[np.ndarray | None]) -> np.ndarray | None:
-    """The texts of a cell array; None if it holds anything else."""
-    texts = [str(each.item()) for each in cells if each is not None and each.size == 1 and each.dtype.kind == "U"]
-    return np.array(texts) if texts and len(texts) == len(cells) else None
+def _is_vector(values: np.ndarray) -> bool:
+    return values.ndim == 2 and 1 in values.shape
+
+
+def _of_cells(path: Path, values: Iterable[Value]) -> Value:
+    """The texts, the single numbers or the matrices of numbers of a cell array; None if it holds anything else."""
+    cells, n_bytes = [], 0
+    for value in values:
+        cells.append(value)
+        n_bytes += value.nbytes if isinstance(value, np.ndarray) else 0
+        check_size(path, n_bytes)
+    found = [each for each in cells if isinstance(each, np.ndarray) and each.size]
+    if not found or len(found) < len(cells):
+        return None
+    kinds, is_single = {each.dtype.kind for each in found}, all(each.size == 1 for each in found)
+    if kinds == {"U"} and is_single:
+        return np.array([str(each.item()) for each in found])
+    if not kinds <= {*"iufb"}:
+        return None
+    if is_single:
+        return np.array([each.item() for each in found])
+    return [each.ravel() for each in found] if all(_is_vector(each) for each in found) else found
 
 
 def _rows_of(characters: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
@@ -86,7 +117,7 @@ def _rows_of(characters: Sequence[str], shape: tuple[int, ...]) -> np.ndarray:
     return np.array(["".join(row).rstrip() for row in rows])
 
 
-def _from_binary(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+def _from_binary(path: Path) -> dict[str, Value]:
     """The variables of a file of version 5 to 7. (scipy's loadmat ends the process on some damaged files.)"""
     content = memoryview(path.read_bytes())
     order = ORDERS.get(bytes(content[126:HEADER_BYTES]))
@@ -94,14 +125,12 @@ def _from_binary(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
         raise InputError(f"{path}: is not a MATLAB file of version 5 or later; save it in MATLAB with -v7")
     file = _Binary(path, order)
     try:
-        found = file.variables(content[HEADER_BYTES:])
+        return file.variables(content[HEADER_BYTES:])
     except InputError:
         raise
     except (ValueError, TypeError, LookupError, ArithmeticError, RecursionError, struct.error, zlib.error) as error:
         why = str(error).split("\n")[0][:80]
         raise InputError(f"{path}: is a damaged MATLAB file ({why}); save or copy it again") from error
-    arrays = {name: values for name, values in found.items() if values is not None and values.size}
-    return arrays, [name for name in found if name not in arrays]
 
 
 class _Binary(NamedTuple):
@@ -110,9 +139,9 @@ class _Binary(NamedTuple):
     path: Path
     order: str
 
-    def variables(self, content: memoryview) -> dict[str, np.ndarray | None]:
-        """The matrices by name; None for those of another class."""
-        found: dict[str, np.ndarray | None] = {}
+    def variables(self, content: memoryview) -> dict[str, Value]:
+        """The variables by name."""
+        found: dict[str, Value] = {}
         n_bytes = len(content)
         while len(content):
             kind, size = struct.unpack(f"{self.order}II", content[:8])
@@ -153,7 +182,7 @@ class _Binary(NamedTuple):
             raise ValueError("it was cut off")
         return kind, content[8 : 8 + size], content[8 + size + -size % 8 :]
 
-    def _matrix(self, content: memoryview) -> tuple[str, np.ndarray | None]:
+    def _matrix(self, content: memoryview) -> tuple[str, Value]:
         _, flags, content = self._element(content)
         (flag,) = struct.unpack(f"{self.order}I", flags[:4])
         if flag & 0xFF == OPAQUE:
@@ -165,14 +194,15 @@ class _Binary(NamedTuple):
             raise ValueError("a matrix has no size")
         return bytes(name).decode("ascii"), self._values(flag, shape, content)
 
-    def _values(self, flag: int, shape: tuple[int, ...], content: memoryview) -> np.ndarray | None:
+    def _cells(self, size: int, content: memoryview) -> Iterator[Value]:
+        for _ in range(size):
+            _, inside, content = self._element(content)
+            yield self._matrix(inside)[1]
+
+    def _values(self, flag: int, shape: tuple[int, ...], content: memoryview) -> Value:
         kind, size = flag & 0xFF, math.prod(shape)
         if kind == CELL:
-            cells = []
-            for _ in range(size):
-                _, inside, content = self._element(content)
-                cells.append(self._matrix(inside)[1])
-            return _as_texts(cells)
+            return _of_cells(self.path, self._cells(size, content))
         if flag & COMPLEX or kind not in (*CLASSES, CHARACTERS):
             return None
         stored, values, _ = self._element(content)
@@ -189,27 +219,22 @@ class _Binary(NamedTuple):
             return numbers.astype(CLASSES[kind])
 
 
-def _from_hdf5(path: Path) -> tuple[dict[str, np.ndarray], list[str]]:
+def _from_hdf5(path: Path) -> dict[str, Value]:
     """The variables of a file of version 7.3, which stores each matrix with its axes in the opposite order."""
-    arrays: dict[str, np.ndarray] = {}
     with reading(path, "a MATLAB file", "save in MATLAB") as file:
         declared = Declared(file, path)
-        names = [name for name in file if name.isidentifier()]
-        for name in names:
-            values = _of_dataset(declared, file.get(name))
-            if values is not None and values.size:
-                arrays[name] = values
-    return arrays, [name for name in names if name not in arrays]
+        return {name: _of_dataset(declared, file.get(name)) for name in file if name.isidentifier()}
 
 
-def _of_dataset(declared: Declared, found: Any) -> np.ndarray | None:
-    """An array of numbers or texts; None for anything else, and for an empty matrix, of which the sizes are stored."""
+def _of_dataset(declared: Declared, found: Any) -> Value:
+    """Numbers, texts or cells; None for anything else, and for an empty matrix, of which the sizes are stored."""
     if not isinstance(found, h5py.Dataset) or found.name is None or "MATLAB_empty" in found.attrs:
         return None
     kind = attribute(found, "MATLAB_class", declared.path) if "MATLAB_class" in found.attrs else "double"
     if kind == "cell":
         check_size(declared.path, found.size * found.dtype.itemsize)
-        return _as_texts([_of_dataset(declared, declared.file[each]) for each in found[()].ravel()])
+        cells = (_of_dataset(declared, declared.file[each]) for each in found[()].ravel())
+        return _of_cells(Path(declared.path), cells)
     if kind in ("struct", "function_handle") or found.dtype.kind not in "iufb":
         return None
     values = np.asarray(declared.value(found.name.lstrip("/"))).T

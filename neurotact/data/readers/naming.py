@@ -17,7 +17,7 @@ from neurotact.spec import Spec
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt")
-SUFFIXES = (*TEXTS, ".npz", ".mat")
+SUFFIXES = (*TEXTS, ".npz", ".npy", ".mat")
 
 
 log = logging.getLogger("neurotact")

@@ -269,7 +269,7 @@ def test_folders_rates_and_units_that_say_nothing_are_refused(tmp_path):
         refused(tmp_path, "sampling_rate_Hz must be a positive number", rate=rate)
     refused(tmp_path, "the unit of the signals is empty", unit=" ")
     (tmp_path / "silk").mkdir()
-    refused(tmp_path, "silk: holds no .csv, .tsv, .txt, .npz or .mat file")
+    refused(tmp_path, "silk: holds no .csv, .tsv, .txt, .npz, .npy or .mat file")
 
 
 @given(cut=st.integers(0, 10**6), flip=st.none() | st.integers(0, 255))

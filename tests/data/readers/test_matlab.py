@@ -215,3 +215,87 @@ def test_a_file_of_structures_alone_says_what_to_save(tmp_path):
     )
     (tmp_path / "b.mat").write_text("dear diary")
     refused("is not a MATLAB file of version 5", read_variables, tmp_path / "b.mat")
+
+
+# --- cell arrays of matrices ------------------------------------------------------------------------
+
+RAGGED = [np.random.default_rng(n).normal(size=(n, 3)) for n in (9, 7, 8)]
+
+
+def save_cells(path, version, cells, **variables):
+    """As `save` of MATLAB, with the cell array `trials` of matrices."""
+    if version != "7.3":
+        boxed = np.empty((len(cells), 1), object)
+        for place, cell in enumerate(cells):
+            boxed[place, 0] = cell
+        savemat(path, {"trials": boxed, **variables}, do_compression=version == "7")
+        return path
+    save(path, version, **variables)
+    with h5py.File(path, "r+") as file:
+        made = [file.create_dataset(f"#refs#/t{n}", data=np.atleast_2d(cell).T) for n, cell in enumerate(cells)]
+        for one in made:
+            one.attrs["MATLAB_class"] = np.bytes_("double")
+        held = file.create_dataset("trials", (1, len(made)), h5py.ref_dtype)
+        held[0] = [one.ref for one in made]
+        held.attrs["MATLAB_class"] = np.bytes_("cell")
+    return path
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_cell_array_holds_a_trial_in_each_cell(tmp_path, version, caplog):
+    labels = np.array([[1.0], [2.0], [1.0]])
+    path = save_cells(tmp_path / "a.mat", version, RAGGED, y=labels, Fs=250.0)
+    found = nt.read_arrays(path, unit="count")
+    assert [signal.shape for signal in found.signals] == [(9, 3), (7, 3), (8, 3)]
+    for mine, its in zip(found.signals, RAGGED, strict=True):
+        np.testing.assert_array_equal(mine, its.astype(np.float32))
+    assert found.conditions.to_dict("list") == {"label": ["1", "2", "1"]}
+    assert found.sampling_rate_Hz == 250.0
+    assert "the sampling rate is 250 Hz, as Fs says" in caplog.text
+    turned = save_cells(tmp_path / "b.mat", version, [cell.T for cell in RAGGED], y=labels)
+    refused("cell 2, has 7 taxels where the first has 9; if its axes are taxel and time, use --axes trial,taxel,time",
+            nt.read_arrays, turned, 250, "V")  # fmt: skip
+    back = nt.read_arrays(turned, 250, "V", axes="trial,taxel,time")
+    assert [signal.shape for signal in back.signals] == [(9, 3), (7, 3), (8, 3)]
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_cells_of_vectors_are_one_taxel_and_cells_of_grids_many(tmp_path, version):
+    labels = np.array([[1.0], [2.0], [1.0]])
+    path = save_cells(tmp_path / "a.mat", version, [cell[:, 0][None] for cell in RAGGED], y=labels)
+    found = nt.read_arrays(path, 100, "V")
+    assert [signal.shape for signal in found.signals] == [(9, 1), (7, 1), (8, 1)]
+    grids = [np.random.default_rng(n).normal(size=(20 + n, 3, 2)) for n in range(3)]
+    found = nt.read_arrays(save_cells(tmp_path / "b.mat", version, grids, y=labels), 100, "V")
+    assert found.channels == ("r0c0", "r0c1", "r1c0", "r1c1", "r2c0", "r2c1")
+    for mine, its in zip(found.signals, grids, strict=True):
+        np.testing.assert_array_equal(mine, its.reshape(len(its), 6).astype(np.float32))
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_a_folder_takes_each_cell_as_a_trial(tmp_path, version, caplog):
+    for label, cells in (("felt", RAGGED), ("silk", RAGGED[:2])):
+        (tmp_path / label).mkdir()
+        save_cells(tmp_path / label / "a.mat", version, cells, fs=250.0)
+    found = nt.read_folder(tmp_path, unit="count")
+    assert found.conditions["label"].tolist() == ["felt"] * 3 + ["silk"] * 2
+    assert found.conditions["file"][1] == "felt/a.mat:trials{2}"
+    assert found.lengths.tolist() == [9, 7, 8, 9, 7]
+    assert found.sampling_rate_Hz == 250.0
+    assert [line for line in caplog.messages if "sampling rate" in line] == [
+        f"{tmp_path}: the sampling rate is 250 Hz, as felt/a.mat: fs says"
+    ]
+    assert len(nt.read_folder(tmp_path, 100, "count", array="trials")) == 5
+    assert "says felt/a.mat: fs = 250, silk/a.mat: fs = 250, but 100 Hz is given and used" in caplog.text
+    save_cells(tmp_path / "silk" / "a.mat", version, RAGGED, fs=100.0)
+    refused("says felt/a.mat: fs = 250, silk/a.mat: fs = 100; give the rate", nt.read_folder, tmp_path, unit="count")
+
+
+def test_cells_of_mixed_kinds_are_not_read(tmp_path):
+    mixed = np.empty((2, 1), object)
+    mixed[0, 0], mixed[1, 0] = np.ones((3, 2)), "felt"
+    savemat(tmp_path / "a.mat", {"mixed": mixed, "X": SIGNALS, "numbers": np.array([1.0, 2.0, 3.0, 4.0], object)})
+    found = read_variables(tmp_path / "a.mat")
+    assert found.others == ["mixed"]
+    assert found.arrays["numbers"].tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert not found.cells

@@ -1,0 +1,129 @@
+"""Doubts about recordings: nonsense is named with its fix, and what a sensor of touch records is not."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import neurotact as nt
+from neurotact.data.readers.doubts import Fixes, doubts
+from neurotact.data.recordings import Recordings
+
+FIXES = Fixes("drop it", "or name the time, ", "use --axes")
+RNG = np.random.default_rng(5)
+
+
+def touches(n_trials=8, n_samples=60, n_taxels=3, rate_Hz=500.0, **columns) -> Recordings:
+    """Pressure that rises from a rest and falls again, with noise, as whole counts of a converter of 12 bits.
+
+    columns: samples of further taxels, `(trial, time)` or one that fits.
+    """
+    shape = np.sin(np.linspace(0, np.pi, n_samples))[:, None] * np.linspace(1.0, 2.0, n_taxels)
+    signals = np.round(400 * shape + 300 + 20 * RNG.normal(size=(n_trials, n_samples, n_taxels)))
+    more = [np.broadcast_to(np.asarray(each, float), (n_trials, n_samples))[..., None] for each in columns.values()]
+    names = (*(f"p{i}" for i in range(n_taxels)), *columns)
+    table = pd.DataFrame({"label": ["felt", "silk"] * (n_trials // 2)})
+    return Recordings(np.concatenate([signals, *more], axis=2), rate_Hz, "count", table, names)
+
+
+def said(recordings, **options):
+    return list(doubts(recordings, FIXES, **options))
+
+
+@given(st.integers(20, 200), st.sampled_from([20.0, 93.0, 1000.0, 20_000.0]), st.integers(1, 20), st.booleans())
+def test_touch_is_not_doubted(n_samples, rate_Hz, n_taxels, is_volts):
+    n_samples = max(n_samples, n_taxels, int(rate_Hz * 0.02) + 1)
+    found = touches(4, n_samples, n_taxels, rate_Hz)
+    signals = np.asarray(found.signals) / 4096 * 3.3 if is_volts else found.signals
+    assert not said(Recordings(signals, rate_Hz, "V", found.conditions))
+
+
+SAMPLES = np.arange(60)
+CASES = {
+    "a counter": (touches(number=SAMPLES), "number rises throughout every trial, as time stamps or a counter do; "),
+    "time stamps": (touches(clock=17.5 + SAMPLES * 2e-3), "clock rises throughout every trial"),
+    "the label": (touches(kind=np.array([[3.0], [7.0]] * 4)), "kind has one value for each class, as a label does"),
+    "a dead taxel": (touches(dead=512.0), "every sample has the same value in dead; drop it"),
+    "nothing": (Recordings(np.full((4, 60, 2), 7.0), 500.0, "V", ["a", "b"] * 2), "every sample is 7, so nothing was"),
+    "a raster": (
+        Recordings((RNG.random((4, 60, 9)) < 0.2).astype(float), 500.0, "V", ["a", "b"] * 2),
+        "every sample is 0 or 1, as of a raster; neurotact import raster reads spikes, of arrays or of a folder of",
+    ),
+    "counted spikes": (
+        Recordings(RNG.poisson(0.05, (4, 60, 9)).astype(float), 500.0, "V", ["a", "b"] * 2),
+        "every sample is a whole number from 0 to ",
+    ),
+    "features": (
+        Recordings(RNG.normal(size=(40, 1, 20)), 100.0, "V", ["a", "b"] * 20), "every trial has one sample, as ",
+    ),
+    "axes": (Recordings(RNG.normal(size=(4, 8, 60)), 100.0, "V", ["a", "b"] * 2), "has 60 taxels of 8 samples each; "),
+    "kHz": (touches(n_samples=600, rate_Hz=0.5), "0.5 Hz is slow for touch; check --sampling-rate-Hz"),
+    "ns": (touches(rate_Hz=1e9), "1e+09 Hz is fast for touch"),
+    "a short trial": (touches(rate_Hz=50_000.0), "the median trial lasts 0.0012 s at 50000 Hz, which is short"),
+    "a long trial": (touches(n_samples=9000, rate_Hz=10.0), "the median trial lasts 900 s at 10 Hz, which is long"),
+    "numbers of trials": (
+        Recordings(RNG.normal(size=(12, 60, 2)), 500.0, "V", [f"{i / 7}" for i in range(12)]),
+        "each of the 12 trials has a class of its own (0.0, ",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_nonsense_is_doubted_once_with_the_fix(case):
+    recordings, sentence = CASES[case]
+    (doubt,) = said(recordings)
+    assert doubt.startswith(sentence)
+    assert ";" in doubt
+
+
+@pytest.mark.parametrize(("bits", "signed"), [(8, False), (10, False), (12, False), (16, True), (24, True)])
+def test_samples_at_the_end_of_a_converter_are_doubted(bits, signed):
+    top = 2 ** (bits - signed) - 1
+    low = -top - 1 if signed else 0
+    share = 0.5 + 0.9 * np.sin(np.linspace(0, 6, 400))[:, None] * np.ones(3)
+    cut = np.round(np.clip(low + (top - low) * share + RNG.normal(size=(4, 400, 3)), low, top))
+    # float32 holds 24 bits
+    (doubt,) = said(Recordings(cut, 500.0, "count", ["a", "b"] * 2))
+    assert doubt.endswith("lower the sensor's gain, or drop these trials")
+    assert f"{float(top):g}" in doubt
+    few = cut.copy()
+    few[few == top] = np.where(RNG.random((few == top).sum()) < 0.05, top, top - 5)
+    few[few == low] = low + 5
+    assert not said(Recordings(few, 500.0, "count", ["a", "b"] * 2))
+
+
+def test_what_only_looks_like_nonsense_is_not_doubted():
+    assert not said(touches(step=(SAMPLES > 30) * 5.0))  # a contact that holds to the end
+    falling = SAMPLES * np.array([[1.0], [1.0], [-1.0], [1.0]] * 2)
+    assert not said(touches(drift=falling))  # one trial that falls shows a signal
+    assert not said(touches(session=np.array([[3.0], [7.0], [3.0], [3.0]] * 2)))  # steady, but tells no class
+    mixed = Recordings([np.ones((1, 2)), RNG.normal(size=(90, 2))], 500.0, "V", ["a", "b"])
+    assert said(mixed) == ["1 of 2 trials have one sample; leave them out, or check the trials"]
+    assert not said(touches(rate_Hz=5.0), rate_is_given=False)  # stamps have their own doubts
+    squeezes = np.clip(RNG.integers(-200, 6, (4, 60, 9)), 0, None).astype(
+        float
+    )  # a mat of few levels, mostly untouched
+    squeezes[0, 0, 0] = 40
+    assert not said(Recordings(squeezes, 500.0, "count", ["a", "b"] * 2))
+
+
+@pytest.mark.parametrize("kind", ["folder", "arrays", "table"])
+def test_every_import_says_them(tmp_path, kind, caplog):
+    raster = (np.random.default_rng(0).random((4, 60, 3)) < 0.2).astype(np.int8)
+    labels = ["felt", "silk"] * 2
+    if kind == "folder":
+        for trial, label in enumerate(labels):
+            (tmp_path / label).mkdir(exist_ok=True)
+            np.savez(tmp_path / label / f"{trial}.npz", raster[trial])
+        nt.read_folder(tmp_path, 500, "V")
+    elif kind == "arrays":
+        np.savez(tmp_path / "a.npz", X=raster, y=labels)
+        nt.read_arrays(tmp_path / "a.npz", 500, "V")
+    else:
+        rows = [",".join(map(str, (trial, labels[trial], *row))) for trial in range(4) for row in raster[trial]]
+        (tmp_path / "a.csv").write_text("\n".join(["trial,label,a,b,c", *rows]))
+        nt.read_table(tmp_path / "a.csv", 500, "V")
+    (message,) = caplog.messages
+    assert message.startswith(str(tmp_path))
+    assert "every sample is 0 or 1, as of a raster; neurotact import raster" in message
