@@ -11,6 +11,7 @@ from .api import read_arrays as read_arrays
 from .api import read_events as read_events
 from .api import read_folder as read_folder
 from .api import read_nwb as read_nwb
+from .api import read_raster as read_raster
 from .api import read_table as read_table
 from .api import report_study as report_study
 from .api import run_study as run_study

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from neurotact import files, spec, tables
 from neurotact.data import hdf5, sources
-from neurotact.data.readers import arrays, event_files, folder, nwb, sample_table
+from neurotact.data.readers import arrays, event_files, folder, nwb, raster, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -183,6 +183,38 @@ def read_arrays(
     """
     choice = TrialChoice.of(where, leave_out)
     found = arrays.read(path, sampling_rate_Hz, unit, names=names, axes=axes, conditions=conditions)
+    return chosen_trials(found, choice, str(path))
+
+
+def read_raster(
+    path: str | Path,
+    sampling_rate_Hz: float | None = None,
+    *,
+    names: Mapping[str, str] | None = None,
+    axes: str | None = None,
+    conditions: str | Path | None = None,
+    levels: str | Sequence[str] = (),
+    pattern: str | None = None,
+    array: str | None = None,
+    transpose: bool = False,
+    merge_events: bool = False,
+    where: Settings | None = None,
+    leave_out: LeftOut = None,
+) -> SpikeTrains:
+    """Read rasters of 0 and 1, or of counts, `(trial, time, afferent)`: `neurotact import raster`.
+
+    The file is as of `read_arrays`, with afferents in place of taxels: sampling_rate_Hz, names, axes, conditions. A
+    folder has a raster `(time, afferent)` per trial: levels, pattern, conditions, array, transpose as of `read_folder`.
+    merge_events: whether more than 1 % of the spikes may be lost where a step counts several.
+    where, leave_out: the trials to keep and to leave out, as of `read`.
+    Raises InputError, which names the file and the fix.
+    """
+    choice = TrialChoice.of(where, leave_out)
+    found = raster.read(
+        path, sampling_rate_Hz, names=names, axes=axes, conditions=conditions,
+        naming={"levels": levels, "pattern": pattern}, layout={"array": array, "transpose": transpose},
+        merge_events=merge_events,
+    )  # fmt: skip
     return chosen_trials(found, choice, str(path))
 
 

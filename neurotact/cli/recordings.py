@@ -12,7 +12,7 @@ from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, LeaveOut, OutFile, Source, Where, choice_of, choice_table
 from neurotact.cli.output import save_recordings
 from neurotact.data import hdf5
-from neurotact.data.readers import arrays, clock, event_files, folder, nwb, sample_table
+from neurotact.data.readers import arrays, clock, event_files, folder, nwb, raster, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader, reader
 from neurotact.data.spikes import SpikeTrains
@@ -222,6 +222,41 @@ def import_arrays(
     choice = choice_of(where, leave_out)
     named = _names(names or [], [arrays.SIGNALS, *arrays.ALIASES])
     _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes, conditions=conditions), out, choice)
+
+
+@app.command("raster")
+def import_raster(
+    source: Source,
+    out: OutFile,
+    sampling_rate_hz: RateOfFile = None,
+    names: NamesOfArrays = None,
+    axes: Axes = None,
+    conditions: TrialTable = None,
+    levels: Annotated[str | None, typer.Option(help="For a folder: conditions that name sub-folders.")] = None,
+    pattern: Annotated[str | None, typer.Option(help="For a folder: conditions in the file names.")] = None,
+    array: Annotated[
+        str | None, typer.Option(help="For a folder: the array of each file that is its trial.")
+    ] = None,
+    transpose: Annotated[bool, typer.Option("--transpose", help="For a folder: arrays are (afferent, time).")] = False,
+    merge_events: MergeEvents = False,
+    where: Where = None,
+    leave_out: LeaveOut = None,
+    force: Force = False,
+) -> None:  # fmt: skip
+    """Spikes as dense arrays of 0 and 1, or of counts.
+
+    One NPZ, NPY, MATLAB or HDF5 file of (trial, time, afferent), or a folder of files of (time, afferent). A count of
+    several spikes in one step is one spike: how many are lost is printed, and more than 1 % are refused without
+    --merge-events.
+    """
+    _check_import(source, out, force, conditions)
+    choice = choice_of(where, leave_out)
+    found = raster.read(
+        source, sampling_rate_hz, names=_names(names or [], [arrays.SIGNALS, *arrays.ALIASES]), axes=axes,
+        conditions=conditions, naming={"levels": levels, "pattern": pattern},
+        layout={"array": array, "transpose": transpose}, merge_events=merge_events,
+    )  # fmt: skip
+    _save(found, out, choice)
 
 
 @app.command("events")
