@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from neurotact.data import heidelberg
-from neurotact.data.readers.archives import read_arrays
+from neurotact.data.readers.archives import read_array, read_arrays
 from neurotact.data.readers.clock import UNIT_S, Unit, unit_in, without_unit
 from neurotact.data.readers.contents import HDF5, LVM, MATLAB, NPY, NPZ, TDMS, ZIP, Content, content_of
 from neurotact.data.readers.event_times import event_times, in_order
@@ -301,12 +301,7 @@ def _stamps(values: np.ndarray, name: str, path: Path) -> np.ndarray:
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     if path.suffix.lower() == ".npz":
         return read_arrays(path)
-    check_size(path, existing(path).stat().st_size)
-    try:
-        return {"events": np.load(path, allow_pickle=False)}
-    except Exception as error:  # damaged bytes make numpy raise nearly anything
-        why = "it holds pickled objects" if "allow_pickle" in str(error) else str(error).splitlines()[0][:80]
-        raise InputError(f"{path}: cannot be read as an array ({why}); save plain numbers with numpy.save") from error
+    return {"events": read_array(path)}
 
 
 def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, names: Mapping[str, str], path: Path) -> Events:
