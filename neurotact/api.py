@@ -100,8 +100,9 @@ def read_folder(
     conditions: a CSV file with the column `file` and one column per condition.
     columns: the taxels, by numbers from 1 or by names, such as "1-5"; all but the time column when empty.
     time_column, time_unit, max_gap_ms: the stamps, by default a column, or in files of arrays an array, with a name
-        like time, timestamp or t, else a column of times of day; their unit ("s", "ms", "us", "ns"), by default that of
-        the name, else the one that fits touch; and their longest interval.
+        like time, timestamp or t, whole seconds and the rest of the second (as in "sec,nanosec"), else a column of
+        times of day; their unit ("s", "ms", "us", "ns"), by default that of the name, else the one that fits touch; and
+        their longest interval.
     drop_repeats: drop every row with the time stamp of the row before it, in place of spreading such rows evenly.
     decimal: "." or ",". header_lines: lines before the first sample; found out when None.
     array: the array of each NPZ or MATLAB file that is its trial; each is one when None. transpose: whether arrays are

@@ -38,7 +38,7 @@ TimeColumn = Annotated[
     str | None,
     typer.Option(
         "--time-column",
-        help="The column of time stamps, or in files of arrays their array.",
+        help="The column of time stamps, or in files of arrays their array; seconds and the rest as in sec,nanosec.",
         show_default="one named time, timestamp or t (t_ms), else one of times of day",
     ),
 ]

@@ -205,6 +205,21 @@ def stamps_of(
     return found
 
 
+def row_times(time: np.ndarray) -> np.ndarray:
+    """When each row of a continuous recording was sampled, in the unit of its stamps, which ascend and may repeat.
+
+    Rows that share stamps are spread; the stamps are unchanged where none is shared, or where they are uneven.
+
+    >>> row_times(np.repeat([7.0, 8.0, 9.0], [1, 2, 2])).tolist()
+    [7.5, 8.0, 8.5, 9.0, 9.5]
+    """
+    later = np.flatnonzero(np.diff(time)) + 1
+    if len(later) in (0, len(time) - 1):
+        return time
+    spread = shared_stamps.spread(time - time[0], _resolution(time))
+    return spread - spread[later[0]] + time[later[0]] if isinstance(spread, np.ndarray) else time
+
+
 class _Rows(NamedTuple):
     """What a row is called in messages, and the number of the row of each distinct stamp."""
 

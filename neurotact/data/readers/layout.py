@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
-from neurotact.data.readers import ros
+from neurotact.data.readers import ros, split_stamps
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.headings import open_table
 from neurotact.data.readers.tables import NOT_FINITE, TextTable, columns_at, finite
@@ -37,8 +37,9 @@ class LayoutSpec(Spec):
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
     time_column: str | None = None
-    """The name or the number of the column of time stamps; when absent, the first one whose name says so, or that holds
-    times of day. In a file of arrays, the name of the array of stamps."""
+    """The name or the number of the column of time stamps, or of whole seconds and of the rest of the second, as in
+    `sec,nanosec`; when absent, the first one whose name says so, or that holds times of day. In a file of arrays, the
+    name of the array of stamps."""
     time_unit: Unit | None = None
     """Unit of the stamps; when absent, that at the end of the column's name (`t_ms`), else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
@@ -76,11 +77,12 @@ class Table(NamedTuple):
 
 
 class _Columns(NamedTuple):
-    """The places of the taxels and that of the time, and what is said of others."""
+    """The places of the taxels, of the time and of the rest of its seconds, and what is said of others."""
 
     taxels: list[int]
     time: int | None
     notes: tuple[str, ...]
+    rest: int | None = None
 
 
 def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Table:
@@ -98,10 +100,10 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     ros_time = ros.stamps_of(table) if is_free else None
     columns = _columns_of(table, layout, find_time) if ros_time is None else _after_ros_header(table)
     is_of_day = columns.time is not None and is_time_of_day(table.first_row[columns.time])
-    stamps_at = [] if columns.time is None else [columns.time]
+    stamps_at = [place for place in (columns.time, columns.rest) if place is not None]
     found = dict(zip(
         (*columns.taxels, *stamps_at),
-        columns_at(table, [*columns.taxels, *stamps_at], stamps_at if is_of_day else ()), strict=True,
+        columns_at(table, [*columns.taxels, *stamps_at], stamps_at[:1] if is_of_day else ()), strict=True,
     ))  # fmt: skip
     taxels, notes = (columns.taxels, ()) if layout.columns else _without_texts(table, columns.taxels, found)
     signal = np.empty((len(found[taxels[0]]), len(taxels)), np.float32)
@@ -116,11 +118,17 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     if is_of_day:
         cells_of_day = found[columns.time].tolist()
         time = seconds_of(cells_of_day, str(path), str(columns.time + 1), table.first_line, layout.time_unit)
-        return its._replace(time=time, time_unit="s")
-    time = finite(table, columns.time, found[columns.time])
-    if layout.time_column is None:
+    else:
+        time = finite(table, columns.time, found[columns.time])
+    if columns.rest is not None:
+        name = table.names[columns.rest] if table.names else str(columns.rest + 1)
+        rest = finite(table, columns.rest, found[columns.rest])
+        time = split_stamps.joined(time, rest, name, str(path), table.first_line, layout.time_unit)
+    if layout.time_column is None and not is_of_day:
         check_rises(time, table.names[columns.time], path)
-    return its._replace(time=time, time_unit=layout.time_unit or unit_of(table, columns.time, time))
+    in_seconds = is_of_day or columns.rest is not None
+    its_unit = "s" if in_seconds else layout.time_unit or unit_of(table, columns.time, time)
+    return its._replace(time=time, time_unit=its_unit)
 
 
 def unit_of(table: TextTable, place: int, time: np.ndarray) -> Unit | None:
@@ -181,8 +189,8 @@ def _after_ros_header(table: TextTable) -> _Columns:
 def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Columns:
     names, first, path = table.names, table.first_row, table.path
     headers = [place for place, name in enumerate(names) if ros.is_header(name)]
-    chosen, time = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
-    taxels = chosen or [place for place in range(table.n_columns) if place not in (time, *headers)]
+    chosen, time, rest = chosen_places(layout.columns, layout.time_column, names, first, path, find_time=find_time)
+    taxels = chosen or [place for place in range(table.n_columns) if place not in (time, rest, *headers)]
     if not taxels:
         raise InputError(f"{path}: has no column besides the time; record at least one taxel")
     seen: set[str] = set()
@@ -192,16 +200,16 @@ def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Colum
         if not is_text(names[place]):
             raise InputError(f"{path}: column {place + 1}, {names[place][:40]!a}, has control characters; rename it")
         seen.add(names[place])
-    second = None if chosen else _time_place(names, first, [time, *headers])
+    second = None if chosen else _stamps_at(names, first, [time, rest, *headers])[0]
     if second is not None:
         named = f" ('{names[second][:40]}')" if names else ""
         raise InputError(
             f"{path}: column {second + 1}{named} looks like time stamps but is not the time column; choose the taxels "
             "with --columns, or remove the column"
         )
-    left_out = [] if chosen else [names[place] for place in headers if place != time]
+    left_out = [] if chosen else [names[place] for place in headers if place not in (time, rest)]
     notes = (f"the header of the ROS message is no taxel: {some(left_out)}",) if left_out else ()
-    return _Columns(taxels, time, notes)
+    return _Columns(taxels, time, notes, rest)
 
 
 def chosen_places(
@@ -213,8 +221,9 @@ def chosen_places(
     *,
     find_time: bool,
     others: Mapping[str, Sequence[int]] = {},
-) -> tuple[list[int], int | None]:
-    """The places of the taxels that are asked for (none: all others), and of the time stamps (None: there are none).
+) -> tuple[list[int], int | None, int | None]:
+    """The places of the taxels that are asked for (none: all others), of the time stamps (None: there are none), and of
+    the rest of their seconds (None: they have none of their own).
 
     first: the cells of the first row. find_time: whether a column that only looks like time stamps may be the time.
     others: the places of columns that are neither, by the option that names them.
@@ -222,16 +231,29 @@ def chosen_places(
     """
     used = [place for those in others.values() for place in those]
     chosen = [place for asked in columns for place in _places(asked, names, len(first), "--columns", path)]
-    time = None
+    time = rest = None
     if time_column is not None:
-        (time,) = _places(time_column, names, len(first), "--time-column", path) or [None]
+        parts = split_stamps.apart(time_column, names)
+        time, rest = [*(_places(part, names, len(first), "--time-column", path)[0] for part in parts), None][:2]
     elif find_time:
-        time = _time_place(names, first, [*used, *chosen])
-    named = [*chosen, *([] if time is None else [time])]
+        time, rest = _stamps_at(names, first, [*used, *chosen])
+    named = [*chosen, *(place for place in (time, rest) if place is not None)]
     if len({*named}) < len(named) or {*named} & {*used}:
         *options, last = ("--columns", "--time-column", *others)
         raise InputError(f"{path}: {', '.join(options)} and {last} name a column twice; name each once")
-    return chosen, time
+    return chosen, time, rest
+
+
+def _stamps_at(
+    names: Sequence[str], first: Sequence[str], others: Collection[int | None]
+) -> tuple[int | None, int | None]:
+    """The place of the time stamps, and of the rest of their seconds, by their names; None if there is none.
+
+    >>> _stamps_at(["seconds", "nanoseconds", "left"], [], []), _stamps_at(["time", "left_sec", "left_nsec"], [], [])
+    ((0, 1), (0, None))
+    """
+    single, pair = _time_place(names, first, others), split_stamps.pair_in(names, others)
+    return pair if pair is not None and single in (None, *pair) else (single, None)
 
 
 def _time_place(names: Sequence[str], first: Sequence[str], others: Collection[int | None]) -> int | None:

@@ -67,7 +67,7 @@ def read(
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
     columns = columns_of(table, {roles.label, *roles.trial} & {*names})
-    if roles.time is not None:
+    if roles.time is not None and roles.rest is None:
         its_unit = asked.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
         asked = asked.model_copy(update={"time_unit": its_unit})
     columns = _without_others(columns, table, roles)
@@ -83,7 +83,7 @@ def read(
 
 def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Roles) -> dict[str, np.ndarray]:
     """The columns without pandas' numbers of rows, the header of a ROS message, and what has no name."""
-    used = (roles.label, *roles.trial, roles.time, *roles.taxels)
+    used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
     others = [
         place for place, name in enumerate(table.names) if name not in used
         and (not name or ros.is_header(name) or is_index(table, place, columns[name]))
@@ -136,20 +136,22 @@ def _with_taxels(
     find_time: bool, path: Path,
 ) -> Roles:  # fmt: skip
     """The columns of these classes and trials, the time stamps and the taxels among the others."""
-    chosen, time = chosen_places(
+    chosen, time, rest = chosen_places(
         asked.columns, asked.time_column, tuple(names), first, path, find_time=find_time,
         others={
             "--label": [names.index(label)] if label else [], "--trial": [names.index(name) for name in trial],
         },
     )  # fmt: skip
-    return Roles(label, trial, None if time is None else names[time], tuple(names[at] for at in chosen))
+    stamps = [None if place is None else names[place] for place in (time, rest)]
+    return Roles(label, trial, stamps[0], tuple(names[at] for at in chosen), rest=stamps[1])
 
 
 def _parted(
     columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, path: Path
 ) -> tuple[tuple[str, ...], pd.DataFrame]:
     """The names of the taxels, and the conditions of the trials; columns that are neither are named in a warning."""
-    others = [name for name in columns if name not in (roles.label, *roles.trial, roles.time, *roles.taxels)]
+    used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
+    others = [name for name in columns if name not in used]
     constant = [name for name in others if trials.are_constant(columns[name])]
     changing = [name for name in others if name not in constant]
     taxels = roles.taxels or tuple(name for name in changing if columns[name].dtype.kind in "iuf")

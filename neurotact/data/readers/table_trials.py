@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator, model_validator
 
-from neurotact.data.readers import annotations
-from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
+from neurotact.data.readers import annotations, split_stamps
+from neurotact.data.readers.clock import Unit, is_time_of_day, row_times, seconds_of, unit_in
 from neurotact.data.readers.tables import FLOAT32_MAX, is_number, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
@@ -42,7 +42,8 @@ class TableSpec(Spec):
     columns: tuple[str, ...] = ()
     """The taxels, by names or by numbers; all columns of numbers that change within a trial when absent."""
     time_column: str | None = None
-    """The time stamps; when absent, the first column whose name says so."""
+    """The time stamps, or whole seconds and the rest of the second (`sec,nanosec`); when absent, the first column whose
+    name says so."""
     time_unit: Unit | None = None
     """Their unit; when absent, that at the end of the column's name, else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
@@ -79,7 +80,7 @@ class Roles(NamedTuple):
     """The names of the columns.
 
     label: empty with annotations. time: None without stamps. taxels: the chosen ones; none: all other columns.
-    first_line: the line of the first row.
+    first_line: the line of the first row. rest: of the seconds in `time`; None if they have none of their own.
     """
 
     label: str
@@ -87,6 +88,7 @@ class Roles(NamedTuple):
     time: str | None
     taxels: tuple[str, ...]
     first_line: int = 2
+    rest: str | None = None
 
 
 class Trials(NamedTuple):
@@ -128,10 +130,22 @@ def find_trials(
         trials = _annotated(clock, len(next(iter(columns.values()))), asked, rate_Hz, path, roles.first_line)
     else:
         trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
+    if asked.is_continuous:
+        _say_outside(trials, len(next(iter(columns.values()))), path)
     trials = _chosen(trials, asked.choice.among(chosen_by(trials.conditions, asked)), path)
     if not asked.is_continuous:
         return trials
     return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))
+
+
+def _say_outside(trials: Trials, n_rows: int, path: Path) -> None:
+    """Say how many rows of a continuous recording are in no trial."""
+    changes = np.zeros(n_rows + 1, np.int64)
+    np.add.at(changes, trials.begin, 1)
+    np.add.at(changes, trials.end, -1)
+    n_outside = int((np.cumsum(changes[:-1]) == 0).sum())
+    if n_outside:
+        log.warning("%s: %s of %s rows are in no trial", path, f"{n_outside:,}", f"{n_rows:,}")
 
 
 def _trials(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Trials:
@@ -179,7 +193,7 @@ def _annotated(
             f"{path}: line {back[0] + 1 + first_line} is earlier than the line before it; annotations need one "
             "continuous recording"
         )
-    begin, end = marks.on(time, unit, str(path))
+    begin, end = marks.on(row_times(time), unit, str(path))
     order = np.argsort(begin, kind="stable")
     shared = int((begin[order][1:] < end[order][:-1]).sum())
     if shared:
@@ -238,9 +252,16 @@ def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, 
     if roles.time is None:
         return Clock(None, None)
     values = columns[roles.time]
-    if values.dtype.kind == "U" and is_time_of_day(str(values[0])):
-        return Clock(seconds_of(values.tolist(), str(path), roles.time, roles.first_line, asked.time_unit), "s")
-    return Clock(numbers(values, roles.time, path, roles.first_line), asked.time_unit or unit_in(roles.time))
+    is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
+    if is_of_day:
+        time = seconds_of(values.tolist(), str(path), roles.time, roles.first_line, asked.time_unit)
+    else:
+        time = numbers(values, roles.time, path, roles.first_line)
+    if roles.rest is not None:
+        rest = numbers(columns[roles.rest], roles.rest, path, roles.first_line)
+        time = split_stamps.joined(time, rest, roles.rest, str(path), roles.first_line, asked.time_unit)
+    in_seconds = is_of_day or roles.rest is not None
+    return Clock(time, "s" if in_seconds else asked.time_unit or unit_in(roles.time))
 
 
 def numbers(values: np.ndarray, name: str, path: Path, first_line: int) -> np.ndarray:

@@ -171,6 +171,27 @@ def test_a_segment_also_ends_where_a_trial_ends_and_one_sample_is_none(tmp_path,
     assert found.conditions.values.tolist() == [["x", 1, 1], ["x", 2, 2], ["x", 2, 3]]
     assert [signal[:, 0].tolist() for signal in found.signals] == [[2, 3], [1, 2], [5, 6]]
     assert "fewer than two samples make no trial; left out: the segment from line 6" in caplog.text
+    assert "1 of 7 rows are in no trial" in caplog.text
+
+
+def test_rows_in_no_trial_are_counted(tmp_path, caplog):
+    path = write(tmp_path / "all.csv", "a,label\n" + "1,\n" * 3 + "1,x\n2,x\n" + "3,\n" * 4 + "1,y\n2,y\n")
+    assert nt.read_table(path, 100, "mV", segments=True).lengths.tolist() == [2, 2]
+    assert "all.csv: 7 of 11 rows are in no trial" in caplog.text
+    recording = write(tmp_path / "recording.csv", "a\n" + "".join(f"{n}\n" for n in range(10)))
+    marks = write(tmp_path / "marks.csv", "begin_s,end_s,label\n0.01,0.05,x\n0.03,0.07,y\n")
+    assert nt.read_table(recording, 100, "mV", annotations=marks).lengths.tolist() == [4, 4]
+    assert "recording.csv: 4 of 10 rows are in no trial" in caplog.text
+
+
+def test_annotations_cut_between_rows_that_share_a_stamp(tmp_path):
+    """Whole seconds of a skin at 10 Hz, whose recording begins within a second."""
+    rows = "".join(f"{n // 10},{n}\n" for n in range(7, 93))
+    path = write(tmp_path / "all.csv", "time_s,a\n" + rows)
+    marks = write(tmp_path / "marks.csv", "begin_s,end_s,label\n0.95,3.25,x\n3.55,5.25,y\n")
+    found = nt.read_table(path, unit="mV", annotations=marks)
+    assert found.sampling_rate_Hz == 10
+    assert [signal[:, 0].tolist() for signal in found.signals] == [[*range(10, 33)], [*range(36, 53)]]
 
 
 MARKS = "start,stop,class,force\n0,0.03,x,3\n0.05,0.09,y,6\n"
