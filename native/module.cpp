@@ -6,6 +6,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <memory>
 #include <stdexcept>
@@ -201,6 +202,8 @@ void encode(bool is_double, int64_t trials, int64_t steps, int taxels, Address s
         sa_silent, ra_silent, sa_membrane, ra_membrane, last, sa_silent_left, ra_silent_left, has_last, spikes, threads);
 }
 
+constexpr float kLargest = 1e20f;  // of a sample (neurotact/deploy/chain.py)
+
 // A chain that takes samples; it copies what it is made of, and its memory does not change from then on.
 class Stream {
 public:
@@ -226,10 +229,10 @@ public:
     }
     Stream(const Stream&) = delete;
 
-    // What was decided, a tuple for each window; None, and nothing done, where a sample is not finite.
+    // What was decided, a tuple for each window; None, and nothing done, where a sample is NaN, infinite or too large.
     nb::object push(const float* samples, int64_t n, bool held) {
         for (int64_t i = 0; i < n * plan.taxels; i++)
-            if (!(samples[i] - samples[i] == 0)) return nb::none();
+            if (!(std::fabs(samples[i]) <= kLargest)) return nb::none();
         const int64_t n_decided = kernels->push(plan, stream, samples, n, held, decided.data());
         nb::list found;
         for (int64_t i = 0; i < n_decided; i++) {

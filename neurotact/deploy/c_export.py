@@ -15,11 +15,13 @@ from neurotact.data.causal import Conditioner
 from neurotact.data.conditioning import HALF
 from neurotact.deploy import formats as whole
 from neurotact.deploy import integer
-from neurotact.deploy.chain import Chain
+from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.deploy.formats import Formats, Integrator
 from neurotact.errors import InputError
 
-MOST_STEPS = 2**31 - 1
+MOST_STEPS, MOST_COUNT = 2**31 - 1, 2**32 - 1
+HOLD_MS = 5.0
+"""For how long the last values stand in for missing ones, as in `Stream`; a macro of the export changes it."""
 LINE = 110
 
 
@@ -76,6 +78,11 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     n_taxels, integrator = chain.n_taxels, network.bias is not None
     if max(plan.length, plan.start, plan.hop, plan.quiet) > MOST_STEPS:
         raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
+    if plan.length * max(2 * n_taxels, spec.hidden) > MOST_COUNT:
+        raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
+    n_start = Conditioner(chain.sampling_rate_Hz, conditioning).past.n_start
+    if n_start > MOST_STEPS:
+        raise InputError("conditioning.start_ms: is longer than 2^31 - 1 steps; shorten it")
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
@@ -84,6 +91,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         "class_names": [_text(each) for each in chain.classes],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
         "most_decisions": plan.at_once * per_sample,
+        "hold": max(1, int(HOLD_MS * 1e-3 * chain.sampling_rate_Hz)), "hold_ms": f"{HOLD_MS:g}",
         "afferent_type": _unsigned(2 * n_taxels), "neuron_type": _unsigned(spec.hidden),
         "class_type": _unsigned(network.n_classes),
         "integrator": integrator, "adapts": network.adaptation is not None, "recurrent": spec.recurrent,
@@ -130,6 +138,8 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     layers = [_float_layer(chain, index, alpha, beta, threshold) for index in (0, 1)]
     return {
         "value": "float", "sum": "double", "state": "float", "wide": "float",
+        "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
+        "heard": "double" if conditioning.baseline == "running" else "uint32_t",
         "count": "double" if network.bias is not None else _count(chain),
         "readout_leak": integration.decay.hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
@@ -179,7 +189,7 @@ def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:
     layers += [] if isinstance(readout, Integrator) else [_integer_layer(chain, 1, readout)]
     stride = front.stride or (0, 0)
     return {
-        "value": "int32_t", "sum": "int64_t", "wide": "int32_t",
+        "value": "int32_t", "sum": "int64_t", "wide": "int32_t", "heard": "uint32_t",
         "state": "int16_t" if formats.state_bits <= 16 else "int32_t",
         "count": "int32_t" if isinstance(readout, Integrator) else _count(chain),
         "readout_leak": None, "peak": False, "margin": integer.whole_margin(chain.rule, readout),

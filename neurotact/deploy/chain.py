@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import torch
 
 from neurotact.data.conditioning import conditioned_length
@@ -18,6 +19,10 @@ from neurotact.spec import build
 
 PAIR = 2
 """Afferents under a taxel with one SA-I and one RA-I."""
+LARGEST = 1e20
+"""A sample beyond it counts as missing, as an infinite one does: what a chain computes from others stays finite."""
+LARGEST_FACTOR = 1e6
+"""Between two units of samples."""
 MOST_SAMPLES_A_STEP = 1_000_000
 """Samples for each step of the encoder's clock; more are a wrong rate, of which a counter would overflow."""
 
@@ -85,6 +90,7 @@ def chain_of(
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
     encoder = _checked(encoder, network)
+    _check_range(encoder, network.sampling_rate_Hz)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
@@ -125,6 +131,20 @@ def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
                 "give the encoder that the network was trained with"
             )
     return encoder
+
+
+def _check_range(encoder: AfferentSpec, clock_Hz: float) -> None:
+    """InputError if the drive of the largest sample, in any unit, is not finite."""
+    scales = np.abs(encoder.conditioning.scale or (1.0,))
+    offsets = np.abs(encoder.conditioning.offset or (0.0,))
+    gains = [*encoder.sa1.gains, *(1e-3 * clock_Hz * gain for gain in encoder.ra1.gains)]
+    with np.errstate(over="ignore"):
+        drive = (4 * LARGEST * LARGEST_FACTOR + offsets.max()) / scales.min() * np.abs(gains).max()
+    if not drive < np.finfo(np.float32).max:
+        raise InputError(
+            f"encoder: a gain of {np.abs(gains).max():g} over a scale of {scales.min():g} exceeds float32 with large "
+            "samples; use a smaller unit or smaller gains"
+        )
 
 
 def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) -> float:

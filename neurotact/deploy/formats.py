@@ -333,7 +333,10 @@ def _levels(neuron: LIF, gain: float, fine: np.ndarray) -> tuple[np.ndarray, np.
     reset = np.rint((neuron.v_reset_mV - neuron.v_rest_mV) / gain * fine)
     if (threshold < 1).any():
         raise InputError("lsb: a threshold is less than one lsb; give a finer one")
-    return tuple(np.clip(each, -MOST_OFFSET, MOST_OFFSET * 8 - 1).astype(np.int64) for each in (threshold, reset))  # pyright: ignore
+    # A signal stays below 2^29 and its change below 2^30: a larger reset is of a threshold that is never reached. The
+    # difference of a membrane and a signal then fits in 32 bits.
+    threshold = np.clip(threshold, 1, LARGEST).astype(np.int64)
+    return threshold, np.clip(reset, -MOST_OFFSET, MOST_OFFSET * 4 - 1).astype(np.int64)
 
 
 def _layer(

@@ -70,7 +70,7 @@ class CompiledStream:
             most_decisions=self._most_steps + plan.at_once + 1,
         )  # fmt: skip
         self.push = self._stream.push
-        """The decisions of samples `(sample, taxel)` float32; None, without any effect, if one is not finite."""
+        """The decisions of samples `(sample, taxel)` float32; None, without any effect, if one is not valid."""
         self.take = self._stream.take
         """The same for the samples of a caller, which are counted; None if they are not contiguous float32."""
 

@@ -18,7 +18,9 @@ from neurotact.deploy.boards import Board
 from neurotact.errors import InputError
 
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
-SANITIZERS = ("-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZERS = (
+    "-O1", "-g", "-fsanitize=address,undefined,float-cast-overflow,float-divide-by-zero", "-fno-sanitize-recover=all",
+)  # fmt: skip
 LONGEST_S = 600
 
 
@@ -63,13 +65,23 @@ def missing(*tools: str) -> str | None:
 
 def on_host(folder: Path, name: str, trials: Sequence[np.ndarray], *, flags: Sequence[str] = ("-O2",)) -> list[Spoken]:
     """Compile the export in `folder` with the host's C compiler and run trials `(sample, taxel)` through it."""
+    output = run(built_here(folder, name, flags=flags), _packed(trials))
+    return _parsed(output, name, folder)[0]
+
+
+def built_here(folder: Path, name: str, *, flags: Sequence[str]) -> Path:
+    """Compile a program for this machine."""
     program = folder / "harness"
     _call(
         ["cc", *WARNINGS, *flags, *_watched(name), f"{name}.c", "harness.c", str(boards.HOST), "-o", str(program)],
         folder,
     )
-    output = _call([str(program)], folder, data=_packed(trials))
-    return _parsed(output, name, folder)[0]
+    return program
+
+
+def run(program: Path, data: bytes) -> bytes:
+    """The output of a program on this machine."""
+    return _call([str(program)], program.parent, data=data)
 
 
 def on_board(
@@ -80,17 +92,23 @@ def on_board(
     counting: without recording spikes, and with a clock that counts instructions; ticks are then instructions.
     """
     image = build(folder, name, board, watched=not counting)
-    (folder / "input.bin").write_bytes(_packed(trials))
+    outputs, ticks = _parsed(emulate(image, _packed(trials), board, counting=counting), name, folder)
+    if counting:
+        scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
+        ticks = Ticks(ticks.samples, round(ticks.most * scale), round(ticks.total * scale))
+    return outputs, ticks
+
+
+def emulate(image: Path, data: bytes, board: Board, *, counting: bool = False) -> bytes:
+    """The output of an image on QEMU's emulation of a board."""
+    folder = image.parent
+    (folder / "input.bin").write_bytes(data)
     counted = ["-icount", f"shift={boards.SHIFT}"] if counting else []
     _call(
         ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
          "-semihosting-config", "enable=on,target=native", "-kernel", image.name], folder,
     )  # fmt: skip
-    outputs, ticks = _parsed((folder / "output.bin").read_bytes(), name, folder)
-    if counting:
-        scale = 1e9 / board.clock_Hz / 2**boards.SHIFT
-        ticks = Ticks(ticks.samples, round(ticks.most * scale), round(ticks.total * scale))
-    return outputs, ticks
+    return (folder / "output.bin").read_bytes()
 
 
 def build(folder: Path, name: str, board: Board, *, watched: bool) -> Path:

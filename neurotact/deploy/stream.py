@@ -1,8 +1,8 @@
 """Streaming: samples are processed as they arrive, and windows are decided as soon as the rule allows.
 
-A NaN or infinite value is replaced by the taxel's last valid one and counted (`held`); a decision contains the number
-of its steps that use such values. More of them in a row than `hold_ms`, or as many missing samples, are a gap: open
-windows are dropped and the chain restarts, as with a new trial. A decision therefore
+A value that is NaN, infinite or beyond `LARGEST` is replaced by the taxel's last valid one and counted (`held`); a
+decision contains the number of its steps that use such values. More of them in a row than `hold_ms`, or as many missing
+samples, are a gap: open windows are dropped and the chain restarts, as with a new trial. A decision therefore
 shows whether it uses values that were not recorded.
 """
 
@@ -18,7 +18,7 @@ from neurotact.backend import Backend, use_native
 from neurotact.data.causal import Conditioner
 from neurotact.data.recordings import unit_factor
 from neurotact.deploy import running, stream_file
-from neurotact.deploy.chain import PAIR, Chain, chain_of
+from neurotact.deploy.chain import LARGEST, PAIR, Chain, chain_of
 from neurotact.deploy.native import CompiledStream, Decided, Remembered
 from neurotact.deploy.stream_state import Decision, StreamState, Tally, Trace, copied
 from neurotact.encoders import afferents
@@ -109,7 +109,7 @@ class Stream:
         if decided is not None:
             return self._from_compiled(decided)
         self._count_samples()
-        is_good = np.isfinite(samples)
+        is_good = np.abs(samples) <= LARGEST  # not NaN either
         if is_good.all() and self._state.bad_in_a_row == 0:
             self._state.tally.samples += len(samples)
             self._state.good = samples[-1].copy() if len(samples) else self._state.good
@@ -282,7 +282,7 @@ class Stream:
             block = np.ascontiguousarray(samples[at : at + self._most_samples])
             if self._compiled is not None:
                 decided = self._compiled.push(samples=block, held=held)
-                assert decided is not None  # all are finite by now
+                assert decided is not None  # all are valid by now
                 decisions += self._from_compiled(decided)
                 continue
             signal, self._state.conditioned = self.conditioner.push(block, self._state.conditioned)

@@ -191,6 +191,13 @@ def test_the_example_decides_and_names_what_is_no_sample(variant, tmp_path):
     assert run(rows + "5,x\n" + rows)[1] == decided
     if variant == "integer":
         assert run("1,2\n0.5,1\n")[::2] == (2, _complaint(2, variant))
+        assert run("1,2\n1,32768\n")[::2] == (
+            2, "sample 2: 32768 does not fit in 16 bits; give -32768 to 32767\n"
+        )  # fmt: skip
+    else:
+        words = "8 samples with repeated values, 1 gaps, 5 samples skipped\n"
+        spoilt = "nan,1\n" * 3 + "0,0\n" * 9 + "inf,1\n" * 6 + "1,-inf\n" * 4
+        assert run(rows + spoilt)[::2] == (0, words)
 
 
 def _complaint(row: int, variant: str) -> str:
