@@ -184,10 +184,12 @@ def row_cost(
     rate_Hz: float,
     encoder: Mapping[str, Any],
     early: bool = False,
+    encoding: bool = True,
 ) -> Cost:
     """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
 
-    early: with early exit. The other arguments are as for `study_ledger`.
+    early: with early exit. encoding: whether conditioning and encoding count. The other arguments are as for
+    `study_ledger`.
     """
     window_steps = float(row["window_steps"])
     steps = float(row["exit_steps"]) if early else window_steps
@@ -196,4 +198,4 @@ def row_cost(
     own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model)})
     measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
     network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
-    return encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) + network
+    return network + encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) if encoding else network

@@ -90,7 +90,8 @@ def _costs(study: StudySpec, row: Mapping[str, Any], trains: SpikeTrains | None,
     if trains is not None and study.network is not None:
         sizes = {"n_afferents": len(trains.afferents), "n_classes": len(trains.classes)}
         clock = {"rate_Hz": trains.sampling_rate_Hz, "encoder": trains.encoder}
-        spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before))
+        counts = study.encoding_in == "processor"
+        spent = ledger.row_cost(study.network, row, **sizes, **clock, early=bool(before), encoding=counts)
         found |= {"ms": 1e3 * steps / trains.sampling_rate_Hz, "nJ": spent.energy_estimate_nJ}
     return found
 
@@ -244,7 +245,7 @@ def fronts(
         table = front_table(found, networks, baselines)
         lost = [*answers.gaps(found, likely_cause(study.split)), *answers.where_lost(found, baselines)]
         saved = answers.of_refractory_periods(found, networks)
-        words = [*answers.details(found), *_of_encoding(found, trains), *saved]
+        words = [*answers.details(found), *_of_encoding(found, trains, study.encoding_in), *saved]
         standing = [representative(rows, network) for network in networks]
         first = untold(study.split, trains)
         headline = f"{first}. {answers.headline(found)}" if first else answers.headline(found)
@@ -284,16 +285,23 @@ def likely_cause(split: SplitSpec) -> str:
     return "the classifiers were chosen among many on few validation trials, or these resemble training trials more"
 
 
-def _of_encoding(found: Answer, trains: SpikeTrains | None) -> Iterator[str]:
-    """The energy of conditioning and encoding in the cheapest decision, which fewer spikes do not lower."""
-    decision = found.cheapest.early or found.cheapest.whole
+def _of_encoding(found: Answer, trains: SpikeTrains | None, place: str) -> Iterator[str]:
+    """The energy of conditioning and encoding for the cheapest decision, which fewer spikes do not lower.
+
+    place: where they are computed (`StudySpec.encoding_in`).
+    """
+    decision = found.cheapest.used
     if trains is None or decision.nJ is None or not found.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
     spent = ledger.encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
+    alone = answers.energy(spent.energy_estimate_nJ)
+    if place == "sensor":
+        yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."
+        return
     yield (
-        f"Conditioning and encoding take {answers.energy(spent.energy_estimate_nJ)} of "
-        f"{answers.energy(decision.nJ)}, at {rate_Hz:g} steps per second, for any number of spikes."
+        f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {rate_Hz:g} "
+        "steps per second, for any number of spikes; --set encoding_in=sensor leaves them out."
     )
 
 

@@ -142,19 +142,27 @@ def gru_steps(length_ms: float, most: int) -> int:
 
 
 def spike_inputs(
-    trains: SpikeTrains, pair: tuple[float, float], cuts: Cuts, opponents: Opponents = "quick", *, is_first: bool = True
+    trains: SpikeTrains,
+    pair: tuple[float, float],
+    cuts: Cuts,
+    opponents: Opponents = "quick",
+    *,
+    is_first: bool = True,
+    encoding: bool = True,
 ) -> Iterator[Input]:
     """Spikes of each afferent, counted over the window and in `BINS` time bins; each spike is one addition.
 
     is_first: also for other classifiers than logistic regression. The events of an event-based sensor are its signal:
-    they cost nothing to encode, and with all opponents there are sequences of them, too.
+    they cost nothing to encode, and with all opponents there are sequences of them, too. encoding: whether the energy
+    of conditioning and encoding counts.
     """
     rasters = trains.raster(cuts.windows)
     n_windows, n_steps, n_afferents = rasters.shape
     source = SPIKES if trains.encoder else EVENTS
     n_taxels = taxels_of(n_afferents, trains.encoder)
-    encoding = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder) if trains.encoder else Cost()
-    made = encoding + Cost(acs=float(rasters.sum()) / n_windows)
+    is_counted = encoding and bool(trains.encoder)
+    encoded = encoding_cost(n_taxels, n_steps, cuts.length_ms, trains.encoder) if is_counted else Cost()
+    made = encoded + Cost(acs=float(rasters.sum()) / n_windows)
     of_features = families.ON_FEATURES if is_first else {LINEAR: families.logistic_regression}
     n_bins = min(BINS, n_steps)
     counts = counted(rasters, n_bins)

@@ -128,11 +128,9 @@ def _fitted(
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
         of_signals = baselines.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
-        of_spikes = (
-            ()
-            if study.baselines == "linear"
-            else baselines.spike_inputs(trains, pair, cuts, study.baselines, is_first=is_first)
-        )
+        counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
+        of_spikes = baselines.spike_inputs(trains, pair, cuts, study.baselines, **counts)
+        of_spikes = () if study.baselines == "linear" else of_spikes
         for row in baselines.rows(chain(of_signals, of_spikes), recordings.labels[windows.trial], cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}

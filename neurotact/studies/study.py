@@ -169,6 +169,8 @@ class StudySpec(Spec):
     baselines: Opponents = "none"
     """The opponents to fit on the same windows, in baselines.csv: `linear`, logistic regression on mean and deviation
     of the signals; `quick`, also SVM, ELM and trees, and on spikes; `all`, also spectra, MiniRocket and a GRU."""
+    encoding_in: Literal["processor", "sensor"] = "processor"
+    """Where conditioning and encoding are computed: their energy counts on the processor, and not in the sensor."""
     cut_short_ms: tuple[Milliseconds, ...] = ()
     """Also test each network on the first part of its own windows, of these lengths: the table cut_short.csv."""
     exit_patiences: tuple[Steps, ...] = ()

@@ -85,6 +85,15 @@ def test_a_study_by_a_recipe_counts_what_the_recipe_chose(steps, recurrent):
     assert chain["parameters"] - alone["parameters"] == 16 * 20 + recurrent + (20 + 1) * 8
 
 
+def test_encoding_in_the_sensor_costs_a_decision_nothing():
+    row = {"hidden": 3, "window_steps": 10.0, "exit_steps": 10.0, "sops_input": 6.0, "sops_recurrent": 0.0,
+           "sops_readout": 4.0}  # fmt: skip
+    sizes = {"n_afferents": 2, "n_classes": 4, "rate_Hz": 2000.0, "encoder": SMOOTHED}
+    both, alone = (ledger.row_cost(RSNNSpec(hidden=3), row, **sizes, encoding=counts) for counts in (True, False))
+    assert both.macs - alone.macs == ledger.encoding_cost(1, 10, 5.0, SMOOTHED).macs
+    assert both.sops == alone.sops == 10.0
+
+
 def test_encoders_by_hand():
     # A taxel, ten steps of 0.5 ms, as recorded.
     izhikevich = ledger.encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})

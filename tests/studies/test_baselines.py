@@ -40,6 +40,8 @@ def test_spikes_are_counted_over_the_window_and_in_its_tenths():
     assert whole.pair == (1.0, 5.0)
     # Each spike is one addition on top of the encoding: 4 spikes in 40 windows.
     assert whole.made.acs - encoding_cost(1, 20, 20.0, {}).acs == pytest.approx(0.1)
+    in_sensor = next(baselines.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps), encoding=False))
+    assert in_sensor.made == Cost(acs=0.1)
     events = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS)
     assert next(baselines.spike_inputs(events, (1.0, 5.0), cuts(trains.trial_steps))).made == Cost(acs=0.1)
 
