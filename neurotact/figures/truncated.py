@@ -23,7 +23,11 @@ from neurotact.figures.style import (
     series_style,
 )
 
-MODES = {"validated": "counted from the first readout spike", "oracle": "Algorithm 1, which uses the true label"}
+MODES = {
+    "validated": "counted from the first readout spike",
+    "oracle": "Algorithm 1, which uses the true label",
+    "printed": "Algorithm 1 to the letter: its count is never reset",
+}
 PANELS = (("accuracy_test", "test accuracy (%)", 100.0), ("sops_total", "SOPs per sample (thousands)", 1e-3))
 COSTS = (
     ("spikes", "afferent spikes per decision"),

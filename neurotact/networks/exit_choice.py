@@ -170,11 +170,35 @@ def _within(accuracy: Tensor, tolerance: float) -> Tensor:
     return accuracy >= accuracy[-1] - tolerance - 1e-9
 
 
+def printed_exits(rasters: Tensor | np.ndarray, integration: Integration | None = None) -> Exits:
+    """Exit step and label of every trial for every patience, by the texture paper's Algorithm 1 as it is printed.
+
+    Its line 17 resets `counter`, a variable that is used nowhere else, and never `count`: the steps at which the
+    leading class is that of the step before add up over the whole window, and their number ends it.
+
+    >>> printed_exits(torch.tensor([[[0, 1], [0, 1], [1, 0], [0, 1]]])).steps.tolist()
+    [[2, 3, 4, 4]]
+    """
+    spikes = _checked(rasters, integration)
+    n_steps = spikes.shape[1]
+    leading = torch.stack([leader.index for leader in _leaders(spikes, integration)], dim=1)
+    unchanged = torch.nn.functional.pad((leading[:, 1:] == leading[:, :-1]).long(), (1, 0)).cumsum(dim=1)
+    patiences = torch.arange(1, n_steps + 1, device=spikes.device).expand(len(leading), -1).contiguous()
+    steps = (torch.searchsorted(unchanged.contiguous(), patiences) + 1).clamp(max=n_steps)
+    return Exits(steps, leading.gather(1, steps - 1))
+
+
 def oracle_exit(
-    rasters: Tensor | np.ndarray, labels: Tensor | np.ndarray, patience: int, integration: Integration | None = None
+    rasters: Tensor | np.ndarray,
+    labels: Tensor | np.ndarray,
+    patience: int,
+    integration: Integration | None = None,
+    *,
+    as_printed: bool = False,
 ) -> OracleExit:
     """The texture paper's Algorithm 1, line 17 read as count = 0; it knows the true label, so it is no prediction.
 
+    as_printed: read line 17 as it stands, see `printed_exits`.
     Each trial starts with `patience`. While its exit label is wrong, patience is raised by one (the paper says
     "adjusting the Patience"); a patience without an exit gives the full window. A trial that is never right runs
     the full window, with that label and patience T. Steps count from the first one, where class 0 leads a silent
@@ -184,7 +208,7 @@ def oracle_exit(
     {'steps': tensor([3]), 'labels': tensor([1]), 'patience': tensor([2])}
     """
     ExitRule(patience)  # refuses a patience below 1
-    found = exits(rasters, from_first_spike=False, integration=integration)
+    found = printed_exits(rasters, integration) if as_printed else exits(rasters, False, integration)
     n_steps = found.steps.shape[1]
     start = min(patience, n_steps) - 1
     right = found.labels[:, start:] == _labels(labels, found)[:, None]

@@ -15,6 +15,7 @@ from neurotact.networks.exit_choice import (
     margins_up_to,
     oracle_exit,
     patience_rule,
+    printed_exits,
     right_of,
     steady,
 )
@@ -27,8 +28,8 @@ def least_rule(raster, true, tolerance: float = 0.0) -> ExitRule:
     return patience_rule(least(right_of(exits(raster), true), len(true), tolerance))
 
 
-def algorithm_1_for_loop(T_D: np.ndarray, Patience: int) -> tuple[int, int] | None:
-    """Lines 2 to 20 of the texture paper's Algorithm 1, its line 17 read as count = 0: (Time_new, index_op)."""
+def algorithm_1_for_loop(T_D: np.ndarray, Patience: int, *, resets_count: bool = True) -> tuple[int, int] | None:
+    """Lines 2 to 20 of the texture paper's Algorithm 1: (Time_new, index_op); line 17 is read as count = 0, or not."""
     M = T_D[0]
     i_max_prev = int(np.argmax(M))
     count = 0
@@ -40,7 +41,7 @@ def algorithm_1_for_loop(T_D: np.ndarray, Patience: int) -> tuple[int, int] | No
             if count == Patience:
                 return i, i_max
         else:
-            count = 0
+            count = 0 if resets_count else count
             i_max_prev = i_max
     return None
 
@@ -253,6 +254,19 @@ def test_margins_reach_the_largest_lead_and_a_silent_readout_has_none():
     assert margins_up_to(2.0).tolist() == [1, 2]
     assert largest_lead(torch.zeros(2, 4, 3)) == 0
     assert margin_rule(margins_up_to(0.0), 0) == FULL_WINDOW
+
+
+@given(readouts())
+@settings(max_examples=40)
+def test_algorithm_1_to_the_letter_counts_every_unchanged_step(raster):
+    """It never exits later than with a count that is reset."""
+    found, meant = printed_exits(raster), exits(raster, from_first_spike=False)
+    for trial, T_D in enumerate(raster):
+        full = len(T_D), int(np.argmax(T_D.sum(axis=0)))
+        for patience in range(1, len(T_D) + 1):
+            at = int(found.steps[trial, patience - 1]), int(found.labels[trial, patience - 1])
+            assert at == (algorithm_1_for_loop(T_D, patience, resets_count=False) or full)
+    assert (found.steps <= meant.steps).all()
 
 
 def test_the_oracle_worked_by_hand():
