@@ -282,12 +282,19 @@ def times(found: Answer, spent: float) -> Ratio | None:
 
 
 def _learned_without(found: Answer) -> str:
-    """Where no network is clearly better than guessing: whether the best baseline is."""
+    """Where no network is clearly better than guessing: whether baselines are."""
     if found.baseline is None:
         return ""
-    learned = wilson_interval(found.baseline.accuracy, found.trials.test)[0] > found.guess
-    verdict = "is clearly better than guessing" if learned else "is not clearly better than guessing either"
-    return f"; the best baseline {verdict} ({found.baseline.name}, {percent(found.baseline.accuracy)})"
+    worst, best = _ends(found.rivals)
+    learned = wilson_interval(best.accuracy, found.trials.test)[0] > found.guess
+    if len(found.rivals) == 1:
+        verdict = "is clearly better than guessing" if learned else "is not clearly better than guessing either"
+        return f"; the best baseline {verdict} ({best.name}, {percent(best.accuracy)})"
+    verdict = "some of them are clearly better than guessing" if learned else "none is clearly better than guessing"
+    return (
+        f"; {len(found.rivals)} baselines that validation cannot tell apart are right in {percent(worst.accuracy)} "
+        f"({worst.name}) to {percent(best.accuracy)} ({best.name}): {verdict}"
+    )
 
 
 def details(found: Answer) -> Iterator[str]:

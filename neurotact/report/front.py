@@ -252,6 +252,11 @@ def fronts(
         yield Front(str(setting), found, sides, networks, standing, headline, words, table, lost)
 
 
+def _either(value: Any) -> str:
+    """A value, or one of several, in words."""
+    return " or ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+
+
 def untold(split: SplitSpec, trains: SpikeTrains | None) -> str:
     """A statement that validation cannot choose for the test, because it cannot leave out a condition; else empty."""
     if not split.test_where or trains is None or turns_of(trains.conditions, split):
@@ -276,7 +281,7 @@ def likely_cause(split: SplitSpec) -> str:
     'test trials have speed = 150, validation trials have not'
     """
     if split.test_where:
-        values = " and ".join(f"{name} = {value}" for name, value in split.test_where.items())
+        values = " and ".join(f"{name} = {_either(value)}" for name, value in split.test_where.items())
         return f"test trials have {values}, validation trials have not"
     if split.order is not None:
         return f"test trials are the last ones by {split.order}"

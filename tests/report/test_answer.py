@@ -18,6 +18,12 @@ def network(pair="1&1", hidden=50, validation=0.9, accuracy=0.9, sops=1000.0, ea
     return Network(pair, hidden, 3, validation, Decision(accuracy, sops, 1000.0, 80.0, nJ), early)
 
 
+def test_where_nothing_is_clear_every_rival_is_named_by_its_ends():
+    rivals = [Baseline("LR", 1.0, 0.3, 1.0), Baseline("trees", 1.0, 0.74, 9.0), Baseline("weak", 0.2, 0.9, 1.0)]
+    said = headline(answer([network(accuracy=0.3)], rivals, 0.25, TRIALS))
+    assert "2 baselines that validation cannot tell apart are right in 30.0 % (LR) to 74.0 % (trees): some of" in said
+
+
 def test_the_cheapest_within_the_error_is_chosen_on_validation_trials():
     best = network("1&1", validation=0.95, accuracy=0.93, sops=1000)
     near = network("5&5", validation=0.93, accuracy=0.91, sops=400)  # 0.02 below, error 0.0253
