@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from neurotact import files, spec, tables
 from neurotact.data import hdf5, sources
+from neurotact.data.digests import recorded_trials
 from neurotact.data.readers import arrays, event_files, folder, nwb, raster, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
@@ -339,11 +340,12 @@ def plot_raster(
 ) -> Figure:
     """The spikes of one trial as a matplotlib figure, under the signals of `recordings` where they are given."""
     _instance("spikes", spikes, SpikeTrains, "nt.encode returns them")
-    if recordings is not None and len(recordings) != len(spikes):
-        raise InputError(f"recordings: hold {len(recordings)} trials but the spikes {len(spikes)}; give those encoded")
     signal = None
     if recordings is not None:
-        signal = (recordings.signals[existing_trial(spikes, trial)], recordings.sampling_rate_Hz, recordings.unit)
+        found = recorded_trials(recordings, spikes, np.array([existing_trial(spikes, trial)]))
+        if found is None:
+            raise InputError(f"recordings: do not hold trial {trial} of the spikes; give those that were encoded")
+        signal = (recordings.signals[found[0]], recordings.sampling_rate_Hz, recordings.unit)
     return draw_raster(spikes, trial, signal, start_s, stop_s)
 
 
@@ -436,6 +438,7 @@ def export_c(
     *,
     variant: str = "integer",
     recordings: str | Path | None = None,
+    spikes: str | Path | None = None,
     weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
@@ -445,10 +448,10 @@ def export_c(
 ) -> Exported:
     """Write the chain in the run folder `run` as C99, from a raw sample to a decision, as `neurotact export` does.
 
-    variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings: that the run
-    was trained on, where they moved since. weight_bits: 2 to 8; when None those of `fine_tune`, else 8. state_bits: 8
-    to 16, or 24; chosen when None. lsb: of a sample of 16 bits; from the recorded range when None. name: prefix of
-    every name in C.
+    variant: "integer", whose formats are chosen from the run's training trials, or "float". recordings, spikes: that
+    the run was trained on, where they moved since. weight_bits: 2 to 8; when None those of `fine_tune`, else 8.
+    state_bits: 8 to 16, or 24; chosen when None. lsb: of a sample of 16 bits; from the recorded range when None.
+    name: prefix of every name in C.
     windows: early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms, sampling_rate_Hz, as for `Stream`.
     Returns the chain and its formats.
     """
@@ -457,8 +460,8 @@ def export_c(
     for path in c_export.paths(Path(folder), name):
         files.check_new(path, force=force)
     found = export.prepared(
-        run, integer=variant == "integer", recordings=recordings, weight_bits=weight_bits, state_bits=state_bits,
-        lsb=lsb, **windows,
+        run, integer=variant == "integer", recordings=recordings, spikes=spikes, weight_bits=weight_bits,
+        state_bits=state_bits, lsb=lsb, **windows,
     )  # fmt: skip
     c_export.write(found.chain, Path(folder), found.formats, name=name)
     return found
@@ -472,16 +475,20 @@ def fine_tune(
     state_bits: int | None = None,
     epochs: int = fine_tuning.EPOCHS,
     seed: int = 0,
+    spikes: str | Path | None = None,
     force: bool = False,
 ) -> dict[str, Any]:
     """Train the network in the run folder `run` on with rounded weights, as `neurotact fine-tune` does.
 
     It is saved in `folder` as a run of its own, which `export_c` writes with these bits. weight_bits: 2 to 8.
     state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. Training and validation trials are used alone.
-    force: replace a training that is in the folder. Returns what it came to, as `train` does.
+    spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder.
+    Returns what it came to, as `train` does.
     """
     place = Path(folder)
-    fine_tuning.run(run, place, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, force=force)
+    fine_tuning.run(
+        run, place, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
+    )
     return summary_of(files.read_json(place / train_run.RESULT))
 
 

@@ -349,6 +349,23 @@ def existing(path: str | Path, what: str = "file") -> Path:
     raise InputError(f"{path}: there is no such {what}; check the path")
 
 
+def named_by(holder: str | Path, name: str | Path) -> list[Path]:
+    """Where a file that the file `holder` names may be: beside `holder`, then in the current folder; each place once.
+
+    >>> [str(place) for place in named_by("runs/spikes.h5", "touch.h5")]
+    ['runs/touch.h5', 'touch.h5']
+    >>> [str(place) for place in named_by("runs/spikes.h5", "/data/touch.h5")]
+    ['/data/touch.h5']
+    """
+    places = [Path(holder).parent / name, Path(name)]
+    return places[:1] if places[0].absolute() == places[1].absolute() else places
+
+
+def place_of(holder: str | Path, name: str | Path) -> Path | None:
+    """The file or folder that the file `holder` names: the first of its places (`named_by`) where there is one."""
+    return next((place for place in named_by(holder, name) if os.path.exists(place)), None)
+
+
 def check_text(word: str) -> None:
     """Refuse an external text, such as a file name, that is not UTF-8."""
     try:

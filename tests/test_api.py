@@ -200,8 +200,12 @@ def test_a_raster_is_a_figure(touches, spikes):
     figure = nt.plot_raster(spikes, trial=1, recordings=touches)
     assert figure.axes
     plt.close(figure)
-    with pytest.raises(InputError, match="hold 2 trials"):
-        nt.plot_raster(spikes, recordings=touches.select(np.array([0, 1])))
+    figure = nt.plot_raster(spikes, trial=1, recordings=touches.select(np.array([1, 0])))
+    drawn = [line.get_ydata() for line in figure.axes[0].lines]
+    np.testing.assert_array_equal(np.stack(drawn, axis=1), touches.signals[1])
+    plt.close(figure)
+    with pytest.raises(InputError, match="recordings: do not hold trial 2 of the spikes"):
+        nt.plot_raster(spikes, trial=2, recordings=touches.select(np.array([0, 1])))
     for trial in (len(spikes), -1, 1.5):
         for recordings in (None, touches):
             with pytest.raises(InputError, match=f"trial {trial}: there is no such trial; trials count from 0 to 47"):

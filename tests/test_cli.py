@@ -242,7 +242,10 @@ def test_a_raster_without_its_recordings_says_so(neurotact, made, tmp_path):
         target.attrs.update({**source.attrs, "source": "gone.h5"})
     code, _, err = neurotact("raster", tmp_path / "moved.h5", "-o", tmp_path / "raster.svg")
     assert code == 0
-    assert err == "neurotact: the signal is left out: gone.h5 does not exist; name it with --recordings\n"
+    assert err == (
+        f"neurotact: the signal is left out: 'gone.h5', from which {tmp_path / 'moved.h5'} was encoded, is neither "
+        "beside it nor in the current folder; name it with --recordings\n"
+    )
 
 
 def test_events_are_written_as_a_table(neurotact, made, tmp_path):

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from neurotact import api
-from neurotact.cli.options import MOST_SEEDS, Force, HopMs, Json, OutFolder, RunFolder
+from neurotact.cli.options import MOST_SEEDS, Force, HopMs, Json, MovedSpikes, OutFolder, RunFolder
 from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_table
 from neurotact.data import hdf5
@@ -159,6 +159,7 @@ def fine_tune(
     state_bits: StateBits = None,
     epochs: Annotated[int, typer.Option(min=0, help="Epochs of training; 0 only rounds.")] = fine_tuning.EPOCHS,
     seed: Annotated[int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the order of windows.")] = 0,
+    spikes: MovedSpikes = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -168,7 +169,7 @@ def fine_tune(
     validation windows is saved, or the network that is only rounded, if that is better.
     """
     outcome, training = fine_tuning.run(
-        run, out, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, force=force
+        run, out, weight_bits=weight_bits, state_bits=state_bits, epochs=epochs, seed=seed, spikes=spikes, force=force
     )
     if as_json:
         print_json(outcome)
@@ -206,6 +207,7 @@ def export_command(
     recordings: Annotated[
         Path | None, typer.Option(help="The recordings that the run was trained on, if they were moved.")
     ] = None,
+    spikes: MovedSpikes = None,
     name: Annotated[str, typer.Option(help="Prefix of all names in C.")] = "touch",
     sampling_rate_Hz: RateHz = None,
     window_ms: WindowMs = None,
@@ -256,23 +258,24 @@ def export_command(
         raise InputError("export: needs --to c (or nir) and -o, or --check TARGET")
     if to == "nir":
         _export_nir(
-            run, out, prove, recordings, plain=plain, lower_refractory=lower_refractory, network_only=network_only,
-            dt_s=dt_s, force=force,
+            run, out, prove, recordings, spikes, plain=plain, lower_refractory=lower_refractory,
+            network_only=network_only, dt_s=dt_s, force=force,
         )  # fmt: skip
         return
     if to != "c":
         raise InputError(f"--to {to}: is unknown; choose c or nir")
     chain, formats = api.export_c(
-        run, out, variant=variant, recordings=recordings, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb,
-        name=name, force=force, sampling_rate_Hz=sampling_rate_Hz, early_exit=not full_window, length_ms=window_ms,
-        start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+        run, out, variant=variant, recordings=recordings, spikes=spikes, weight_bits=weight_bits,
+        state_bits=state_bits, lsb=lsb, name=name, force=force, sampling_rate_Hz=sampling_rate_Hz,
+        early_exit=not full_window, length_ms=window_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact,
+        quiet_ms=quiet_ms,
     )  # fmt: skip
     print(f"{out}: {c_export.title_of(chain, formats)}")
     if prove:
-        print_table(proving.prove(run, chain, formats, prove, recordings, say=say))
+        print_table(proving.prove(run, chain, formats, prove, recordings, spikes, say=say))
 
 
-def _export_nir(run: Path, out: Path, prove: int, recordings: Path | None, **options: Any) -> None:
+def _export_nir(run: Path, out: Path, prove: int, recordings: Path | None, spikes: Path | None, **options: Any) -> None:
     made = exchange.to_nir(run, out, **options)
     said = note.of(made, str(out))
     assert said is not None
@@ -280,4 +283,4 @@ def _export_nir(run: Path, out: Path, prove: int, recordings: Path | None, **opt
     for difference in said.differences:
         print(f"  differs: {difference}")
     if prove:
-        print("\n".join(exchange.summary(exchange.proved(run, made, prove, recordings, say=say))))
+        print("\n".join(exchange.summary(exchange.proved(run, made, prove, recordings, spikes, say=say))))

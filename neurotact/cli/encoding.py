@@ -28,9 +28,8 @@ from neurotact.cli.options import (
 )
 from neurotact.cli.options import Recordings as RecordingsFile
 from neurotact.cli.output import print_line, print_table
-from neurotact.data import hdf5
+from neurotact.data import encoded_from, hdf5
 from neurotact.data.conditioning import acausal_note
-from neurotact.data.digests import recorded_trials
 from neurotact.data.nwb_output import to_nwb
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, split_conditions
@@ -191,18 +190,12 @@ def _signal_of(
     trains: SpikeTrains, trial: int, given: Path | None, spikes: Path
 ) -> tuple[np.ndarray, float, str] | None:
     """The recorded signal of one trial, its sampling rate and unit; None if the recordings are not available."""
-    path = given or Path(trains.source or ".")
-    if not (given or path.is_file()):
-        say(f"the signal is left out: {trains.source or 'its recordings'} does not exist; name it with --recordings")
+    try:
+        path, (recorded,) = encoded_from.find(spikes, trains, np.array([trial]), given)
+    except encoded_from.AbsentError as error:
+        say(f"the signal is left out: {error}")
         return None
     with hdf5.open_recordings(path) as data:
-        place = recorded_trials(data, trains)
-        if place is None:
-            raise InputError(
-                f"{data.source}: holds {len(data)} trials but {spikes} {len(trains)}; "
-                "name the recordings that were encoded with --recordings"
-            )
-        recorded = int(place[trial])
         n_samples = int(data.lengths[recorded])
         files.check_size(f"{path}, trial {recorded}", 4 * n_samples * data.n_channels)
-        return data.piece(recorded, 0, n_samples), data.sampling_rate_Hz, data.unit
+        return data.piece(int(recorded), 0, n_samples), data.sampling_rate_Hz, data.unit

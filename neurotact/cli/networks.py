@@ -24,6 +24,7 @@ from neurotact.cli.options import (
     HopMs,
     Json,
     LeaveOut,
+    MovedSpikes,
     OnsetDeviations,
     Order,
     OtherEncoder,
@@ -322,7 +323,7 @@ def infer(
 def sops(
     run: RunFolder,
     out: OutFile,
-    spikes: Annotated[Path | None, typer.Option(help="The file of spikes, if it was moved after training.")] = None,
+    spikes: MovedSpikes = None,
     early_exit: Annotated[bool, typer.Option("--early-exit", help="Count with early exit.")] = False,
     allow_other_encoder: OtherEncoder = False,
     force: Force = False,
@@ -330,8 +331,7 @@ def sops(
 ) -> None:
     """Write the synaptic operations of each test window (.csv, .json, .md)."""
     files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
-    restored = trained.restore(run)
-    restored = restored._replace(spikes_path=spikes or restored.spikes_path)
+    restored = trained.restore(run, spikes=spikes)
     files.check_new(out, force=force, inputs=[restored.spikes_path])
     trains = trained.load_spikes_of(restored)
     table = inference.infer(

@@ -21,6 +21,9 @@ MOST_WORKERS = 1024
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the spec; may be repeated.")
 ]
+MovedSpikes = Annotated[
+    Path | None, typer.Option("--spikes", help="The spikes that the run was trained on, if they were moved.")
+]
 OutFile = Annotated[Path, typer.Option("-o", "--out", dir_okay=False, help="The file to write.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the output if it already exists.")]
 OutFolder = Annotated[Path, typer.Option("-o", "--out", help="The folder to write.")]

@@ -49,18 +49,21 @@ def spike_digests(trains: SpikeTrains) -> tuple[str, ...]:
     )
 
 
-def recorded_trials(recordings: Trials, trains: SpikeTrains) -> np.ndarray | None:
-    """The trial of the recordings that each spike train was encoded from, `(trial,)`; None if they are of others.
+def recorded_trials(recordings: Trials, trains: SpikeTrains, trials: np.ndarray) -> np.ndarray | None:
+    """The trial of the recordings that each of some spike trains was encoded from, `(trial,)`; None if of others.
 
-    As many trials with the same classes are taken as they are. Else trials are recognised by their content, since the
-    spikes may be those of a choice of trials; this reads all recordings once.
+    Trials are recognised by their content. As many trials with the same classes are looked up at their own numbers
+    first; else, since the spikes may be those of a choice of trials, all recordings are read once. Spikes without
+    digests, of earlier versions, are taken to be of recordings that look alike.
     """
-    if len(recordings) == len(trains) and list(recordings.labels) == list(trains.labels):
-        return np.arange(len(trains))
-    if not trains.trial_digests or len(recordings) < len(trains):
-        return None
+    looks_alike = len(recordings) == len(trains) and list(recordings.labels) == list(trains.labels)
+    if not trains.trial_digests:
+        return trials if looks_alike else None
+    wanted = [trains.trial_digests[trial] for trial in trials.tolist()]
+    if looks_alike and wanted == [recorded_digest(recordings, trial) for trial in trials.tolist()]:
+        return trials
     place_of = {recorded_digest(recordings, trial): trial for trial in range(len(recordings))}
-    found = [place_of.get(digest) for digest in trains.trial_digests]
+    found = [place_of.get(digest) for digest in wanted]
     return None if None in found else np.array(found, np.int64)
 
 

@@ -7,6 +7,7 @@ Spike trains: the layout of the Spiking Heidelberg Digits (`spikes/times` in s, 
 
 import json
 import logging
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -255,7 +256,7 @@ def spike_writer(
         file.attrs["dt_s"] = 1.0 / sampling_rate_Hz
         file.attrs["afferents"] = json.dumps(afferents)
         file.attrs["encoder"] = json.dumps(encoder)
-        file.attrs["source"] = source
+        file.attrs["source"] = _beside(Path(path), source)
         if touch_s is not None:
             file.attrs["touch_s"] = touch_s
         writer = SpikeWriter(file, output, sampling_rate_Hz, len(conditions))
@@ -268,6 +269,24 @@ def spike_writer(
         if all(writer.trial_digests):
             file["trial_digests"] = np.array(writer.trial_digests, dtype="S")
         _write_table(file.create_group("conditions"), conditions)
+
+
+def source_of(path: str | Path) -> str:
+    """The recordings that a file of spikes names, as it names them: a path relative to the file; empty if none."""
+    with opened(path, "spikes", EVENTS) as (file, kind):
+        return str(attribute(file, "source", path)) if kind == "spikes" else ""
+
+
+def _beside(path: Path, source: str) -> str:
+    """A source that is a path of a file, from the current folder, as a path from the folder of the file at `path`."""
+    is_path = source and not os.path.isabs(source) and os.path.isfile(source)
+    return os.path.relpath(source, path.parent) if is_path else source
+
+
+def _from_here(path: str | Path, source: str) -> str:
+    """A source that is a path of a file, from the folder of the file at `path`, as a path from the current folder."""
+    place = Path(path).parent / source
+    return str(place) if source and os.path.isfile(place) else source
 
 
 def save_spikes(trains: SpikeTrains, path: str | Path) -> None:
@@ -322,7 +341,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             afferents=names(attribute(file, "afferents", path)),
             conditions=conditions,
             encoder=table(attribute(file, "encoder", path), dict),
-            source=str(attribute(file, "source", path)),
+            source=_from_here(path, str(attribute(file, "source", path))),
             trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
         )

@@ -5,12 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from neurotact.data import hdf5
-from neurotact.data.digests import recorded_trials
+from neurotact.data import encoded_from, hdf5
 from neurotact.deploy import fine_tuning, formats
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.formats import Formats, Ranges, Steps
-from neurotact.errors import InputError
 from neurotact.networks import tasks, trained
 
 WEIGHT_BITS = 8
@@ -30,11 +28,13 @@ class Recorded(NamedTuple):
     """The trials that give the ranges, and those on which an export is tested: signals and classes.
 
     training, test: signals `(sample, taxel)` in the encoder's unit. labels: class indices of the test trials.
+    sampling_rate_Hz: of the recordings.
     """
 
     training: list[np.ndarray]
     test: list[np.ndarray]
     labels: np.ndarray
+    sampling_rate_Hz: float
 
 
 def prepared(
@@ -42,6 +42,7 @@ def prepared(
     *,
     integer: bool = True,
     recordings: str | Path | None = None,
+    spikes: str | Path | None = None,
     weight_bits: int | None = None,
     state_bits: int | None = None,
     lsb: float | None = None,
@@ -49,16 +50,16 @@ def prepared(
 ) -> Exported:
     """The chain of a run folder, ready to be written as C; options as for `chain_of`.
 
-    integer: computed in integers. recordings: those that the run was trained on, if they were moved.
+    integer: computed in integers. recordings, spikes: those that the run was trained on, if they were moved.
     weight_bits, state_bits, lsb: as for `formats.choose`. By default, the weights of a fine-tuned run have the bits and
     steps of its fine-tuning, others 8 bits.
     """
     if not integer:
         return Exported(chain_of(run, **options), None)
-    restored = trained.restore(run)
+    restored = trained.restore(run, spikes=spikes)
     signals = recorded(restored, recordings)
     if "sampling_rate_Hz" not in options or options["sampling_rate_Hz"] is None:
-        options["sampling_rate_Hz"] = _rate(restored, recordings)
+        options["sampling_rate_Hz"] = signals.sampling_rate_Hz if _resamples(restored) else None
     chain = chain_of(run, **options)
     ranges = ranges_of(restored, chain, signals.training)
     return Exported(chain, formats.choose(chain, ranges, lsb=lsb, **_bits_and_steps(restored, weight_bits, state_bits)))
@@ -89,32 +90,16 @@ def recorded(restored: trained.Restored, recordings: str | Path | None = None) -
     Raises InputError if the run's spikes were not encoded from these recordings.
     """
     trains = trained.load_spikes_of(restored)
-    path = Path(recordings or trains.source)
-    if recordings is None and not path.is_file():
-        raise InputError(
-            f"recordings: {trains.source or 'those of the run'} cannot be found; the ranges are taken from the "
-            "recordings that the run was trained on; give them with --recordings"
-        )
+    trained.check_trials(restored, trains)
     unit = str((restored.encoder or {}).get("unit", "mV"))
     split = tasks.trials_of(trains, restored.task)
     chosen = split.train[np.linspace(0, len(split.train) - 1, min(len(split.train), MOST_TRIALS)).astype(int)]
+    path, trials = encoded_from.find(restored.spikes_path, trains, np.append(chosen, split.test), recordings)
     with hdf5.open_recordings(path) as stored:
-        place = recorded_trials(stored, trains)
-        if place is None:
-            raise InputError(f"{path}: is not what the run's spikes were encoded from; give that with --recordings")
-        parts = [list(stored.select(place[each]).loaded().to_unit(unit).signals) for each in (chosen, split.test)]
-    return Recorded(parts[0], parts[1], trains.labels[split.test])
+        sides = trials[: len(chosen)], trials[len(chosen) :]
+        parts = [list(stored.select(side).loaded().to_unit(unit).signals) for side in sides]
+        return Recorded(parts[0], parts[1], trains.labels[split.test], stored.sampling_rate_Hz)
 
 
-def _rate(restored: trained.Restored, recordings: str | Path | None) -> float | None:
-    """The sampling rate of the recordings, if the encoder resamples; else None."""
-    resampled = ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz")
-    if resampled is None:
-        return None
-    with hdf5.open_recordings(recordings or trained.load_spikes_of(restored).source) as stored:
-        return stored.sampling_rate_Hz
-
-
-def rate_of(restored: trained.Restored, recordings: str | Path | None = None) -> float:
-    """Samples per second of the recordings that a run was trained on."""
-    return _rate(restored, recordings) or restored.network.sampling_rate_Hz
+def _resamples(restored: trained.Restored) -> bool:
+    return ((restored.encoder or {}).get("conditioning") or {}).get("resample_Hz") is not None

@@ -16,14 +16,12 @@ import torch
 from pydantic import Field, PositiveFloat
 
 from neurotact import files
-from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import steps_of
 from neurotact.deploy import formats
 from neurotact.deploy.formats import Layers, Steps
 from neurotact.errors import InputError
 from neurotact.networks import checkpoint, fitting, tasks, train_run, trained
 from neurotact.networks.outcome import Outcome, outcome_of
-from neurotact.networks.provenance import provenance_of
 from neurotact.networks.rounding import Grid, seen_rounded
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.tasks import Sides
@@ -114,10 +112,12 @@ def run(
     state_bits: int | None = None,
     epochs: int = EPOCHS,
     seed: int = 0,
+    spikes: str | Path | None = None,
     force: bool = False,
 ) -> Done:
     """Fine-tune the network in the run folder `source` for integer weights, and save it in `folder` as a new run.
 
+    spikes: those that the run was trained on, where they moved since.
     weight_bits, state_bits: as for `formats.choose`. epochs, seed: of training; 0 epochs: rounding alone.
     force: replace an existing training in `folder`.
     Raises InputError for a folder that is not empty, and for spikes that are no longer those of the run.
@@ -129,9 +129,9 @@ def run(
         raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder with -o")
     with files.locked(folder):
         train_run.check_place(folder, force=force)
-        restored = trained.restore(source)
+        restored = trained.restore(source, spikes=spikes)
         trains = trained.load_spikes_of(restored)
-        _check_trials(source, restored, trains)
+        trained.check_trials(restored, trains)
         sides = tasks.sides_of(trains, restored.task)
         layers = layers_of(restored, sides, weight_bits=weight_bits, state_bits=state_bits)
         digest = files.sha256(source / checkpoint.WEIGHTS)
@@ -169,12 +169,3 @@ def _trained_on(
     # Refuse what an export refuses, before anything is saved.
     layers_of(restored, sides, weight_bits=weight_bits, state_bits=layers.hidden.state_bits, steps=steps)
     return fitting.finished(network, training, sides, restored.task)
-
-
-def _check_trials(source: Path, restored: Restored, trains: SpikeTrains) -> None:
-    """Refuse spikes with another split of trials than in training: test trials may be among the training trials."""
-    known = restored.provenance
-    if known is not None and provenance_of(trains, tasks.trials_of(trains, restored.task)).trials != known.trials:
-        raise InputError(
-            f"{source}: {restored.spikes_path} no longer contains the trials that it was trained on; train it again"
-        )

@@ -34,15 +34,16 @@ class Trials(NamedTuple):
 
 
 def prove(
-    run: str | Path, chain: Chain, formats: Formats | None, n_trials: int, recordings: str | Path | None = None, *,
-    say: Callable[[str], None] = print, emulate: int | None = None,
+    run: str | Path, chain: Chain, formats: Formats | None, n_trials: int, recordings: str | Path | None = None,
+    spikes: str | Path | None = None, *, say: Callable[[str], None] = print, emulate: int | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Rows `what`, `value` of the proof; steps without their tools are reported and skipped.
 
-    n_trials: number of test trials. emulate: how many of them also run in the emulator; None: all.
+    n_trials: number of test trials. recordings, spikes: as for `export.prepared`. emulate: how many of these trials
+    also run in the emulator; None: all.
     Raises InputError if a spike or a decision differs.
     """
-    trials = trials_of(run, chain, formats, n_trials, recordings)
+    trials = trials_of(run, chain, formats, n_trials, recordings, spikes)
     rows = [("windows", sum(len(each.decisions) for each in trials.expected))]
     rows += [("accuracy on windows as in training", _accuracy(trials))]
     with TemporaryDirectory() as scratch:
@@ -59,10 +60,15 @@ def prove(
 
 
 def trials_of(
-    run: str | Path, chain: Chain, formats: Formats | None, n_trials: int, recordings: str | Path | None = None
+    run: str | Path,
+    chain: Chain,
+    formats: Formats | None,
+    n_trials: int,
+    recordings: str | Path | None = None,
+    spikes: str | Path | None = None,
 ) -> Trials:
     """Test trials of a run as input of a chain in C, and the output of its twin."""
-    restored = trained.restore(run)
+    restored = trained.restore(run, spikes=spikes)
     found, learned = export.recorded(restored, recordings), restored.task.window.per_trial
     signals = [np.asarray(signal, np.float32) for signal in found.test[:n_trials]]
     if formats is None:

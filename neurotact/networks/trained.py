@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from neurotact import files
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
@@ -81,8 +82,13 @@ class _Extra(Spec):
     exit_margin: float | None = Field(default=None, gt=0)
 
 
-def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto") -> Restored:
-    """Read what `save` wrote; InputError names the file that is missing or damaged."""
+def restore(
+    folder: str | Path, *, device: str = "cpu", backend: Backend = "auto", spikes: str | Path | None = None
+) -> Restored:
+    """Read what `save` wrote; InputError names the file that is missing or damaged.
+
+    spikes: the file of spikes, if it is where `save` does not say.
+    """
     folder = Path(folder)
     network, metadata = checkpoint.load(folder, backend=backend)
     path, extra = folder / checkpoint.NETWORK, metadata["extra"]
@@ -99,10 +105,27 @@ def restore(folder: str | Path, *, device: str = "cpu", backend: Backend = "auto
     table = {key: extra[key] for key in Provenance.model_fields if key in extra}
     provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
     encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
-    spikes = folder / known.spikes
+    place = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
     return Restored(
-        network.to(device), known.task, rule, known.classes, spikes, encoder, provenance, extra.get("fine_tuned")
+        network.to(device), known.task, rule, known.classes, place, encoder, provenance, extra.get("fine_tuned")
     )
+
+
+def _spikes_of(path: Path, known: _Extra, provenance: Provenance | None) -> Path:
+    """The file of spikes that a network names: of two that exist, the one with the trials of its training."""
+    places = files.named_by(path, known.spikes)
+    found = [place for place in places if os.path.isfile(place)] or places
+    if len(found) == 1 or provenance is None:
+        return found[0]
+    return next((place for place in found if _has_trials(place, known.task, provenance)), found[0])
+
+
+def _has_trials(path: Path, task: Task, provenance: Provenance) -> bool:
+    try:
+        trains = load_spikes(path, task)
+        return provenance_of(trains, trials_of(trains, task)).trials == provenance.trials
+    except InputError:
+        return False
 
 
 def recall(restored: Restored) -> Provenance | None:
@@ -133,4 +156,19 @@ def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
 
 def load_spikes_of(restored: Restored) -> SpikeTrains:
     """The spikes that the network was trained on, of the trials that its task uses."""
+    if not os.path.isfile(restored.spikes_path):
+        raise InputError(
+            f"{restored.spikes_path}: the spikes that the network was trained on are neither there nor in the current "
+            "folder; name them with --spikes"
+        )
     return load_spikes(restored.spikes_path, restored.task)
+
+
+def check_trials(restored: Restored, trains: SpikeTrains) -> None:
+    """Refuse spikes with another split of trials than in training: test trials may be among the training trials."""
+    known = restored.provenance
+    if known is not None and provenance_of(trains, trials_of(trains, restored.task)).trials != known.trials:
+        raise InputError(
+            f"{restored.spikes_path}: no longer contains the trials that the network was trained on; name the file "
+            "that does with --spikes, or train it again"
+        )

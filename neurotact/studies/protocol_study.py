@@ -104,6 +104,7 @@ def resolve(
         protocol does not accept one.
     """
     quick_overrides, with_data = (specs.pop_table(table, key, path) for key in ("quick", "with_data"))
+    table["parameters"] = suited.placed(table.get("parameters", {}), path)
     changes = dict(overrides or {})
     if data is None:
         changes = {**(quick_overrides if quick else {}), **changes}

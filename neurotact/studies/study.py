@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from neurotact import plugins
+from neurotact import files, plugins
 from neurotact import spec as specs
 from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
@@ -311,6 +311,7 @@ def resolve(
     path = specs.find(StudySpec.folder, name)
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = specs.read(path)
+    table |= {key: suited.placed(table[key], path) for key in ("dataset",) if key in table}
     quick_overrides = specs.pop_table(table, "quick", path)
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
     # A study's own table `set` contains the changes of its parts.
@@ -453,5 +454,5 @@ def _whole(spec: Spec) -> dict[str, Any]:
 
 
 def _relative_to(study: Path, name: str) -> str | Path:
-    """A relative path of a part is relative to the folder of the study file."""
-    return study.parent / name if name.endswith(".toml") else name
+    """A relative path of a part is one from the folder of the study file, or else from the current folder."""
+    return (files.place_of(study, name) or study.parent / name) if name.endswith(".toml") else name

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact import files
 from neurotact.data import hdf5, nested
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.onset import common_onset_s
@@ -69,6 +70,21 @@ def closed(table: dict[str, Any]) -> tuple[dict[str, Any], set[str]]:
     if isinstance(sweep, dict) and sweep.get("seed") == AUTO:
         table, left = {**table, "sweep": {**sweep, "seed": [0]}}, {*left, SEED}
     return table, left
+
+
+def placed(table: Any, path: Path) -> Any:
+    """A table of a study file with the files and folders that it names where they are: beside it, or in this folder.
+
+    path: of the study file. A name in this folder, of nothing that exists, or with `$NEUROTACT_DATA` stays as it is.
+    """
+    if not isinstance(table, Mapping):
+        return table
+    found = {key: placed(value, path) for key, value in table.items()}
+    for key in {"file", "path"} & {*found}:
+        place = files.place_of(path, found[key]) if isinstance(found[key], str) and found[key] else None
+        if place is not None and place != Path(found[key]):
+            found[key] = str(place.absolute())
+    return found
 
 
 def with_file(table: dict[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:

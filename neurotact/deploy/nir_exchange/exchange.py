@@ -92,27 +92,30 @@ def proved(
     made: Any,
     n_trials: int,
     recordings: str | Path | None = None,
+    spikes: str | Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> pd.DataFrame:
     """The run's network compared with its graph on test trials, in the interpreter, snnTorch and Norse.
 
-    Columns as `compare.first_differences`. A simulator that cannot run the graph is reported, with the reason.
+    recordings, spikes: those that the run was trained on, if they were moved. Columns as `compare.first_differences`.
+    A simulator that cannot run the graph is reported, with the reason.
     """
-    restored = trained.restore(run)
+    restored = trained.restore(run, spikes=spikes)
     encoder = build_encoder(restored, run)
     if not isinstance(encoder, AfferentSpec):
         raise InputError(f"encoder: '{encoder.model}' cannot be compared; --prove requires LIF afferents")
     written = note.of(made, "graph")
     has_afferents = written is not None and written.encoder is not None
-    rate_Hz, signals = export.rate_of(restored, recordings), export.recorded(restored, recordings).test[:n_trials]
+    recorded = export.recorded(restored, recordings)
+    rate_Hz, signals = recorded.sampling_rate_Hz, recorded.test[:n_trials]
     tables: list[pd.DataFrame] = []
     for simulator in compare.SIMULATORS:
         for trial, signal in enumerate(signals):
             conditioned = compare.conditioned_trial(signal, encoder, rate_Hz)
-            spikes = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
+            raster = afferents.encode(conditioned, restored.network.sampling_rate_Hz, encoder)[0]
             more = {"conditioned": conditioned, "encoder": encoder} if has_afferents else {}
             try:
-                found = compare.report(restored.network, made, spikes, (simulator,), **more)
+                found = compare.report(restored.network, made, raster, (simulator,), **more)
             except InputError as error:
                 say(f"{simulator} is skipped: {error}")
                 break
