@@ -113,6 +113,8 @@ def test_text_is_written_as_it_is(tmp_path, text):
 def test_json_comes_back_equal(tmp_path, value):
     write_json(tmp_path / "value.json", value)
     assert read_json(tmp_path / "value.json") == value
+    (tmp_path / "value.json").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "value.json").read_bytes())
+    assert read_json(tmp_path / "value.json") == value, "an editor may write a byte-order mark"
 
 
 def test_json_has_no_nan(tmp_path):

@@ -19,7 +19,10 @@ import numpy as np
 
 from neurotact.data import hdf5
 from neurotact.data.readers.clock import UNIT_S
-from neurotact.data.readers.tables import FLOAT32_MAX, NOT_FINITE, NUMBER
+from neurotact.data.readers.contents import content_of_bytes
+from neurotact.data.readers.headings import SEPARATOR_LINE
+from neurotact.data.readers.tables import COMMENT, FLOAT32_MAX, NOT_FINITE, NUMBER
+from neurotact.data.readers.usual_rows import is_unit
 from neurotact.deploy.noted import Noted
 from neurotact.deploy.stamped_rows import Placed, StampedRows
 from neurotact.deploy.stream import Decision, Stream
@@ -38,6 +41,8 @@ HOPELESS_S = 0.5
 """A replay with a longer delay does not catch up, but continues at its rate."""
 LONGEST_WAIT_S = 3600.0
 """Of one call of the system, which takes no longer times than some 68 years."""
+MARK = "\ufeff"
+"""The byte-order mark that some programs write before UTF-8 text."""
 SEPARATOR = re.compile(r"\s*[,;\t]\s*|\s+")
 
 
@@ -79,11 +84,13 @@ class Rows:
     ) -> None:
         self.where, self.n_taxels, self.noted, self.joins = where, n_taxels, noted, joins
         self.stamped = None if time_unit_s is None else StampedRows(where, rate_Hz, time_unit_s, noted)
-        self.left, self.line = b"", 0
+        self.left, self.line, self.has_names = b"", 0, False
         self.n_good = 0
 
     def take(self, text: bytes) -> Iterator[Arrived]:
         """The samples that these bytes complete."""
+        if not self.line and not self.left and not self.joins:
+            _check_begins_as_text(text, self.where)
         if self.joins:
             _, ended, text = text.partition(b"\n")
             self.joins = not ended
@@ -108,8 +115,8 @@ class Rows:
     def _row(self, line: bytes) -> Iterator[Placed]:
         """The rows that a line completes; a line that is not a sample stands for a missing one."""
         self.line += 1
-        text = line.decode("utf-8", errors="replace").strip()
-        if not text or text.startswith("#"):
+        text = line.decode("utf-8", errors="replace").removeprefix(MARK if self.line == 1 else "").strip()
+        if not text or COMMENT.match(text) or (not self.has_names and SEPARATOR_LINE.fullmatch(text)):
             return
         cells = SEPARATOR.split(text)
         expected = self.n_taxels + (self.stamped is not None)
@@ -123,8 +130,9 @@ class Rows:
                 yield from self.stamped.take(numbers[0], numbers[1:])
             return
         if not self.n_good:
-            if self.line == 1 and not any(NUMBER.fullmatch(cell) for cell in cells):
-                return  # a header
+            is_first, self.has_names = not self.has_names, True
+            if (is_first and not any(map(NUMBER.fullmatch, cells))) or all(map(is_unit, cells)):
+                return  # names, or units below them
             raise InputError(
                 f"{self.where}: line {self.line} has {len(cells)} values, {text[:40]!r}, where {expected} numbers are "
                 "expected; give one row per sample and one column per taxel"
@@ -132,6 +140,15 @@ class Rows:
         self.noted.bad_rows += 1
         if self.stamped is None:  # else the next valid row shows how many were lost
             yield Placed(None, lost=1)
+
+
+def _check_begins_as_text(data: bytes, where: str) -> None:
+    """Refuse a source that begins with something else than text of one byte per sign."""
+    kind = content_of_bytes(data)
+    if kind is not None:
+        raise kind.refusal(where, "rows of text", "import it (neurotact import), and stream the file of recordings")
+    if b"\0" in data[:READ_BYTES]:
+        raise InputError(f"{where}: begins with zeros or UTF-16 text, not with rows of UTF-8 text; write UTF-8")
 
 
 def _blocks(rows: Iterable[Placed]) -> Iterator[Arrived]:

@@ -40,6 +40,20 @@ def test_rows_are_the_same_however_the_bytes_come(cuts, separator):
     assert np.array_equal(np.array(taken(Rows("-", 2, 1000.0, Noted()), *pieces), np.float32), signal)
 
 
+@pytest.mark.parametrize(
+    "above",
+    ["", "\ufeff", "\ufeff# a skin\n", "\ufeffleft,right\n", "sep=,\nleft,right\n", "# a skin\nleft,right\n",
+     "left,right\nmV,mV\n", "left,right\n[a.u.],[N]\n", "% left right\n// by hand\n"],
+)  # fmt: skip
+@pytest.mark.parametrize("size", [1, 2, 400])
+def test_what_stands_above_the_rows_is_no_sample(above, size):
+    noted = Noted()
+    data = (above + "1,2\n3,4\n").encode()
+    pieces = [data[at : at + size] for at in range(0, len(data), size)]
+    assert taken(Rows("-", 2, 1000.0, noted), *pieces) == [[1.0, 2.0], [3.0, 4.0]]
+    assert noted == Noted()
+
+
 def test_what_is_no_sample_is_counted_and_stands_for_a_missing_one():
     noted = Noted()
     rows = Rows("-", 2, 1000.0, noted)
@@ -67,7 +81,11 @@ def test_a_time_column_finds_lost_and_doubled_rows(unit_s, scale):
     [
         (b"1,2,3\n", "line 1 has 3 values, '1,2,3', where 2 numbers"),
         (b"left,right\nup,down\n", "line 2 has 2 values"),
-        (b"\x00\xff\xfe\x01\n\n\x00\x10\n", "line 3"),
+        (b"a,b\n\xff\xfe\x01\n\n\x01\x10\n", "line 2"),
+        (b"\x00\xff\xfe\x01\n\n\x00\x10\n", "begins with zeros or UTF-16 text, not with rows of UTF-8 text"),
+        ("a,b\n1,2\n".encode("utf-16"), "begins with zeros or UTF-16 text"),
+        (b"\x93NUMPY\x01\x00v\x00{", r"is not rows of text, but a NumPy array; import it \(neurotact import\), and"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "is a Git LFS pointer, not the file itself; fetch the file"),
         (b"x" * (sources.LONGEST_ROW + 1), "does not end within"),
     ],
 )

@@ -14,65 +14,12 @@ PROBES = 9
 LAST_PROBES = 3
 LONGEST_PROBE = 1 << 20
 UNITS = {
-    "",
-    "-",
-    "s",
-    "sec",
-    "ms",
-    "us",
-    "µs",
-    "ns",
-    "Hz",
-    "kHz",
-    "V",
-    "mV",
-    "uV",
-    "µV",
-    "A",
-    "mA",
-    "N",
-    "mN",
-    "kN",
-    "Nm",
-    "g",
-    "kg",
-    "Pa",
-    "hPa",
-    "kPa",
-    "MPa",
-    "bar",
-    "mbar",
-    "psi",
-    "m",
-    "mm",
-    "cm",
-    "um",
-    "µm",
-    "mm/s",
-    "m/s",
-    "m/s^2",
-    "m/s²",
-    "°",
-    "deg",
-    "rad",
-    "°C",
-    "C",
-    "K",
-    "%",
-    "Ohm",
-    "ohm",
-    "kOhm",
-    "Ω",
-    "kΩ",
-    "F",
-    "pF",
-    "nF",
-    "count",
-    "counts",
-    "LSB",
-    "a.u.",
-    "au",
-}
+    "-", "s", "sec", "ms", "us", "µs", "ns", "Hz", "kHz", "V", "mV", "uV", "µV", "A", "mA", "N", "mN", "kN", "Nm", "g",
+    "kg", "Pa", "hPa", "kPa", "MPa", "bar", "mbar", "psi", "m", "cm", "mm", "um", "µm", "m/s", "mm/s", "m/s^2", "m/s²",
+    "°", "deg", "rad", "°C", "C", "K", "%", "ohm", "Ohm", "kOhm", "Ω", "kΩ", "F", "pF", "nF", "count", "counts", "LSB",
+    "a.u.", "au",
+}  # fmt: skip
+"""Units of what sensors of touch record."""
 BRACKETS = re.compile(r"[\[(].*[\])]")
 WIDE = re.compile(r"\t|[ ]{2,}")
 """Between names that contain blanks."""
@@ -120,7 +67,7 @@ class UsualRow(NamedTuple):
         """
         row = tuple(without_end(cells(line, self.separator)))
         is_sure = self.separator != BLANKS and self.n_columns > 1
-        are_units = is_sure or all(cell in UNITS or BRACKETS.fullmatch(cell) for cell in row)
+        are_units = is_sure or all(not cell or is_unit(cell) for cell in row)
         return row if self._fits(row) and are_units and not any(map(is_sample, row)) else ()
 
     def _fits(self, row: Sequence[str]) -> bool:
@@ -166,6 +113,15 @@ def separator_of(line: str) -> str:
 def is_sample(cell: str) -> bool:
     """Whether a cell is a number, with a point or a comma, or a time of day."""
     return is_value(cell) or bool(DECIMAL_COMMA.fullmatch(cell)) or is_time_of_day(cell)
+
+
+def is_unit(cell: str) -> bool:
+    """Whether a cell is a known unit, or anything in brackets.
+
+    >>> is_unit("mV"), is_unit("[a.u.]"), is_unit("left")
+    (True, True, False)
+    """
+    return cell in UNITS or bool(BRACKETS.fullmatch(cell))
 
 
 def without_end(row: Sequence[str]) -> Sequence[str]:
