@@ -19,7 +19,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.errors import InputError
 
-IMPORTED = (".csv", ".npz", ".npy", ".mat", ".lvm", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
+IMPORTED = (".csv", ".npz", ".npy", ".mat", ".lvm", ".tdms", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
 """Formats of recordings."""
 
 app = new_app("Convert recordings to one HDF5 file.")
@@ -133,7 +133,7 @@ def import_folder(
     leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:
-    """Any recordings: a folder of CSV, NPZ or MATLAB files, one row per sample and one column per taxel.
+    """Any recordings: a folder of text, NumPy, MATLAB or LabVIEW files, one row per sample, one column per taxel.
 
     One sub-folder per class, unless --levels, --pattern or --conditions say where the class and the conditions are.
     Time stamps that jitter are interpolated onto a regular clock.

@@ -19,6 +19,7 @@ from typing import Any, BinaryIO
 import h5py
 import numpy as np
 
+from neurotact.data.readers.contents import HDF5, MATLAB, content_of
 from neurotact.data.recordings import check_text
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB, check_size, existing, max_bytes
@@ -147,6 +148,9 @@ def reading(path: str | Path, what: str, command: str) -> Iterator[h5py.File]:
         raise
     except (OSError, LookupError, ValueError, TypeError, RuntimeError, AttributeError, MemoryError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0].strip("'\"")
+        kind = content_of(path)
+        if kind is not None and kind not in (HDF5, MATLAB):
+            raise kind.refusal(path, f"HDF5 and cannot be read as {what}", f"write it again with {command}") from error
         raise InputError(
             f"{path}: cannot be read as {what} ({_shown(reason)}); write it again with {command}"
         ) from error

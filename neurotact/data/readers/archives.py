@@ -8,10 +8,12 @@ from typing import IO
 import numpy as np
 from numpy.lib import format as npy
 
+from neurotact.data.readers.contents import NPY, NPZ, ZIP, check_content
 from neurotact.data.readers.tables import check_width
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
+NEVER = "(pickles are never loaded)"
 FLOAT32_MAX = np.finfo(np.float32).max
 PICKLED = "holds pickled Python objects, which are never loaded; save plain arrays of numbers"
 
@@ -26,10 +28,9 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     {'press': (4, 2)}
     """
     check_size(path, existing(path).stat().st_size)
+    check_content(path, NPZ, ZIP, wanted="an .npz archive", fix=f"save it with numpy.savez {NEVER}")
     if not zipfile.is_zipfile(path):
-        raise InputError(
-            f"{path}: is not an .npz archive, or was cut off; save it with numpy.savez (pickles are never loaded)"
-        )
+        raise InputError(f"{path}: is not an .npz archive, or was cut off; save it with numpy.savez {NEVER}")
     try:
         # opened here, because np.load leaves a damaged file open
         with open(path, "rb") as stream:
@@ -61,6 +62,7 @@ def read_array(path: str | Path) -> np.ndarray:
     (4, 2)
     """
     check_size(path, existing(path).stat().st_size)
+    check_content(path, NPY, wanted="an .npy file", fix=f"save it with numpy.save {NEVER}")
     try:
         with open(path, "rb") as stream:
             check_size(path, _array_bytes(stream))

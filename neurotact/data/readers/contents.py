@@ -20,18 +20,28 @@ MARK = b"\xef\xbb\xbf"
 
 
 class Content(NamedTuple):
-    """A kind of file. what: as in "the file is ..."; fix: what its user can do, as in "do ..."."""
+    """A kind of file. what: as in "the file is ..."; fix: what its user can do, as in "do ...".
+
+    hides: whether the file stands for another one, or wraps it: then the fix helps whatever that one should be.
+    """
 
     what: str
     fix: str
+    hides: bool = False
 
-    def refusal(self, where: str | Path) -> InputError:
+    def refusal(self, where: str | Path, wanted: str = "", fix: str = "") -> InputError:
         """The error that says of a file, `where`, what it is and what to do.
+
+        wanted, fix: what is read there, and how to get it; by default a table of samples.
 
         >>> LFS_POINTER.refusal("felt/1.csv")
         InputError('felt/1.csv: is a Git LFS pointer, not the file itself; fetch the file with git lfs pull')
+        >>> PARQUET.refusal("felt/1.npz", "an .npz archive", "save it with numpy.savez")
+        InputError('felt/1.npz: is not an .npz archive, but a Parquet table; save it with numpy.savez')
         """
-        return InputError(f"{where}: is {self.what}; {self.fix}")
+        if self.hides or not wanted:
+            return InputError(f"{where}: is {self.what}; {self.fix}")
+        return InputError(f"{where}: is not {wanted}, but {self.what}; {fix}")
 
 
 def _table_of(reader: str) -> str:
@@ -43,22 +53,24 @@ SAMPLES = "give the samples as numbers, a row per sample and a column per taxel"
 EVENTS = "convert its events to CSV or NPZ with x, y, t and p, which neurotact import events reads"
 PICKLED = "which is never loaded, because loading it can run any code"
 
-LFS_POINTER = Content("a Git LFS pointer, not the file itself", "fetch the file with git lfs pull")
-ANNEX_POINTER = Content("a git-annex pointer, not the file itself", "fetch the file with git annex get")
-HTML = Content("a web page (HTML), not the file itself", "download the file by its own link; it may need a login")
+LFS_POINTER = Content("a Git LFS pointer, not the file itself", "fetch the file with git lfs pull", hides=True)
+ANNEX_POINTER = Content("a git-annex pointer, not the file itself", "fetch the file with git annex get", hides=True)
+HTML = Content(
+    "a web page (HTML), not the file itself", "download the file by its own link; it may need a login", hides=True
+)
 XML = Content("an XML document", "export the samples as CSV")
 RTF = Content("a formatted document (RTF)", "save it as plain text")
 PDF = Content("a PDF document", SAMPLES)
-NPY = Content("a NumPy array", "give it the suffix .npy")
-NPZ = Content("an archive of NumPy arrays", "give it the suffix .npz")
-MATLAB = Content("a MATLAB file", "give it the suffix .mat")
+NPY = Content("a NumPy array", "neurotact import folder reads it as a trial, with the suffix .npy")
+NPZ = Content("an archive of NumPy arrays", "neurotact import folder, arrays and events read it, with the suffix .npz")
+MATLAB = Content("a MATLAB file", "neurotact import folder and import arrays read it, with the suffix .mat")
 HDF5 = Content(
     "an HDF5 file",
     "neurotact import arrays reads one with the signals of all trials (suffix .h5), neurotact import nwb one of NWB",
 )
-TDMS = Content("a LabVIEW TDMS file", "give it the suffix .tdms")
+TDMS = Content("a LabVIEW TDMS file", "neurotact import folder reads it, with the suffix .tdms")
 TDMS_INDEX = Content("the index of a LabVIEW TDMS file", "give the .tdms file itself")
-LVM = Content("a LabVIEW measurement file", "give it the suffix .lvm")
+LVM = Content("a LabVIEW measurement", "neurotact import folder and import table read it, with the suffix .lvm or .txt")
 JSON = Content("a JSON document", _table_of("read_json"))
 JSON_LINES = Content("a file of JSON lines", "save it as CSV, in Python with pandas.read_json(..., lines=True).to_csv")
 XLSX = Content("an Excel workbook", SHEET)
@@ -70,14 +82,14 @@ FEATHER = Content("an Arrow table (Feather)", _table_of("read_feather"))
 ORC = Content("an ORC table", _table_of("read_orc"))
 PICKLE = Content(f"a Python pickle, {PICKLED}", "save arrays with numpy.savez, or a table with to_csv")
 TORCH = Content(f"a PyTorch file, {PICKLED}", "save its tensors as arrays, with numpy.savez")
-ZIP = Content("a zip archive", "unpack it and give the folder")
-GZIP = Content("compressed by gzip", "unpack it with gunzip")
-BZIP2 = Content("compressed by bzip2", "unpack it with bunzip2")
-XZ = Content("compressed by xz", "unpack it with unxz")
-ZSTD = Content("compressed by Zstandard", "unpack it with unzstd")
-TAR = Content("a tar archive", "unpack it with tar -xf and give the folder")
-SEVEN_ZIP = Content("a 7-Zip archive", "unpack it and give the folder")
-RAR = Content("a RAR archive", "unpack it and give the folder")
+ZIP = Content("a zip archive", "unpack it and give the folder", hides=True)
+GZIP = Content("compressed by gzip", "unpack it with gunzip", hides=True)
+BZIP2 = Content("compressed by bzip2", "unpack it with bunzip2", hides=True)
+XZ = Content("compressed by xz", "unpack it with unxz", hides=True)
+ZSTD = Content("compressed by Zstandard", "unpack it with unzstd", hides=True)
+TAR = Content("a tar archive", "unpack it with tar -xf and give the folder", hides=True)
+SEVEN_ZIP = Content("a 7-Zip archive", "unpack it and give the folder", hides=True)
+RAR = Content("a RAR archive", "unpack it and give the folder", hides=True)
 AEDAT = Content("a file of events in an old AEDAT format", EVENTS)
 AEDAT4 = Content("a file of events (AEDAT 4)", EVENTS)
 PROPHESEE = Content("a file of events of a Prophesee camera", EVENTS)
@@ -149,6 +161,13 @@ def content_of(path: str | Path) -> Content | None:
     """
     head = read_head(path, HEAD_BYTES)
     return _of_zip(Path(path)) if head.startswith((b"PK\x03\x04", b"PK\x05\x06")) else content_of_bytes(head)
+
+
+def check_content(path: str | Path, *kinds: Content, wanted: str = "", fix: str = "") -> None:
+    """Refuse a file that is known to be of another kind than these. wanted, fix: as of `Content.refusal`."""
+    kind = content_of(path)
+    if kind is not None and kind not in kinds:
+        raise kind.refusal(path, wanted, fix)
 
 
 def content_of_bytes(head: bytes) -> Content | None:

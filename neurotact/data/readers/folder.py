@@ -1,4 +1,4 @@
-"""A plain folder of recordings: text, NPZ or MATLAB files, with conditions in sub-folders, file names or a table."""
+"""A plain folder of recordings: text, arrays or TDMS files, with conditions in sub-folders, file names or a table."""
 
 import logging
 import os
@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from neurotact.data.readers import doubts, sampled
+from neurotact.data.readers import doubts, sampled, tdms
 from neurotact.data.readers.archives import as_signal
 from neurotact.data.readers.array_files import ArrayFile, opened_arrays, said_rates, sampling_rate_of
 from neurotact.data.readers.clock import unit_in
+from neurotact.data.readers.contents import content_of
 from neurotact.data.readers.layout import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
 from neurotact.data.readers.matlab import MATLAB
 from neurotact.data.readers.naming import SUFFIXES, TEXTS, NamingSpec, conditions_of
@@ -21,9 +22,10 @@ from neurotact.errors import InputError, nearest, some
 from neurotact.files import below, check_size, existing, is_hidden
 from neurotact.spec import build
 
-USUAL = (".csv", ".npz", ".npy", MATLAB)
-"""Files that are read; other text files are notes, unless a folder holds none of these."""
-KINDS = ".csv, .tsv, .txt, .npz, .npy or .mat"
+USUAL = (".csv", ".npz", ".npy", MATLAB, tdms.SUFFIX)
+"""Files that are read; those of `LATER` only if a folder holds none of these, as other text files may be notes."""
+LATER = ((".lvm",), SUFFIXES)
+KINDS = ".csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms"
 
 OF_ARRAYS = doubts.Fixes("save the arrays without it")
 
@@ -39,7 +41,7 @@ def read(
     layout: Mapping[str, Any] | None = None,
     is_raster: bool = False,
 ) -> Recordings:
-    """The recordings in a folder of CSV, NPZ and MATLAB files, at any depth, in the order of their paths.
+    """The recordings in a folder of text files, arrays or LabVIEW files, at any depth, in the order of their paths.
 
     naming: keys of `naming.NamingSpec`: the source of the class and the conditions of each file; the first
     sub-folder is the label when absent.
@@ -47,14 +49,15 @@ def read(
     columns but the time are taxels when absent. Of files of arrays: which array is the trial, its axes, and the array
     of time stamps. is_raster: whether the samples are spikes, of which nothing is doubted.
 
-    CSV: one row per sample, one column per taxel; commas, `;` or tabs between them; a first row without a single number
-    names the columns. NPZ and MATLAB: each array is one trial, (time, channel), but for the time stamps and for the
-    single numbers and texts of a MATLAB file. With time stamps the sampling rate is theirs, unless it is given, and
+    CSV: one row per sample, one column per taxel; commas, `;`, tabs or blanks between them; a first row without a
+    single number names the columns (`headings.open_table`). NPZ, NPY and MATLAB: each array is one trial, (time,
+    channel), but for the time stamps and for the single numbers and texts of a MATLAB file. TDMS: each group is one
+    trial, a channel is a taxel. With time stamps the sampling rate is theirs, unless it is given, and
     irregular samples are interpolated onto a regular clock, with a warning. All trials have the same taxels.
     Conditions: label, those of `naming`, file (its path in the folder; of an array `file.npz:key`).
 
-    If there is none of these, .txt and .tsv files are read as CSV. Hidden files and other kinds of file are
-    ignored, with a warning that names them.
+    If there is none of these, .lvm files are read, else .txt and .tsv files as CSV. Hidden files and other kinds of
+    file are ignored, with a warning that names them.
 
     Raises InputError, which names the file, the line and column, and the fix.
 
@@ -116,8 +119,18 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
         if layout.array is not None or layout.transpose:
             raise InputError(f"{path}: --array and --transpose are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
+    if path.suffix.lower() == tdms.SUFFIX:
+        if layout.transpose:
+            raise InputError(f"{path}: --transpose is for NPZ and MATLAB files; leave it out")
+        groups = tdms.read_groups(path, layout, find_time=find_time)
+        return [Read(f"{path}:{name}", f"{file}:{name}", group) for name, group in groups.items()], {}
     if layout.columns:
-        raise InputError(f"{path}: --columns is for CSV files; save the chosen columns, or as CSV")
+        raise InputError(f"{path}: --columns is for CSV files and TDMS; save the chosen columns, or as CSV")
+    return _of_arrays(path, file, layout, find_time=find_time)
+
+
+def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
+    """The trials in a file of arrays, and the sampling rates that it says."""
     with opened_arrays(path) as opened:
         arrays, rates_hz = _matrices(opened, layout.array), said_rates(opened)
     for asked in (layout.array if layout.array not in opened.cells else None, layout.time_column):
@@ -212,13 +225,13 @@ def _data_files(folder: Path, naming: NamingSpec) -> list[Path]:
     """The files to read; a warning names ignored files, and a folder or file that would be lost is refused."""
     table = None if naming.table is None else os.path.realpath(naming.table)
     paths = [path.relative_to(folder) for path in below(folder) if table is None or os.path.realpath(path) != table]
-    found = _with_suffix(paths, USUAL) or _with_suffix(paths, SUFFIXES)
+    found = next(filter(None, (_with_suffix(paths, suffixes) for suffixes in (USUAL, *LATER))), [])
     read = set(found)
     ignored = [path for path in paths if path not in read]
     if naming.is_label_by_folder:
-        _check_label_folders(folder, found, naming.pattern)
+        _check_label_folders(folder, found, ignored, naming.pattern)
     elif not found:
-        raise InputError(f"{folder}: holds no {KINDS} file; save the recordings in one of these formats")
+        raise _no_recordings(folder, [folder / inside for inside in ignored])
     for inside in found:
         if not is_text(str(inside)):
             raise InputError(
@@ -234,7 +247,17 @@ def _with_suffix(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
     return [path for path in paths if path.suffix.lower() in suffixes and not is_hidden(path.name)]
 
 
-def _check_label_folders(folder: Path, found: Sequence[Path], pattern: str | None) -> None:
+def _no_recordings(folder: Path, others: Sequence[Path]) -> InputError:
+    """The refusal of a folder without a file that is read, which names what there is instead."""
+    other = next((path for path in others if path.is_file() and not is_hidden(path.name)), None)
+    if other is None:
+        return InputError(f"{folder}: holds no {KINDS} file; add one or remove the sub-folder")
+    kind = content_of(other)
+    what = f", which is {kind.what}; {kind.fix}" if kind else "; if it is a table of samples as text, name it .csv"
+    return InputError(f"{folder}: holds no {KINDS} file, but {other.relative_to(folder)}{what}")
+
+
+def _check_label_folders(folder: Path, found: Sequence[Path], ignored: Sequence[Path], pattern: str | None) -> None:
     labels = {place.name for place in folder.iterdir() if place.is_dir() and not is_hidden(place.name)}
     if not labels:
         lacks = "" if pattern is None else f", and --pattern {pattern} no {{label}}"
@@ -250,4 +273,5 @@ def _check_label_folders(folder: Path, found: Sequence[Path], pattern: str | Non
             )
     empty = sorted(labels - {inside.parts[0] for inside in found})
     if empty:
-        raise InputError(f"{folder / empty[0]}: holds no {KINDS} file; add one or remove the sub-folder")
+        others = [folder / inside for inside in ignored if inside.parts[0] == empty[0]]
+        raise _no_recordings(folder / empty[0], others)

@@ -11,10 +11,13 @@ import h5py
 import numpy as np
 
 from neurotact.data.hdf5_input import Declared, attribute, reading
+from neurotact.data.readers import contents
+from neurotact.data.readers.contents import check_content
 from neurotact.errors import InputError
 from neurotact.files import check_size, existing
 
 MATLAB = ".mat"
+FORM, FIX = "a MATLAB file of version 5 or later", "save it in MATLAB with -v7"
 HEADER_BYTES = 128
 ORDERS = {b"IM": "<", b"MI": ">"}
 """Byte orders by the end of the header."""
@@ -70,6 +73,7 @@ def read_variables(path: str | Path) -> Variables:
     """
     path = existing(path)
     check_size(path, path.stat().st_size)
+    check_content(path, contents.MATLAB, contents.HDF5, wanted=FORM, fix=FIX)
     found = _from_hdf5(path) if h5py.is_hdf5(path) else _from_binary(path)
     filled = {name: values for name, values in found.items() if isinstance(values, np.ndarray) and values.size}
     arrays = {name: _as_vector(values) for name, values in filled.items()}
@@ -122,7 +126,7 @@ def _from_binary(path: Path) -> dict[str, Value]:
     content = memoryview(path.read_bytes())
     order = ORDERS.get(bytes(content[126:HEADER_BYTES]))
     if order is None:
-        raise InputError(f"{path}: is not a MATLAB file of version 5 or later; save it in MATLAB with -v7")
+        raise InputError(f"{path}: is not {FORM}; {FIX}")
     file = _Binary(path, order)
     try:
         return file.variables(content[HEADER_BYTES:])

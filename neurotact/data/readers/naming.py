@@ -16,8 +16,8 @@ from neurotact.spec import Spec
 
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
-TEXTS = (".csv", ".tsv", ".txt")
-SUFFIXES = (*TEXTS, ".npz", ".npy", ".mat")
+TEXTS = (".csv", ".tsv", ".txt", ".lvm")
+SUFFIXES = (*TEXTS, ".npz", ".npy", ".mat", ".tdms")
 
 
 log = logging.getLogger("neurotact")

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from neurotact import files
-from neurotact.data.readers.contents import LVM, content_of
+from neurotact.data.readers.contents import LVM, check_content
 from neurotact.errors import InputError
 
 MARKS = {b"\xff\xfe\0\0": "utf-32", b"\0\0\xfe\xff": "utf-32", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
@@ -59,9 +59,7 @@ def with_line_ends(text: str) -> str:
 
 
 def _content(path: str | Path) -> bytes:
-    kind = content_of(path)
-    if kind not in (None, LVM):
-        raise kind.refusal(path)
+    check_content(path, LVM)
     return files.read_bytes(path)
 
 

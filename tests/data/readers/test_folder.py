@@ -11,7 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from neurotact.data.readers import folder
+from neurotact.data import hdf5
+from neurotact.data.readers import arrays, folder
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 
@@ -124,6 +125,98 @@ def test_links_are_followed_and_loops_are_named(tmp_path):
         (elsewhere / "loop").symlink_to(target)
         refused(root, "loop: leads to ")
         (elsewhere / "loop").unlink()
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_each_npy_file_is_a_trial(tmp_path, order):
+    for label in ("felt", "silk"):
+        (tmp_path / label).mkdir()
+        np.save(tmp_path / label / "a.npy", np.asarray(SIGNAL, order=order))
+    touch = folder.read(tmp_path, 100, "mV")
+    assert list(touch.conditions.file) == ["felt/a.npy:a", "silk/a.npy:a"]
+    np.testing.assert_array_equal(touch.signals[1], SIGNAL.astype(np.float32))
+    turned = folder.read(tmp_path, 100, "mV", layout={"transpose": True})
+    np.testing.assert_array_equal(turned.signals[0], SIGNAL.T.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (SIGNAL[:, 0], "a.npy, key 'a': has shape (15,); save a (time, channel) array"),
+        (
+            SIGNAL[None],
+            "a.npy, key 'a': has shape (1, 15, 3); save a (time, channel) array that is not empty; neurotact",
+        ),
+        (SIGNAL.astype(str), "a.npy, key 'a': holds <U"),
+        (np.array([[{}]]), "a.npy: holds pickled Python objects, which are never loaded; save plain arrays"),
+        (np.where(np.arange(45).reshape(15, 3) == 7, np.nan, SIGNAL), "a.npy, key 'a': sample 2, channel 1 is nan"),
+    ],
+)
+def test_an_npy_file_that_is_no_trial_is_named(tmp_path, array, message):
+    (tmp_path / "felt").mkdir()
+    np.save(tmp_path / "felt" / "a.npy", array)
+    refused(tmp_path, message)
+
+
+def test_an_npy_file_is_bounded_by_what_it_declares(tmp_path, monkeypatch):
+    monkeypatch.setenv(MAX_MB, "50")
+    (tmp_path / "felt").mkdir()
+    path = tmp_path / "felt" / "a.npy"
+    path.write_bytes(npy_header("(1000000, 1000000)") + bytes(80))
+    refused(tmp_path, "a.npy: holds 8,000,000 MB, more than the limit of 50 MB")
+    path.write_bytes(npy_header("(100, 3)") + bytes(80))
+    refused(tmp_path, "a.npy: cannot be read as an array (")
+
+
+def test_text_files_of_labview_come_before_other_text(tmp_path, caplog):
+    (tmp_path / "felt").mkdir()
+    (tmp_path / "felt" / "notes.txt").write_text("pressed twice\n")
+    (tmp_path / "felt" / "a.lvm").write_text("left\tright\n1\t2\n3\t4\n")
+    with caplog.at_level(logging.WARNING, "neurotact"):
+        touch = folder.read(tmp_path, 100, "mV")
+    assert (touch.channels, list(touch.conditions.file)) == (("left", "right"), ["felt/a.lvm"])
+    assert caplog.messages == [f"{tmp_path}: 1 files are ignored (hidden, or not recordings): felt/notes.txt"]
+
+
+POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 9\n"
+
+
+@pytest.mark.parametrize("suffix", folder.SUFFIXES)
+def test_a_pointer_is_named_whatever_its_suffix(tmp_path, suffix):
+    (tmp_path / "felt").mkdir()
+    (tmp_path / "felt" / f"a{suffix}").write_bytes(POINTER)
+    refused(tmp_path, f"a{suffix}: is a Git LFS pointer, not the file itself; fetch the file with git lfs pull")
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".npz", ".mat"])
+def test_a_pointer_in_place_of_arrays_or_recordings_is_named(tmp_path, suffix):
+    (tmp_path / f"a{suffix}").write_bytes(POINTER)
+    with pytest.raises(InputError, match="is a Git LFS pointer, not the file itself; fetch the file with git lfs pull"):
+        arrays.read(tmp_path / f"a{suffix}", 100, "mV")
+    (tmp_path / "a.csv").write_text("PAR1\n")
+    with pytest.raises(InputError, match="is not HDF5 and cannot be read as recordings, but a Parquet table"):
+        hdf5.load_recordings(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.xlsx", b"PK\x03\x04", "but a.xlsx, which is a zip archive; unpack it and give the folder"),
+        ("a.parquet", b"PAR1", "but a.parquet, which is a Parquet table; save it as CSV, in Python with pandas.read_p"),
+        ("a.csv.gz", b"\x1f\x8b", "but a.csv.gz, which is compressed by gzip; unpack it with gunzip"),
+        ("a.dat", b"1 2\n3 4\n", "but a.dat; if it is a table of samples as text, name it .csv"),
+    ],
+)
+def test_a_folder_says_what_it_holds_instead(tmp_path, name, content, message):
+    write(tmp_path / "felt", "a.csv")
+    (tmp_path / "silk").mkdir()
+    (tmp_path / "silk" / name).write_bytes(content)
+    refused(
+        tmp_path, f"{tmp_path / 'silk'}: holds no .csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms file, {message}"
+    )
+    (tmp_path / "felt" / "a.csv").unlink()
+    with pytest.raises(InputError, match=r"tdms file, but silk/a\."):
+        folder.read(tmp_path, 100, "mV", naming={"levels": "label"})
 
 
 @pytest.mark.parametrize("kind", ["pipe", "socket", "device", "nothing"])
@@ -269,7 +362,10 @@ def test_folders_rates_and_units_that_say_nothing_are_refused(tmp_path):
         refused(tmp_path, "sampling_rate_Hz must be a positive number", rate=rate)
     refused(tmp_path, "the unit of the signals is empty", unit=" ")
     (tmp_path / "silk").mkdir()
-    refused(tmp_path, "silk: holds no .csv, .tsv, .txt, .npz, .npy or .mat file")
+    refused(
+        tmp_path,
+        "silk: holds no .csv, .tsv, .txt, .lvm, .npz, .npy, .mat or .tdms file; add one or remove",
+    )
 
 
 @given(cut=st.integers(0, 10**6), flip=st.none() | st.integers(0, 255))
