@@ -249,12 +249,12 @@ def read_nwb(
 ) -> Recordings | SpikeTrains:
     """The spike trains of the units of an NWB file, cut into its trials; with `series` recordings of a time series.
 
-    settings: trials, label, step_ms, name, merge_events, series, unit. where, leave_out: the trials to keep, and to
-    leave out, by the columns of the table of trials, as of `read`.
+    settings: trials, label, step_ms, name, merge_events, series, unit, units, leave_out_units, unobserved. where,
+    leave_out: the trials to keep, and to leave out, by the columns of the table of trials, as of `read`.
     Raises InputError, which names the file and the fix.
     """
     choice = TrialChoice.of(where, leave_out)
-    return chosen_trials(nwb.read(path, settings), choice, str(path))
+    return nwb.read(path, settings, choice)
 
 
 def load(path: str | Path) -> Recordings | SpikeTrains:

@@ -312,22 +312,24 @@ def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
     return found
 
 
-def parse_choice(where: list[str], leave_out: list[str], classes: str) -> tuple[dict[str, Any], dict[str, Any]]:
+def parse_choice(
+    where: list[str], leave_out: list[str], classes: str, options: tuple[str, str] = ("--where", "--leave-out")
+) -> tuple[dict[str, Any], dict[str, Any]]:
     """The conditions of `--where` and of `--leave-out`; CONDITION!=VALUE in one is CONDITION=VALUE in the other.
 
-    classes: the condition that `--leave-out` means by a value alone.
+    classes: the condition that `--leave-out` means by a value alone. options: their names, for messages.
 
     >>> parse_choice(["speed=300", "material!=wood"], ["rest,moving"], "label")
     ({'speed': [300]}, {'material': ['wood'], 'label': ['rest', 'moving']})
     """
     leave_out = [each if "=" in each else f"{classes}={each}" for each in leave_out]
-    sides = (where, "--where"), (leave_out, "--leave-out")
-    given = [(each, option, "!=" in each.partition("=")[0] + "=") for side, option in sides for each in side]
     found: tuple[dict[str, Any], dict[str, Any]] = {}, {}
-    for assignment, option, is_not in given:
-        parsed = parse_where([assignment.replace("!=", "=", 1) if is_not else assignment], option)
-        for column, values in parsed.items():
-            found[is_not != (option == "--leave-out")].setdefault(column, []).extend(values)
+    for side, assignments in enumerate((where, leave_out)):
+        for assignment in assignments:
+            is_not = assignment.partition("=")[0].endswith("!")
+            parsed = parse_where([assignment.replace("!=", "=", 1) if is_not else assignment], options[side])
+            for column, values in parsed.items():
+                found[is_not ^ side].setdefault(column, []).extend(values)
     return found
 
 

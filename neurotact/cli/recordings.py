@@ -18,6 +18,7 @@ from neurotact.data.sources import Reader, reader
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import EVERY, TrialChoice, chosen_trials
 from neurotact.errors import InputError
+from neurotact.spec import parse_choice
 
 IMPORTED = (".csv", ".npz", ".npy", ".mat", ".lvm", ".tdms", ".h5", ".hdf5", ".nwb", ".txt", ".tsv")
 """Formats of recordings."""
@@ -341,6 +342,22 @@ def import_nwb(
         str | None, typer.Option(help="Read this time series as recordings, one taxel per column, instead of spikes.")
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the series.", show_default="as the file says")] = None,
+    units: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COLUMN=VALUE",
+            help="Read these units, by columns of theirs or of their electrodes, as in quality=good, location!=M1 or "
+            "name!=unit7; may be repeated.",
+        ),
+    ] = None,
+    unobserved: Annotated[
+        Literal["leave-out", "silent"] | None,
+        typer.Option(
+            help="Trials that touch invalid times, or that a unit does not observe whole: leave all of them out, or "
+            "read them as silent.",
+            show_default="leave out at most 10 % of the trials",
+        ),
+    ] = None,
     merge_events: MergeEvents = False,
     where: Where = None,
     leave_out: LeaveOut = None,
@@ -351,9 +368,11 @@ def import_nwb(
     choice = choice_of(where, leave_out)
     asked = {
         "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
-        "merge_events": merge_events,
+        "merge_events": merge_events, "unobserved": unobserved,
     }  # fmt: skip
-    _save(nwb.read(source, asked), out, choice)
+    named = [each if "=" in each else f"name={each}" for each in units or []]
+    asked["units"], asked["leave_out_units"] = parse_choice(named, [], "name", ("--units", "--units"))
+    _save(nwb.read(source, asked, choice), out)
 
 
 def _names(assignments: list[str], known: list[str]) -> dict[str, str]:

@@ -1,8 +1,9 @@
 """Spike trains as blocks of Neo (doi 10.3389/fninf.2014.00010) and back: a segment is a trial, a train an afferent."""
 
 import json
+import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +12,15 @@ import pandas as pd
 from neurotact.data.digests import DIGEST
 from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
 from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_merged
+from neurotact.data.readers.observed import Unobserved, observed_trials
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
+from neurotact.data.trial_choice import TrialChoice
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
+
+log = logging.getLogger("neurotact")
 
 NOT_SAID_HZ = 1.0
 """Neo's sampling rate of spike trains without one."""
@@ -61,7 +66,14 @@ def to_neo(spikes: SpikeTrains) -> Any:
 
 
 def from_neo(
-    block: Any, *, step_ms: float | None = None, label: str = LABEL, merge_events: bool = False
+    block: Any,
+    *,
+    step_ms: float | None = None,
+    label: str = LABEL,
+    merge_events: bool = False,
+    unobserved: Unobserved | None = None,
+    where: Mapping[str, Any] | None = None,
+    leave_out: Any = None,
 ) -> SpikeTrains:
     """The spike trains of a `neo.Block`, a trial per segment; those of the same name are one afferent.
 
@@ -69,6 +81,10 @@ def from_neo(
     step floor((t - t_start) / step), counted from the beginning of its segment.
     label: the annotation of segments with their class. Other annotations that all segments have are conditions.
     merge_events: whether more than 1 % of the spikes may become one with another of their unit and step.
+    unobserved: what becomes of segments whose spike trains do not all last from the first t_start to the last t_stop:
+    "leave-out", or "silent", as if they did; when None, at most 10 % of the segments are left out, with a line. A unit
+    without a spike train in a segment is silent there, with a line.
+    where, leave_out: the segments to read and to leave out, by their annotations, as of `nt.read`.
     Raises InputError for another object, for segments without spike trains or classes, for times beyond any clock, and
     for a clock that would lose more spikes.
     """
@@ -76,8 +92,19 @@ def from_neo(
     segments: list[Any] = list(getattr(block, "segments", ()))
     if not segments or not all(len(segment.spiketrains) for segment in segments):
         raise InputError("block: must be a neo.Block whose segments each hold spike trains; drop segments without any")
+    conditions = _conditions(segments, label)
+    choice = TrialChoice.of(where, leave_out).with_label(label)
+    keep = choice.keeps(conditions, "block")
+    if choice:
+        choice.say(keep, "block")
+    segments, conditions = _chosen(segments, conditions, keep)
     rate_Hz, is_own = _clock(block, segments, step_ms)
     afferents = _afferents(segments)
+    keep = observed_trials(
+        _observed(segments, afferents, 1 / rate_Hz), afferents, unobserved, "block", option="unobserved='{}'",
+        fix="give all spike trains of a segment the same t_start and t_stop, if {} was observed throughout",
+    )  # fmt: skip
+    segments, conditions = _chosen(segments, conditions, keep)
     n_spikes = sum(len(train) for segment in segments for train in segment.spiketrains)
     check_size(f"block: {n_spikes} spikes", BYTES_PER_EVENT * n_spikes)
     places = {name: place for place, name in enumerate(afferents)}
@@ -96,7 +123,7 @@ def from_neo(
     digests = [str(segment.annotations.get(DIGEST, "")) for segment in segments]
     return from_trials(
         (trial._replace(digest=digest) for trial, digest in zip(found.trials, digests, strict=True)),
-        rate_Hz, afferents, _conditions(segments, label),
+        rate_Hz, afferents, conditions,
         _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
     )  # fmt: skip
 
@@ -129,6 +156,33 @@ def _afferents(segments: Sequence[Any]) -> tuple[str, ...]:
     if len(found) > MOST_AFFERENTS:
         raise InputError(f"block: has {len(found)} units, more than {MOST_AFFERENTS}; keep fewer")
     return tuple(found)
+
+
+def _chosen(segments: Sequence[Any], conditions: pd.DataFrame, keep: np.ndarray) -> tuple[list[Any], pd.DataFrame]:
+    kept = [segment for segment, is_kept in zip(segments, keep, strict=True) if is_kept]
+    return kept, conditions[keep].reset_index(drop=True)
+
+
+def _observed(segments: Sequence[Any], afferents: Sequence[str], step_s: float) -> np.ndarray:
+    """Which units each segment observes from its beginning to its end, to a step, `(unit, segment)`.
+
+    A unit without a spike train is taken as silent, and a line counts them.
+    """
+    observed = np.ones((len(afferents), len(segments)), bool)
+    places, n_absent = {name: place for place, name in enumerate(afferents)}, 0
+    for trial, segment in enumerate(segments):
+        spans = [
+            [float(end.rescale("s").magnitude) for end in (each.t_start, each.t_stop)] for each in segment.spiketrains
+        ]
+        starts_s, stops_s = np.array(spans).T
+        is_whole = (starts_s <= starts_s.min() + step_s) & (stops_s >= stops_s.max() - step_s)
+        observed[[places[name] for name in _names(segment)], trial] = is_whole
+        n_absent += len(spans) < len(afferents)
+    if n_absent:
+        log.warning(
+            "block: %d of %d segments lack spike trains of some units, which are silent there", n_absent, len(segments)
+        )
+    return observed
 
 
 class _Trial(NamedTuple):

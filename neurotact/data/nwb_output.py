@@ -9,7 +9,9 @@ import numpy as np
 
 from neurotact import files
 from neurotact.data.digests import DIGEST, spike_digests
-from neurotact.data.readers.nwb import AFFERENT, KEPT, OURS
+from neurotact.data.readers.nwb import OURS
+from neurotact.data.readers.nwb_tables import KEPT
+from neurotact.data.readers.nwb_units import AFFERENT
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError

@@ -14,6 +14,8 @@ from neurotact.data.notebook import html_of
 from neurotact.errors import InputError, closest, nearest
 
 LABEL = "label"
+NOUNS = ("trial", "condition")
+"""A row and a column of a table of conditions."""
 MOST_NAMED = 12
 """Values of a condition that an error lists."""
 
@@ -258,8 +260,12 @@ def class_indices(conditions: pd.DataFrame) -> np.ndarray:
     return np.array([index[name] for name in conditions[LABEL].astype(str)], np.int64)
 
 
-def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: str = "conditions") -> np.ndarray:
+def select_conditions(
+    table: pd.DataFrame, where: Mapping[str, object], source: str = "conditions", nouns: tuple[str, str] = NOUNS
+) -> np.ndarray:
     """Boolean mask of the rows whose columns equal the given values (a list means any of them).
+
+    nouns: what a row and a column are called in messages.
 
     >>> table = pd.DataFrame({"label": ["a", "b", "a"], "force_N": [3, 6, 12]})
     >>> select_conditions(table, {"force_N": [3, 12]})
@@ -268,7 +274,7 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
     keep = np.ones(len(table), dtype=bool)
     for column, wanted in where.items():
         if column not in table:
-            raise InputError(f"{source}: there is no condition '{column}'; {nearest(column, list(table.columns))}")
+            raise InputError(f"{source}: there is no {nouns[1]} '{column}'; {nearest(column, list(table.columns))}")
         values = list(wanted) if isinstance(wanted, (list, tuple)) else [wanted]
         found = table[column]
         if found.dtype.kind not in "iuf":  # a class may have the name 3, and true may be written in two ways
@@ -276,7 +282,7 @@ def select_conditions(table: pd.DataFrame, where: Mapping[str, object], source: 
         keep &= found.isin(values).to_numpy()
     if not keep.any():
         asked = ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
-        raise InputError(f"{source}: no trial has {asked}; {_values_of(table, where)}")
+        raise InputError(f"{source}: no {nouns[0]} has {asked}; {_values_of(table, where)}")
     return keep
 
 

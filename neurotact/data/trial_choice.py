@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BeforeValidator
 
-from neurotact.data.recordings import LABEL, Trials, select_conditions
+from neurotact.data.recordings import LABEL, NOUNS, Trials, select_conditions
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
 
@@ -96,32 +96,50 @@ class TrialChoice(NamedTuple):
         """The part of the choice that these conditions leave open; both parts together are the choice."""
         return self._part(lambda name: name not in columns)
 
+    def with_label(self, name: str) -> "TrialChoice":
+        """The choice with the class in place of the column `name` of a file, which is the class."""
+        return TrialChoice(*({LABEL if each == name else each: value for each, value in part.items()} for part in self))
+
     def _part(self, is_in: Any) -> "TrialChoice":
         return TrialChoice(*({name: value for name, value in part.items() if is_in(name)} for part in self))
 
-    def keeps(self, conditions: pd.DataFrame, source: str) -> np.ndarray:
+    def keeps(self, conditions: pd.DataFrame, source: str, words: "Words | None" = None) -> np.ndarray:
         """Which trials are kept, `(trial,)` boolean.
 
-        Raises InputError for a condition or a value that no trial has, and where no trial is left; `source` begins it.
+        words: of messages; those of trials when None. Raises InputError for a condition or a value that no trial has,
+        and where no trial is left; `source` begins it.
 
         >>> table = pd.DataFrame({"label": ["felt", "rest", "silk"], "speed": [300, 300, 450]})
         >>> TrialChoice.of({"speed": 300}, "rest").keeps(table, "touches.h5").tolist()
         [True, False, False]
         """
+        words = words or TRIALS
         keep = np.ones(len(conditions), bool)
         for column, values in self.where.items():
-            keep &= trials_with(conditions, column, values, f"{source}: --where")
+            keep &= trials_with(conditions, column, values, f"{source}: {words.where}", words.nouns)
         for column, values in self.leave_out.items():
-            keep &= ~trials_with(conditions, column, values, f"{source}: --leave-out")
+            keep &= ~trials_with(conditions, column, values, f"{source}: {words.leave_out}", words.nouns)
         if not keep.any():
-            raise InputError(f"{source}: no trial is left of {len(conditions)} ({self}); choose at least one")
+            raise InputError(
+                f"{source}: no {words.nouns[0]} is left of {len(conditions)} ({self}); choose at least one"
+            )
         return keep
 
-    def say(self, keep: np.ndarray, source: str) -> None:
+    def say(self, keep: np.ndarray, source: str, words: "Words | None" = None) -> None:
         """Say how many trials are kept."""
-        log.warning("%s: %d of %d trials are kept: %s", source, keep.sum(), len(keep), self)
+        noun = (words or TRIALS).nouns[0]
+        log.warning("%s: %d of %d %ss are kept: %s", source, keep.sum(), len(keep), noun, self)
 
 
+class Words(NamedTuple):
+    """How messages name the options of a choice, and a row and a column of its table."""
+
+    where: str
+    leave_out: str
+    nouns: tuple[str, str]
+
+
+TRIALS = Words("--where", "--leave-out", NOUNS)
 EVERY = TrialChoice()
 """No choice: every trial is kept."""
 
@@ -139,11 +157,13 @@ def chosen_trials(touches: Touches, choice: TrialChoice, source: str, *, tell: b
     return touches.select(keep)  # pyright: ignore[reportReturnType]  # of the same kind
 
 
-def trials_with(conditions: pd.DataFrame, column: str, values: Any, source: str) -> np.ndarray:
+def trials_with(
+    conditions: pd.DataFrame, column: str, values: Any, source: str, nouns: tuple[str, str] = NOUNS
+) -> np.ndarray:
     """Which trials have one of these values of a condition; every single value must be one that a trial has."""
     keep = np.zeros(len(conditions), bool)
     for value in values if isinstance(values, (list, tuple)) else [values]:
-        keep |= select_conditions(conditions, {column: value}, source)
+        keep |= select_conditions(conditions, {column: value}, source, nouns)
     return keep
 
 

@@ -123,3 +123,45 @@ def test_a_trial_without_a_step_and_a_missing_package_are_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, "neo", None)
     with pytest.raises(InputError, match=r"pip install 'neurotact\[neuro\]'"):
         nt.to_neo(trains_of([3]))
+
+
+def recorded(spans_by_trial):
+    """A block of trials, of which each unit was recorded from one time to another, with a spike at each beginning."""
+    block = neo.Block()
+    for trial, spans in enumerate(spans_by_trial):
+        segment = neo.Segment(label=("felt", "silk")[trial % 2], phase=("early", "late")[trial > 0])
+        for unit, (start, stop) in enumerate(spans):
+            segment.spiketrains.append(
+                neo.SpikeTrain(np.array([start]), units="s", t_start=start, t_stop=stop, name=f"unit{unit}")
+            )
+        block.segments.append(segment)
+    return block
+
+
+def test_segments_that_a_unit_does_not_observe_whole_are_left_out(caplog):
+    """The twin of `obs_intervals` of NWB: a spike train that ends early was not silent thereafter."""
+    whole = [[(1.0, 2.0), (1.0, 2.0)]] * 19
+    found = nt.from_neo(recorded([[(1.0, 2.0), (1.0, 1.5)], *whole]))
+    assert len(found) == 19
+    assert caplog.messages == [
+        "block: 1 of 20 trials are left out: 1 are not observed whole by unit1 (observes 19 of 20)"
+    ]
+    caplog.clear()
+    assert len(nt.from_neo(recorded([[(1.0, 2.0), (1.001, 1.9995)], *whole]))) == 20  # to a step of 1 ms
+    assert not caplog.messages
+    late = recorded([[(1.0, 2.0), (1.2, 2.0)], whole[0]])
+    with pytest.raises(
+        InputError, match=r"1 of 2 trials would be left out.*the same t_start.*unobserved='leave-out', or"
+    ):
+        nt.from_neo(late)
+    assert nt.from_neo(late, unobserved="leave-out").conditions["label"].tolist() == ["silk"]
+    assert len(nt.from_neo(late, unobserved="silent")) == 2
+    assert len(nt.from_neo(late, where={"phase": "late"})) == 1
+    assert "block: 1 of 2 trials are kept: phase = late" in caplog.messages
+
+
+def test_spike_trains_that_are_absent_are_said(caplog):
+    block = made([[[0.001], [0.002]]], names=("left", "right"))
+    block.segments += made([[[0.003]]], names=("middle",)).segments
+    nt.from_neo(block, label="cloth")
+    assert caplog.messages == ["block: 2 of 2 segments lack spike trains of some units, which are silent there"]

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from neurotact.data.digests import DIGEST
 from neurotact.data.hdf5_input import Declared, attribute, reading
-from neurotact.data.readers import clock
+from neurotact.data.readers import clock, doubts
 from neurotact.data.readers.event_times import (
     SLACK,
     EventTimes,
@@ -28,10 +28,21 @@ from neurotact.data.readers.event_times import (
     rounding_of,
     steps_of,
 )
-from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_merged
+from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_merged
+from neurotact.data.readers.nwb_tables import MOST_NAMED, columns, electrodes_of, named
+from neurotact.data.readers.nwb_units import (
+    AFFERENT,
+    kept_units,
+    observed_by_units,
+    unit_names,
+    unit_of_each,
+    valid_trials,
+)
+from neurotact.data.readers.observed import Unobserved
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
+from neurotact.data.trial_choice import EVERY, TrialChoice, Where
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 from neurotact.files import check_size
@@ -39,14 +50,9 @@ from neurotact.spec import Spec, build
 
 NOTES, OURS = "general/notes", "neurotact"
 """The field for data without a place in NWB (JSON), and the key that marks it."""
-AFFERENT = "afferent"
-"""The column of units with the names of afferents."""
 STEP_MS = 1.0
-KEPT = ("id", "start_time", "stop_time", "timeseries", "tags", DIGEST)
-"""Columns of trials that are not conditions."""
 SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
 """Short names of units that NWB spells out."""
-MOST_NAMED = 8
 
 log = logging.getLogger("neurotact")
 
@@ -68,6 +74,18 @@ class NWBSpec(Spec):
     """A time series that is read instead of the units; its columns are taxels."""
     unit: str | None = None
     """Unit of the series; that of the file when absent."""
+    units: Where = {}
+    """Values of columns of the units to read, or of their electrodes: `{ quality = "good" }`; `name` is their name."""
+    leave_out_units: Where = {}
+    """Values of columns of units that are not read."""
+    unobserved: Unobserved | None = None
+    """What becomes of trials that touch invalid times, or that a unit does not observe whole: left out, or read as
+    silent; when absent, at most 10 % of the trials are left out."""
+
+    @property
+    def choice_of_units(self) -> TrialChoice:
+        """The units to read."""
+        return TrialChoice(self.units, self.leave_out_units)
 
 
 class _Trials(NamedTuple):
@@ -78,16 +96,28 @@ class _Trials(NamedTuple):
     conditions: pd.DataFrame
     digests: list[str]
 
+    def chosen(self, keep: np.ndarray) -> "_Trials":
+        """The trials of which `keep`, `(trial,)`, is true."""
+        digests = [digest for digest, kept in zip(self.digests, keep, strict=False) if kept]
+        return _Trials(self.start_s[keep], self.stop_s[keep], self.conditions[keep].reset_index(drop=True), digests)
 
-def read(path: str | Path, spec: Mapping[str, Any] | None = None) -> SpikeTrains | Recordings:
+
+def read(
+    path: str | Path, spec: Mapping[str, Any] | None = None, choice: TrialChoice = EVERY
+) -> SpikeTrains | Recordings:
     """The spike trains of the units of an NWB file, or with `series` the recordings of a time series.
 
     spec: keys of `NWBSpec`. A spike at t belongs to each trial with start <= t < stop, and falls in step
     floor((t - start) / step); those of a unit within one step are one. Files from neurotact are restored step by step.
+    Trials that touch `intervals/invalid_times`, or that a unit does not observe whole by its `obs_intervals`, are left
+    out, with a line. choice: of the trials to read, before anything else of them is checked.
     Raises InputError for a file that is damaged, too large, or without trials, classes or spikes.
     """
     asked = build(NWBSpec, spec or {}, "import nwb")
-    of_units = {"step_ms": asked.step_ms, "name": asked.name != AFFERENT, "merge_events": asked.merge_events}
+    of_units = {
+        "step_ms": asked.step_ms, "name": asked.name != AFFERENT, "merge_events": asked.merge_events,
+        "units": bool(asked.choice_of_units),
+    }  # fmt: skip
     of_series = {"unit": asked.unit}
     wrong = next((name for name, value in (of_series if asked.series is None else of_units).items() if value), None)
     if wrong is not None:
@@ -95,7 +125,7 @@ def read(path: str | Path, spec: Mapping[str, Any] | None = None) -> SpikeTrains
         raise InputError(f"{path}: --{wrong.replace('_', '-')} is for {what}; drop it")
     with reading(path, "NWB", "the program that made it") as file:
         declared = Declared(file, path)
-        trials = _trials(declared, asked)
+        trials = _trials(declared, asked, choice)
         return _spikes(declared, trials, asked) if asked.series is None else _recordings(declared, trials, asked)
 
 
@@ -105,60 +135,37 @@ READER = Reader("Neurodata Without Borders: spike times of units in trials, an N
 # --- trials -----------------------------------------------------------------------------------------
 
 
-def _trials(declared: Declared, spec: NWBSpec) -> _Trials:
+def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
     path, place = declared.path, f"intervals/{spec.trials}"
     if not declared.holds(place):
-        there = _named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
+        there = named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
         raise InputError(f"{path}: holds no {place} ({there}); name the table of trials with --trials")
     start_s, stop_s = (declared.numbers(f"{place}/{name}").astype(float) for name in ("start_time", "stop_time"))
     if len(start_s) != len(stop_s) or not len(start_s):
         raise InputError(f"{path}: {place} has {len(start_s)} starts and {len(stop_s)} stops; give one each per trial")
-    wrong = np.flatnonzero(~(np.isfinite(start_s) & np.isfinite(stop_s) & (start_s < stop_s)))
-    if len(wrong):
-        at = wrong[0]
-        raise InputError(f"{path}: trial {at} lasts from {start_s[at]:g} s to {stop_s[at]:g} s; correct it or drop it")
-    columns = dict(_columns(declared, place, len(start_s)))
-    if spec.label not in columns:
+    found = dict(columns(declared, place, len(start_s)))
+    if spec.label not in found:
         raise InputError(
-            f"{path}: no column of {place} is called {spec.label} ({', '.join(columns) or 'it has no other columns'}); "
+            f"{path}: no column of {place} is called {spec.label} ({', '.join(found) or 'it has no other columns'}); "
             "name the class with --label"
         )
-    labels = columns.pop(spec.label)
-    columns.pop(LABEL, None)
-    conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **columns})
+    labels = found.pop(spec.label)
+    if found.pop(LABEL, None) is not None:
+        log.warning("%s: not used, since --label names another: the column %s", path, LABEL)
+    conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **found})
     digests = declared.texts(f"{place}/{DIGEST}") if declared.holds(f"{place}/{DIGEST}") else []
-    return _Trials(start_s, stop_s, conditions, digests if len(digests) == len(start_s) else [])
-
-
-def _columns(declared: Declared, place: str, n_trials: int) -> Iterator[tuple[str, np.ndarray | list[str]]]:
-    """The columns of a table with one value per trial, in its own order."""
-    group = declared.group(place)
-    for name in _order(group, declared.path):
-        if name in KEPT or f"{name}_index" in group or not declared.holds(f"{place}/{name}"):
-            continue
-        found = group[name]
-        if isinstance(found, h5py.Dataset) and (found.shape or ()) == (n_trials,):
-            values = declared.column(f"{place}/{name}", n_trials)
-            elements = f"{place}/{name}_elements"
-            if declared.holds(elements) and not isinstance(values, list):
-                meant = np.array(declared.texts(elements), object)
-                values = [str(text) for text in meant[values.astype(np.int64)]]
-            yield name, values.astype(np.int64) if isinstance(values, np.ndarray) and values.dtype == bool else values
-
-
-def _order(group: h5py.Group, path: str | Path) -> list[str]:
-    """The names of a table's columns in the order of its attribute `colnames`, others after them."""
-    listed: list[str] = []
-    if "colnames" in group.attrs:
-        found = h5py.h5a.open(group.id, b"colnames")
-        check_size(path, found.get_storage_size())
-        listed = [each.decode() if isinstance(each, bytes) else str(each) for each in np.ravel(group.attrs["colnames"])]
-    return list(dict.fromkeys([*(name for name in listed if name in group), *group]))
-
-
-def _named(group: h5py.Group) -> str:
-    names = [str(name) for name, _ in zip(group, range(MOST_NAMED), strict=False)]
-    return f"there is {', '.join(names)}" if names else "there is none"
+    choice = choice.with_label(spec.label)
+    keep = choice.keeps(conditions, str(path))
+    if choice:
+        choice.say(keep, str(path))
+    wrong = np.flatnonzero(keep & ~(np.isfinite(start_s) & np.isfinite(stop_s) & (start_s < stop_s)))
+    if len(wrong):
+        at = wrong[0]
+        raise InputError(
+            f"{path}: trial {at} lasts from {start_s[at]:g} s to {stop_s[at]:g} s; correct it, or leave it out with "
+            "--leave-out"
+        )
+    return _Trials(start_s, stop_s, conditions, digests if len(digests) == len(start_s) else []).chosen(keep)
 
 
 # --- spikes -----------------------------------------------------------------------------------------
@@ -171,17 +178,24 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
             f"{path}: holds no spike times of units; name a time series with --series ({_of_series(declared)})"
         )
     stamps = declared.numbers("units/spike_times")
-    afferents = _afferents(declared, spec)
-    unit = _unit_of_each(declared, len(stamps), len(afferents))
+    afferents = unit_names(declared, spec.name)
+    unit = unit_of_each(declared, len(stamps), len(afferents))
     if not np.isfinite(stamps).all():
         at = int(np.flatnonzero(~np.isfinite(stamps))[0])
         raise InputError(f"{path}: spike {at} of '{afferents[unit[at]]}' is at {stamps[at]} s; drop it")
+    kept = kept_units(declared, afferents, spec.choice_of_units)
+    if not kept.all():
+        afferents = tuple(name for name, is_kept in zip(afferents, kept, strict=True) if is_kept)
+        of_kept = kept[unit]
+        stamps, unit = stamps[of_kept], (np.cumsum(kept) - 1)[unit[of_kept]]
     notes = _notes(declared)
     own_Hz = float(notes.get("sampling_rate_Hz") or 1 / _resolution_s(declared))
     rate_Hz = own_Hz if spec.step_ms is None else 1e3 / spec.step_ms
     longest = float((trials.stop_s - trials.start_s).max()) * rate_Hz
     if longest > LONGEST_STEPS:
         raise InputError(f"{path}: a trial has {longest:g} steps of {1e3 / rate_Hz:g} ms; give a longer --step-ms")
+    times_s = trials.start_s, trials.stop_s
+    trials = trials.chosen(observed_by_units(declared, *times_s, kept, afferents, 1 / rate_Hz, spec.unobserved))
     order = np.argsort(stamps, kind="stable")
     times = event_times(stamps[order], 1.0)
     cuts = _of_trials(times, trials, rate_Hz)
@@ -207,7 +221,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         rate_Hz,
         afferents,
         trials.conditions,
-        notes.get("encoder") if rate_Hz == own_Hz else None,
+        notes.get("encoder") if rate_Hz == own_Hz and kept.all() else None,
         source=str(notes.get("source") or path),
     )
 
@@ -223,32 +237,6 @@ def _of_trials(times: EventTimes, trials: _Trials, rate_Hz: float) -> list[np.nd
         slack_s = np.minimum(np.maximum(error_s, SLACK / rate_Hz), 0.5 / rate_Hz)
         bounds.append(np.searchsorted(times.time_s, at - slack_s).tolist())
     return [np.arange(first, last) for first, last in zip(*bounds, strict=True)]
-
-
-def _afferents(declared: Declared, spec: NWBSpec) -> tuple[str, ...]:
-    """The names of the units: from the requested column, else `unit` and the id."""
-    path, ids = declared.path, declared.numbers("units/id", "iu").tolist()
-    if not 0 < len(ids) <= MOST_AFFERENTS:
-        raise InputError(f"{path}: has {len(ids)} units where 1 to {MOST_AFFERENTS} can be read; keep as many")
-    if declared.holds(f"units/{spec.name}"):
-        names = tuple(str(name) for name in declared.column(f"units/{spec.name}", len(ids)))
-    elif spec.name != AFFERENT:
-        raise InputError(f"{path}: units have no column {spec.name} ({_named(declared.group('units'))}); give another")
-    else:
-        names = tuple(f"unit{each}" for each in ids)
-    twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
-    if twice is not None:
-        raise InputError(f"{path}: two units are called '{twice[:40]}'; name units by another column (--name)")
-    return names
-
-
-def _unit_of_each(declared: Declared, n_spikes: int, n_units: int) -> np.ndarray:
-    """The unit of each spike: `spike_times_index` holds the end of the spikes of each unit."""
-    ends = declared.numbers("units/spike_times_index", "iu").astype(np.int64)
-    counts = np.diff(ends, prepend=0)
-    if len(ends) != n_units or (counts < 0).any() or (len(ends) and ends[-1] != n_spikes):
-        raise InputError(f"{declared.path}: units/spike_times_index does not fit the spikes of {n_units} units")
-    return np.repeat(np.arange(n_units), counts)
 
 
 def _resolution_s(declared: Declared) -> float:
@@ -276,6 +264,7 @@ def _notes(declared: Declared) -> dict[str, Any]:
 
 def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recordings:
     path, place = declared.path, _place_of(declared, str(spec.series))
+    trials = trials.chosen(valid_trials(declared, trials.start_s, trials.stop_s, spec.unobserved))
     data = declared.streamed(f"{place}/data")
     if data.ndim > 2 or not data.size:
         raise InputError(f"{path}: {place} has the shape {data.shape} where (time, taxel) is expected; name another")
@@ -290,7 +279,10 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
             signal = clock.on_clock(signal[stamps[trial].keep], stamps[trial], rate_Hz)
         signals.append(signal)
     unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")
-    return Recordings(signals, rate_Hz, SYMBOLS.get(unit, unit), trials.conditions, source=str(path))
+    channels = electrodes_of(declared, place, signals[0].shape[1])
+    found = Recordings(signals, rate_Hz, SYMBOLS.get(unit, unit), trials.conditions, channels, source=str(path))
+    doubts.say(found, str(path), doubts.Fixes("save the series without it"), rate_is_given=stamps is None)
+    return found
 
 
 def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.ndarray, float]:

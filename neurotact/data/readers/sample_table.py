@@ -78,7 +78,8 @@ def read(
         [*_cut(columns, roles._replace(taxels=taxels), trials, clock, asked, path)], conditions, sampling_rate_Hz, unit,
         max_gap_ms=asked.max_gap_ms, drop_repeats=asked.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
-    return chosen_trials(read, asked.choice.beyond(chosen_by(trials.conditions, asked)), str(path))
+    choice = asked.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, asked))
+    return chosen_trials(read, choice, str(path))
 
 
 def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Roles) -> dict[str, np.ndarray]:

@@ -132,7 +132,8 @@ def find_trials(
         trials = _segments(columns, roles, path) if asked.segments else _trials(columns, roles, path)
     if asked.is_continuous:
         _say_outside(trials, len(next(iter(columns.values()))), path)
-    trials = _chosen(trials, asked.choice.among(chosen_by(trials.conditions, asked)), path)
+    choice = asked.choice.with_label(roles.label).among(chosen_by(trials.conditions, asked))
+    trials = _chosen(trials, choice, path)
     if not asked.is_continuous:
         return trials
     return trials._replace(conditions=trials.conditions.assign(**{SEGMENT: np.arange(1, len(trials.names) + 1)}))

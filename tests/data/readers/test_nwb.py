@@ -251,8 +251,8 @@ def test_stamped_samples_come_to_a_clock(tmp_path):
     ("changes", "settings", "message"),
     [
         ({"units__spike_times": None}, {}, r"no spike times of units; name a time series .*acquisition/touch"),
-        ({"units__spike_times_index": [3, 5]}, {}, "does not fit the spikes of 2 units"),
-        ({"units__spike_times_index": [6, 3]}, {}, "does not fit the spikes of 2 units"),
+        ({"units__spike_times_index": [3, 5]}, {}, "spike_times_index does not fit 6 values of 2 rows"),
+        ({"units__spike_times_index": [6, 3]}, {}, "spike_times_index does not fit 6 values of 2 rows"),
         ({"units__spike_times": [0.1, np.nan, 0, 0, 0, 0]}, {}, "spike 1 of 'unit7' is at nan s"),
         ({"units__id": [7, 7]}, {}, "two units are called 'unit7'"),
         ({}, {"name": "electrode"}, "no column electrode"),
