@@ -8,6 +8,7 @@ key and the file.
 import hashlib
 import json
 import math
+import os
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -127,7 +128,7 @@ def find(kind: str, name: str | Path) -> Path:
     if str(name).endswith(".toml") or "/" in str(name):
         return existing(name)
     path = specs_folder() / kind / f"{name}.toml"
-    if not path.is_file():
+    if not os.path.isfile(path):  # as of `files.existing`: a name may be too long
         names = [p.stem for p in shipped(kind)]
         raise InputError(f"{name}: there is no such spec in {kind}; {nearest(str(name), names)}")
     return path

@@ -337,6 +337,8 @@ def test_a_spec_is_found_by_name_and_by_path(tmp_path):
 def test_a_spec_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match="sa1-ra1-lf: there is no such spec in encoders; did you mean 'sa1-ra1-lif'"):
         find("encoders", "sa1-ra1-lf")
+    with pytest.raises(InputError, match="there is no such spec in encoders"):
+        find("encoders", "x" * 5000)
     with pytest.raises(InputError, match=r"mine\.toml: there is no such file"):
         find("encoders", tmp_path / "mine.toml")
 

@@ -36,6 +36,8 @@ WRONG = [
     [math.nan], [[]], [{}], {}, {"x": 1}, {"": 0}, {"x": {"y": []}},
 ]  # fmt: skip
 """What a key may be given in place of what it takes; a list where a table is due, and the reverse, among them."""
+BY_NAME = [-1, 2**63 - 1, math.nan, True, "text", "", [], [[]], {}, {"x": 1}]
+"""What each key of a model is set to, of which there are many."""
 EXTRA = ("extra", "", "x.y", "model", "protocol")
 """Keys that a table may have too many."""
 
@@ -112,7 +114,7 @@ def changes_of(kind: str, path: Path, seen: set) -> Iterator[Change]:
         for key in dict.fromkeys(known(model)):
             if (kind, model, key) not in seen:
                 seen.add((kind, model, key))
-                yield from (Change(kind, path, "set", key, wrong) for wrong in WRONG)
+                yield from (Change(kind, path, "set", key, wrong) for wrong in BY_NAME)
                 if key.count(".") == 0 and key not in table:
                     yield from (Change(kind, path, "added", (key,), wrong) for wrong in WRONG)
 
@@ -126,7 +128,7 @@ def changes() -> list[Change]:
         found += changes_of(kind, path, seen if path.stem != "own-recordings" else set())
     for name in plugins.names("simulators"):
         for key in known(sources.simulator(name).model):
-            found += [Change("simulators", Path(name), "set", key, wrong) for wrong in WRONG]
+            found += [Change("simulators", Path(name), "set", key, wrong) for wrong in BY_NAME]
     return found
 
 

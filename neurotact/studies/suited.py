@@ -5,6 +5,7 @@ that was built with a default in its place, so that every other value is checked
 values and, in `notes`, the reasons.
 """
 
+import os
 from collections.abc import Mapping, Set
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -127,7 +128,7 @@ def suit(
 
 def file_of(data: str | Path) -> Path:
     """The absolute path of the file that `--data` names; InputError if it does not exist."""
-    if not Path(data).is_file():
+    if not os.path.isfile(data):  # as of `files.existing`: a name may be too long
         raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one from your files")
     return Path(data).absolute()
 

@@ -321,7 +321,7 @@ def _number(rng: random.Random) -> str:
 
 def odd_path(rng: random.Random, place: Path) -> str:
     """A path to something that is not a fitting file, or to nothing."""
-    how = rng.choice(["fifo", "zero", "sparse", "folder", "loop", "words", "words", "null", "long", "inside"])
+    how = rng.choice(["fifo", "zero", "sparse", "folder", "loop", "words", "words", "null", "long", "inside", "closed"])
     made = place / f"odd-{how}"
     if how == "fifo" and not made.exists():
         os.mkfifo(made)
@@ -334,6 +334,10 @@ def odd_path(rng: random.Random, place: Path) -> str:
         os.truncate(made, mutations.HUGE)
     elif how == "folder":
         made.mkdir(exist_ok=True)
+    elif how == "closed":
+        made.mkdir(exist_ok=True)
+        made.chmod(0)
+        return rng.choice([made.name, f"{made.name}/x.h5", f"{made.name}/x/y.toml"])
     elif how == "words":
         return rng.choice(
             [
@@ -350,7 +354,7 @@ def odd_path(rng: random.Random, place: Path) -> str:
             ]
         )
     elif how == "inside":
-        return rng.choice(["touch.h5/x", "out.h5/x.h5", "x" * 250 + ".h5"])
+        return rng.choice(["touch.h5/x", "out.h5/x.h5", "x" * 250 + ".h5", "x" * 300, "x" * 5000])
     return {"null": "/dev/null", "long": "x/" * 3000}.get(how, made.name)
 
 
@@ -544,6 +548,20 @@ def names(rng: random.Random, place: Path, base: Path) -> Case:
     )
 
 
+def paths(rng: random.Random, place: Path, base: Path) -> Case:
+    """A valid command with what is not a fitting file, or cannot be reached, in place of one of its paths."""
+    name = _any_command(rng)
+    words, needs = list(COMMANDS[name][0]), COMMANDS[name][1]
+    fetch(base, place, *needs)
+    after = [k + 1 for k, word in enumerate(words[:-1]) if word in ("-o", "--from", "--annotations")]
+    named = sorted({k for k, word in enumerate(words) if word in needs or word.endswith(".toml")} | {*after})
+    if rng.random() < 0.3:
+        words += [rng.choice(["--encoder", "--network", "--space", "--data", "--conditions", "--recordings"]), "x"]
+        named.append(len(words) - 1)
+    words[rng.choice(named or [-1])] = odd_path(rng, place)
+    return Case("paths", words, changes=WORKS_IN.get(name, ()), endless=name in ENDLESS)
+
+
 def outputs(rng: random.Random, place: Path, base: Path) -> Case:
     """An output that exists, that is an input, or that cannot be written."""
     name = rng.choice([n for n, (words, _) in COMMANDS.items() if "-o" in words and n not in SLOW])
@@ -582,7 +600,7 @@ def _read_only(folder: Path) -> None:
 KINDS: dict[Kind, float] = {
     options: 16, sets: 9, encoder: 6, network: 5, space: 2, study_spec: 10, tiny_study: 1.5, recordings: 11, spikes: 11,
     events: 8, array_files: 5, facts: 4, layouts: 6, archives: 6, tables: 9, sample_tables: 4, folders: 8,
-    checkpoint: 8, run_folder: 5, journal: 1.5, names: 4, outputs: 5,
+    checkpoint: 8, run_folder: 5, journal: 1.5, names: 4, outputs: 5, paths: 5,
 }  # fmt: skip
 """Each kind and its share."""
 

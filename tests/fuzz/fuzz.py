@@ -31,6 +31,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]  # s
 
 import cases
 import chain_cases
+import content_cases
 import judge
 from judge import Case, Outcome
 
@@ -39,7 +40,7 @@ SLOW_BASE = 300.0
 
 
 cases.COMMANDS |= chain_cases.COMMANDS
-cases.KINDS |= chain_cases.KINDS
+cases.KINDS |= chain_cases.KINDS | content_cases.KINDS
 
 
 class Done(NamedTuple):
@@ -76,7 +77,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--start", type=int, default=0, help="number of the first case")
     parser.add_argument("--case", type=int, help="run this case alone")
     parser.add_argument("--kind", action="append", help="draw cases of this kind alone; may be repeated")
-    parser.add_argument("--keep", type=Path, help="keep every case's folder and streams in this folder")
+    parser.add_argument(
+        "--keep", type=Path, help="keep every case's folder and streams, and valid inputs, in this folder"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--seconds", type=float, default=20.0, help="that a case may take; more on a busy machine")
     parser.add_argument("--log", type=Path, help="write a JSON line a case to this file")
@@ -85,10 +88,12 @@ def _arguments() -> argparse.Namespace:
 
 def make_base(base: Path) -> None:
     """Valid inputs, made by neurotact itself; what that imports is imported here too, for the cases to inherit."""
-    base.mkdir(parents=True)
-    cases.make_folders(base)
-    chain_cases.make_samples(base)
-    for words in [*cases.base_commands(), *chain_cases.base_commands()]:
+    is_made = judge.modules_of(base) if base.is_dir() else []  # by an earlier run with --keep
+    if not is_made:
+        base.mkdir(parents=True)
+        cases.make_folders(base)
+        chain_cases.make_samples(base)
+    for words in [] if is_made else [*cases.base_commands(), *chain_cases.base_commands()]:
         outcome = _in_child(
             lambda words=words: judge.run(Case("base", words, changes=()), base, SLOW_BASE, wants_modules=True)
         )

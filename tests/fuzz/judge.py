@@ -17,13 +17,16 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import mutations
+import numpy as np
 from processes import descendants
+
+from neurotact.data import hdf5
 
 MEMORY = 1_000_000_000
 """How many bytes a command may take with the processes that it starts."""
@@ -52,6 +55,12 @@ AFTER_FIRST_LINE = 1.0
 LONGEST_LINE = 1000
 """Characters of an error line that a person still reads."""
 PROGRESS = re.compile(r"[\w ,.&()/-]+ \d+/\d+(  .*)?")
+SHARE = 0.95
+"""Of the samples, events and trials of an input, at least so many are in the output, or the command says so."""
+TELLS = re.compile(
+    r"left out|drop|ignor|merg|repeat|resampl|interpolat|copies|outside|beyond|skip|not used|one spike|kept|share", re.I
+)
+"""Words of what was lost or doubled."""
 FRAME = re.compile(r'File "[^"]*/(neurotact/[^"]+\.py)", line \d+,? in (\w+|<\w+>)')
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 
@@ -65,6 +74,8 @@ class Case(NamedTuple):
     results: where the command ends well, the table that must come out, by its path in the folder.
     out: what the command must have written where it ends well.
     endless: it may go on until Ctrl-C, which comes a second after its first line, or after half of its time.
+    holds: how many samples, events and trials the input holds, and the total of its absolute values, as far as known:
+    the output holds as much, or the command says why not.
     """
 
     kind: str
@@ -74,6 +85,7 @@ class Case(NamedTuple):
     results: tuple[str, bytes] | None = None
     out: str | None = None
     endless: bool = False
+    holds: Mapping[str, float] = {}
 
 
 class Outcome(NamedTuple):
@@ -103,12 +115,13 @@ def run(case: Case, place: Path, seconds: float, *, wants_modules: bool = False)
     ended_by = _CtrlC(child, streams[0], began + seconds / 2) if case.endless else None
     code, memory, killed = _watch(child, began + seconds, ended_by)
     took = time.monotonic() - began
-    said = streams[1].read_bytes().decode("utf-8", "replace")
+    said = _text(streams[1])
     fault = (
         killed
         or _fault_of_end(0 if code == INTERRUPTED and ended_by and ended_by.came else code, said)
         or _fault_of_memory(memory)
         or _fault_of_files(case, place, before, code)
+        or (_fault_of_share(case, place, "".join(map(_text, streams))) if code == 0 else "")
     )
     if fault in ("too long", "too much memory"):
         fault = f"{fault}: {_frame(said)}"
@@ -147,7 +160,7 @@ def _become_the_command(case: Case, place: Path, streams: Sequence[Path], second
         if case.resolve_only:
             from neurotact.studies import runner
 
-            runner.run = lambda study, folder, *_, **__: folder
+            runner.run = lambda *_, **__: sys.exit(0)
         from neurotact import cli
 
         warnings.resetwarnings()
@@ -284,6 +297,31 @@ def _fault_of_files(case: Case, place: Path, before: dict[str, str], code: int) 
         if (place / name).read_bytes() != expected:
             return f"believed damage: {case.kind}"
     return ""
+
+
+def _fault_of_share(case: Case, place: Path, said: str) -> str:
+    """What the output has less or more of than the input, without a word about it."""
+    if not case.holds or case.out is None or TELLS.search(said):
+        return ""
+    kept = _held(place / case.out)
+    for what, n in case.holds.items():
+        if what in kept and not SHARE * n <= kept[what] <= n / SHARE:
+            return f"{'lost' if kept[what] < n else 'doubled'} {what} without a word: {case.kind}"
+    return ""
+
+
+def _held(path: Path) -> dict[str, float]:
+    """The samples or events, the trials and the total of the absolute values in a file that an import wrote."""
+    if hdf5.kind_of(path) == "spikes":
+        trains = hdf5.load_spikes(path)
+        return {"events": sum(map(len, trains.units)), "trials": len(trains)}
+    recordings = hdf5.load_recordings(path)
+    total = sum(float(np.abs(np.asarray(signal, float)).sum()) for signal in recordings.signals)
+    return {"samples": int(recordings.lengths.sum()), "trials": len(recordings), "total": total}
+
+
+def _text(stream: Path) -> str:
+    return stream.read_bytes().decode("utf-8", "replace")
 
 
 def _replaced(words: Sequence[str]) -> list[str]:

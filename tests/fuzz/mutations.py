@@ -423,14 +423,15 @@ def _odd_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     return rng.choice([*other, *smaller, *larger, broken])
 
 
+def npy(shape: str, descr: str = "<f4") -> bytes:
+    """The head of a NumPy array, which its values follow."""
+    text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}"
+    text += " " * (-(len(text) + 11) % 64) + "\n"
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode()
+
+
 def _write_archive(path: Path, key: str, how: str, rng: random.Random) -> None:
     """An archive by hand: a header that lies, a member that unpacks to gigabytes, members that are no arrays."""
-
-    def npy(shape: str, descr: str = "<f4") -> bytes:
-        text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}"
-        text += " " * (-(len(text) + 11) % 64) + "\n"
-        return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode()
-
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         if how == "bomb":
             with archive.open(f"{key}.npy", "w", force_zip64=True) as member:

@@ -7,8 +7,12 @@ from pathlib import Path
 
 import judge
 import mutations
+import numpy as np
 import pytest
 from judge import Case
+
+from neurotact.data.hdf5 import save_recordings
+from neurotact.data.recordings import Recordings
 
 SCRIPT = Path(__file__).with_name("fuzz.py")
 CASES = 40
@@ -95,6 +99,23 @@ def test_an_output_that_never_came_is_seen(tmp_path):
     assert _fault(tmp_path, Case("x", [], out="out.h5"), lambda: None) == "exit code 0 without an output"
     (tmp_path / "again").mkdir()
     assert not _fault(tmp_path / "again", Case("x", [], out="out.h5"), lambda: None, code=2)
+
+
+@pytest.mark.parametrize(
+    ("said", "holds", "fault"),
+    [
+        ("", {"samples": 60, "trials": 2, "total": 60.0}, ""),
+        ("", {"samples": 63}, ""),
+        ("", {"samples": 64}, "lost samples without a word: x"),
+        ("", {"trials": 1}, "doubled trials without a word: x"),
+        ("", {"total": 6.0}, "doubled total without a word: x"),
+        ("neurotact: 4 of 64 samples are left out", {"samples": 64}, ""),
+    ],
+)
+def test_a_share_that_is_lost_or_doubled_without_a_word_is_seen(tmp_path, said, holds, fault):
+    signals = [np.ones((20, 1), np.float32), np.ones((40, 1), np.float32)]
+    save_recordings(Recordings(signals, 100.0, "mV", {"label": ["a", "b"]}), tmp_path / "out.h5")
+    assert judge._fault_of_share(Case("x", [], out="out.h5", holds=holds), tmp_path, said) == fault
 
 
 def test_a_seed_gives_the_same_damage_again():

@@ -139,6 +139,7 @@ def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_pat
     [
         ("own-recordings", None, "own-recordings: names no recordings; give a file with --data"),
         ("own-recordings", "away.h5", "--data away.h5: there is no such file"),
+        ("own-recordings", "x" * 300, "there is no such file"),
         ("refractory-period", "touches.h5", r"names its own recordings \(dataset.simulate\)"),
         ("contact-materials", "touches.h5", "makes or reads its own recordings"),
     ],
