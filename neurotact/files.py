@@ -10,6 +10,7 @@ import socket
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -36,7 +37,8 @@ PLACE_IS_TO_BLAME = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno
 def whole(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path beside `path`; rename it to `path` when the block ends well.
 
-    If the block raises, `path` is as it was before and the temporary file is gone.
+    If the block raises, `path` is as it was before and the temporary file is gone. If the process is killed, the next
+    one that writes into the folder removes the file.
 
     >>> import tempfile
     >>> folder = Path(tempfile.mkdtemp())
@@ -52,10 +54,11 @@ def whole(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written, it is a pipe, a socket or a device; name a file")
     # The draft is named before it exists, so that an interrupt at any point finds the file to remove. It keeps the
     # suffix: matplotlib and others choose the format by it.
-    draft = path.parent / f"{DRAFT}{secrets.token_hex(8)}{path.suffix}"
+    draft = path.parent / f"{DRAFT}{_here()}-{os.getpid()}-{secrets.token_hex(8)}{path.suffix}"
     try:
         with _writable(path):
             path.parent.mkdir(parents=True, exist_ok=True)
+            _remove_drafts_of_killed(path.parent)
             draft.touch(exist_ok=False)
         with _writable(path, draft):
             yield draft
@@ -63,6 +66,37 @@ def whole(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):  # the folder may have become read-only; the block's own error says so
             draft.unlink(missing_ok=True)
+
+
+@cache
+def _here() -> str:
+    """Identifies the numbers of the processes that this one sees, those since the machine has started; or "any"."""
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
+        return hashlib.sha256(f"{boot} {os.readlink('/proc/self/ns/pid')}".encode()).hexdigest()[:8]
+    except (OSError, ValueError):  # not Linux
+        return "any"
+
+
+def _remove_drafts_of_killed(folder: Path) -> None:
+    """Remove the drafts of processes that have ended; those of other machines, which cannot be asked, stay."""
+    if _here() == "any":
+        return
+    for draft in folder.glob(f"{DRAFT}{_here()}-*-*"):
+        number = draft.name.split("-")[2]
+        if number.isdigit() and len(number) < 10 and _has_ended(int(number)):
+            with suppress(OSError):
+                draft.unlink()
+
+
+def _has_ended(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except OSError:  # it runs for another user
+        return False
+    return False
 
 
 @contextmanager

@@ -30,6 +30,7 @@ from neurotact.files import (
     write_text,
 )
 
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
@@ -50,6 +51,28 @@ def test_a_crash_leaves_the_old_file_and_no_draft(tmp_path):
         crash()
     assert path.read_text() == "old"
     assert os.listdir(tmp_path) == ["result.txt"]
+
+
+KILLED = """
+import os, sys
+from neurotact.files import whole
+with whole(sys.argv[1]) as draft:
+    draft.write_text("half of the n")
+    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="drafts name their process on Linux alone")
+def test_the_draft_of_a_killed_process_goes_with_the_next_file(tmp_path):
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "a.txt")], env=ENVIRONMENT, check=False)
+    assert killed.returncode == -9
+    (left,) = tmp_path.iterdir()
+    _, here, process, _ = left.name.split("-")
+    others = [f".draft-{here}-{os.getpid()}-ab.txt", f".draft-0-{process}-ab.txt", ".draft-ab.txt", ".draft-thesis"]
+    for name in others:
+        (tmp_path / name).write_text("of another, or still being written")
+    write_text(tmp_path / "b.txt", "whole")
+    assert sorted(os.listdir(tmp_path)) == sorted([*others, "b.txt"])
 
 
 @pytest.mark.parametrize("call", [Path.touch, Path.replace], ids=["begins", "ends"])

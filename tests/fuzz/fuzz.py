@@ -94,12 +94,17 @@ def make_base(base: Path) -> None:
         cases.make_folders(base)
         chain_cases.make_samples(base)
     for words in [] if is_made else [*cases.base_commands(), *chain_cases.base_commands()]:
-        outcome = _in_child(
+        outcome = in_child(
             lambda words=words: judge.run(Case("base", words, changes=()), base, SLOW_BASE, wants_modules=True)
         )
         if outcome.code != 0:
             raise SystemExit(f"neurotact {' '.join(words)}: ended with {outcome.code}: {outcome.said[-2000:]}")
-    for name in judge.modules_of(base):
+    inherit(judge.modules_of(base))
+
+
+def inherit(modules: Iterable[str]) -> None:
+    """Import what commands need: the processes that are forked from this one have it then."""
+    for name in modules:
         try:
             import_module(name)
         except Exception:  # a part of another module, which cannot be imported by itself
@@ -154,7 +159,7 @@ def _one(asked: argparse.Namespace, number: int, base: Path, work: Path, report:
         os._exit(code)
 
 
-def _in_child(call) -> Outcome:
+def in_child(call) -> Outcome:
     """The outcome of a call in a forked process, so that this one stays as it is."""
     read, write = os.pipe()
     child = os.fork()
