@@ -11,7 +11,7 @@ import pandas as pd
 from neurotact.data.readers import ros, sampled
 from neurotact.data.readers.arrays import ALIASES
 from neurotact.data.readers.headings import named_table
-from neurotact.data.readers.layout import CHOICE, Table, check_rises, chosen_places, is_index, unit_of
+from neurotact.data.readers.layout import CHOICE, TIME_COLUMN, Table, check_rises, chosen_places, is_index, unit_of
 from neurotact.data.readers.sampled import Read
 from neurotact.data.readers.table_trials import (
     Clock,
@@ -32,6 +32,9 @@ from neurotact.spec import build
 
 TRIALS = ("trial", "trials", "trial_id", "recording", "recordings", "recording_id", "touch", "touch_id", "sequence_id")
 """Names of the column that tells trials apart."""
+FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
+SHORT = 5
+"""Rows of a stretch below which it is hardly a touch."""
 FAULTS = 0.5
 """Share of numbers above which a column of texts is a taxel with faults."""
 log = logging.getLogger("neurotact")
@@ -73,6 +76,7 @@ def read(
     columns = _without_others(columns, table, roles)
     clock = clock_of(columns, roles, asked, path)
     trials = find_trials(columns, roles, clock, asked, sampling_rate_Hz, path)
+    _check_time(trials, asked, clock, path)
     taxels, conditions = _parted(columns, roles, trials, path)
     read = sampled.recordings(
         [*_cut(columns, roles._replace(taxels=taxels), trials, clock, asked, path)], conditions, sampling_rate_Hz, unit,
@@ -80,6 +84,20 @@ def read(
     )  # fmt: skip
     choice = asked.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, asked))
     return chosen_trials(read, choice, str(path))
+
+
+def _check_time(trials: Trials, asked: TableSpec, clock: Clock, path: Path) -> None:
+    """Refuse trials of one row each; doubt stretches without time stamps that are as rows of features lie."""
+    lengths = trials.end - trials.begin
+    if (lengths == 1).all():
+        raise InputError(f"{path}: every trial has one row; {FEATURES}")
+    if not asked.segments or clock.time is not None:
+        return
+    n_classes = trials.conditions[LABEL].nunique()
+    if 1 < n_classes == len(lengths):
+        log.warning("%s: each of the %d classes is one stretch of rows; %s", path, n_classes, FEATURES)
+    elif np.median(lengths) < SHORT:
+        log.warning("%s: most stretches of a class have fewer than %d rows; %s", path, SHORT, FEATURES)
 
 
 def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Roles) -> dict[str, np.ndarray]:
@@ -128,6 +146,7 @@ def _roles(names: list[str], first: Sequence[str], asked: TableSpec, *, find_tim
         raise InputError(
             f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with --trial, as in "
             f"--trial subject,repetition, or take each stretch of one '{label}' as a trial with --segments"
+            f"{'' if any(map(TIME_COLUMN.match, names)) else f'; {FEATURES}'}"
         )
     return _with_taxels(names, first, asked, label, trial, find_time=find_time, path=path)
 

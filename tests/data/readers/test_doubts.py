@@ -127,3 +127,45 @@ def test_every_import_says_them(tmp_path, kind, caplog):
     (message,) = caplog.messages
     assert message.startswith(str(tmp_path))
     assert "every sample is 0 or 1, as of a raster; neurotact import raster" in message
+
+
+# --- a table with one row per touch -----------------------------------------------------------------
+
+FEATURES = "if each row is a touch of its own (features, without time), there is no signal: give a row per sample"
+
+
+def features(path, order, trial=False):
+    """Sixty touches of three classes, a row of five features each, without time stamps."""
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame(rng.normal(size=(60, 5)), columns=[*"abcde"]).assign(label=np.repeat(["x", "y", "z"], 20))
+    table = table.assign(trial=range(60)) if trial else table
+    table.iloc[order].to_csv(path, index=False)
+    return path
+
+
+def test_a_row_per_touch_is_no_continuous_recording(tmp_path, caplog):
+    by_class, shuffled = np.arange(60), np.random.default_rng(1).permutation(60)
+    path = features(tmp_path / "a.csv", by_class)
+    with pytest.raises(
+        nt.InputError, match=r"as a trial with --segments; if each row is a touch of its own \(features"
+    ):
+        nt.read_table(path, unit="V")
+    nt.read_table(path, 100, "V", segments=True)
+    assert f"{path}: each of the 3 classes is one stretch of rows; {FEATURES}" in caplog.messages
+    path = features(tmp_path / "b.csv", shuffled)
+    nt.read_table(path, 100, "V", segments=True)
+    assert f"{path}: most stretches of a class have fewer than 5 rows; {FEATURES}" in caplog.messages
+    with pytest.raises(nt.InputError) as refusal:
+        nt.read_table(features(tmp_path / "c.csv", by_class, trial=True), 100, "V")
+    assert str(refusal.value) == f"{tmp_path / 'c.csv'}: every trial has one row; {FEATURES}"
+
+
+def test_a_recording_with_a_class_per_sample_is_not_doubted(tmp_path, caplog):
+    rng = np.random.default_rng(0)
+    labels = np.repeat(["rest", "x", "rest", "y", "rest", "x"], 20)
+    table = pd.DataFrame(rng.normal(size=(120, 2)), columns=["a", "b"]).assign(label=labels)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    nt.read_table(tmp_path / "a.csv", 100, "V", segments=True)
+    table.assign(time_s=np.arange(120) / 100).iloc[:60].to_csv(tmp_path / "b.csv", index=False)
+    nt.read_table(tmp_path / "b.csv", unit="V", segments=True, leave_out="rest")
+    assert not [line for line in caplog.messages if FEATURES in line]
