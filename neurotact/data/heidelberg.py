@@ -77,15 +77,9 @@ def read(declared: Declared, spec: EventSpec) -> SpikeTrains:
     check_range(float(of_ends.time_s.min(initial=0.0)), float(of_ends.time_s.max(initial=0.0)), spec, str(path))
     step_s = 1e-3 * spec.step_ms
     rounding = rounding_of(joined_times(some), step_s)
-    last_step = int(steps_of(of_ends, step_s, rounding).max(initial=0))
-    n_steps = n_steps_of(last_step, spec)
-    found = on_clock(
-        (
-            (np.minimum(steps_of(_times_of(each, spec), step_s, rounding), last_step), unit, n_steps)
-            for each, unit in zip(ordered, units, strict=True)
-        ),
-        len(afferents),
-    )
+    steps = [steps_of(_times_of(each, spec), step_s, rounding) for each in ordered]
+    n_steps = n_steps_of(max(int(each.max(initial=0)) for each in steps), spec)
+    found = on_clock(((each, unit, n_steps) for each, unit in zip(steps, units, strict=True)), len(afferents))
     say_lost(found, spec, str(path))
     return from_trials(found.trials, 1e3 / spec.step_ms, afferents, conditions, source=str(path))
 

@@ -199,6 +199,8 @@ EVENT_OPTIONS = [
     [], [], ["--step-ms", "5"], ["--origin", "first"], ["--polarity", "merge"], ["--polarity", "on"],
     ["--duration-ms", "100"], ["--n-channels", "9"], ["--channels", "a,b,c,d,e"], ["--time-unit", "us"],
     ["--sensor", "4x1"], ["--names", "label=trial"], ["--polarities", "a,b,c"], ["--levels", "label"],
+    ["--merge-events"], ["--merge-events", "--step-ms", "0.7"], ["--merge-events", "--time-unit", "ns"],
+    ["--names", "polarity=channel"],
 ]  # fmt: skip
 LAYOUT_OPTIONS = [
     [], ["--levels", "label,speed"], ["--levels", "speed,label"], ["--levels", "a,b,label"], ["--columns", "2-4"],

@@ -7,6 +7,7 @@ in which its stamp is.
 """
 
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -23,8 +24,8 @@ VISIBLE = 0.4
 """Numbers show a decimal if they are exact to this share of it."""
 FLOAT32_DIGITS = 9
 """Digits that tell any two numbers of float32 apart."""
-ON_CLOCK = 0.9
-"""Stamps are on a clock if this share of those that are not near a beginning by chance are near one."""
+ON_CLOCK = 0.5
+"""Stamps are on a clock if more than this share of those that are not near a beginning by chance are near one."""
 MOST_COMPARED = 100_000
 """Stamps, evenly chosen, that are compared with a clock."""
 NO_ORDER = 1 / 3
@@ -240,44 +241,66 @@ def _period(stamps: np.ndarray) -> int:
     return 2**31 if stamps.min() >= 0 and stamps.max() < 2**31 else 2**32
 
 
-def rounding_of(times: EventTimes, step_s: float) -> Rounding | None:
+def rounding_of(times: EventTimes, step_s: float, least: float = KNOWN) -> Rounding | None:
     """How stamps that are on a clock of steps of `step_s` were rounded; None if they are not on it.
+
+    least: evidence that any rounding needs.
 
     >>> whole_us = event_times(np.rint(np.arange(100) * 1000 / 30).astype(int), 1e-6)
     >>> rounding_of(whole_us, 1 / 30_000), rounding_of(whole_us, 7e-5)
     (Rounding(shift_s=0.0, width_s=5e-07), None)
     """
     some = times.at(_some(np.flatnonzero(times.time_s)))  # the origin is on every clock
-    best, share = None, ON_CLOCK
+    place, tolerance = _place(some, step_s)
+    held = np.floor(place + tolerance)
+    best, best_fit, least_apart = None, (ON_CLOCK, 0.0), _apart(some.time_s, held)
     for rounding, unit_s, evidence in _roundings(times.resolutions, step_s):
-        _, is_near = _nearest(some, step_s, rounding)
+        nearest, is_near = _nearest(some, step_s, rounding)
         chance = np.clip(_chance(rounding, unit_s, step_s) + 2 * some.error_s / step_s, 1e-12, 1.0)
-        by_chance, others = float(chance.sum()), float((1 - chance).sum())
-        own_share = (is_near.sum() - by_chance) / others if others > 0 else 0.0
-        is_better = own_share > share and -np.log(chance[is_near]).sum() >= evidence
+        fit = _share(is_near, chance, is_of_unit=unit_s > 0), _apart(some.time_s, np.where(is_near, nearest, held))
         is_odd = rounding.width_s == unit_s > 0 and _is_whole(step_s / unit_s)
-        if is_better and (not is_odd or _tells_apart(some, step_s)):
-            best, share = rounding, own_share
-        if is_near.all() and best is not None:
+        if (
+            fit <= best_fit
+            or fit[1] < least_apart
+            or -np.log(chance[is_near]).sum() < max(evidence, least)
+            or (is_odd and not _separates(some, step_s))
+        ):
+            continue
+        best, best_fit = rounding, fit
+        if fit == (1.0, 1.0):
             break
     return best
+
+
+def _share(is_near: np.ndarray, chance: np.ndarray, *, is_of_unit: bool) -> float:
+    """The share of the stamps near a beginning of a step among those that are not by chance.
+
+    Of a unit nearly as long as a step all may be near by chance, but if all are, the unit explains it.
+    """
+    if is_of_unit and is_near.all():
+        return 1.0
+    others = float((1 - chance).sum())
+    return (float(is_near.sum()) - float(chance.sum())) / others if others > 0 else 0.0
+
+
+def _apart(time_s: np.ndarray, steps: np.ndarray) -> float:
+    """The share of different stamps that are in different steps: a clock gives the stamps of a step one value."""
+    return len(np.unique(steps)) / max(1, len(np.unique(time_s)))
 
 
 def _is_whole(number: float) -> bool:
     return abs(number - round(number)) <= NOISE * number
 
 
-def _tells_apart(times: EventTimes, step_s: float) -> bool:
-    """Whether stamps that share a step each have their own nearest beginning of a step: then they are of a clock.
+def _separates(times: EventTimes, step_s: float) -> bool:
+    """Whether stamps that share a step each have a nearest beginning of a step of their own, as those of a clock have.
 
     Stamps that can show the beginnings of steps are a unit off only where a program cut off a product of floats
     (`int(1.001 * 1e6)`); else the last microsecond of a step is in it.
     """
-    stamps = np.unique(times.time_s)
-    n_steps, n_nearest = (
-        len(np.unique(place)) for place in (np.floor(stamps / step_s + NOISE), np.rint(stamps / step_s))
-    )
-    return n_steps < n_nearest == len(stamps)
+    place = times.time_s / step_s
+    by_stamp, by_nearest = (_apart(place, steps) for steps in (np.floor(place + NOISE), np.rint(place)))
+    return by_stamp < by_nearest == 1.0
 
 
 def _roundings(resolutions: Sequence[Resolution], step_s: float) -> Iterator[tuple[Rounding, float, float]]:
@@ -290,6 +313,7 @@ def _roundings(resolutions: Sequence[Resolution], step_s: float) -> Iterator[tup
             yield Rounding(0.0, unit_s), unit_s, SURE  # either, from an origin that is itself rounded
 
 
+@lru_cache
 def _chance(rounding: Rounding, unit_s: float, step_s: float) -> float:
     """The share of all multiples of `unit_s` that are so near to the beginning of a step."""
     if unit_s == 0.0 or step_s / unit_s > LATTICE / 4:
@@ -306,13 +330,18 @@ def _nearest(times: EventTimes, step_s: float, rounding: Rounding) -> tuple[np.n
 
 
 def steps_of(times: EventTimes, step_s: float, rounding: Rounding | None) -> np.ndarray:
-    """The step of each event, `(event,)` int64; `rounding`: as by `rounding_of` for all events of a file.
+    """The step of each event of a trial, `(event,)` int64; `rounding`: as by `rounding_of` for all events of a file.
+
+    A trial that begins anywhere between two steps has stamps at its own distance from the clock, which are rounded by
+    themselves.
 
     >>> times = event_times((np.arange(3) / 1000).astype("f4"), 1.0)
     >>> steps_of(times, 0.001, rounding_of(times, 0.001)).tolist()
     [0, 1, 2]
     """
     place, tolerance = _place(times, step_s)
+    if rounding is None or not _nearest(times, step_s, rounding)[1].all():
+        rounding = rounding_of(times, step_s, least=SURE) or rounding
     return _as_rounded(times, step_s, rounding, np.floor(place + tolerance))
 
 

@@ -125,14 +125,27 @@ def to_trains(events: Events, spec: EventSpec, source: str) -> SpikeTrains:
     channels = _grid(events.channel, spec, source) if events.is_grid else _channels(events.channel, spec, source)
     afferents, units = _afferents(populations if spec.polarity == "separate" else None, channels, source)
     check_range(float(events.time_s.min()), float(events.time_s.max()), spec, source)
-    steps = steps_of(events.times, 1e-3 * spec.step_ms, rounding_of(events.times, 1e-3 * spec.step_ms))
+    steps = _steps(events, 1e-3 * spec.step_ms)
     n_steps = n_steps_of(int(steps.max()), spec)
-    order = keep[np.argsort(events.trial[keep], kind="stable")]
-    ends = np.searchsorted(events.trial[order], np.arange(1, len(events.conditions)))
-    found = on_clock(((steps[mine], units[mine], n_steps) for mine in np.split(order, ends)), len(afferents))
+    found = on_clock(((steps[mine], units[mine], n_steps) for mine in _of_trials(events, keep)), len(afferents))
     say_order(events.n_back, events.n_wraps, len(events.time_s), source)
     say_lost(found, spec, source)
     return from_trials(found.trials, 1e3 / spec.step_ms, afferents, events.conditions, source=source)
+
+
+def _of_trials(events: Events, keep: np.ndarray) -> list[np.ndarray]:
+    """Those of the events `keep` that each trial has."""
+    order = keep[np.argsort(events.trial[keep], kind="stable")]
+    return np.split(order, np.searchsorted(events.trial[order], np.arange(1, len(events.conditions))))
+
+
+def _steps(events: Events, step_s: float) -> np.ndarray:
+    """The step of each event, `(event,)`."""
+    steps = np.empty(len(events.time_s), np.int64)
+    rounding = rounding_of(events.times, step_s)
+    for mine in _of_trials(events, np.arange(len(steps))):
+        steps[mine] = steps_of(events.times.at(mine), step_s, rounding)
+    return steps
 
 
 def _check(events: Events, source: str) -> None:

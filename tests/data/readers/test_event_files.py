@@ -2,6 +2,7 @@
 
 import inspect
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -236,8 +237,8 @@ def test_every_option_changes_the_spikes_or_is_refused(layouts, option):
     for layout, path in layouts.items():
         if "table" in naming:
             naming = {"table": f"{path}.csv"}
-        choice = {key: naming[key] for key in ("where", "leave_out") if key in naming}
-        given = {"names": names} | (choice or {"naming": naming})
+        choice: dict[str, Any] = {key: naming[key] for key in ("where", "leave_out") if key in naming}
+        given: dict[str, Any] = {"names": names} | (choice or {"naming": naming})
         if layout in acting:
             plain, other = nt.read_events(path), nt.read_events(path, spec, **given)
             assert content(plain) != content(other), layout

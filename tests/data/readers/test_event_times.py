@@ -8,7 +8,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from neurotact.data.readers.clock import UNIT_S
-from neurotact.data.readers.event_times import event_times, in_order, rounding_of, steps_of
+from neurotact.data.readers.event_times import (
+    Rounding,
+    event_times,
+    in_order,
+    joined_times,
+    lengths_of,
+    rounding_of,
+    steps_of,
+)
 
 RATES_HZ = [35.6, 100.0, 900.0, 1000.0, 3000.0, 12_345.6, 25_600.0, 30_000.0, 44_100.0]
 EPOCH_S = {"zero": [0], "first": [0, 1_036_800, 1_700_000_000]}
@@ -55,7 +63,9 @@ def test_whole_stamps_of_a_clock_keep_every_event(clock, kind, way, origin, epoc
 
 
 @given(
-    clocks(), st.sampled_from(["f4", "f8", "product", "%.6f", "%.9f", "%.7g", "%.6e", "%r", "f4 text"]), st.booleans()
+    clocks(),
+    st.sampled_from(["f4", "f8", "product", "%.6f", "%.9f", "%.7g", "%.6e", "%r", "f4 text", "was f4", "f4 us"]),
+    st.booleans(),
 )
 @settings(deadline=None, max_examples=100)
 def test_fractions_keep_every_event(clock, kind, is_late):
@@ -65,6 +75,10 @@ def test_fractions_keep_every_event(clock, kind, is_late):
     origin, texts = "first" if is_late else "zero", None
     if kind in ("f4", "f8"):
         stamps = time_s.astype(kind)
+    elif kind == "was f4":
+        stamps = time_s.astype("f4").astype(float)
+    elif kind == "f4 us":
+        stamps = np.round(time_s, 6).astype("f4")
     elif kind == "product":
         stamps = ticks.astype("f4") * np.float32(1 / rate_Hz) + np.float32(3.0 * is_late)
     else:
@@ -79,9 +93,59 @@ def test_fractions_keep_every_event(clock, kind, is_late):
 @pytest.mark.parametrize("unit", ["us", "ns"])
 def test_a_timer_coarser_than_its_unit_keeps_every_event(resolution, unit):
     """Four microseconds of a small board's timer; nanoseconds that were microseconds."""
-    rate_Hz = 0.1 / (UNIT_S[unit] * resolution) / 3
+    rate_Hz = round(1 / (8.37 * UNIT_S[unit] * resolution), 1)
     stamps = np.array(exact(np.arange(500), rate_Hz, unit, "cut")) // resolution * resolution
     assert steps(stamps, UNIT_S[unit], 1 / rate_Hz) == list(range(500))
+
+
+@pytest.mark.parametrize("way", ["round", "cut"])
+@pytest.mark.parametrize("rate_Hz", [600.0, 800.0, 900.0, 970.0])
+def test_milliseconds_tell_the_steps_of_a_clock_that_is_hardly_slower(rate_Hz, way):
+    ticks = np.arange(2000)
+    assert steps(np.array(exact(ticks, rate_Hz, "ms", way)), 1e-3, 1 / rate_Hz) == ticks.tolist()
+
+
+def test_one_event_is_enough_where_the_unit_is_known():
+    assert steps(np.array([33]), 1e-6, 1 / 30_000) == [1]
+    assert steps(np.array([0.000033]), 1.0, 1 / 30_000, texts=np.array(["0.000033"])) == [1]
+
+
+def test_events_beside_a_clock_leave_those_on_it_where_they_are():
+    """A third of the events come from elsewhere: they keep the step that holds them, the others that of the clock."""
+    rng = np.random.default_rng(0)
+    ticks = rng.choice(5000, 400, replace=False)
+    stamps = np.concatenate([np.array(exact(ticks, 30_000.0, "us", "round")), rng.integers(0, 160_000, 200)])
+    found = np.array(steps(stamps, 1e-6, 1 / 30_000))
+    assert found[:400].tolist() == ticks.tolist()
+    others = stamps[400:] * 0.03
+    assert (np.abs(others - np.rint(others)) < 0.02)[found[400:] != np.floor(others + 1e-9)].all()
+
+
+def test_events_at_any_time_after_the_first_of_their_trial_are_on_no_clock():
+    """The first event of each trial is at its origin, which says nothing."""
+    stamps = np.random.default_rng(0).integers(0, 100_000, 1000)
+    trial = np.repeat(np.arange(500), 2)
+    times = event_times(stamps, 1e-6, "first", trial)
+    assert rounding_of(times, 1 / 30_000) is None
+    assert steps_of(times, 1 / 30_000, None).tolist() == np.floor(times.time_s * 30_000 + 1e-9).tolist()
+
+
+@pytest.mark.parametrize("way", [np.rint, np.floor])
+def test_trials_that_begin_between_two_steps_keep_every_event(way):
+    """Each trial has its own distance from the clock, here all around a microsecond, so no rounding is that of all."""
+    ticks = np.arange(1, 200)
+    trials = [event_times(way((ticks / 30_000 + phase * 1e-6) / 1e-6).astype(int), 1e-6) for phase in range(34)]
+    trials += [event_times(way((ticks / 30_000 - 4e-7) / 1e-6).astype(int), 1e-6)]
+    overall = rounding_of(joined_times(trials), 1 / 30_000)
+    assert overall is None
+    for trial in trials:
+        assert (np.diff(steps_of(trial, 1 / 30_000, overall)) == 1).all()
+
+
+def test_trials_last_until_their_end_but_for_what_is_rounding():
+    ends = event_times(np.array([0.6, 0.6 + 1e-10, 0.6001, 1e-9]), 1.0)
+    assert lengths_of(ends, 1e-3, None).tolist() == [600, 600, 601, 1]
+    assert lengths_of(ends, 1e-3, Rounding(0.0, 2e-4)).tolist() == [600, 600, 600, 1]
 
 
 @pytest.mark.parametrize("rate_Hz", [500, 1000, 2000])
@@ -119,6 +183,10 @@ def test_the_last_microsecond_of_a_step_is_in_it():
     assert steps(np.array([0, 999, 1000, 1999]), 1e-6, 1e-3) == [0, 0, 1, 1]
     assert steps(np.array([4, 9, 15]), 1e-3, 5e-3) == [0, 1, 3]
     assert steps(np.array([0.0, 0.02, 0.05]), 1.0, 0.025) == [0, 0, 2]
+    always = np.arange(999, 9000, 1000)
+    assert steps(always, 1e-6, 1e-3) == list(range(9))
+    both = np.array([1000, 1999, 4999, 5000, 7000, 7999])  # two stamps of one step are no rounding of its beginning
+    assert steps(both, 1e-6, 1e-3) == [1, 1, 4, 5, 7, 7]
 
 
 def test_origins_are_of_each_trial_and_of_any_integer():
@@ -149,7 +217,8 @@ def test_a_counter_that_begins_again_goes_on(bits, kind):
         ([0, 1, 2, 3, 9, 4, 10], [0, 1, 0, 1, 0, 1, 0], 1),  # one event late
         ([0, 5, 9, 0, 4, 8], [0, 0, 0, 1, 1, 1], 0),  # one afferent after the other
         ([5, 1, 4, 2, 3, 0], [0, 1, 0, 1, 0, 1], 0),  # in no order at all
-        ([0, 100, 4_000_000_000, 5, 105], [0, 1, 0, 1, 0], 1),  # far back, but not the range of a counter
+        ([0, 100, 4_000_000_000, 5, 105], [0, 1, 0, 1, 0], 1),  # one event far ahead
+        ([0, 1_500_000_000, 3_000_000_000, 5, 105], [0, 1, 0, 1, 0], 1),  # far back, but not the range of a counter
     ],
 )
 def test_events_out_of_order_are_counted(stamps, afferent, n_back):
