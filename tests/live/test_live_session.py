@@ -76,6 +76,22 @@ def test_another_patience_holds_from_this_sample_on(cut_at, patience, seed):
     assert [row for row in after if row[0] >= cut_at] == [row for row in new if row[0] >= cut_at]
 
 
+def test_a_page_is_told_the_operations_counted_by_hand():
+    """Six hidden neurons that hear each other, and three classes."""
+    chain, signal = make_chain({}, patience=6), make_signal(400)
+    box, session = Mailbox(lambda: None), session_of(chain, Given([signal]))
+    box.is_greeted = True
+    session.audience.join(box)
+    session.take(Arrived(signal))
+    (mail,) = box.take()
+    rows = json.loads(mail)["rows"]
+    expected = [6 * inputs + (6 + 3) * hidden for _, _, _, inputs, hidden in offline(chain, signal)[1]]
+    assert [row[8] for row in rows] == expected
+    assert session._counted()["totals"]["sops"] == sum(expected)
+    assert [6 * row[6] + 9 * row[7] for row in rows] == expected
+    assert any(row[6] != row[7] for row in rows)
+
+
 def test_a_window_counts_for_settings_and_classes_that_held_all_through_it():
     chain, signal = make_chain({}), make_signal(400)
     feed = Given([signal])

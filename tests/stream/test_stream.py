@@ -99,6 +99,22 @@ def test_a_window_as_long_as_the_trial_is_decided_at_its_end(backend, rate_Hz, n
     assert rate_Hz > chain.clock_Hz or stream.tally.unfinished == 0  # nothing is left over
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize(("model", "of_hidden"), [("rsnn", 6 + 3), ("snn", 3)])
+def test_operations_are_those_counted_by_hand(model, of_hidden, backend):
+    """Six hidden neurons and three classes: an input spike reaches 6, a hidden one 3, or with recurrence 6 + 3."""
+    chain = make_chain({}, model=model, windows={"length_ms": 40, "hop_ms": 13}, patience=5)
+    traces: list = []
+    stream = Stream(chain, backend=backend, watch=traces.append)
+    found = [*stream.push(make_signal(200))]
+    for decision in found:
+        assert decision.sops == 6 * decision.input_spikes + of_hidden * decision.hidden_spikes
+    afferents, hidden = (np.concatenate([getattr(each, name) for each in traces]) for name in ("afferents", "hidden"))
+    first = found[0]  # was the oldest window all along
+    assert first.sops == 6 * afferents[: first.steps].sum() + of_hidden * hidden[: first.steps].sum()
+    assert any(d.input_spikes != d.hidden_spikes for d in found)  # else a swap would not show
+
+
 SEVERAL = (
     {"sa1.grades": [0.3, 0.6, 1.0, 1.7]},
     {"sa1.opposite": True},

@@ -113,6 +113,20 @@ def test_an_option_without_effect_is_refused(run, words, message, neurotact):
     assert message in done.err[0]
 
 
+@pytest.mark.parametrize("early_exit", [False, True])
+def test_a_stream_counts_the_operations_that_infer_counts(run, early_exit, neurotact):
+    counted = nt.infer(run / "run", run / "spikes.h5", early_exit=early_exit)
+    words = [] if early_exit else ["--full-window"]
+    done = neurotact("stream", run / "run", "--from", run / "skin.h5", "--json", *words)
+    rows = [json.loads(line) for line in done.out]
+    whole = [row for row in rows if row["start_step"] + 40 <= 130]  # infer has no window that the trial cuts off
+    assert [row["sops"] for row in whole] == counted["sops_total"].tolist()
+    assert [row["input_spikes"] for row in whole] == counted["input_spikes"].tolist()
+    assert counted["sops_total"].nunique() > 10
+    said = neurotact("stream", run / "run", "--from", run / "skin.h5", *words).out
+    assert [f", {row['sops']} SOPs" in line for row, line in zip(rows, said, strict=True)] == [True] * len(rows)
+
+
 def test_recordings_become_decisions_in_words(run, neurotact):
     done = neurotact("stream", run / "run", "--from", run / "skin.h5", "--full-window", "--hop-ms", "30")
     assert done.code == 0, done.err
