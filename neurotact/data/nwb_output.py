@@ -9,6 +9,7 @@ import numpy as np
 
 from neurotact import files
 from neurotact.data.digests import DIGEST, spike_digests
+from neurotact.data.hdf5_output import create
 from neurotact.data.readers.nwb import OURS
 from neurotact.data.readers.nwb_tables import KEPT
 from neurotact.data.readers.nwb_units import AFFERENT
@@ -57,8 +58,8 @@ def to_nwb(
     )
     _add_trials(made, spikes)
     _add_units(made, spikes, pynwb)
-    with files.whole(path) as draft, pynwb.NWBHDF5IO(str(draft), "w") as file:
-        file.write(made)
+    with files.whole(path) as draft, create(draft) as (file, _), pynwb.NWBHDF5IO(file=file, mode="w") as nwb:
+        nwb.write(made)
 
 
 def _notes(spikes: SpikeTrains) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neurotact import files
 from neurotact.deploy import boards
 from neurotact.deploy.boards import Board
 from neurotact.errors import InputError
@@ -102,7 +103,8 @@ def on_board(
 def emulate(image: Path, data: bytes, board: Board, *, counting: bool = False) -> bytes:
     """The output of an image on QEMU's emulation of a board."""
     folder = image.parent
-    (folder / "input.bin").write_bytes(data)
+    with files.whole(folder / "input.bin") as draft:
+        draft.write_bytes(data)
     counted = ["-icount", f"shift={boards.SHIFT}"] if counting else []
     _call(
         ["qemu-system-arm", "-M", board.machine, "-nographic", "-monitor", "none", "-serial", "none", *counted,
@@ -131,12 +133,13 @@ def footprint(folder: Path, name: str, board: Board, *, optimise: str = "-Os") -
     _call(["arm-none-eabi-gcc", *flags, "-fstack-usage", "-c", f"{name}.c", "-o", chain.name], folder)
     roots = [f"-Wl,-u,{name}_push,-u,{name}_reset,-u,state,-e,{name}_push", "-Wl,--gc-sections"]
     stub = folder / "stub.c"
-    stub.write_text(
+    files.write_text(
+        stub,
         f'#include "{name}.h"\n{name}_chain state;\n'
         "void *memcpy(void *to, const void *from, unsigned int n);\n"
         "void *memset(void *to, int value, unsigned int n);\n"
         "void *memcpy(void *to, const void *from, unsigned int n)\n{ (void)from; (void)n; return to; }\n"
-        "void *memset(void *to, int value, unsigned int n)\n{ (void)value; (void)n; return to; }\n"
+        "void *memset(void *to, int value, unsigned int n)\n{ (void)value; (void)n; return to; }\n",
     )
     _call(
         [

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from neurotact import files
 from neurotact.deploy import boards, c_export, export, proof, twin
 from neurotact.deploy.boards import Board
 from neurotact.deploy.chain import Chain
@@ -46,8 +46,7 @@ def prove(
     trials = trials_of(run, chain, formats, n_trials, recordings, spikes)
     rows = [("windows", sum(len(each.decisions) for each in trials.expected))]
     rows += [("accuracy on windows as in training", _accuracy(trials))]
-    with TemporaryDirectory() as scratch:
-        folder = Path(scratch)
+    with files.scratch() as folder:
         c_export.write(chain, folder, formats, name=NAME, parts=c_export.HARNESS)
         rows += [*_on_this_machine(folder, trials, say)]
         for name, board in boards.BOARDS.items():

@@ -4,6 +4,7 @@ import errno
 import io
 import subprocess
 import sys
+from importlib.util import find_spec
 
 import h5py
 import numpy as np
@@ -100,6 +101,7 @@ FILL = """
 import resource, sys
 from pathlib import Path
 import numpy as np, pandas as pd
+import neurotact as nt
 from neurotact.data.hdf5 import save_recordings, save_spikes
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
@@ -110,11 +112,17 @@ table = pd.DataFrame({"label": ["felt", "silk"] * 20})
 touch = Recordings([rng.normal(size=(500, 4)) for _ in range(40)], 1000.0, "mV", table)
 names = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
 trains = from_rasters([rng.random((500, 4)) < 0.3 for _ in range(40)], 1000.0, names, table)
-for save, what in ((save_recordings, touch), (save_spikes, trains)):
+given = {"h5": (save_recordings, touch), "spikes": (save_spikes, trains)}
+if "nir" in sys.argv:
+    given["nir"] = nt.to_nir, nt.RSNN(40, 8, hidden=30, sampling_rate_Hz=1000.0)
+if "pynwb" in sys.argv:
+    from neurotact.data.nwb_output import to_nwb
+    given["nwb"] = to_nwb, trains
+for kind, (save, what) in given.items():
     whole = folder / "whole.h5"
     save(what, whole)
     size = whole.stat().st_size
-    for limit in [0, 1, 100, 2048, 5000, *rng.integers(0, size, 20).tolist(), size - 1]:
+    for limit in [0, 1, 100, 2048, 5000, *rng.integers(0, size, 6 if kind == "nwb" else 20).tolist(), size - 1]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
         try:
             save(what, folder / "full.h5")
@@ -126,17 +134,26 @@ for save, what in ((save_recordings, touch), (save_spikes, trains)):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
     save(what, folder / "full.h5")
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    assert (folder / "full.h5").read_bytes() == whole.read_bytes()
+    if kind == "nwb":  # each has its own random identifiers
+        one, other = (nt.read("nwb", path) for path in (whole, folder / "full.h5"))
+        assert all(map(np.array_equal, one.steps, other.steps))
+        assert all(map(np.array_equal, one.units, other.units))
+    else:
+        assert (folder / "full.h5").read_bytes() == whole.read_bytes()
     (folder / "full.h5").unlink()
-print("done")
+    whole.unlink()
+print(*given)
 """
 
 
 def test_a_full_disk_is_one_sentence_at_any_size(tmp_path):
     """In a process of its own: without the care taken, the library crashes it, if only at its end."""
     pytest.importorskip("resource")
-    found = subprocess.run([sys.executable, "-c", FILL, str(tmp_path)], capture_output=True, text=True, timeout=300)
-    assert (found.returncode, found.stdout, found.stderr) == (0, "done\n", "")
+    optional = [name for name in ("nir", "pynwb") if find_spec(name)]
+    words = [sys.executable, "-c", FILL, str(tmp_path), *optional]
+    found = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    written = ["h5", "spikes", *(name.removeprefix("py") for name in optional)]
+    assert (found.returncode, found.stdout.split(), found.stderr) == (0, written, "")
 
 
 def test_the_place_can_be_found_from_each_end(tmp_path):

@@ -7,6 +7,7 @@ import h5py
 
 from neurotact import files
 from neurotact.data.hdf5_input import Declared, reading
+from neurotact.data.hdf5_output import Output
 from neurotact.deploy.nir_exchange.execute import KINDS
 from neurotact.deploy.nir_exchange.package import nir
 from neurotact.errors import InputError
@@ -21,7 +22,9 @@ def write(graph: Any, path: str | Path, *, force: bool = False) -> None:
     """Write a graph; an existing file is refused unless `force`."""
     files.check_new(path, force=force)
     with files.whole(path) as draft:
-        nir().write(draft, graph)
+        with Output(draft) as output:
+            nir().write(output, graph)
+        output.check()
 
 
 def read(path: str | Path) -> Any:
