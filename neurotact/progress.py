@@ -112,5 +112,13 @@ def say(what: object) -> None:
     if len(line) > LONGEST_LINE:
         half = LONGEST_LINE // 2
         line = f"{line[:half]} ... {line[-half:]}"
-    line = "".join(character if character.isprintable() else f"{character!a}"[1:-1] for character in line)
-    print(f"neurotact: {line}", file=sys.stderr)
+    print(f"neurotact: {printable(line)}", file=sys.stderr)
+
+
+def printable(text: str) -> str:
+    """A text with escapes for characters that are not printable: of control, and halves of surrogate pairs.
+
+    >>> printable("a\\nb")
+    'a\\\\nb'
+    """
+    return "".join(character if character.isprintable() else f"{character!a}"[1:-1] for character in text)

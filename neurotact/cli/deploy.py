@@ -21,7 +21,7 @@ from neurotact.deploy.sources import Noted
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.networks import train_run, trained
-from neurotact.progress import say
+from neurotact.progress import printable, say
 
 WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
 StartMs = Annotated[
@@ -143,7 +143,8 @@ def _line(decision: Decision, *, as_json: bool) -> str:
     if as_json:
         return json.dumps(decision._asdict())
     held = f", {decision.held} steps on repeated values" if decision.held else ""
-    label = decision.label if decision.heard else f"nothing (no readout spike; {decision.label} by its index)"
+    label = printable(decision.label)
+    label = label if decision.heard else f"nothing (no readout spike; {label} by its index)"
     return (
         f"{decision.time_s:.4f} s: {label} after {decision.steps} steps ({decision.ms:g} ms), "
         f"{decision.input_spikes} + {decision.hidden_spikes} spikes, {decision.sops} SOPs{held}"

@@ -18,6 +18,7 @@ from neurotact.deploy import integer
 from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.deploy.formats import Formats, Integrator
 from neurotact.errors import InputError
+from neurotact.progress import printable
 
 MOST_STEPS, MOST_COUNT = 2**31 - 1, 2**32 - 1
 HOLD_MS = 5.0
@@ -86,7 +87,8 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
     return {
         "title": title_of(chain, formats), "version": __version__, "name": name, "macro": name.upper(),
-        "integer": formats is not None, "unit": encoder.unit, "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
+        "integer": formats is not None, "unit": _in_comment(encoder.unit),
+        "sampling_rate_Hz": f"{chain.sampling_rate_Hz:g}",
         "n_taxels": n_taxels, "n_hidden": spec.hidden, "n_classes": network.n_classes,
         "class_names": [_text(each) for each in chain.classes],
         "length": plan.length, "start": plan.start, "hop": plan.hop, "quiet": plan.quiet, "at_once": plan.at_once,
@@ -301,6 +303,19 @@ def _count(chain: Chain) -> str:
 
 
 def _text(text: str) -> str:
-    """A C string; characters other than ASCII are octal escapes, which end after three digits."""
-    plain = "".join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f"\\{b:03o}" for b in text.encode())
+    """A C string; characters other than ASCII are octal escapes, which end after three digits.
+
+    Half a surrogate pair, which is no UTF-8, is written as its escape in Python.
+    """
+    content = text.encode(errors="backslashreplace")
+    plain = "".join(chr(b) if 32 <= b < 127 and b not in b'"\\?' else f"\\{b:03o}" for b in content)
     return f'"{plain}"'
+
+
+def _in_comment(text: str) -> str:
+    """A text in a comment of C, on one line, which it neither ends nor begins anew.
+
+    >>> _in_comment("mV */ int x;")
+    'mV * / int x;'
+    """
+    return printable(text).replace("*/", "* /").replace("/*", "/ *")

@@ -212,6 +212,16 @@ def test_class_names_are_c_strings(tmp_path):
     assert r'{"a \042b\042\134", "caf\303\251\077\077/"}' in (tmp_path / "touch.c").read_text()
 
 
+@needs_compiler
+def test_names_that_are_no_text_are_escaped_and_end_no_comment(tmp_path):
+    chain = made("margin")
+    encoder = chain.encoder.model_copy(update={"unit": "mV */ int x; /* \ud800\n"})
+    odd = chain._replace(classes=("\udc80felt", "a\nb", "\\"), encoder=encoder)
+    c_export.write(odd, tmp_path)
+    assert r'{"\134udc80felt", "a\012b", "\134"}' in (tmp_path / "touch.c").read_text()
+    subprocess.run(["cc", *proof.WARNINGS, "touch.c", "example.c", "-o", "example"], cwd=tmp_path, check=True)
+
+
 @pytest.mark.parametrize("name", ["2skins", "a b", "ü", "", "int x"])
 def test_a_name_that_c_does_not_take_is_refused(name, tmp_path):
     with pytest.raises(InputError, match="must be a C name"):

@@ -1,6 +1,7 @@
 """`neurotact stream` and `neurotact export`: a run, a pipe, and what is refused."""
 
 import json
+import shutil
 import subprocess
 import sys
 from typing import NamedTuple
@@ -111,6 +112,19 @@ def test_an_option_without_effect_is_refused(run, words, message, neurotact):
     done = neurotact("stream", run / "run", *words, given=b"1,2\n")
     assert (done.code, len(done.err)) == (2, 1)
     assert message in done.err[0]
+
+
+def test_a_class_name_that_is_no_text_is_escaped(run, tmp_path, neurotact):
+    odd = tmp_path / "odd"
+    shutil.copytree(run / "run", odd)
+    about = (odd / "network.json").read_text()
+    (odd / "network.json").write_text(about.replace('"felt"', '"\\udc80felt\\u001b[2J"'))
+    signal = make_signal(130, seed=3).astype(float).tolist()
+    done = neurotact("stream", odd, given="".join(f"{a!r},{b!r}\n" for a, b in signal).encode())
+    assert done.code == 0, done.err
+    assert all(line.isprintable() for line in done.out)
+    assert neurotact("export", odd, "--to", "c", "--variant", "float", "-o", tmp_path / "c").code == 0
+    assert r'"\134udc80felt\033[2J"' in (tmp_path / "c" / "touch.c").read_text()
 
 
 @pytest.mark.parametrize("early_exit", [False, True])
