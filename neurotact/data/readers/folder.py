@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from neurotact.data.readers import doubts, sampled, tdms
+from neurotact.data.readers import doubts, sampled, split_stamps, tdms
 from neurotact.data.readers.archives import as_signal
 from neurotact.data.readers.array_files import ArrayFile, opened_arrays, said_rates, sampling_rate_of
-from neurotact.data.readers.clock import unit_in
+from neurotact.data.readers.clock import Unit, unit_in
 from neurotact.data.readers.contents import content_of
 from neurotact.data.readers.layout import TIME_COLUMN, LayoutSpec, Table, is_text, read_table
 from neurotact.data.readers.matlab import MATLAB
@@ -133,23 +133,27 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
     """The trials in a file of arrays, and the sampling rates that it says."""
     with opened_arrays(path) as opened:
         arrays, rates_hz = _matrices(opened, layout.array), said_rates(opened)
-    for asked in (layout.array if layout.array not in opened.cells else None, layout.time_column):
+    stamps_at = [] if layout.time_column is None else split_stamps.apart(layout.time_column, arrays)
+    for asked in (layout.array if layout.array not in opened.cells else None, *stamps_at):
         if asked is not None and asked not in arrays:
             raise InputError(f"{path}: holds no array '{asked[:40]}'; {nearest(asked, list(arrays))}")
-    time_at = layout.time_column or (_stamps_at(arrays, layout) if find_time else None)
-    time = None if time_at is None else _stamps(arrays[time_at], f"{path}, key '{time_at}'")
+    stamps_at = stamps_at or (_stamps_at(arrays, layout) if find_time else [])
+    time, unit = _time_of(arrays, stamps_at, layout, path)
     wanted = (layout.array, *_names_of_cells(opened, layout.array))
-    chosen = {key: each for key, each in arrays.items() if key != time_at and (layout.array is None or key in wanted)}
+    chosen = {
+        key: each for key, each in arrays.items()
+        if key not in stamps_at and (layout.array is None or key in wanted)
+    }  # fmt: skip
     if not chosen:
         raise InputError(f"{path}: holds no array but the time stamps; save the samples too, (time, taxel)")
     signals = _signals(chosen, path, transpose=layout.transpose)
     for key, each in signals.items():
         if time is not None and len(time) != len(each):
             raise InputError(
-                f"{path}: '{key}' has {len(each)} samples and '{time_at}' {len(time)} time stamps; give each sample one"
+                f"{path}: '{key}' has {len(each)} samples and '{stamps_at[0]}' {len(time)} time stamps; give each "
+                "sample one"
                 f"{'' if layout.transpose else ', or use --transpose'}"
             )
-    unit = layout.time_unit or unit_in(time_at or "")
     trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), each, time, 0, unit)) for key, each in signals.items()]
     return trials, rates_hz
 
@@ -163,15 +167,39 @@ def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -
     return {key: each.T for key, each in signals.items()} if transpose else signals
 
 
-def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> str | None:
-    """The first array of one number per sample that is named like time stamps; None if there is none."""
+def _stamps_at(arrays: Mapping[str, np.ndarray], layout: LayoutSpec) -> list[str]:
+    """The first array of one number per sample that is named like time stamps, or two that are named like seconds and
+    their rest; none if there is none.
+    """
     axis = 1 if layout.transpose else 0
     samples = {key: each.shape[axis] for key, each in arrays.items() if each.ndim == 2 and layout.array in (None, key)}
-    for key, each in arrays.items():
-        others = {n for name, n in samples.items() if name != key}
-        if key != layout.array and TIME_COLUMN.match(key) and others == {each.size} and each.size == max(each.shape):
-            return key
-    return None
+
+    def is_per_sample(keys: Sequence[str]) -> bool:
+        others = {n for name, n in samples.items() if name not in keys}
+        return all(key != layout.array and others == {arrays[key].size} == {max(arrays[key].shape)} for key in keys)
+
+    names = list(arrays)
+    pair = split_stamps.pair_in(names)
+    ways = [] if pair is None else [[names[place] for place in pair]]
+    ways += [[key] for key in names if TIME_COLUMN.match(key)]
+    return next((keys for keys in ways if is_per_sample(keys)), [])
+
+
+def _time_of(
+    arrays: Mapping[str, np.ndarray], keys: Sequence[str], layout: LayoutSpec, path: Path
+) -> tuple[np.ndarray | None, Unit | None]:
+    """The time stamps in the arrays that `keys` name, and their unit; None without any, and if nothing says it."""
+    if not keys:
+        return None, layout.time_unit
+    stamps = [_stamps(arrays[key], f"{path}, key '{key}'") for key in keys]
+    if len(stamps) == 1:
+        return stamps[0], layout.time_unit or unit_in(keys[0])
+    if len(stamps[0]) != len(stamps[1]):
+        raise InputError(
+            f"{path}: '{keys[0]}' has {len(stamps[0])} time stamps and '{keys[1]}' {len(stamps[1])}; give each sample "
+            "both"
+        )
+    return split_stamps.joined(stamps[0], stamps[1], keys[1], str(path), 0, layout.time_unit), "s"
 
 
 def _stamps(array: np.ndarray, where: str) -> np.ndarray:

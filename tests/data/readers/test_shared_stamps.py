@@ -181,6 +181,16 @@ def test_spread_rows_are_counted_once(tmp_path, caplog):
     assert "at 10 Hz; if that is wrong, give --sampling-rate-Hz or --drop-repeats" in said
 
 
+def test_single_precision_stamps_of_an_array_keep_their_samples(tmp_path, caplog):
+    (tmp_path / "felt").mkdir()
+    time_s = (40_000 + np.arange(2000) / 1000).astype(np.float32)
+    np.savez(tmp_path / "felt" / "0.npz", pressure=values(2000), time_s=time_s)
+    touches = nt.read_folder(tmp_path, unit="mV")
+    np.testing.assert_array_equal(touches.signals[0], values(2000))
+    assert touches.sampling_rate_Hz == pytest.approx(1000, abs=0.5)
+    assert "rows have the time stamp of the row before them (in 1 of 1 trials); all are kept" in caplog.text
+
+
 def test_short_trials_take_the_rate_of_longer_ones(tmp_path):
     place = folder_of(tmp_path, np.arange(60) // 10, values(60), column="time_s")
     (place / "felt" / "short.csv").write_text(

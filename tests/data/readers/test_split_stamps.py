@@ -83,6 +83,17 @@ def test_a_table_joins_them_too(tmp_path):
         assert list(touches.conditions) == ["label", "trial"]
 
 
+@pytest.mark.parametrize(("names", "asked"), [(("sec", "nanosec"), None), (("begin", "beyond"), "begin,beyond")])
+def test_arrays_of_seconds_and_their_rest_are_joined(tmp_path, names, asked):
+    seconds, rest, left = np.array(rows_of(), float).T
+    for label in ("felt", "silk"):
+        (tmp_path / label).mkdir()
+        stamps = {names[0]: seconds.astype(np.int64), names[1]: rest.astype(np.uint32)}
+        np.savez(tmp_path / label / "0.npz", pressure=np.stack([left, -left], axis=1), **stamps)
+    touches = nt.read_folder(tmp_path, unit="mV", time_column=asked)
+    assert (touches.n_channels, touches.sampling_rate_Hz, touches.lengths.tolist()) == (2, 100, [150, 150])
+
+
 @pytest.mark.parametrize(
     ("header", "row", "options", "message"),
     [
