@@ -249,8 +249,9 @@ def read_nwb(
 ) -> Recordings | SpikeTrains:
     """The spike trains of the units of an NWB file, cut into its trials; with `series` recordings of a time series.
 
-    settings: trials, label, step_ms, name, merge_events, series, unit, units, leave_out_units, unobserved. where,
-    leave_out: the trials to keep, and to leave out, by the columns of the table of trials, as of `read`.
+    settings: trials, label, step_ms, name, merge_events, units, leave_out_units, unobserved; of a series also unit, and
+    where it has time stamps sampling_rate_Hz, max_gap_ms and drop_repeats, as of `read_folder`. where, leave_out: the
+    trials to keep, and to leave out, by the columns of the table of trials, as of `read`.
     Raises InputError, which names the file and the fix.
     """
     choice = TrialChoice.of(where, leave_out)

@@ -342,6 +342,9 @@ def import_nwb(
         str | None, typer.Option(help="Read this time series as recordings, one taxel per column, instead of spikes.")
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the series.", show_default="as the file says")] = None,
+    sampling_rate_hz: RateOrStamps = None,
+    max_gap_ms: MaxGap = None,
+    drop_repeats: DropRepeats = False,
     units: Annotated[
         list[str] | None,
         typer.Option(
@@ -368,7 +371,8 @@ def import_nwb(
     choice = choice_of(where, leave_out)
     asked = {
         "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
-        "merge_events": merge_events, "unobserved": unobserved,
+        "merge_events": merge_events, "unobserved": unobserved, "sampling_rate_Hz": sampling_rate_hz,
+        "max_gap_ms": max_gap_ms, "drop_repeats": drop_repeats,
     }  # fmt: skip
     named = [each if "=" in each else f"name={each}" for each in units or []]
     asked["units"], asked["leave_out_units"] = parse_choice(named, [], "name", ("--units", "--units"))

@@ -18,7 +18,7 @@ from pydantic import Field
 
 from neurotact.data.digests import DIGEST
 from neurotact.data.hdf5_input import Declared, attribute, reading
-from neurotact.data.readers import clock, doubts
+from neurotact.data.readers import clock, doubts, sampled
 from neurotact.data.readers.event_times import (
     SLACK,
     EventTimes,
@@ -29,6 +29,7 @@ from neurotact.data.readers.event_times import (
     steps_of,
 )
 from neurotact.data.readers.events import BYTES_PER_EVENT, on_clock, say_merged
+from neurotact.data.readers.layout import Table
 from neurotact.data.readers.nwb_tables import MOST_NAMED, columns, electrodes_of, named
 from neurotact.data.readers.nwb_units import (
     AFFERENT,
@@ -39,6 +40,7 @@ from neurotact.data.readers.nwb_units import (
     valid_trials,
 )
 from neurotact.data.readers.observed import Unobserved
+from neurotact.data.readers.sampled import Read
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import Reader
 from neurotact.data.spikes import SpikeTrains, from_trials
@@ -53,6 +55,8 @@ NOTES, OURS = "general/notes", "neurotact"
 STEP_MS = 1.0
 SYMBOLS = {"volts": "V", "volt": "V", "newtons": "N", "newton": "N", "pascals": "Pa", "amperes": "A", "meters": "m"}
 """Short names of units that NWB spells out."""
+OF_SERIES = doubts.Fixes("save the series without it")
+"""What mends a wrong column of a series."""
 
 log = logging.getLogger("neurotact")
 
@@ -74,6 +78,12 @@ class NWBSpec(Spec):
     """A time series that is read instead of the units; its columns are taxels."""
     unit: str | None = None
     """Unit of the series; that of the file when absent."""
+    sampling_rate_Hz: float | None = Field(default=None, gt=0)
+    """Of a series with time stamps; found from these when absent."""
+    max_gap_ms: float | None = Field(default=None, gt=0)
+    """The longest interval between the time stamps of a series; five median ones when absent."""
+    drop_repeats: bool = False
+    """Whether samples of a series with the time stamp of the one before are dropped, however many they are."""
     units: Where = {}
     """Values of columns of the units to read, or of their electrodes: `{ quality = "good" }`; `name` is their name."""
     leave_out_units: Where = {}
@@ -118,7 +128,10 @@ def read(
         "step_ms": asked.step_ms, "name": asked.name != AFFERENT, "merge_events": asked.merge_events,
         "units": bool(asked.choice_of_units),
     }  # fmt: skip
-    of_series = {"unit": asked.unit}
+    of_series = {
+        "unit": asked.unit, "sampling-rate-Hz": asked.sampling_rate_Hz, "max_gap_ms": asked.max_gap_ms,
+        "drop_repeats": asked.drop_repeats,
+    }  # fmt: skip
     wrong = next((name for name, value in (of_series if asked.series is None else of_units).items() if value), None)
     if wrong is not None:
         what = "a time series" if asked.series is None else "spikes of units"
@@ -269,20 +282,21 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     if data.ndim > 2 or not data.size:
         raise InputError(f"{path}: {place} has the shape {data.shape} where (time, taxel) is expected; name another")
     factor, offset = _conversion(declared, place, 1 if data.ndim == 1 else data.shape[1])
-    cuts, rate_Hz, stamps = _cuts(declared, place, len(data), trials)
+    cuts, rate_Hz, time_s = _cuts(declared, place, len(data), trials)
+    if rate_Hz is not None and spec.sampling_rate_Hz is not None:
+        raise InputError(f"{path}: --sampling-rate-Hz: {place} says its rate, {rate_Hz:g} Hz; leave it out")
     n_samples = sum(stop - start for start, stop in cuts)
     check_size(f"{path}: the trials of {place}", 8 * n_samples * math.prod(data.shape[1:]))
-    signals = []
+    channels, read = electrodes_of(declared, place, 1 if data.ndim == 1 else data.shape[1]), []
     for trial, (start, stop) in enumerate(cuts):
         signal = data[start:stop].reshape(stop - start, -1) * factor + offset
-        if stamps is not None:
-            signal = clock.on_clock(signal[stamps[trial].keep], stamps[trial], rate_Hz)
-        signals.append(signal)
+        table = Table(channels, signal, None if time_s is None else time_s[start:stop], 0, "s")
+        read.append(Read(f"{path}: {place}, trial {trial}", f"trial {trial}", table))
     unit = spec.unit or str(attribute(data, "unit", path) if "unit" in data.attrs else "")
-    channels = electrodes_of(declared, place, signals[0].shape[1])
-    found = Recordings(signals, rate_Hz, SYMBOLS.get(unit, unit), trials.conditions, channels, source=str(path))
-    doubts.say(found, str(path), doubts.Fixes("save the series without it"), rate_is_given=stamps is None)
-    return found
+    return sampled.recordings(
+        read, trials.conditions, rate_Hz or spec.sampling_rate_Hz, SYMBOLS.get(unit, unit), max_gap_ms=spec.max_gap_ms,
+        drop_repeats=spec.drop_repeats, source=str(path), where=str(path), fixes=OF_SERIES,
+    )  # fmt: skip
 
 
 def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.ndarray, float]:
@@ -302,9 +316,9 @@ def _conversion(declared: Declared, place: str, n_channels: int) -> tuple[np.nda
 
 def _cuts(
     declared: Declared, place: str, n_samples: int, trials: _Trials
-) -> tuple[list[tuple[int, int]], float, list[clock.Stamps] | None]:
-    """First sample and end (exclusive) of each trial, samples per second, and stamps if there is no rate."""
-    path, stamps = declared.path, None
+) -> tuple[list[tuple[int, int]], float | None, np.ndarray | None]:
+    """First sample and end (exclusive) of each trial, samples per second, and the time stamps if there is no rate."""
+    path, rate_Hz, time_s = declared.path, None, None
     if declared.holds(f"{place}/starting_time"):
         begin = declared.file[f"{place}/starting_time"]
         first_s, rate_Hz = float(declared.value(f"{place}/starting_time")), float(attribute(begin, "rate", path))
@@ -313,10 +327,10 @@ def _cuts(
         bounds = [np.ceil((at - first_s) * rate_Hz - SLACK) for at in (trials.start_s, trials.stop_s)]
         outside = (bounds[0] < 0) | (bounds[1] > n_samples + 1)
     else:
-        rate_Hz, time_s = 0.0, declared.numbers(f"{place}/timestamps").astype(float)
+        time_s = declared.numbers(f"{place}/timestamps").astype(float)
         if len(time_s) != n_samples or (np.diff(time_s) < 0).any() or not np.isfinite(time_s).all():
             raise InputError(f"{path}: {place}/timestamps must rise, one per sample; correct them")
-        bounds = [np.searchsorted(time_s, at) for at in (trials.start_s, trials.stop_s)]
+        bounds = [np.searchsorted(clock.row_times(time_s), at) for at in (trials.start_s, trials.stop_s)]
         outside = bounds[1] - bounds[0] < 2
     wrong = np.flatnonzero(outside)
     if len(wrong):
@@ -326,13 +340,7 @@ def _cuts(
             "samples; drop the trial or name another series"
         )
     cuts = [(int(a), min(int(b), n_samples)) for a, b in zip(*bounds, strict=True)]
-    if rate_Hz == 0.0:
-        stamps = [
-            clock.stamps_of(time_s[a:b], "s", f"{path}: {place}, trial {trial}", a, None)
-            for trial, (a, b) in enumerate(cuts)
-        ]
-        rate_Hz = clock.rate_of(stamps)
-    return cuts, rate_Hz, stamps
+    return cuts, rate_Hz, time_s
 
 
 def _place_of(declared: Declared, name: str) -> str:

@@ -69,7 +69,7 @@ def recordings(
         for each in read
     ]
     if max_gap_ms is not None and all(trial.stamps is None for trial in trials):
-        raise InputError(f"{where}: --max-gap-ms: the samples have no time stamps; leave it out, or give --time-column")
+        raise InputError(f"{where}: --max-gap-ms: the samples have no time stamps; leave it out")
     repeats.say_dropped(_stamps_of(trials), drop_repeats, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
     found = Recordings(signals, rate_Hz, unit, conditions, channels, source)

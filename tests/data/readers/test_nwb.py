@@ -244,6 +244,53 @@ def test_stamped_samples_come_to_a_clock(tmp_path):
     np.testing.assert_allclose(since_s, np.arange(len(since_s)) / found.sampling_rate_Hz, atol=1e-6)
 
 
+def stamped_at(path, time_s, data=None):
+    """A file whose series has these time stamps; its trials last from 0.5 to 3.5 s and from 3.5 to 6.5 s."""
+    minimal(path, acquisition__touch__starting_time=None, acquisition__touch__timestamps=time_s,
+            acquisition__touch__data=np.arange(float(len(time_s))) if data is None else data,
+            intervals__trials__start_time=[0.5, 3.5], intervals__trials__stop_time=[3.5, 6.5])  # fmt: skip
+    return path
+
+
+def test_samples_that_share_a_stamp_are_kept_and_counted(tmp_path, caplog):
+    path = stamped_at(tmp_path / "a.nwb", np.arange(80) // 10 * 1.0)
+    found = nt.read_nwb(path, {"label": "cloth", "series": "touch"})
+    assert isinstance(found, Recordings)
+    assert (found.sampling_rate_Hz, found.lengths.tolist()) == (10, [30, 30])
+    np.testing.assert_allclose((found.signals[0][:, 0] - 1.0) / 0.5, np.arange(5, 35))
+    assert "a.nwb: 52 of 60 rows have the time stamp of the row before them (in 2 of 2 trials)" in caplog.text
+
+
+def test_samples_that_were_written_twice_are_dropped_if_asked_for(tmp_path):
+    twice = np.repeat(np.arange(80), 2)
+    path = stamped_at(tmp_path / "a.nwb", twice * 0.1, np.random.default_rng(0).normal(size=80)[twice])
+    asked = {"label": "cloth", "series": "touch"}
+    with pytest.raises(
+        InputError, match=r"60 of 120 rows repeat the row before them with its time stamp .*--drop-repeats"
+    ):
+        nt.read_nwb(path, asked)
+    for options, expected in (({"drop_repeats": True}, [30, 30]), ({"sampling_rate_Hz": 20.0}, [60, 60])):
+        found = nt.read_nwb(path, {**asked, **options})
+        assert isinstance(found, Recordings)
+        assert found.lengths.tolist() == expected
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"series": "touch", "sampling_rate_Hz": 10.0}, "--sampling-rate-Hz: acquisition/touch says its rate, 1000 Hz"),
+        ({"series": "touch", "drop_repeats": True}, "--drop-repeats: the samples have no time stamps; leave it out"),
+        ({"series": "touch", "max_gap_ms": 3.0}, "--max-gap-ms: the samples have no time stamps; leave it out"),
+        ({"drop_repeats": True}, "--drop-repeats is for a time series; drop it"),
+        ({"sampling_rate_Hz": 9.0}, "--sampling-rate-Hz is for a time series; drop it"),
+    ],
+)
+def test_options_of_stamps_without_stamps_are_refused(tmp_path, settings, message):
+    minimal(tmp_path / "a.nwb")
+    with pytest.raises(InputError, match=message):
+        nt.read_nwb(tmp_path / "a.nwb", {"label": "cloth", **settings})
+
+
 # --- what is refused --------------------------------------------------------------------------------
 
 
