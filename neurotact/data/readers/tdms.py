@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neurotact.data.readers import split_stamps
 from neurotact.data.readers.archives import as_signal
 from neurotact.data.readers.clock import unit_in
 from neurotact.data.readers.contents import TDMS, check_content
@@ -132,20 +133,25 @@ def _table(group: _Group, layout: LayoutSpec, path: Path, name: str, *, find_tim
     where = f"{path}, group '{name[:40]}'"
     channels = {**group.numbers, **group.times}
     names = tuple(channels)
-    chosen, time_at, _ = chosen_places(
+    chosen, time_at, rest_at = chosen_places(
         layout.columns, layout.time_column, names, [""] * len(names), path, find_time=find_time
     )  # fmt: skip
     time_name = names[time_at] if time_at is not None else next(iter(group.times), None) if find_time else None
-    taxels = [names[place] for place in chosen] or [each for each in group.numbers if each != time_name]
+    stamps_at = [each for each in (time_name, None if rest_at is None else names[rest_at]) if each is not None]
+    taxels = [names[place] for place in chosen] or [each for each in group.numbers if each not in stamps_at]
     if not taxels:
         raise InputError(f"{where}: has no channel besides the time; save the samples of each taxel as a channel")
-    lengths = {each: len(channels[each]) for each in [*taxels, *([time_name] if time_name else [])]}
+    lengths = {each: len(channels[each]) for each in [*taxels, *stamps_at]}
     if len(set(lengths.values())) > 1:
         shown = some([f"{each} {length}" for each, length in lengths.items()])
         raise InputError(f"{where}: has channels of different lengths ({shown}); choose the taxels with --columns")
     signal = as_signal(np.stack([channels[each] for each in taxels], axis=1), where)
     notes = (f"holds no number, so no taxel: {some(group.others)}",) if group.others and not chosen else ()
     its = Table(tuple(taxels), signal, None, 0, layout.time_unit, notes)
+    if rest_at is not None:
+        seconds, rest = (channels[each].astype(np.float64) for each in stamps_at)
+        time = split_stamps.joined(seconds, rest, names[rest_at], where, 0, layout.time_unit)
+        return its._replace(time=time, time_unit="s")
     if time_name is not None:
         unit = "s" if time_name in group.times else layout.time_unit or unit_in(time_name)
         return its._replace(time=channels[time_name].astype(np.float64), time_unit=unit)

@@ -1,12 +1,15 @@
 """Seconds beside nanoseconds are one time stamp: in folders and tables, by name or as asked for."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import neurotact as nt
-from neurotact.data.readers import split_stamps
+from neurotact.data.readers import split_stamps, tdms
+from neurotact.data.readers.layout import LayoutSpec
 from neurotact.errors import InputError
 
 PER_SECOND = {"nanosec": 10**9, "nsecs": 10**9, "nanoseconds": 10**9, "tv_usec": 10**6, "msec": 1000, "ms": 1000}
@@ -92,6 +95,15 @@ def test_arrays_of_seconds_and_their_rest_are_joined(tmp_path, names, asked):
         np.savez(tmp_path / label / "0.npz", pressure=np.stack([left, -left], axis=1), **stamps)
     touches = nt.read_folder(tmp_path, unit="mV", time_column=asked)
     assert (touches.n_channels, touches.sampling_rate_Hz, touches.lengths.tolist()) == (2, 100, [150, 150])
+
+
+def test_channels_of_a_group_are_joined():
+    seconds, rest, left = np.array(rows_of(), float).T
+    group = tdms._Group({"sec": seconds, "nanosec": rest, "left": left}, {}, [], {})
+    table = tdms._table(group, LayoutSpec(), Path("felt.tdms"), "touch", find_time=True)
+    assert (table.names, table.time_unit) == (("left",), "s")
+    assert table.time is not None
+    np.testing.assert_allclose(np.diff(table.time), 0.01, atol=1e-6)
 
 
 @pytest.mark.parametrize(
