@@ -346,6 +346,22 @@ def test_what_neurotacts_neurons_lack_is_refused(node, key, value, complaint):
         nt.from_nir(made, dt_s=1e-3)
 
 
+def test_a_step_or_a_clock_that_the_file_states_otherwise_is_refused():
+    """An argument is never taken and ignored; one that agrees is no error."""
+    ours = nt.to_nir(network())
+    dt_s, rate_Hz = ours.metadata["dt"], nt.from_nir(ours).network.sampling_rate_Hz
+    for asked, stated in (({"dt_s": 3e-4}, dt_s), ({"sampling_rate_Hz": 123.0}, rate_Hz)):
+        (name,) = asked
+        with pytest.raises(InputError, match=rf"^{name}: .* is given, but graph states {stated:g}; leave {name} out$"):
+            nt.from_nir(ours, **asked)
+    theirs = foreign()
+    theirs.metadata["dt"] = 1e-3
+    with pytest.raises(InputError, match=r"^dt_s: 0\.0005 is given, but graph states 0\.001; leave dt_s out$"):
+        nt.from_nir(theirs, dt_s=5e-4)
+    for made, right in ((ours, {"dt_s": dt_s, "sampling_rate_Hz": rate_Hz}), (theirs, {"dt_s": 1e-3})):
+        assert nt.from_nir(made, **right).network.sampling_rate_Hz == nt.from_nir(made).network.sampling_rate_Hz
+
+
 def test_other_graphs_are_refused_with_what_was_found():
     with pytest.raises(InputError, match="'hidden' is a Linear where a CubaLIF is expected"):
         nt.from_nir(foreign(hidden=nir.Linear(weight=np.ones((4, 4)))), dt_s=1e-3)

@@ -76,7 +76,8 @@ def from_nir(
     """The network in a NIR file or graph; from neurotact's own files also the encoder, the exit rule and the classes.
 
     dt_s: seconds per step, for files without it (snnTorch's have 1e-4). sampling_rate_Hz: of the network, if a step in
-    another program's file means another time than `dt_s`; None: 1 / dt_s.
+    another program's file means another time than `dt_s`; None: 1 / dt_s. Either is refused if it differs from what the
+    file states.
     Raises InputError for files that are damaged or hostile, for graphs that are not Linear, CubaLIF (recurrent or not),
     Linear, CubaLIF, and for features that neurotact's networks do not have.
     """

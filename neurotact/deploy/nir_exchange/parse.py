@@ -4,6 +4,7 @@ A graph of neurotact is marked in its metadata. The network is built from the no
 again, and both graphs are compared node by node: metadata never override the nodes.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,6 +48,8 @@ def parsed(
     try:
         written = note.of(graph, source)
         if written is not None:
+            _check_stated("dt_s", dt_s, written.dt_s, source)
+            _check_stated("sampling_rate_Hz", sampling_rate_Hz, written.sampling_rate_Hz, source)
             return _from_neurotact(graph, written, source, backend)
         step_s = _step(graph, dt_s, source)
         network = _from_other(graph, step_s, sampling_rate_Hz or 1.0 / step_s, source, backend)
@@ -61,6 +64,8 @@ def parsed(
 def _step(graph: Any, dt_s: float | None, source: str) -> float:
     stated = graph.metadata.get("dt") if isinstance(graph.metadata, dict) else None
     found = dt_s if stated is None else float(stated)
+    if stated is not None:
+        _check_stated("dt_s", dt_s, float(stated), source)
     if found is None:
         raise InputError(
             f"{source}: does not contain its step, on which the decays depend; give dt_s (snnTorch's files have 1e-4)"
@@ -68,6 +73,12 @@ def _step(graph: Any, dt_s: float | None, source: str) -> float:
     if not 1e-12 < found < 1e6:
         raise InputError(f"{source}: a step of {found:g} s is not possible; give dt_s")
     return found
+
+
+def _check_stated(name: str, given: float | None, stated: float, source: str) -> None:
+    """Refuse an argument that differs from what the file says of itself."""
+    if given is not None and not math.isclose(given, stated, rel_tol=CLOSE):
+        raise InputError(f"{name}: {given:g} is given, but {source} states {stated:g}; leave {name} out")
 
 
 # --- neurotact's own --------------------------------------------------------------------------------
