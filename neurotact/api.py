@@ -13,12 +13,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from neurotact import files, spec, tables
-from neurotact.data import hdf5, sources
+from neurotact.data import doubtful, hdf5, sources
 from neurotact.data.digests import recorded_trials
 from neurotact.data.readers import arrays, event_files, folder, nwb, raster, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.splits import SplitSpec, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.deploy import c_export, export, fine_tuning
@@ -264,8 +264,13 @@ def load(path: str | Path) -> Recordings | SpikeTrains:
 
 
 def save(what: Recordings | SpikeTrains, path: str | Path, *, force: bool = False) -> None:
-    """Save recordings or spike trains as HDF5; an existing file is refused unless `force`."""
+    """Save recordings or spike trains as HDF5; an existing file is refused unless `force`.
+
+    Warns of copies among recordings and among events of a sensor; raises InputError for copies with two classes.
+    """
     files.check_new(path, force=force)
+    if isinstance(what, Recordings) or (isinstance(what, SpikeTrains) and not what.encoder):
+        doubtful.check(what, str(path))
     if isinstance(what, Recordings):
         hdf5.save_recordings(what, path)
     elif isinstance(what, SpikeTrains):
@@ -325,10 +330,11 @@ def calibrate(
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
-    sides = split_conditions(recordings.conditions, stratify, spec.build(SplitSpec, _split(split_seed, split), "split"))
+    how = spec.build(SplitSpec, _split(split_seed, split), "split")
+    training = recordings.select(training_touches(recordings, stratify, how))
     changed = spec.resolve(AfferentSpec, encoder, settings)
     fit, _ = calibration.way_of(changed, settings or {})
-    return fit(recordings.select(sides.train), changed).encoder
+    return fit(training, changed).encoder
 
 
 def plot_raster(

@@ -32,7 +32,7 @@ from neurotact.data import encoded_from, hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.nwb_output import to_nwb
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.splits import SplitSpec, training_touches
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.encoders import alternatives, calibration, firing, resting
 from neurotact.encoders import specs as encoders
@@ -97,13 +97,12 @@ def calibrate(
     choice = choice_of(where, leave_out)
     with hdf5.open_recordings(recordings) as stored, track("calibrate", n_steps) as advance:
         data = chosen_trials(stored, choice, str(recordings))
-        split = split_conditions(data.conditions, stratify or (), spec.build(SplitSpec, asked, source="calibrate"))
-        training = data.select(split.train)
+        training = data.select(training_touches(data, stratify or (), spec.build(SplitSpec, asked, source="calibrate")))
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         found = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = resting.resting_table(training, found.encoder, rest_ms)
         complaint = resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline)
-    trials = f"{len(split.train)} training trials (split seed {split_seed}) of {recordings.name}"
+    trials = f"{len(training)} training trials (split seed {split_seed}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
     if figure:
@@ -111,7 +110,7 @@ def calibrate(
     if compared is not None:
         print_table(compared.table[COLUMNS])
     print(
-        f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}, from {len(split.train)} "
+        f"{out}: sa1.gain = {found.encoder.sa1.gain:g}, ra1.gain = {found.encoder.ra1.gain:g}, from {len(training)} "
         f"training trials in {perf_counter() - began:.1f} s"
     )
     if complaint:

@@ -8,7 +8,7 @@ import pandas as pd
 import typer
 
 from neurotact.cli.output import print_table
-from neurotact.data import description, hdf5
+from neurotact.data import description, doubtful, hdf5
 from neurotact.data.onset import common_onset_s
 from neurotact.data.window_choice import timing_of
 from neurotact.errors import some
@@ -23,8 +23,8 @@ def info(
     """Describe the content of a file of recordings or spikes.
 
     Prints its classes and conditions, the length and the rate of its trials, when the touch begins, and the range of
-    each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel or a clock
-    column among the taxels.
+    each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel, a clock
+    column among the taxels, copies of a trial, or a class with two names.
     """
     if hdf5.kind_of(file) == "recordings":
         with hdf5.open_recordings(file) as data:
@@ -35,6 +35,7 @@ def info(
             _print_onset(common_onset_s(data))
             print_table(description.conditions_table(data.conditions))
             _print_taxels(description.taxels_table(data), every=all_)
+            _print_lines(doubtful.lines(data))
         return
     spikes = hdf5.load_spikes(file)
     print(f"{file}: {spikes!r}")
@@ -42,6 +43,7 @@ def info(
     _print_onset(timing_of(spikes).touch_s)
     print_table(description.conditions_table(spikes.conditions))
     print_table(description.afferents_table(spikes))
+    _print_lines(doubtful.lines(spikes))
 
 
 def _print_taxels(taxels: pd.DataFrame, *, every: bool) -> None:
@@ -51,6 +53,11 @@ def _print_taxels(taxels: pd.DataFrame, *, every: bool) -> None:
         print(f"constant within every trial: {some(dead)}")
     if not few:
         print("--all prints a row for each taxel")
+
+
+def _print_lines(lines: list[str]) -> None:
+    for line in lines:
+        print(line)
 
 
 def _print_onset(onset_s: float) -> None:

@@ -53,12 +53,13 @@ from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_line, print_table
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.copies import copies_of
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.window_choice import OPTIONS
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import inference, ledger, repeated, search, search_journal, tasks, train_run, trained
+from neurotact.networks import cautions, inference, ledger, repeated, search, search_journal, tasks, train_run, trained
 from neurotact.networks.population import trials as population
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
@@ -126,7 +127,8 @@ def train_command(
     split = split_table(split_seed, test_where, group, order, folds, fold or 0)
     choice = choice_table(where, leave_out)
     task = tasks.task_of("train", window, split, stratify, tolerance, exit_by, **choice)
-    task = tasks.with_suited_window(task, tasks.load_spikes(spikes, task, tell=True), OPTIONS)
+    trains = tasks.load_spikes(spikes, task, tell=True)
+    task = tasks.with_suited_window(task, trains, OPTIONS)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
     options["tell"] = lambda line: None if as_json else print(line)
@@ -134,6 +136,8 @@ def train_command(
         if every_fold or repeats > 1:
             each = repeated.tasks_of(task, every_fold=every_fold, repeats=repeats)
             _print_repeated(out, repeated.run(spikes, out, what, each, **options), as_json=as_json)
+            for caution in cautions.copies(len(copies_of(trains).trials), len(trains)):
+                say(caution)
             return
         done = train_run.run(spikes, out, what, task, **options)
     except train_run.Interrupted as interrupted:

@@ -11,7 +11,7 @@ from neurotact import files
 from neurotact.cli.lazy import add_plugins, new_app
 from neurotact.cli.options import Force, LeaveOut, OutFile, Source, Where, choice_of, choice_table
 from neurotact.cli.output import save_recordings
-from neurotact.data import hdf5
+from neurotact.data import doubtful, hdf5
 from neurotact.data.readers import arrays, clock, event_files, folder, nwb, raster, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import Reader, reader
@@ -427,6 +427,7 @@ def _check_import(source: Path, out: Path, force: bool, table: Path | None = Non
 def _save(found: Recordings | SpikeTrains, out: Path, choice: TrialChoice = EVERY) -> None:
     """Save the chosen trials of what was read."""
     found = chosen_trials(found, choice, found.source or "recordings")
+    doubtful.check(found, found.source or "recordings")
     if isinstance(found, Recordings):
         save_recordings(found, out)
         return

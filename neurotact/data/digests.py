@@ -18,6 +18,8 @@ from neurotact.data.spikes import SpikeTrains
 DIGITS = 16
 DIGEST = "recorded_digest"
 """The name of the digest of the recorded signal in files of other formats."""
+TOUCH = "recorded_touch"
+"""The name of `SpikeTrains.trial_touches` there."""
 
 
 def recorded_digest(recordings: Trials, trial: int) -> str:
@@ -65,6 +67,15 @@ def recorded_trials(recordings: Trials, trains: SpikeTrains, trials: np.ndarray)
     place_of = {recorded_digest(recordings, trial): trial for trial in range(len(recordings))}
     found = [place_of.get(digest) for digest in wanted]
     return None if None in found else np.array(found, np.int64)
+
+
+def again(digest: str, number: int) -> str:
+    """Another digest, of a digest and a number.
+
+    >>> again("0123456789abcdef", 1) == again("0123456789abcdef", 2)
+    False
+    """
+    return _digest([digest, number], ())
 
 
 def content_digest(touches: Trials | SpikeTrains) -> str:

@@ -203,6 +203,7 @@ class SpikeWriter:
         self.n_spikes = self.n_steps = 0
         self.trial_steps: list[int] = []
         self.trial_digests: list[str] = []
+        self.trial_touches: list[str] = []
         self._rate_Hz = sampling_rate_Hz
         self._output = output
         self._waiting: list[TrialSpikes] = []
@@ -215,6 +216,7 @@ class SpikeWriter:
         self._waiting.append(trial)
         self.trial_steps.append(trial.n_steps)
         self.trial_digests.append(trial.digest)
+        self.trial_touches.append(trial.touch or trial.digest)
         self.n_steps += trial.n_steps
         self.n_spikes += len(trial.steps)
         self._waiting_spikes += len(trial.steps)
@@ -268,6 +270,8 @@ def spike_writer(
         file["trial_steps"] = np.array(writer.trial_steps, np.int64)
         if all(writer.trial_digests):
             file["trial_digests"] = np.array(writer.trial_digests, dtype="S")
+            if writer.trial_touches != writer.trial_digests:
+                file["trial_touches"] = np.array(writer.trial_touches, dtype="S")
         _write_table(file.create_group("conditions"), conditions)
 
 
@@ -344,6 +348,7 @@ def _spikes(declared: Declared) -> SpikeTrains:
             source=_from_here(path, str(attribute(file, "source", path))),
             trial_digests=tuple(declared.texts("trial_digests")) if "trial_digests" in file else (),
             touch_s=float(attribute(file, "touch_s", path)) if "touch_s" in file.attrs else None,
+            trial_touches=tuple(declared.texts("trial_touches")) if "trial_touches" in file else (),
         )
     except InputError as error:
         raise InputError(f"{path}: {error}; write it again with neurotact encode") from error

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data.digests import DIGEST
+from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.readers.event_times import EventTimes, event_times, joined_times, lengths_of, rounding_of, steps_of
 from neurotact.data.readers.events import BYTES_PER_EVENT, MOST_AFFERENTS, on_clock, say_merged
 from neurotact.data.readers.observed import Unobserved, observed_trials
@@ -52,6 +52,8 @@ def to_neo(spikes: SpikeTrains) -> Any:
         segment.annotate(**{str(key): value for key, value in row.items()})
         if spikes.trial_digests:
             segment.annotations[DIGEST] = spikes.trial_digests[trial]
+        if spikes.trial_touches:
+            segment.annotations[TOUCH] = spikes.trial_touches[trial]
         units, steps = np.asarray(spikes.units[trial], np.int64), np.asarray(spikes.steps[trial], np.int64)
         order = np.argsort(units, kind="stable")
         ends = np.searchsorted(units[order], np.arange(1, len(spikes.afferents)))
@@ -120,9 +122,9 @@ def from_neo(
         len(places),
     )
     say_merged(found, 1 / rate_Hz, "block", accept=merge_events, step="step_ms", flag="merge_events=True")
-    digests = [str(segment.annotations.get(DIGEST, "")) for segment in segments]
+    told = [[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)]
     return from_trials(
-        (trial._replace(digest=digest) for trial, digest in zip(found.trials, digests, strict=True)),
+        (each._replace(digest=digest, touch=touch) for each, digest, touch in zip(found.trials, *told, strict=True)),
         rate_Hz, afferents, conditions,
         _encoder(block) if is_own else None, source=str(block.annotations.get("source", "")),
     )  # fmt: skip
@@ -217,7 +219,7 @@ def _conditions(segments: Sequence[Any], label: str) -> pd.DataFrame:
             raise InputError(f"block: segment {trial} has no annotation '{label}' ({known}); give another `label`")
     shared = [
         key for key, value in segments[0].annotations.items()
-        if key not in (label, LABEL, DIGEST) and isinstance(value, (bool, int, float, str))
+        if key not in (label, LABEL, DIGEST, TOUCH) and isinstance(value, (bool, int, float, str))
         and all(type(segment.annotations.get(key)) is type(value) for segment in segments)
     ]  # fmt: skip
     columns = {key: [segment.annotations[key] for segment in segments] for key in shared}

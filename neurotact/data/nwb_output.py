@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from neurotact import files
-from neurotact.data.digests import DIGEST, spike_digests
+from neurotact.data.digests import DIGEST, TOUCH, spike_digests
 from neurotact.data.hdf5_output import create
 from neurotact.data.readers.nwb import OURS
 from neurotact.data.readers.nwb_tables import KEPT
@@ -78,6 +78,10 @@ def _add_trials(made: Any, spikes: SpikeTrains) -> None:
         made.add_trial_column(name=str(name), description=what, data=spikes.conditions[name].tolist())
     if spikes.trial_digests:
         made.add_trial_column(name=DIGEST, description="digest of what was recorded", data=list(spikes.trial_digests))
+    if spikes.trial_touches:
+        made.add_trial_column(
+            name=TOUCH, description="name of its touch, and of all copies", data=list(spikes.trial_touches)
+        )
 
 
 def _add_units(made: Any, spikes: SpikeTrains, pynwb: Any) -> None:

@@ -28,12 +28,14 @@ class TrialSpikes(NamedTuple):
     """The spikes of one trial: the step and the afferent of each, in order of time, and the trial's length in steps.
 
     digest: of the recording (`data.digests`); empty if unknown.
+    touch: as of `SpikeTrains.trial_touches`; empty if it is the digest.
     """
 
     steps: np.ndarray
     units: np.ndarray
     n_steps: int
     digest: str = ""
+    touch: str = ""
 
 
 def populations_of(afferents: Sequence[str]) -> dict[str, np.ndarray]:
@@ -61,6 +63,7 @@ class SpikeTrains:
     encoder: the encoder spec.
     source: the recordings that were encoded, usually a path.
     trial_digests: one digest per trial of the recording (`data.digests`); empty if unknown.
+    trial_touches: one name per trial, equal for copies of one touch (`data.copies`); empty if the digests tell.
     touch_s: when the touch begins in the recordings, in s from the start of a trial (`data.onset`); None if unknown.
 
     Raises InputError if the lengths do not match, and for spikes out of order or outside their trial.
@@ -82,6 +85,7 @@ class SpikeTrains:
     source: str = ""
     trial_digests: tuple[str, ...] = ()
     touch_s: float | None = None
+    trial_touches: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_sampling_rate(self.sampling_rate_Hz, "spikes")
@@ -92,6 +96,8 @@ class SpikeTrains:
             raise InputError("spikes, trial_steps and conditions differ in number of trials; give one each per trial")
         if self.trial_digests and len(self.trial_digests) != len(self.steps):
             raise InputError("spikes and trial_digests differ in number of trials; give one digest per trial, or none")
+        if self.trial_touches and len(self.trial_touches) != len(self.trial_digests):
+            raise InputError("trial_touches and trial_digests differ in number of trials; give both per trial, or none")
         if self.touch_s is not None and not 0 <= self.touch_s < math.inf:
             raise InputError(f"touch_s: must be a time in s, at least 0, or None; got {self.touch_s}")
         check_conditions(self.conditions, "spikes")
@@ -143,8 +149,8 @@ class SpikeTrains:
 
     def trials(self) -> Iterator[TrialSpikes]:
         """One trial after the other."""
-        digests = self.trial_digests or [""] * len(self)
-        yield from map(TrialSpikes, self.steps, self.units, self.trial_steps.tolist(), digests)
+        digests, touches = (names or [""] * len(self) for names in (self.trial_digests, self.trial_touches))
+        yield from map(TrialSpikes, self.steps, self.units, self.trial_steps.tolist(), digests, touches)
 
     def select(self, keep: ArrayLike) -> "SpikeTrains":
         """The trials where the boolean `keep` is true, or the trials that an index array names."""
@@ -156,6 +162,7 @@ class SpikeTrains:
             trial_steps=self.trial_steps[index],
             conditions=self.conditions.iloc[index].reset_index(drop=True),
             trial_digests=tuple(self.trial_digests[i] for i in index.tolist()) if self.trial_digests else (),
+            trial_touches=tuple(self.trial_touches[i] for i in index.tolist()) if self.trial_touches else (),
         )
 
     def cut(self, spec: WindowSpec, trials: np.ndarray | None = None) -> Windows:
@@ -230,7 +237,14 @@ def from_trials(
         source=source,
         trial_digests=tuple(trial.digest for trial in found) if all(trial.digest for trial in found) else (),
         touch_s=touch_s,
+        trial_touches=touch_names(found),
     )
+
+
+def touch_names(trials: Sequence[TrialSpikes]) -> tuple[str, ...]:
+    """`SpikeTrains.trial_touches` of some trials."""
+    is_told = all(trial.digest for trial in trials) and any(trial.touch not in ("", trial.digest) for trial in trials)
+    return tuple(trial.touch or trial.digest for trial in trials) if is_told else ()
 
 
 def from_rasters(

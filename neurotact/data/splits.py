@@ -1,10 +1,12 @@
 """Splits of trials into training, validation and test: at random, by group, by condition, in order, by folds.
 
-No trial is on two sides and, if groups are named, no group is. Windows follow their trial.
+No trial is on two sides and, if groups are named, no group is. Windows follow their trial. Copies of a trial
+(`data.copies`) are on its side: the first of them is divided with the other trials, and counts once.
 """
 
+import logging
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -13,11 +15,15 @@ from pydantic import Field, field_validator, model_validator
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
 from neurotact.data import nested
+from neurotact.data.copies import copies_of, joined, name_of
 from neurotact.data.nested import Turn
-from neurotact.data.recordings import LABEL, select_conditions
+from neurotact.data.recordings import LABEL, Trials, select_conditions
+from neurotact.data.spikes import SpikeTrains
 from neurotact.data.trial_choice import Where, trials_with
 from neurotact.errors import InputError, nearest
 from neurotact.spec import Spec
+
+log = logging.getLogger("neurotact")
 
 AS_RECORDED = "trial"
 """The value of `order` that means the order in the file, if no condition has this name."""
@@ -81,10 +87,11 @@ class Split(NamedTuple):
     test: np.ndarray
 
 
-def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
+def split_trials(labels: np.ndarray, spec: SplitSpec, first: np.ndarray | None = None) -> Split:
     """Divide trials at random within each class. Windows follow their trial, so none leaks across.
 
     labels: one value per trial, `(trial,)`; pass class and condition joined to balance conditions too.
+    first: of `data.copies.Copies`; without it, no trial is a copy.
     Raises InputError when a class has too few trials for all three sides.
 
     >>> split = split_trials(np.repeat([0, 1], 20), SplitSpec())
@@ -92,6 +99,8 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     [28, 6, 6]
     """
     labels = np.asarray(labels)
+    if first is not None:
+        return _with_copies(first, labels, lambda distinct: split_trials(labels[distinct], spec))
     values, counts = np.unique(labels, return_counts=True)
     rarest = counts.argmin()
     too_few = InputError(
@@ -116,9 +125,37 @@ def split_trials(labels: np.ndarray, spec: SplitSpec) -> Split:
     return Split(*(np.sort(part) for part in (train, validation, test)))
 
 
-def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec) -> Split:
+def split_touches(touches: Trials | SpikeTrains, stratify: Iterable[str], spec: SplitSpec) -> Split:
+    """Split recordings or spike trains as `split_conditions`, with copies of a trial on its side.
+
+    >>> from neurotact.data.recordings import Recordings
+    >>> walks = np.random.default_rng(0).standard_normal((12, 50, 2)).cumsum(axis=1)
+    >>> twice = Recordings(np.concatenate([walks, walks]), 1000.0, "mV", ["felt", "silk"] * 12)
+    >>> [(side % 12).tolist() for side in split_touches(twice, (), SplitSpec())][1:]
+    [[5, 10, 5, 10], [8, 11, 8, 11]]
+    """
+    return split_conditions(touches.conditions, stratify, spec, copies_of(touches).first)
+
+
+def training_touches(recordings: Trials, stratify: Iterable[str], spec: SplitSpec) -> np.ndarray:
+    """The training trials of a split without copies of one another, for fitting an encoder; warns of those left out."""
+    found = copies_of(recordings)
+    training = split_conditions(recordings.conditions, stratify, spec, found.first).train
+    distinct = found.distinct(training)
+    if n_copies := len(training) - len(distinct):
+        where = recordings.source or "recordings"
+        log.warning("%s: copies of training trials are left out of the fit: %d", where, n_copies)
+    return distinct
+
+
+def split_conditions(
+    conditions: pd.DataFrame, stratify: Iterable[str], spec: SplitSpec, first: np.ndarray | None = None
+) -> Split:
     """Split trials as `spec` says, balanced over the class and the `stratify` columns.
 
+    first: of `data.copies.Copies`; without it, no trial is a copy. A copy has the stratum and the place in the order of
+    the first; its group and that of the first are one. Copies on two sides of `test_where`, and copies with different
+    values of the condition `order`, are refused.
     Training trials hold every class. Raises InputError, which names the class or the group, if that is impossible.
 
     >>> table = pd.DataFrame({"label": ["felt", "silk"] * 8, "speed": [300, 300, 450, 450] * 4})
@@ -128,26 +165,68 @@ def split_conditions(conditions: pd.DataFrame, stratify: Iterable[str], spec: Sp
     >>> len(split.train), len(split.validation)
     (6, 2)
     """
-    strata = _strata(conditions, stratify)
+    labels, strata = conditions[LABEL].astype(str).to_numpy(dtype=str), _strata(conditions, stratify)
+    first = np.arange(len(conditions)) if first is None else first
+    _check_copies(conditions, first, spec)
     if spec.order is not None:
-        return _in_order(strata, _ranks(conditions, spec.order), spec)
+        ranks = _ranks(conditions, spec.order)
+        return _with_copies(first, labels, lambda distinct: _in_order(strata[distinct], ranks[distinct], spec))
     groups = _groups(conditions, spec.group)
     if groups is None and not spec.test_where and spec.folds is None:
-        return split_trials(strata, spec)
-    trials = _Trials(conditions[LABEL].astype(str).to_numpy(dtype=str), strata, groups, spec)
-    turns: list[Turn] = []
-    if spec.test_where:
-        test = _where(conditions, spec.test_where)
+        return _with_copies(first, labels, lambda distinct: split_trials(strata[distinct], spec))
+    groups = None if groups is None else groups[joined(groups, first)]
+    tested = _where(conditions, spec.test_where) if spec.test_where else None
+    turns = turns_of(conditions, spec)
+    held = np.isin(nested.units_of(conditions, spec.test_where), turns[spec.seed % len(turns)]) if turns else None
+
+    def divided(distinct: np.ndarray) -> Split:
+        own = None if groups is None else groups[distinct]
+        test = None if tested is None else np.flatnonzero(np.isin(distinct, tested))
+        trials = _Trials(labels[distinct], strata[distinct], own, spec)
+        return _divided(trials, test, None if held is None else held[distinct])
+
+    return _with_copies(first, labels, divided)
+
+
+def _with_copies(first: np.ndarray, labels: np.ndarray, divided: Callable[[np.ndarray], Split]) -> Split:
+    """The split of all trials of which no two copies are on different sides.
+
+    divided: called with the trials that are no copies, ascending; returns the split of these.
+    """
+    distinct = np.unique(first)
+    n_copies = len(first) - len(distinct)
+    if not n_copies:
+        return divided(distinct)
+    try:
+        split = divided(distinct)
+    except InputError as error:
+        count = "1 is a copy and does" if n_copies == 1 else f"{n_copies} are copies and do"
+        raise InputError(f"{error} (of the {len(first)} trials {count} not count)") from error
+    sides = Split(*(np.flatnonzero(np.isin(first, distinct[side])) for side in split))
+    absent = np.setdiff1d(labels, labels[sides.train])
+    if len(absent):
+        raise InputError(
+            f"split: no training trial of class '{absent[0]}' is left, since its trials are copies of trials of other "
+            "classes; give each touch one class"
+        )
+    return sides
+
+
+def _divided(trials: "_Trials", test: np.ndarray | None, held: np.ndarray | None) -> Split:
+    """The split of trials by group, by condition or by folds.
+
+    test: the trials that a condition chooses. held: which trials validation leaves out, `(trial,)`, if none is drawn.
+    """
+    spec, every = trials.spec, np.arange(len(trials.labels))
+    if test is not None:
         trials.check_whole_groups(test)
-        turns = turns_of(conditions, spec)
     elif spec.folds is not None:
         test = trials.fold(spec.folds, spec.fold)
     else:
-        test = trials.share(np.arange(len(conditions)), spec.test, spec.seed)
-    rest = np.setdiff1d(np.arange(len(conditions)), test)
-    if turns:
-        is_held = np.isin(nested.units_of(conditions, spec.test_where)[rest], turns[spec.seed % len(turns)])
-        return Split(rest[~is_held], rest[is_held], test)
+        test = trials.share(every, spec.test, spec.seed)
+    rest = np.setdiff1d(every, test)
+    if held is not None and held[rest].any():
+        return Split(rest[~held[rest]], rest[held[rest]], test)
     is_share_of_rest = bool(spec.test_where) or spec.folds is not None
     share = spec.validation if is_share_of_rest else spec.validation / (1 - spec.test)
     validation = trials.share(rest, share, spec.seed + 1)
@@ -181,6 +260,27 @@ def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: 
     """
     trials = _Trials(labels, labels, np.unique(groups, return_inverse=True)[1], SplitSpec(group=("groups",)))
     return trials.share(np.arange(len(labels)), share, seed)
+
+
+def hold_out(labels: np.ndarray, share: float, seed: int | np.random.RandomState, first: np.ndarray) -> np.ndarray:
+    """About this share of the examples, by class, for validation, `(held,)` indices.
+
+    first: the first example that each one equals, `(example,)`; equal ones are held out together. If a class repeats
+    too few patterns for that, they are not copies, and each example counts for itself.
+    Raises InputError if a class has too few examples.
+
+    >>> hold_out(np.repeat(["felt", "silk"], 6), 0.2, 0, np.arange(12) // 2 * 2).tolist()
+    [0, 1, 8, 9]
+    """
+    distinct = np.unique(first)
+    values, counts = np.unique(labels[distinct], return_counts=True)
+    n_held = max(len(values), round(share * len(distinct)))
+    if counts.min() < 2 or n_held > len(distinct) - len(values):
+        if len(distinct) == len(labels):
+            raise InputError(f"{len(labels)} examples of {len(values)} classes are too few to hold some out; give more")
+        return hold_out(labels, share, seed, np.arange(len(labels)))
+    _, held = train_test_split(distinct, test_size=n_held, stratify=labels[distinct], random_state=seed)
+    return np.flatnonzero(np.isin(first, held))
 
 
 class _Trials(NamedTuple):
@@ -298,6 +398,33 @@ def _in_order(strata: np.ndarray, ranks: np.ndarray, spec: SplitSpec) -> Split:
         for side, part in zip(sides, np.split(trials, (n_train, n_train + n_validation)), strict=True):
             side.append(part)
     return Split(*(np.sort(np.concatenate(side)) for side in sides))
+
+
+def _check_copies(conditions: pd.DataFrame, first: np.ndarray, spec: SplitSpec) -> None:
+    """Refuse copies on two sides of a condition, and copies with two places in the order of one."""
+    copies = np.flatnonzero(first != np.arange(len(first)))
+    if not len(copies):
+        return
+    if spec.test_where:
+        place = np.isin(np.arange(len(first)), _where(conditions, spec.test_where))
+        key, what = "split.test_where", f"only one of them has {_asked(spec.test_where)}"
+    elif spec.order is not None and spec.order in conditions:
+        place = conditions[spec.order].astype(str).to_numpy(dtype=str)
+        key, what = "split.order", f"they have different values of '{spec.order}'"
+    else:
+        return
+    parted = copies[place[copies] != place[first[copies]]]
+    if len(parted):
+        copy, copied = (name_of(conditions, trial) for trial in (int(parted[0]), int(first[parted[0]])))
+        more = f" ({len(parted)} such copies)" if len(parted) > 1 else ""
+        raise InputError(
+            f"{key}: {copy} is a copy of {copied}, but {what}{more}; remove the one with the wrong condition, or split "
+            "otherwise"
+        )
+
+
+def _asked(where: Mapping[str, Any]) -> str:
+    return ", ".join(f"{column} = {wanted}" for column, wanted in where.items())
 
 
 def _ranks(conditions: pd.DataFrame, order: str) -> np.ndarray:

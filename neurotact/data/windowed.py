@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from neurotact.data.notebook import html_of
 from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.window_choice import ARGUMENTS, suited_window
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
@@ -95,7 +95,7 @@ class WindowedSpikes:
         folds: int | None = None,
         fold: int = 0,
     ) -> "WindowedSplit":
-        """Training, validation and test windows. Trials are split, so no trial is on two sides.
+        """Training, validation and test windows. Trials are split, so no trial and no copy of it is on two sides.
 
         seed: random seed of the split. validation, test: shares of the trials.
         stratify: conditions that are balanced over the sides, besides the class.
@@ -111,7 +111,7 @@ class WindowedSpikes:
             "group": group if isinstance(group, str) else list(group), "folds": folds, "fold": fold, "nested": nested,
         }  # fmt: skip
         spec = build(SplitSpec, table, source="split")
-        sides = split_conditions(self.trains.conditions, stratify, spec)
+        sides = split_touches(self.trains, stratify, spec)
         return WindowedSplit(*(self.select(np.isin(self.groups, side)) for side in sides))
 
     def __repr__(self) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 
 from neurotact.data import hdf5
 from neurotact.data.conditioning import condition, condition_pieces, conditioned_length, is_long
+from neurotact.data.copies import copies_of, with_touches
 from neurotact.data.digests import recorded_digest
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import Recordings, Trials
@@ -68,6 +69,10 @@ def encode_trials(recordings: Trials, spec: EncoderSpec, progress: Progress | No
     from one piece to the next. The spikes are the same.
     """
     firing.check_periods(spec, recordings.lengths.min() / recordings.sampling_rate_Hz)
+    yield from with_touches(_encode_blocks(recordings, spec, progress), copies_of(recordings).first)
+
+
+def _encode_blocks(recordings: Trials, spec: EncoderSpec, progress: Progress | None) -> Iterator[TrialSpikes]:
     for block in _blocks(recordings, spec):
         if len(block) == 1:
             yield _encode_alone(recordings, int(block[0]), spec)

@@ -53,6 +53,20 @@ def worse_than_baseline(
         )
 
 
+def copies(n_copies: int, n_trials: int) -> Iterator[str]:
+    """n_copies: trials that are copies of others, among `n_trials`.
+
+    >>> print(*copies(1, 20))
+    1 of 20 trials is a copy of another one (neurotact info); copies are on one side, and intervals count them once
+    """
+    if n_copies:
+        what = "is a copy of another one" if n_copies == 1 else "are copies of others"
+        yield (
+            f"{n_copies} of {n_trials} trials {what} (neurotact info); copies are on one side, and intervals count "
+            "them once"
+        )
+
+
 def _again(command: Command) -> str:
     """What changes a network that is only fine-tuned: its training. Empty for the others, whose options change it."""
     return "train the run again with" if command == "fine-tune" else ""

@@ -7,7 +7,7 @@ import pandas as pd
 
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import split_conditions
+from neurotact.data.splits import split_touches
 from neurotact.networks.measuring import means
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.tasks import Task, examples_of
@@ -23,7 +23,7 @@ def by_condition(network: RSNN, trains: SpikeTrains, task: Task) -> list[dict[st
     """
     table = trains.conditions
     known = select_conditions(table, task.subset)
-    test = split_conditions(table, task.stratify, task.split).test
+    test = split_touches(trains, task.stratify, task.split).test
     rows = []
     for values, group in table.iloc[test].groupby(list(task.stratify), sort=True):
         trials = np.sort(group.index.to_numpy())

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.networks import cautions, measuring, tasks
@@ -61,18 +62,29 @@ def outcome_of(
     """
     result = measuring.measure(fitted, sides, trains.populations)
     parts = tasks.trials_of(trains, task)
+    copies = copies_of(trains)
+    distinct = Split(*map(copies.distinct, parts))
     held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
-    trials = Trials(*(trains.cut(window, side).trial for window, side in (held, tested)))
+    trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
     compared = compare(result["right"], sides, trials, len(trains.classes))
     return Outcome(
         result["row"],
         result["confusion"],
         trains.classes,
         compared,
-        list(_cautions(fitted, trains, parts, task, compared, command, searched)),
+        [
+            *cautions.copies(*_counts(parts, distinct)),
+            *_cautions(fitted, trains, distinct, task, compared, command, searched),
+        ],
         1e3 / trains.sampling_rate_Hz,
         acausal_note(trains.encoder),
     )
+
+
+def _counts(parts: Split, distinct: Split) -> tuple[int, int]:
+    """The numbers of copies and of trials on all sides."""
+    n_trials = sum(map(len, parts))
+    return n_trials - sum(map(len, distinct)), n_trials
 
 
 def _cautions(

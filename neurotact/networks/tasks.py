@@ -12,7 +12,7 @@ from pydantic import Field
 from neurotact.data import hdf5
 from neurotact.data.recordings import select_conditions
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split, SplitSpec, split_conditions
+from neurotact.data.splits import Split, SplitSpec, split_touches
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
 from neurotact.data.window_choice import Words, suited_window
 from neurotact.data.windows import Windows, WindowSpec
@@ -114,7 +114,7 @@ def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sp
     Raises InputError if the training trials have fewer than two classes.
     """
     inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
-    split = split or split_conditions(trains.conditions, task.stratify, task.split)
+    split = split or split_touches(trains, task.stratify, task.split)
     sides = Split(*(np.intersect1d(side, inside) for side in split))
     empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
     if empty:

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from neurotact import files
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import Split
+from neurotact.data.splits import Split, split_conditions
 from neurotact.errors import InputError
 from neurotact.networks import checkpoint
 from neurotact.networks.early_exit import ExitRule
@@ -141,7 +141,8 @@ def recall(restored: Restored) -> Provenance | None:
         trains = load_spikes_of(restored)
         if restored.encoder is not None and first_difference(trains.encoder, (), restored.encoder, ()):
             raise InputError(f"{restored.spikes_path}: holds the spikes of another encoder")
-        found = provenance_of(trains, trials_of(trains, restored.task))
+        split = split_conditions(trains.conditions, restored.task.stratify, restored.task.split)  # as that version did
+        found = provenance_of(trains, trials_of(trains, restored.task, split))
     except InputError as error:
         warnings.warn(f"{about}, so its training trials are unknown ({error}); train it again", stacklevel=2)
         return None

@@ -10,6 +10,7 @@ import pandas as pd
 
 from neurotact.data import nested
 from neurotact.data.conditioning import acausal_note
+from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.window_choice import on_late_onsets, timing_of
@@ -202,7 +203,8 @@ def baselines_of(study: StudySpec, tables: Mapping[str, pd.DataFrame], result: M
 def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence[int]) -> Sides:
     """The numbers of trials of the spike trains; if those are missing, of test windows instead.
 
-    cells: one per split; a trial that several of them test counts once. counts: their test windows of each class.
+    cells: one per split; a trial that several of them test counts once, and so do copies. counts: their test windows of
+    each class.
     """
     without = Sides(Trials(sum(counts), sum(counts)), {str(index): n for index, n in enumerate(counts)})
     if trains is None:
@@ -212,7 +214,8 @@ def sides_of(trains: SpikeTrains | None, cells: Sequence[Cell], counts: Sequence
     except InputError:  # spikes of other trials
         return without
     labels = trains.conditions["label"].astype(str).to_numpy()
-    train, validation, test = (np.unique(np.concatenate(side)) for side in zip(*parts, strict=True))
+    distinct = copies_of(trains).distinct
+    train, validation, test = (distinct(np.unique(np.concatenate(side))) for side in zip(*parts, strict=True))
     known, tests = Counter(labels[train]), Counter(labels[test])
     return Sides(Trials(len(validation), len(test)), {label: tests[label] for label in sorted(known)})
 
@@ -440,6 +443,7 @@ def beware(
             "--quick out for a verdict"
         )
     if trains is not None:
+        lines += cautions.copies(len(copies_of(trains).trials), len(trains))
         note = acausal_note(trains.encoder)
         lines += [*([note] if note else []), *on_late_onsets(trains, timing_of(trains), study.window, suited.WORDS)]
     return [*lines, *cautions.together([list(_of_training(folder, cell)) for cell in done])]

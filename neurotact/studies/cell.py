@@ -5,6 +5,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
 
+from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.metrics import paired
@@ -99,7 +100,7 @@ def left_by(
     """The files of a cell after its network is trained; seconds: the time of the training."""
     began, task = perf_counter() - seconds, task_of(cell)
     result = measuring.measure(fitted, sides, trains.populations) | _tables(cell, fitted, sides, trains, task)
-    trial = trains.cut(task.window, tasks.trials_of(trains, task).test).trial
+    trial = copies_of(trains).first[trains.cut(task.window, tasks.trials_of(trains, task).test).trial]
     for decided in ("right", "exit_right"):
         result[decided] = paired.by_trial(trial, result[decided])
     result["row"] = {

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from neurotact.data import hdf5
+from neurotact.data import doubtful, hdf5
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.copies import copies_of
 from neurotact.data.recordings import Recordings, select_conditions
 from neurotact.data.sources import expand, read_recordings, simulator
-from neurotact.data.splits import split_conditions
+from neurotact.data.splits import split_touches, training_touches
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.windows import check_fit
 from neurotact.encoders.afferents import AfferentSpec
@@ -24,6 +25,7 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.files import write_json
+from neurotact.metrics import paired
 from neurotact.progress import track
 from neurotact.spec import build, digest
 from neurotact.studies import baselines, manifest
@@ -40,7 +42,11 @@ DATA = "data.json"
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
     """Simulate, read or load the recordings of a study, of the trials that it uses; a line says how many they are."""
-    return chosen_trials(_dataset(spec), spec.choice, spec.file or spec.path or spec.simulate or "")
+    found, source = _dataset(spec), spec.file or spec.path or spec.simulate or ""
+    chosen = chosen_trials(found, spec.choice, source)
+    if spec.read is not None:
+        doubtful.check(chosen, source)
+    return chosen
 
 
 def _dataset(spec: DatasetSpec) -> Recordings:
@@ -98,7 +104,7 @@ def _baselines_tables(
     """Classical classifiers on the windows of the networks, for each subset and split, and their single trials.
 
     The second table contains, for each row of the first (`baseline`) and each validation or test trial (`side`), the
-    share of correctly classified windows.
+    share of correctly classified windows; copies are one trial, the first of them.
     """
     encoded = [list({cell.spikes_name: cell for cell in group}.values()) for group in by_split(cells)]
     found = []
@@ -122,8 +128,8 @@ def _fitted(
 ) -> Iterator[dict[str, Any]]:
     """Rows of `baselines.csv` on the spikes of one cell, the only spikes in memory; if `is_first`, also on signals."""
     trains, split = hdf5.load_spikes(folder / cell.given), {key: value_at(cell, key) for key in split_columns(study)}
-    parts = split_conditions(recordings.conditions, study.dataset.stratify, cell.split)
-    windows = trains.cut(cells[0].window)
+    parts = split_touches(trains, study.dataset.stratify, cell.split)
+    windows, first = trains.cut(cells[0].window), copies_of(trains).first
     pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
         cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
@@ -134,7 +140,9 @@ def _fitted(
         for row in baselines.rows(chain(of_signals, of_spikes), recordings.labels[windows.trial], cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
-            yield {"dataset": name, **split, **row, **encoder}
+            own = row[baselines.RIGHT].items()
+            touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
+            yield {"dataset": name, **split, **row, **encoder, baselines.RIGHT: touches}
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -217,7 +225,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
     known = cell.subset if cell.test_every_condition else {}
     key = digest([cell.calibrate.model_dump(mode="json"), cell.split.model_dump(), known])
     if key not in calibrated:
-        train = split_conditions(recordings.conditions, cell.source["stratify"], cell.split).train
+        train = training_touches(recordings, cell.source["stratify"], cell.split)
         train = np.intersect1d(train, np.flatnonzero(select_conditions(recordings.conditions, known)))
         fit, _ = way_of(cell.calibrate, {}, choose_ema=cell.choose_ema)
         training = recordings.select(train)

@@ -16,6 +16,7 @@ import pandas as pd
 from neurotact import files
 from neurotact.data import hdf5, nested
 from neurotact.data.conditioning import conditioned_length
+from neurotact.data.copies import copies_of
 from neurotact.data.onset import common_onset_s
 from neurotact.data.recordings import LABEL
 from neurotact.data.splits import SplitSpec, turns_of
@@ -53,8 +54,8 @@ class _Given(Spec):
 class Recorded(NamedTuple):
     """The properties of recordings that the rules use.
 
-    timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class. conditions: of
-    the trials.
+    timing: of the trials, on the clock of their windows. rarest: number of trials of the smallest class, without
+    copies. conditions: of the trials.
     """
 
     timing: Timing
@@ -158,7 +159,8 @@ def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = 
         rate_Hz = stored.sampling_rate_Hz
         on_Hz = clock_Hz or max(rate_Hz, CLOCK_HZ)
         n_steps = [conditioned_length(n_samples, rate_Hz, on_Hz) for n_samples in stored.lengths.tolist()]
-        rarest = int(stored.conditions[LABEL].value_counts().min())
+        distinct = np.unique(copies_of(stored).first)
+        rarest = int(stored.conditions[LABEL].iloc[distinct].value_counts().min())
         return Recorded(
             Timing(np.array(n_steps) / on_Hz, on_Hz, common_onset_s(stored)), rate_Hz, rarest, stored.conditions
         )

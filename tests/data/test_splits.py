@@ -263,6 +263,97 @@ def test_what_cannot_be_split_is_named(way, complaint):
         split_conditions(table_of(), (), SplitSpec(**way))
 
 
+# --- copies -------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=150)
+@given(TABLES, WAYS, st.integers(0, 2**31), st.sampled_from([(), ("speed",)]), st.randoms(use_true_random=False))
+def test_copies_stand_on_one_side_for_any_structure(table, way, seed, stratify, random):
+    """Copies may be of other classes, groups and conditions: the sides are whole, or one sentence says why not."""
+    spec, n = SplitSpec(seed=seed, **way), len(table)
+    touch = np.array([random.randrange(max(1, n // 2)) for _ in range(n)])
+    first = np.array([touch.tolist().index(number) for number in touch])
+    split, refusal = attempt(table, spec, lambda table, spec: split_conditions(table, stratify, spec, first))
+    if split is None:
+        assert "\n" not in refusal
+        assert refusal.startswith(("split", "dataset.stratify"))
+        return
+    assert sorted(np.concatenate(split)) == list(range(n))
+    groups = table[list(spec.group)].astype(str).agg(", ".join, axis=1).to_numpy() if spec.group else touch
+    for names in (touch, groups):
+        sides = [set(names[side]) for side in split]
+        assert sum(map(len, sides)) == len(set.union(*sides))
+    assert set(table.label[split.train]) == set(table.label)
+
+
+@settings(max_examples=100)
+@given(TABLES, WAYS, st.integers(0, 2**31), st.sampled_from([(), ("speed",)]))
+def test_without_copies_the_split_is_that_of_trials_alone(table, way, seed, stratify):
+    spec, none = SplitSpec(seed=seed, **way), np.arange(len(table))
+    with_first = attempt(table, spec, lambda table, spec: split_conditions(table, stratify, spec, none))
+    without = attempt(table, spec, lambda table, spec: split_conditions(table, stratify, spec))
+    assert with_first[1] == without[1]
+    assert without[0] is None or all(map(np.array_equal, with_first[0], without[0]))
+
+
+@given(BALANCED, SPECS, st.integers(1, 3))
+def test_trials_saved_several_times_are_divided_as_if_saved_once(labels, spec, times):
+    once, _ = attempt(labels, spec)
+    assume(once is not None)
+    n = len(labels)
+    split = split_trials(np.tile(labels, times), spec, np.tile(np.arange(n), times))
+    for side, alone in zip(split, once, strict=True):
+        np.testing.assert_array_equal(side, np.concatenate([alone + n * copy for copy in range(times)]))
+
+
+def test_a_copy_joins_groups():
+    """Of five subjects two share a trial, so that four groups are left, and no fold parts those two."""
+    table = table_of(n_each=4)
+    first = np.arange(len(table))
+    first[table.index[table.subject == "s1"][0]] = table.index[table.subject == "s0"][0]
+    for fold in range(4):
+        split = split_conditions(table, (), SplitSpec(folds=4, fold=fold, group=("subject",)), first)
+        assert len({"s0", "s1"} & set(table.subject[split.test])) in (0, 2)
+    with pytest.raises(InputError, match=r"makes 4 group.s. where 5 .* \(of the 40 trials 1 is a copy and does"):
+        split_conditions(table, (), SplitSpec(folds=5, group=("subject",)), first)
+
+
+def test_copies_of_few_touches_are_named_as_the_reason():
+    labels, first = np.repeat(["felt", "silk"], 9), np.repeat([0, 9], 9)
+    with pytest.raises(InputError, match=r"'felt' has 1 trial, too few .* \(of the 18 trials 16 are copies and do"):
+        split_trials(labels, SplitSpec(), first)
+
+
+@pytest.mark.parametrize(
+    ("way", "complaint"),
+    [
+        (
+            {"test_where": {"day": 2}},
+            r"^split\.test_where: b\.csv is a copy of a\.csv, but only one of them has day = 2; remove the one with "
+            r"the wrong condition, or split otherwise$",
+        ),
+        ({"order": "day"}, r"^split\.order: b\.csv is a copy of a\.csv, but they have different values of 'day'; rem"),
+    ],
+)
+def test_copies_on_two_sides_of_a_condition_are_refused(way, complaint):
+    files = ["a.csv", "b.csv", *(f"{at}.csv" for at in range(18))]
+    table = pd.DataFrame({"label": ["felt"] * 10 + ["silk"] * 10, "day": [1, 2] * 10, "file": files})
+    first = np.array([0, 0, *range(2, 20)])
+    with pytest.raises(InputError, match=complaint):
+        split_conditions(table, (), SplitSpec(**way), first)
+    table.loc[1, "day"] = 1
+    split = split_conditions(table, (), SplitSpec(**way), first)
+    assert len({0, 1} & set(split.train)) in (0, 2)
+
+
+def test_in_the_order_of_the_file_a_copy_counts_where_its_first_is():
+    labels = pd.DataFrame({"label": ["felt", "silk"] * 10})
+    first = np.array([*range(18), 0, 1])  # the first trials saved again at the end
+    split = split_conditions(labels, (), SplitSpec(order="trial"), first)
+    assert {0, 1, 18, 19} <= set(split.train)
+    assert set(split.test) == {16, 17}
+
+
 @pytest.mark.parametrize(
     ("way", "complaint"),
     [

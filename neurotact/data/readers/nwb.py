@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from neurotact.data.digests import DIGEST
+from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared, attribute, reading
 from neurotact.data.readers import clock, doubts, sampled
 from neurotact.data.readers.event_times import (
@@ -99,17 +99,18 @@ class NWBSpec(Spec):
 
 
 class _Trials(NamedTuple):
-    """Start and stop of each trial in s, `(trial,)`, its conditions, and digests if the file has them."""
+    """Start and stop of each trial in s, `(trial,)`, its conditions, and digests and touches if the file has them."""
 
     start_s: np.ndarray
     stop_s: np.ndarray
     conditions: pd.DataFrame
     digests: list[str]
+    touches: list[str]
 
     def chosen(self, keep: np.ndarray) -> "_Trials":
         """The trials of which `keep`, `(trial,)`, is true."""
-        digests = [digest for digest, kept in zip(self.digests, keep, strict=False) if kept]
-        return _Trials(self.start_s[keep], self.stop_s[keep], self.conditions[keep].reset_index(drop=True), digests)
+        told = ([name for name, kept in zip(each, keep, strict=False) if kept] for each in (self.digests, self.touches))
+        return _Trials(self.start_s[keep], self.stop_s[keep], self.conditions[keep].reset_index(drop=True), *told)
 
 
 def read(
@@ -166,7 +167,7 @@ def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
     if found.pop(LABEL, None) is not None:
         log.warning("%s: not used, since --label names another: the column %s", path, LABEL)
     conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **found})
-    digests = declared.texts(f"{place}/{DIGEST}") if declared.holds(f"{place}/{DIGEST}") else []
+    told = (declared.texts(f"{place}/{key}") if declared.holds(f"{place}/{key}") else [] for key in (DIGEST, TOUCH))
     choice = choice.with_label(spec.label)
     keep = choice.keeps(conditions, str(path))
     if choice:
@@ -178,7 +179,8 @@ def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
             f"{path}: trial {at} lasts from {start_s[at]:g} s to {stop_s[at]:g} s; correct it, or leave it out with "
             "--leave-out"
         )
-    return _Trials(start_s, stop_s, conditions, digests if len(digests) == len(start_s) else []).chosen(keep)
+    names = (each if len(each) == len(start_s) else [] for each in told)
+    return _Trials(start_s, stop_s, conditions, *names).chosen(keep)
 
 
 # --- spikes -----------------------------------------------------------------------------------------
@@ -228,9 +230,9 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
         len(afferents),
     )
     say_merged(found, 1 / rate_Hz, str(path), accept=spec.merge_events)
-    digests = trials.digests or [""] * len(found.trials)
+    told = (names or [""] * len(found.trials) for names in (trials.digests, trials.touches))
     return from_trials(
-        (each._replace(digest=digest) for each, digest in zip(found.trials, digests, strict=True)),
+        (each._replace(digest=digest, touch=touch) for each, digest, touch in zip(found.trials, *told, strict=True)),
         rate_Hz,
         afferents,
         trials.conditions,

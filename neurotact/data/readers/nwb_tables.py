@@ -6,12 +6,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from neurotact.data.digests import DIGEST
+from neurotact.data.digests import DIGEST, TOUCH
 from neurotact.data.hdf5_input import Declared
 from neurotact.errors import InputError
 from neurotact.files import check_size
 
-KEPT = ("id", "start_time", "stop_time", "timeseries", "tags", DIGEST)
+KEPT = ("id", "start_time", "stop_time", "timeseries", "tags", DIGEST, TOUCH)
 """Columns of trials that are not conditions."""
 ELECTRODES = "general/extracellular_ephys/electrodes"
 ELECTRODE_NAMES = ("label", "channel_name")

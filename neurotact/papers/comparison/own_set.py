@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from neurotact.data import hdf5
+from neurotact.data import doubtful, hdf5
 from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
+from neurotact.data.copies import Copies, copies_of
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, class_names
 from neurotact.data.splits import SplitSpec
@@ -40,6 +41,7 @@ class Touches(NamedTuple):
     """The content of a file: recordings, or events if `unit` is None.
 
     steps, clock_Hz: length of each trial, `(trial,)`, and steps per second, as the windows are cut.
+    copies: among the trials.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Touches(NamedTuple):
     clock_Hz: float
     conditions: pd.DataFrame
     content: str
+    copies: Copies
 
 
 def own(path: Path, given: Mapping[str, Any]) -> Own:
@@ -82,6 +85,7 @@ def own(path: Path, given: Mapping[str, Any]) -> Own:
     if others.get(SEED) == AUTO:
         others[SEED], note = suited.seeds(len(touches.conditions))
         notes.append(note)
+    notes += doubtful.of_copies(touches.conditions, touches.copies)
     _check(touches, build(SetSpec, table, source=str(path)), others.get(SEED))
     by = {"data.split": "groups"} if group else {}
     changes = {"sweep.data.set": [touches.name], "data.sets": {touches.name: table}, **by, **others}
@@ -129,8 +133,9 @@ def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:
         with hdf5.open_recordings(path) as every:
             stored = chosen_trials(every, choice, str(path))
             unit, conditions, content = stored.unit, stored.conditions, content_digest(stored)
+            copies = copies_of(stored)
         steps = np.round(recorded.timing.durations_s * clock_Hz).astype(np.int64)
-        return Touches("recordings", unit, recorded, steps, clock_Hz, conditions, content)
+        return Touches("recordings", unit, recorded, steps, clock_Hz, conditions, content, copies)
     trains = chosen_trials(hdf5.load_spikes(path), choice, str(path))
     if trains.encoder:
         raise InputError(
@@ -139,7 +144,7 @@ def _look(path: Path, clock_Hz: float, choice: TrialChoice) -> Touches:
         )
     recorded = Recorded(timing_of(trains), trains.sampling_rate_Hz)
     return Touches("events", None, recorded, trains.trial_steps, trains.sampling_rate_Hz, trains.conditions,
-                   content_digest(trains))  # fmt: skip
+                   content_digest(trains), copies_of(trains))  # fmt: skip
 
 
 def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
@@ -158,4 +163,4 @@ def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
         conditions = conditions.assign(group=touches.conditions[list(chosen.group)].astype(str).agg(", ".join, axis=1))
     for seed in seeds if isinstance(seeds, list) else []:
         if isinstance(seed, int) and seed >= 0:  # other values raise an error with the sweep
-            sides(conditions, "groups" if chosen.group else "trials", seed)
+            sides(conditions, "groups" if chosen.group else "trials", seed, touches.copies.first)

@@ -9,6 +9,7 @@ from pydantic import model_validator
 
 from neurotact.data import hdf5
 from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.copies import copies_of
 from neurotact.data.digests import content_digest
 from neurotact.data.recordings import LABEL, Recordings
 from neurotact.data.sources import expand, reader, simulator
@@ -183,18 +184,29 @@ def bench_of(data: WaysData, network: RSNNSpec, seed: int, arrays: Arrays) -> Be
     chosen = data.chosen
     rate_Hz = float(arrays["sampling_rate_Hz"])
     conditions = pd.DataFrame({LABEL: arrays["labels"]})
-    split = sides(conditions.assign(group=arrays["groups"]) if data.split == "groups" else conditions, data.split, seed)
+    is_events = "afferents" in arrays
+    touches = (
+        _trains_of(arrays, rate_Hz, conditions)
+        if is_events
+        else Recordings(_signals_of(arrays), rate_Hz, chosen.unit, conditions, _names(arrays, "channels"), data.set)
+    )
+    copies = copies_of(touches)
+    grouped = conditions.assign(group=arrays["groups"]) if data.split == "groups" else conditions
+    split = sides(grouped, data.split, seed, copies.first)
     seeds = (2 * seed, 2 * seed + 1)
-    if "afferents" in arrays:
-        return Bench(_trains_of(arrays, rate_Hz, conditions), None, split, chosen.window, network, seeds)
-    touches = Recordings(_signals_of(arrays), rate_Hz, chosen.unit, conditions, _names(arrays, "channels"), data.set)
-    encoder = _calibrated(touches.select(split.train), chosen, step_ms(data, arrays))
+    if isinstance(touches, SpikeTrains):
+        return Bench(touches, None, split, chosen.window, network, seeds)
+    encoder = _calibrated(touches.select(copies.distinct(split.train)), chosen, step_ms(data, arrays))
     return Bench(touches, encoder, split, chosen.window, network, seeds)
 
 
-def sides(conditions: pd.DataFrame, by: Literal["trials", "groups"], seed: int) -> Split:
-    """The split of a seed. conditions: with the column `label` and, for a split by groups, the column `group`."""
-    return split_conditions(conditions, (), SplitSpec(seed=2 * seed, group=("group",) if by == "groups" else ()))
+def sides(conditions: pd.DataFrame, by: Literal["trials", "groups"], seed: int, first: np.ndarray) -> Split:
+    """The split of a seed. conditions: with the column `label` and, for a split by groups, the column `group`.
+
+    first: of `data.copies.Copies`.
+    """
+    how = SplitSpec(seed=2 * seed, group=("group",) if by == "groups" else ())
+    return split_conditions(conditions, (), how, first)
 
 
 def _trains_of(arrays: Arrays, rate_Hz: float, conditions: pd.DataFrame) -> SpikeTrains:

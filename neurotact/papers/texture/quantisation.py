@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from pydantic import Field
 
 from neurotact.data.recordings import LABEL, Recordings
-from neurotact.data.splits import SplitSpec, split_conditions
+from neurotact.data.splits import SplitSpec, split_touches
 from neurotact.data.windows import WindowSpec
 from neurotact.deploy import fine_tuning, formats, integer
 from neurotact.deploy.chain import Chain, chain_of
@@ -137,7 +137,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     conditions = pd.DataFrame({LABEL: arrays["labels"]})
     skin = Recordings(arrays["signals"], float(arrays["sampling_rate_Hz"]), "mV", conditions, source="gratings")
     task = Task(window=parameters.data.window, split=SplitSpec(seed=parameters.seed))
-    split = split_conditions(conditions, (), task.split)
+    split = split_touches(skin, (), task.split)
     trains = encode_recordings(skin, _encoder(parameters, skin.select(split.train)))
     seeds = (2 * parameters.seed, 2 * parameters.seed + 1)
     done, sides = fitting.fit(trains, parameters.network, task, seeds)

@@ -1,0 +1,97 @@
+"""What is doubtful about the trials of a file: copies of one touch, and classes that may be one. One line each."""
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.copies import Copies, copies_of, name_of
+from neurotact.data.recordings import LABEL, Recordings, Trials, class_names
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError, some
+
+NAMED = 3
+"""Copies that a line names; the others are counted."""
+
+NEARLY = " (with another rounding, rate, length, offset or order of taxels)"
+TOGETHER = "a split keeps copies together and counts them once"
+
+log = logging.getLogger("neurotact")
+
+
+def check(touches: Recordings | SpikeTrains, source: str) -> None:
+    """Warn of everything doubtful about trials that are to be saved; InputError for copies with two classes.
+
+    source: begins the lines.
+    """
+    found = copies_of(touches)
+    if refused := next(_of_other_class(touches.conditions, found), None):
+        raise InputError(f"{source}: {refused}")
+    for line in (*of_copies(touches.conditions, found), *of_classes(class_names(touches.conditions))):
+        log.warning("%s: %s", source, line)
+
+
+def warn(touches: Recordings | SpikeTrains) -> None:
+    """Warn of everything doubtful about the data of a protocol that has its own split."""
+    for line in lines(touches, "the split of this protocol may part them"):
+        log.warning("%s: %s", touches.source or "data", line)
+
+
+def lines(touches: Trials | SpikeTrains, fate: str = TOGETHER) -> list[str]:
+    """Everything doubtful about recordings or spike trains; fate: what becomes of copies."""
+    conditions, found = touches.conditions, copies_of(touches)
+    classes = of_classes(class_names(conditions))
+    return [*_of_other_class(conditions, found), *of_copies(conditions, found, fate), *classes]
+
+
+def of_copies(conditions: pd.DataFrame, found: Copies, fate: str = TOGETHER) -> Iterator[str]:
+    """The number of copies, with some names.
+
+    >>> table = pd.DataFrame({"label": list("aaab"), "file": ["1.csv", "2.csv", "1_copy.csv", "3.csv"]})
+    >>> print(*of_copies(table, Copies(np.array([0, 1, 0, 3]), np.array([0, 1, 0, 3]))))
+    1 of 4 trials is a copy of another one: 1_copy.csv of 1.csv; a split keeps copies together and counts them once
+    """
+    kinds = (
+        ("is a copy of another one", "are copies of others"),
+        (f"is a near copy of another one{NEARLY}", f"are near copies of others{NEARLY}"),
+    )
+    for is_near, (one, many) in enumerate(kinds):
+        copies = [trial for trial in found.trials.tolist() if found.is_near[trial] == is_near]
+        if copies:
+            names = some([_named(conditions, trial, int(found.first[trial])) for trial in copies], NAMED)
+            yield f"{len(copies)} of {len(conditions)} trials {one if len(copies) == 1 else many}: {names}; {fate}"
+
+
+def _named(conditions: pd.DataFrame, copy: int, copied: int) -> str:
+    label, other = (str(conditions[LABEL].iloc[trial]) for trial in (copy, copied))
+    classes = "" if label == other else f" (class '{label}', not '{other}')"
+    return f"{name_of(conditions, copy)} of {name_of(conditions, copied)}{classes}"
+
+
+def of_classes(classes: tuple[str, ...]) -> Iterator[str]:
+    """Classes whose names differ only in case or blanks.
+
+    >>> list(of_classes(("Wood", "WOOD", "felt", "wood ")))
+    ["the classes 'Wood', 'WOOD', 'wood ' differ only in case or blanks; if they are one class, give it one name"]
+    """
+    alike: dict[str, list[str]] = {}
+    for name in classes:
+        alike.setdefault("".join(name.split()).casefold(), []).append(name)
+    for names in alike.values():
+        if len(names) > 1:
+            yield (
+                f"the classes {some([f'{name!r}' for name in names])} differ only in case or blanks; if they are one "
+                "class, give it one name"
+            )
+
+
+def _of_other_class(conditions: pd.DataFrame, found: Copies) -> Iterator[str]:
+    """The copies, near copies left out, with another class than the first, in one line."""
+    labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
+    copies = np.flatnonzero(labels != labels[found.equal])
+    if len(copies):
+        both = int(copies[0]), int(found.equal[copies[0]])
+        named = (f"{name_of(conditions, trial)} of class '{labels[trial]}'" for trial in both)
+        more = f" ({len(copies)} such trials)" if len(copies) > 1 else ""
+        yield f"{' is a copy of '.join(named)}{more}; keep the one with the right class and remove the other"
