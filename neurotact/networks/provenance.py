@@ -1,20 +1,22 @@
 """What a network was trained on: the encoder of its spikes, and the content of the trials on each side of the split.
 
 Trials are identified by the digest of the recording. It stays the same if a recording is encoded again, saved in
-another file, or moved within a file.
+another file, or moved within a file. A recording with another digest, such as a copy at another rate, is identified by
+its spikes if they are equal and many.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import ValidationError
 
+from neurotact.data.copies import are_telling
 from neurotact.data.digests import spike_digests
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.encoders.specs import MODELS
-from neurotact.metrics.synops import TEST, UNSEEN
+from neurotact.metrics.synops import UNSEEN
 from neurotact.spec import Spec
 
 
@@ -51,21 +53,32 @@ class Provenance(Spec):
 
         If the content of a trial was on several sides, the most seen one counts: training, then validation.
         """
-        digests, known = self._comparable(trains)
-        side_of = {digest: side for side in reversed(SIDES) for digest in known[side]}
-        return np.array([side_of.get(digest, UNSEEN) for digest in digests])
+        if not self._is_recorded(trains):
+            return self._sides_of("spikes", spike_digests(trains))
+        sides = self.sides_of_recorded(trains.trial_digests)
+        unknown = np.flatnonzero(sides == UNSEEN)
+        unknown = unknown[are_telling(trains, unknown)]
+        if len(unknown):
+            sides[unknown] = self._sides_of("spikes", spike_digests(trains.select(unknown)))
+        return sides
+
+    def sides_of_recorded(self, digests: Iterable[str]) -> np.ndarray:
+        """The side that each recording was on, by its digest (`data.digests`)."""
+        return self._sides_of("recorded", digests)
 
     def tested(self, trains: SpikeTrains) -> np.ndarray:
         """The trials with content that was on the test side, ascending; it may have been on another side too."""
-        digests, known = self._comparable(trains)
-        return np.flatnonzero(np.isin(digests, known[TEST]))
+        if self._is_recorded(trains):
+            return np.flatnonzero(np.isin(trains.trial_digests, self.trials.test.recorded))
+        return np.flatnonzero(np.isin(spike_digests(trains), self.trials.test.spikes))
 
-    def _comparable(self, trains: SpikeTrains) -> tuple[tuple[str, ...], dict[str, tuple[str, ...]]]:
-        """The digests of trials and of each side, of the same kind: of recordings if both have them, else of spikes."""
-        is_recorded = bool(trains.trial_digests and self.trials.training.recorded)
-        kind = "recorded" if is_recorded else "spikes"
-        digests = trains.trial_digests if is_recorded else spike_digests(trains)
-        return digests, {side: getattr(getattr(self.trials, side), kind) for side in SIDES}
+    def _is_recorded(self, trains: SpikeTrains) -> bool:
+        """Whether the digests of the recordings are known of both."""
+        return bool(trains.trial_digests and self.trials.training.recorded)
+
+    def _sides_of(self, kind: Literal["recorded", "spikes"], digests: Iterable[str]) -> np.ndarray:
+        side_of = {digest: side for side in reversed(SIDES) for digest in getattr(getattr(self.trials, side), kind)}
+        return np.array([side_of.get(digest, UNSEEN) for digest in digests], object)
 
 
 def provenance_of(trains: SpikeTrains, split: Split) -> Provenance:

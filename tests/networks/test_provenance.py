@@ -90,6 +90,28 @@ def test_files_with_and_without_digests_of_recordings_are_told_by_what_both_know
     assert found.tolist() == ["training"] * 3 + ["validation", "test", "test", "unseen"]
 
 
+def test_a_copy_that_was_rounded_is_known_by_its_spikes():
+    """Its digest is another; a new recording of the same touch with a little noise is not known."""
+    rng = np.random.default_rng(0)
+    signals = [30 * rng.standard_normal((400, 4)).cumsum(axis=0) for _ in range(7)]
+    recordings = Recordings(signals, 1000.0, "mV", pd.DataFrame({"label": [*"abababa"]}))
+    trains = trains_of(recordings, **{"sa1.gain": 1.0})
+    known = provenance_of(trains, SPLIT)
+    expected = ["training"] * 3 + ["validation", "test", "test", "unseen"]
+    rounded = trains_of(replace(recordings, signals=[signal.round(4) for signal in signals]), **{"sa1.gain": 1.0})
+    assert not set(rounded.trial_digests) & set(trains.trial_digests)
+    assert known.sides(rounded).tolist() == expected
+    noisy = [signal + 3 * rng.standard_normal(signal.shape) for signal in signals]
+    assert set(known.sides(trains_of(replace(recordings, signals=noisy), **{"sa1.gain": 1.0}))) == {"unseen"}
+
+
+def test_silent_trials_of_other_recordings_are_not_known():
+    silent = [replace(touch(), signals=[0 * signal + level for signal in touch().signals]) for level in (0.0, 1e-3)]
+    first, other = (trains_of(each) for each in silent)
+    assert not any(map(len, first.steps + other.steps))
+    assert set(provenance_of(first, SPLIT).sides(other)) == {"unseen"}
+
+
 def test_provenance_comes_back_equal_from_json():
     known = provenance_of(trains_of(), SPLIT)
     again = Provenance.model_validate(json.loads(json.dumps(known.model_dump(mode="json"))))
