@@ -27,6 +27,8 @@ from neurotact.cli.deploy import (
     Zero,
 )
 from neurotact.cli.options import RunFolder, SetOption
+from neurotact.data import hdf5
+from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
 from neurotact.data.sources import simulator
 from neurotact.deploy.chain import Chain, chain_of
@@ -36,6 +38,7 @@ from neurotact.errors import InputError
 from neurotact.live.feeds import ByHand, Device, Feed, Replay
 from neurotact.live.messages import FASTEST, SLOWEST
 from neurotact.live.session import Session
+from neurotact.metrics.synops import SIDES, UNKNOWN
 from neurotact.networks import trained
 from neurotact.progress import say
 
@@ -101,8 +104,9 @@ def live(
             stall_s=stall_s, baud=baud,
         )  # fmt: skip
     feed.unit = unit or feed.unit
+    sides = _sides(run, feed) if isinstance(feed, Replay) else []
     session = Session(
-        chain, feed, run=str(run), afferents=_afferents(run, chain, feed), save_to=save_to, hold_ms=hold_ms
+        chain, feed, run=str(run), afferents=_afferents(run, chain, feed), sides=sides, save_to=save_to, hold_ms=hold_ms
     )
     served = server.Server(session, port)
     session.on_end = lambda: _ended(session, served.stop)
@@ -123,6 +127,19 @@ def _ended(session: Session, stop: Callable[[], None]) -> None:
         stop()
     elif session.failure is not None:
         say(session.failure)
+
+
+def _sides(run: Path, feed: Replay) -> list[str]:
+    """The side of the network's split that each trial was on, as for `neurotact infer`; says how many on each."""
+    known = trained.recall(trained.restore(run))
+    with hdf5.open_recordings(feed.name) as stored:
+        sides = [UNKNOWN] * len(stored)
+        if known is not None and known.trials.training.recorded:
+            digests = (recorded_digest(stored, trial) for trial in range(len(stored)))
+            sides = known.sides_of_recorded(digests).tolist()
+    counts = ", ".join(f"{sides.count(side)} {side}" for side in SIDES if side in sides)
+    say(f"{feed.name}: {counts} trials of the network; the page shows the accuracy of each apart")
+    return sides
 
 
 def _afferents(run: Path, chain: Chain, feed: Feed) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Cost and accuracy of the decided windows: in all, and before and after a change."""
+"""Cost and accuracy of the decided windows: on each side of the network's split, and before and after a change."""
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Sequence
@@ -9,10 +9,13 @@ import numpy as np
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.stream_state import Decision
 from neurotact.metrics import synops
+from neurotact.metrics.synops import TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION
 from neurotact.networks.ledger import SOPS, encoding_cost, network_cost
 
 MOST_WINDOWS = 1_000
 """Default number of windows to compare before and after a change."""
+SEEN = (TRAINING, VALIDATION, UNKNOWN)
+LEAST_SEEN_FIRST = (UNSEEN, TEST, VALIDATION, TRAINING, UNKNOWN)
 RECENT = 200
 """Number of past decisions shown to a page that opens later."""
 ONE_CHANGE_S = 2.0
@@ -25,6 +28,7 @@ class Scored(NamedTuple):
     number: of the decision. truth: index of the true class; None if it is unknown, or changed within the window.
     version: of the settings for the whole window; None if they changed within it.
     nJ: an estimate of the arithmetic, encoding and network together (`networks.ledger`).
+    side: the side of the network's split that had the trial (`metrics.synops.SIDES`).
     """
 
     number: int
@@ -32,13 +36,19 @@ class Scored(NamedTuple):
     truth: int | None
     version: int | None
     nJ: float
+    side: str = UNSEEN
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether the trial was used to train the network or to choose its exit, or may have been."""
+        return self.side in SEEN
 
     def row(self) -> list[Any]:
         """The decision in the page's format."""
         d = self.decision
         return [
             self.number, d.window, d.time_s, d.index, d.ms, d.steps, d.input_spikes, d.hidden_spikes, d.sops,
-            self.nJ, int(d.heard), d.held, -1 if self.truth is None else self.truth, d.start_step,
+            self.nJ, int(d.heard), d.held, -1 if self.truth is None else self.truth, d.start_step, self.side,
         ]  # fmt: skip
 
 
@@ -55,20 +65,29 @@ def cost_nJ(chain: Chain, decision: Decision) -> float:  # noqa: N802
 
 
 def summary(rows: Sequence[Scored]) -> dict[str, Any] | None:
-    """Means over windows, and the accuracy over those of known class; None without windows."""
+    """Means over windows, and the accuracy over those of known class; None without windows.
+
+    accuracy: over touches that the network had not seen; accuracy_seen: over the others.
+    """
     if not rows:
         return None
     known = [row for row in rows if row.truth is not None]
+    new, seen = ([row for row in known if row.is_seen == is_seen] for is_seen in (False, True))
     means = {
         key: float(np.mean([getattr(row.decision, key) for row in rows])) for key in ("ms", "sops", "hidden_spikes")
     }
     return {
         "windows": len(rows),
-        "accuracy": sum(row.truth == row.decision.index for row in known) / len(known) if known else None,
+        "accuracy": _accuracy(new),
+        "accuracy_seen": _accuracy(seen),
         "spikes": float(np.mean([row.decision.input_spikes for row in rows])),
         "nJ": float(np.mean([row.nJ for row in rows])),
         **means,
     }
+
+
+def _accuracy(rows: Sequence[Scored]) -> float | None:
+    return sum(row.truth == row.decision.index for row in rows) / len(rows) if rows else None
 
 
 class Scores:
@@ -76,13 +95,14 @@ class Scores:
 
     classes: of the network. A window counts for a class only if that was the same throughout it; the same holds for
     settings. A change of either therefore contains the number of the first window with the new value.
+    of_side: for each side, windows by true and chosen class, `(class, class)`; `confusion` is their sum.
     """
 
     def __init__(self, classes: Sequence[str]) -> None:
         self.classes = tuple(classes)
         self.compared = 20
         self._label: str | None = None
-        self._label_from = 0
+        self._label_from, self._side = 0, UNSEEN
         self._version, self._version_from = 0, 0
         self._number = 0
         self._changed_at_s: float | None = None
@@ -93,13 +113,26 @@ class Scores:
 
     def clear(self) -> None:
         """Reset the counts, except those before and after a change."""
-        self.confusion = np.zeros((len(self.classes), len(self.classes)), np.int64)
+        self.of_side: dict[str, np.ndarray] = {}
         self.recent: deque[Scored] = deque(maxlen=RECENT)
         self.sums: defaultdict[str, float] = defaultdict(float)
 
-    def label(self, label: str | None, from_window: int) -> None:
-        """Set the touched class; windows from that number on belong to it entirely."""
-        self._label, self._label_from = label, from_window
+    @property
+    def confusion(self) -> np.ndarray:
+        """Windows by true and chosen class, on all sides, `(class, class)`."""
+        return sum(self.of_side.values(), np.zeros((len(self.classes), len(self.classes)), np.int64))
+
+    def sides(self) -> list[dict[str, Any]]:
+        """The sides with windows of known class, the least seen first: their windows, correct ones and confusion."""
+        return [
+            {"side": side, "labelled": int(matrix.sum()), "right": int(matrix.trace()), "confusion": matrix.tolist()}
+            for side in LEAST_SEEN_FIRST
+            if (matrix := self.of_side.get(side)) is not None
+        ]
+
+    def label(self, label: str | None, from_window: int, side: str = UNSEEN) -> None:
+        """Set the touched class and the side of its trial; windows from that number on belong to it entirely."""
+        self._label, self._label_from, self._side = label, from_window, side
 
     def change(self, changes: dict[str, tuple[Any, Any]], from_window: int, now_s: float) -> None:
         """Record changed settings, old and new value of each; windows from that number on use the new ones.
@@ -124,13 +157,14 @@ class Scores:
         is_labelled = self._label in self.classes and decision.window >= self._label_from
         truth = self.classes.index(str(self._label)) if is_labelled else None
         version = self._version if decision.window >= self._version_from else None
-        scored = Scored(self._number, decision, truth, version, cost_nJ(chain, decision))
+        scored = Scored(self._number, decision, truth, version, cost_nJ(chain, decision), self._side)
         self._number += 1
         self.recent.append(scored)
         if version is not None:
             self._after.append(scored)
         if truth is not None:
-            self.confusion[truth, decision.index] += 1
+            n = len(self.classes)
+            self.of_side.setdefault(self._side, np.zeros((n, n), np.int64))[truth, decision.index] += 1
         one = {
             "decisions": 1, "ms": decision.ms, "nJ": scored.nJ, "sops": decision.sops, "hidden": decision.hidden_spikes,
             "sent": decision.input_spikes, "labelled": truth is not None, "right": truth == decision.index,

@@ -7,7 +7,7 @@ between two samples.
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from queue import Empty, Full, Queue
 from threading import Event
@@ -29,6 +29,7 @@ from neurotact.live import messages
 from neurotact.live.feeds import TICK_S, ByHand, Feed, Replay
 from neurotact.live.frames import Audience, FrameBuilder, Mailbox
 from neurotact.live.scores import Scored, Scores
+from neurotact.metrics.synops import UNSEEN
 from neurotact.networks.early_exit import ExitRule
 from neurotact.spec import build, override, to_toml
 
@@ -45,6 +46,7 @@ class Session:
     """One chain, one feed and any number of pages.
 
     run: the name that the page shows. afferents: their names; the first word of each is its population.
+    sides: of the network's split, that each trial of the feed's file was on; without them no trial was seen.
     save_to: the folder for saved encoders; None: saving is off.
     waits: whether the feed starts with the first page; a device does not wait.
     on_end: called by the thread when the feed has ended or failed; `failure` and `fault` hold the reason.
@@ -58,6 +60,7 @@ class Session:
         *,
         run: str,
         afferents: tuple[str, ...],
+        sides: Sequence[str] = (),
         save_to: Path | None = None,
         hold_ms: float = 5.0,
         backend: Backend = "auto",
@@ -68,6 +71,7 @@ class Session:
                 "taxels that the network was trained on"
             )
         self.feed, self.run_name, self.afferents, self.save_to = feed, run, afferents, save_to
+        self._sides, self._side = sides, UNSEEN
         self._frames = FrameBuilder(chain.sampling_rate_Hz, chain.n_taxels)
         self.stream = Stream(chain, unit=feed.unit, hold_ms=hold_ms, backend=backend, watch=self._watch)
         self._start = self._settings()
@@ -166,9 +170,10 @@ class Session:
 
     def take(self, arrived: Arrived) -> list[Scored]:
         """Push a piece into the stream, and count its decisions."""
-        if self.feed.label != self._label:
-            self._label = self.feed.label
-            self.scores.label(self._label, self._n_windows())
+        side = self._sides[arrived.trial] if self._sides and arrived.trial is not None else self._side
+        if (self.feed.label, side) != (self._label, self._side):
+            self._label, self._side = self.feed.label, side
+            self.scores.label(self._label, self._n_windows(), side)
             self._mark(f"touch: {self._label or 'unknown'}")
         if arrived.samples is not None:
             tally = self.stream.tally
@@ -352,6 +357,7 @@ class Session:
             "confusion": self.scores.confusion.tolist(),
             "labelled": sums["labelled"],
             "right": sums["right"],
+            "sides": self.scores.sides(),
             "label": feed.label,
             "note": feed.note,
             "speed": feed.speed if isinstance(feed, (ByHand, Replay)) else None,

@@ -14,6 +14,10 @@ from made_chains import make_run, make_signal, told
 import neurotact as nt
 import neurotact.live
 from neurotact import cli
+from neurotact.cli import live as cli_live
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.live.feeds import Replay
+from neurotact.networks import trained
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +111,23 @@ def test_a_visit_to_recordings(made, tmp_path):
     assert state["labelled"] == len(expected)
     assert sum(map(sum, state["confusion"])) == len(expected)
     assert f"{12 * 130} samples, {len(expected)} decisions; " in said
+    assert "skin.h5: 8 training, 2 validation, 2 test trials of the network; the page shows" in said
+    assert [one["side"] for one in state["sides"]] == ["test", "validation", "training"]
+    assert sum(one["labelled"] for one in state["sides"]) == len(expected)
+
+
+def test_trials_are_known_by_their_content_as_infer_knows_them(made, tmp_path, capsys):
+    """In another file, in another order and beside new trials, each trial has the side that `infer` gives it."""
+    skin = nt.load(made / "skin.h5")
+    signals = [*skin.signals[::-1], make_signal(130, seed=99)]
+    labels = [*skin.conditions["label"][::-1], "felt"]
+    other = nt.Recordings(signals, 1000.0, "mV", labels, channels=("left", "right"))
+    nt.save(other, tmp_path / "renamed.h5")
+    sides = cli_live._sides(made / "run", Replay(str(tmp_path / "renamed.h5"), 1.0, loops=False))
+    trains = nt.encode(other, AfferentSpec.model_validate(trained.restore(made / "run").encoder))
+    assert sides == nt.infer(made / "run", trains).groupby("trial")["side"].first().tolist()
+    assert sides[-1] == "unseen"
+    assert "8 training, 2 validation, 2 test, 1 unseen trials" in capsys.readouterr().err
 
 
 def test_a_visit_to_standard_input(made):

@@ -114,6 +114,59 @@ def test_a_window_counts_for_settings_and_classes_that_held_all_through_it():
     assert session.scores.sums["right"] == np.trace(confusion)
 
 
+SIDES = ["training", "test", "unseen", "validation", "unknown"]
+
+
+def test_windows_of_each_side_are_counted_apart():
+    """A trial's windows count on the side that the trial was on in training, even if the class stays the same."""
+    chain, signal = make_chain({}), make_signal(120)
+    feed = Given([signal])
+    session = session_of(chain, feed, sides=SIDES)
+    found = []
+    for trial in range(5):
+        feed.label = "01"[trial == 4]
+        found.append([*session.take(Arrived(signal[:80], trial=trial)), *session.take(Arrived())])
+        found[-1] += session.take(Arrived(signal[80:], end=True, trial=trial))
+    assert [{scored.side for scored in windows} for windows in found] == [{side} for side in SIDES]
+    state = session.state()
+    assert [one["side"] for one in state["sides"]] == ["unseen", "test", "validation", "training", "unknown"]
+    for one in state["sides"]:
+        windows = found[SIDES.index(one["side"])]
+        right = sum(scored.decision.index == scored.truth for scored in windows)
+        assert (one["labelled"], one["right"]) == (len(windows), right)
+        assert (np.sum(one["confusion"]), np.trace(one["confusion"])) == (len(windows), right)
+    assert np.sum([one["confusion"] for one in state["sides"]], axis=0).tolist() == state["confusion"]
+    assert [row[-1] for row in (scored.row() for windows in found for scored in windows)] == [
+        scored.side for windows in found for scored in windows
+    ]
+
+
+def test_accuracy_before_and_after_a_change_is_that_of_touches_not_seen_in_training():
+    chain, signal = make_chain({}), make_signal(200)
+    feed = Given([signal])
+    session = session_of(chain, feed, sides=SIDES)
+    scored = []
+    for trial, label in enumerate("01010"):
+        feed.label = label
+        scored += session.take(Arrived(signal, end=True, trial=trial))
+    found = summary(scored)
+    shares = {True: [], False: []}
+    for one in scored:
+        shares[one.side in ("training", "validation", "unknown")].append(one.truth == one.decision.index)
+    assert len(shares[True]) + len(shares[False]) == len(scored)
+    assert (found["accuracy"], found["accuracy_seen"]) == (np.mean(shares[False]), np.mean(shares[True]))
+    assert summary([one for one in scored if one.side == "training"])["accuracy"] is None
+    session.do(messages.Do(kind="clear"))
+    assert session.state()["sides"] == []
+
+
+def test_without_known_sides_every_touch_is_unseen():
+    session = session_of(make_chain({}), Given([make_signal(80)]))
+    session.feed.label = "0"
+    session.take(Arrived(make_signal(80), trial=3))
+    assert [one["side"] for one in session.state()["sides"]] == ["unseen"]
+
+
 def test_only_the_last_windows_are_compared():
     chain = make_chain({})
     session = session_of(chain)
