@@ -16,6 +16,8 @@ from torch.nn import functional
 
 from neurotact.baselines.targets import encode, indices_of
 from neurotact.checks import at_least, fraction, further_examples, one_of, training_examples
+from neurotact.data.copies import equal_examples
+from neurotact.data.splits import hold_out
 from neurotact.errors import InputError
 
 Activation = Literal["sigmoid", "relu"]
@@ -167,7 +169,7 @@ def _check_parameters(network: SLFNClassifier) -> None:
 
 
 def _split_off(X: np.ndarray, indices: np.ndarray, share: float, rng: np.random.RandomState) -> list[np.ndarray]:
-    """`X, X_held, indices, held`, at least one example of each class on either side."""
+    """`X, X_held, indices, held`, at least one example of each class on either side, and equal examples on one."""
     n_classes = indices.max() + 1
     n_held = max(n_classes, round(share * len(X)))
     if np.bincount(indices).min() < 2 or len(X) - n_held < n_classes:
@@ -175,7 +177,11 @@ def _split_off(X: np.ndarray, indices: np.ndarray, share: float, rng: np.random.
             f"y: {len(X)} examples of {n_classes} classes are too few to split off validation examples "
             "(n_samples=1 of a class is never enough); give more, or give fit a validation set"
         )
-    return train_test_split(X, indices, test_size=n_held, stratify=indices, random_state=rng)
+    first = equal_examples(X, indices)
+    if (first == np.arange(len(X))).all():
+        return train_test_split(X, indices, test_size=n_held, stratify=indices, random_state=rng)
+    held = np.isin(np.arange(len(X)), hold_out(indices, share, rng, first))
+    return [X[~held], X[held], indices[~held], indices[held]]
 
 
 def _start(problem: _Problem, hidden: int) -> list[Tensor]:

@@ -10,12 +10,12 @@ import pandas as pd
 import torch
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, ClassifierMixin
-from sklearn.model_selection import train_test_split
 from sklearn.utils.validation import check_is_fitted
 
 from neurotact.checks import class_labels, fraction, one_of, sequences, trial_labels
+from neurotact.data.copies import equal_examples, joined
 from neurotact.data.recordings import check_sampling_rate
-from neurotact.data.splits import hold_out_groups
+from neurotact.data.splits import hold_out, hold_out_groups
 from neurotact.errors import InputError
 from neurotact.metrics import synops
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
@@ -131,7 +131,8 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
             raise InputError(f"y: holds one class, '{classes[0]}', where a classifier needs two; add another class")
         weights_seed, order_seed, split_seed = self._seeds()
         if validation is None:
-            inside, held = self._hold_out(classes[indices], groups, split_seed)
+            first = equal_examples(spikes, indices)
+            inside, held = self._hold_out(classes[indices], groups, split_seed, first)
             train_side = _examples(spikes[inside], indices[inside])
             validation_side = _examples(spikes[held], indices[held])
         else:
@@ -260,20 +261,26 @@ class SpikingClassifier(ClassifierMixin, BaseEstimator):
             )
         return first, first + 1, first
 
-    def _hold_out(self, y: np.ndarray, groups: ArrayLike | None, seed: int) -> tuple[np.ndarray, np.ndarray]:
-        share = self.validation_fraction
-        if groups is not None:
-            held = hold_out_groups(y, trial_labels(groups, len(y), "groups"), share, seed)
-            return np.setdiff1d(np.arange(len(y)), held), held
-        _, counts = np.unique(y, return_counts=True)
-        n_classes = len(counts)
-        n_held = max(n_classes, round(share * len(y)))
-        if counts.min() < 2 or n_held > len(y) - n_classes:
-            raise InputError(
-                "y: a class has too few windows to hold one out for validation; add windows or pass validation=(X, y)"
-            )
-        inside, held = train_test_split(np.arange(len(y)), test_size=n_held, stratify=y, random_state=seed)
-        return np.sort(inside), np.sort(held)
+    def _hold_out(
+        self, y: np.ndarray, groups: ArrayLike | None, seed: int, first: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The windows to train on and those for validation; first: the first window that each one equals."""
+        share, first = self.validation_fraction, np.arange(len(y)) if first is None else first
+        if groups is None:
+            try:
+                held = hold_out(y, share, seed, first)
+            except InputError as error:
+                raise InputError(
+                    "y: a class has too few windows to hold one out for validation; add windows or pass "
+                    "validation=(X, y)"
+                ) from error
+        else:
+            trials = trial_labels(groups, len(y), "groups")
+            try:
+                held = hold_out_groups(y, trials[joined(trials, first)], share, seed)
+            except InputError:  # trials of equal windows: patterns that repeat, no copies
+                held = hold_out_groups(y, trials, share, seed)
+        return np.setdiff1d(np.arange(len(y)), held), held
 
 
 def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
