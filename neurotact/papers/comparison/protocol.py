@@ -13,6 +13,7 @@ import pandas as pd
 from pydantic import Field
 
 from neurotact.baselines.families import accuracy, best_of
+from neurotact.data.copies import equal_examples, joined
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import LEDGER_COLUMNS, Cost, cost
@@ -77,7 +78,8 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict]:
     if SKIPPED in arrays:
         return [{**head, **skipped_row(arrays, ("accuracy_validation", "accuracy_test", "chance", *LEDGER_COLUMNS))}]
     task = task_of(arrays)
-    split = split_groups(task.labels, task.groups, parameters.seed)
+    groups = task.groups[joined(task.groups, equal_examples(task.sequences))]
+    split = split_groups(task.labels, groups, parameters.seed)
     majority = np.unique(task.labels[split.train], return_counts=True)
     shared = {
         "examples": len(task.labels),

@@ -12,6 +12,7 @@ import pandas as pd
 from pydantic import Field
 
 from neurotact.data.conditioning import ema, ema_coefficient
+from neurotact.data.copies import equal_examples, joined
 from neurotact.data.readers import pvdf_hardness as cubes
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import expand
@@ -117,18 +118,23 @@ def load(data: HardnessData) -> Arrays:
     }
 
 
-def splits_of(labels: np.ndarray, sequence: np.ndarray, rule: Rule, n_splits: int, seed: int) -> list[Split]:
+def splits_of(
+    labels: np.ndarray, sequence: np.ndarray, rule: Rule, n_splits: int, seed: int, first: np.ndarray | None = None
+) -> list[Split]:
     """Splits of presses, the same for every chain.
 
     By trial: at random, balanced over cubes. By sequence: each sequence is the test side once, and the others are
-    divided at random into training and validation, by trial.
+    divided at random into training and validation, by trial. first: the first press that each one equals; copies are
+    on one side.
     """
+    first = np.arange(len(labels)) if first is None else first
     if rule == "by trial":
-        return [split_trials(labels, SplitSpec(seed=2 * (seed * n_splits + i))) for i in range(n_splits)]
-    found = []
+        return [split_trials(labels, SplitSpec(seed=2 * (seed * n_splits + i)), first) for i in range(n_splits)]
+    found, sequence = [], sequence[first]
     for at, held in enumerate(np.unique(sequence)):
         rest = np.flatnonzero(sequence != held)
-        inner = split_trials(labels[rest], SplitSpec(seed=2 * (seed * 100 + at), validation=0.1, test=0.1))
+        shares = SplitSpec(seed=2 * (seed * 100 + at), validation=0.1, test=0.1)
+        inner = split_trials(labels[rest], shares, joined(first[rest]))
         sides = np.concatenate([inner.train, inner.test]), inner.validation
         found.append(Split(np.sort(rest[sides[0]]), rest[sides[1]], np.flatnonzero(sequence == held)))
     return found
@@ -156,7 +162,8 @@ def task(data: HardnessData) -> TaskData:
 
 
 def _splits(parameters: Parameters, arrays: Arrays) -> list[Split]:
-    return splits_of(arrays["labels"], arrays["sequence"], parameters.protocol, parameters.splits, parameters.seed)
+    given = arrays["labels"], arrays["sequence"], parameters.protocol, parameters.splits, parameters.seed
+    return splits_of(*given, equal_examples(arrays["presses"]))
 
 
 def _signal_ms(arrays: Arrays) -> float:

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
+from neurotact.data import doubtful
 from neurotact.data.hdf5 import load_recordings
 from neurotact.data.onset import ActivityBand, cut_from_onset, find_activity
 from neurotact.errors import InputError
@@ -79,6 +80,7 @@ def _portions(data: TouchData) -> Iterator[tuple[np.ndarray, pd.DataFrame, float
     recordings = load_recordings(data.recordings).to_unit("V")
     if recordings.n_channels != TAXELS:
         raise InputError(f"{data.recordings}: has {recordings.n_channels} channels where the 4 x 4 array has 16")
+    doubtful.warn(recordings)  # the published folds are in the order of the files
     yield np.asarray(recordings.signals), recordings.conditions, recordings.sampling_rate_Hz
 
 
