@@ -228,7 +228,7 @@ def test_a_check_names_what_stands_in_the_way(run, neurotact):
 def test_the_recordings_must_be_those_of_the_run(run, tmp_path):
     other = Recordings(np.zeros((3, 9, 2)), 1000.0, "mV", pd.DataFrame({"label": ["a", "b", "a"]}))
     hdf5.save_recordings(other, tmp_path / "other.h5")
-    with pytest.raises(nt.InputError, match="does not hold the recordings that .* was encoded from"):
+    with pytest.raises(nt.InputError, match=r"does not hold the recordings that .* was encoded from"):
         nt.export_c(run / "run", tmp_path / "c", recordings=tmp_path / "other.h5")
 
 
