@@ -115,7 +115,7 @@ def _first_difference(names: tuple[str, ...]) -> str:
 
 def _check_regular(time_ms: np.ndarray, lines: np.ndarray, path: Path) -> None:
     if len(time_ms) < 2:
-        raise InputError(f"{path}: holds a single time, and a sampling rate needs two; drop the file")
+        raise InputError(f"{path}: holds a single time, and a sampling rate needs two; restore the published file")
     steps = np.diff(time_ms)
     usual = np.median(steps[steps > 0]) if (steps > 0).any() else 0.0
     irregular = np.flatnonzero((steps <= 0.5 * usual) | (steps >= 1.5 * usual))
@@ -123,7 +123,7 @@ def _check_regular(time_ms: np.ndarray, lines: np.ndarray, path: Path) -> None:
         i = irregular[0]
         raise InputError(
             f"{path}: line {lines[i + 1]} comes {steps[i]:g} ms after the line before it where {usual:g} ms is "
-            "usual; rows are missing or out of order, so restore or drop the file"
+            "usual; rows are missing or out of order, so restore the published file"
         )
 
 

@@ -206,16 +206,15 @@ def _head(above: Sequence[_Line], usual: UsualRow) -> _Head:
 
 
 def _named_by(lines: Sequence[_Line], usual: UsualRow, *, by_blanks: bool) -> _Head:
-    last = usual.names_in(lines[-1].text, by_blanks=by_blanks) if lines else ()
-    if not last:
-        return _Head(others=tuple(lines))
-    are_units = len(lines) > 1 and bool(usual.units_in(lines[-1].text))
-    above = usual.names_in(lines[-2].text, by_blanks=by_blanks) if are_units else ()
+    units = usual.units_in(lines[-1].text) if len(lines) > 1 else ()
+    above = usual.names_in(lines[-2].text, by_blanks=by_blanks) if units else ()
     if not above:
-        return _Head(last, others=tuple(lines[:-1]))
-    is_grouped = len(set(above)) < len(above)  # pandas' names on two levels
-    names = tuple(f"{group} {name}".strip() for group, name in zip(above, last, strict=True)) if is_grouped else above
-    return _Head(names, () if is_grouped else last, tuple(lines[:-2]))
+        last = usual.names_in(lines[-1].text, by_blanks=by_blanks) if lines else ()
+        return _Head(last, others=tuple(lines[:-1] if last else lines))
+    if len(set(above)) == len(above):
+        return _Head(above, units, tuple(lines[:-2]))
+    names = (f"{group} {name}".strip() for group, name in zip(above, units, strict=False))  # pandas' two levels
+    return _Head(tuple(names), others=tuple(lines[:-2]))
 
 
 def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, path: Path) -> None:

@@ -21,9 +21,8 @@ from neurotact.data.readers.table_trials import (
     chosen_by,
     clock_of,
     find_trials,
-    numbers,
 )
-from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, TextTable, called, columns_of, values_of
+from neurotact.data.readers.tables import DECIMAL_COMMA, NUMBER, TextTable, called, columns_of, finite_called, values_of
 from neurotact.data.recordings import LABEL, Recordings, check_import
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.errors import InputError, nearest, some
@@ -74,12 +73,13 @@ def read(
         its_unit = asked.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
         asked = asked.model_copy(update={"time_unit": its_unit})
     columns = _without_others(columns, table, roles)
-    clock = clock_of(columns, roles, asked, path)
+    clock = clock_of(columns, roles, asked, table)
     trials = find_trials(columns, roles, clock, asked, sampling_rate_Hz, path)
     _check_time(trials, asked, clock, path)
-    taxels, conditions = _parted(columns, roles, trials, path)
+    taxels, conditions = _parted(columns, roles, trials, table)
+    trial_of = _cut(columns, roles._replace(taxels=taxels), trials, clock, asked, table)
     read = sampled.recordings(
-        [*_cut(columns, roles._replace(taxels=taxels), trials, clock, asked, path)], conditions, sampling_rate_Hz, unit,
+        [*trial_of], conditions, sampling_rate_Hz, unit,
         max_gap_ms=asked.max_gap_ms, drop_repeats=asked.drop_repeats, source=f"table {path.name}", where=str(path),
     )  # fmt: skip
     choice = asked.choice.with_label(roles.label).beyond(chosen_by(trials.conditions, asked))
@@ -115,18 +115,17 @@ def _without_others(columns: dict[str, np.ndarray], table: TextTable, roles: Rol
 
 
 def _cut(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, asked: TableSpec, path: Path
+    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, clock: Clock, asked: TableSpec, table: TextTable
 ) -> Iterator[Read]:
     """The samples and the stamps of each trial."""
-    signal = np.stack([numbers(columns[name], name, path, roles.first_line) for name in roles.taxels], axis=1).astype(
-        np.float32
-    )
+    taxels = [finite_called(table, name, columns) for name in roles.taxels]
+    signal = np.stack(taxels, axis=1).astype(np.float32)
     for begin, end, name in zip(trials.begin, trials.end, trials.names, strict=True):
         its_time = None if clock.time is None else clock.time[begin:end]
         if its_time is not None and asked.time_column is None:
-            check_rises(its_time, roles.time or "", path)
-        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + roles.first_line, clock.unit)
-        yield Read(f"{path}, {name}", name, its)
+            check_rises(its_time, roles.time or "", table.path)
+        its = Table(roles.taxels, signal[begin:end], its_time, int(begin) + table.first_line, clock.unit)
+        yield Read(f"{table.path}, {name}", name, its)
 
 
 def _roles(names: list[str], first: Sequence[str], asked: TableSpec, *, find_time: bool, path: Path) -> Roles:
@@ -167,9 +166,10 @@ def _with_taxels(
 
 
 def _parted(
-    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, path: Path
+    columns: Mapping[str, np.ndarray], roles: Roles, trials: Trials, table: TextTable
 ) -> tuple[tuple[str, ...], pd.DataFrame]:
     """The names of the taxels, and the conditions of the trials; columns that are neither are named in a warning."""
+    path = table.path
     used = (roles.label, *roles.trial, roles.time, roles.rest, *roles.taxels)
     others = [name for name in columns if name not in used]
     constant = [name for name in others if trials.are_constant(columns[name])]
@@ -181,7 +181,7 @@ def _parted(
         raise InputError(f"{path}: column {commas[0]} has decimal commas; pass --decimal , or write decimal points")
     for name in [name for name in ignored if columns[name].dtype.kind == "U"]:
         if np.mean([bool(NUMBER.fullmatch(cell)) for cell in columns[name].tolist()]) > FAULTS:
-            numbers(columns[name], name, path, roles.first_line)  # says which cell is no number
+            finite_called(table, name, columns)  # says which cell is no number
     if not taxels:
         raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with --columns")
     constant = [name for name in constant if name not in trials.conditions]

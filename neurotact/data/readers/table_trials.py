@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neurotact.data.readers import annotations, split_stamps
 from neurotact.data.readers.clock import Unit, is_time_of_day, row_times, seconds_of, unit_in
-from neurotact.data.readers.tables import FLOAT32_MAX, is_number, values_of
+from neurotact.data.readers.tables import TextTable, finite_called, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.errors import InputError, some
@@ -248,38 +248,18 @@ def _chosen(trials: Trials, choice: TrialChoice, path: Path) -> Trials:
     return trials.chosen(keep)
 
 
-def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, path: Path) -> Clock:
+def clock_of(columns: Mapping[str, np.ndarray], roles: Roles, asked: TableSpec, table: TextTable) -> Clock:
     """The column of time stamps: finite numbers, or times of day in seconds."""
     if roles.time is None:
         return Clock(None, None)
     values = columns[roles.time]
     is_of_day = values.dtype.kind == "U" and is_time_of_day(str(values[0]))
     if is_of_day:
-        time = seconds_of(values.tolist(), str(path), roles.time, roles.first_line, asked.time_unit)
+        time = seconds_of(values.tolist(), str(table.path), roles.time, table.first_line, asked.time_unit)
     else:
-        time = numbers(values, roles.time, path, roles.first_line)
+        time = finite_called(table, roles.time, columns)
     if roles.rest is not None:
-        rest = numbers(columns[roles.rest], roles.rest, path, roles.first_line)
-        time = split_stamps.joined(time, rest, roles.rest, str(path), roles.first_line, asked.time_unit)
+        rest = finite_called(table, roles.rest, columns)
+        time = split_stamps.joined(time, rest, roles.rest, str(table.path), table.first_line, asked.time_unit)
     in_seconds = is_of_day or roles.rest is not None
     return Clock(time, "s" if in_seconds else asked.time_unit or unit_in(roles.time))
-
-
-def numbers(values: np.ndarray, name: str, path: Path, first_line: int) -> np.ndarray:
-    """A column of finite numbers; InputError with the line of the first cell that is none. first_line: of the rows."""
-    if values.dtype.kind not in "iuf":
-        at = next((row for row, cell in enumerate(values) if not is_number(cell)), None)
-        if at is not None:
-            raise InputError(
-                f"{path}: line {at + first_line}, column {name} is {values[at][:20]!r}, not a number; write a number, "
-                "or name the taxels with --columns"
-            )
-    found = values.astype(np.float64)
-    wrong = np.flatnonzero(~(np.abs(found) <= FLOAT32_MAX))
-    if len(wrong):
-        line = wrong[0] + first_line
-        raise InputError(
-            f"{path}: line {line}, column {name} is {found[wrong[0]]}; repair the gap, or name other taxels with "
-            "--columns"
-        )
-    return found

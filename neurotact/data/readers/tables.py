@@ -4,7 +4,7 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -281,12 +281,17 @@ def finite(table: TextTable, place: int, values: np.ndarray) -> np.ndarray:
         wrong = np.flatnonzero(~(np.abs(found) <= FLOAT32_MAX))
         row = int(wrong[0]) if len(wrong) else None
     else:
-        found = np.empty(0)
-        row = next(i for i, cell in enumerate(values.tolist()) if not _is_finite(cell, table.decimal))
+        row = next((i for i, cell in enumerate(values.tolist()) if not _is_finite(cell, table.decimal)), None)
+        found = np.array([_with_point(cell, table.decimal) for cell in values.tolist()] if row is None else [], float)
     if row is None:
         return found
     line, its_cells = next(islice(table.rows(), row, None))
     raise InputError(f"{table.path}: line {line}{_fault(table, place, its_cells[place])}")
+
+
+def finite_called(table: TextTable, name: str, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """As `finite`, of the column with this name."""
+    return finite(table, table.names.index(name), columns[name])
 
 
 def _is_finite(cell: str, decimal: Decimal) -> bool:

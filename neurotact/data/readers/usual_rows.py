@@ -65,10 +65,14 @@ class UsualRow(NamedTuple):
 
         Words between blanks are units only if they are known ones or in brackets, as prose has blanks too.
         """
-        row = tuple(without_end(cells(line, self.separator)))
+        row = tuple(self._cut(cells(line, self.separator)))
         is_sure = self.separator != BLANKS and self.n_columns > 1
         are_units = is_sure or all(not cell or is_unit(cell) for cell in row)
         return row if self._fits(row) and are_units and not any(map(is_sample, row)) else ()
+
+    def _cut(self, row: Sequence[str]) -> Sequence[str]:
+        """As many cells as there are columns, if no other one is filled."""
+        return row if any(row[self.n_columns :]) else row[: self.n_columns]
 
     def _fits(self, row: Sequence[str]) -> bool:
         return any(row) and len(row) in (self.n_columns, len(self.cells))

@@ -91,6 +91,7 @@ SAID: dict[str, tuple[str | bytes, str]] = {
         "t,left,right\nms,mV,mV\n" + rows(table=TOUCH.assign(t=TOUCH.t * 1e3)),
         "the line of units is no sample (ms, mV, mV)",
     ),
+    "units of some columns": ("t;left;right\ns;;\n" + rows(";"), "the line of units is no sample (s)"),
     "units in brackets": (
         "t;left;right\n[s];[N];[N]\n" + rows(";"), "the line of units is no sample ([s], [N], [N])",
     ),
