@@ -503,3 +503,59 @@ def test_in_a_browser_the_address_holds_what_is_chosen(chromium, written):
     assert set(chromium.evaluate(shown)) == {"v1 mix"}
     assert "A: 1&5 ms, N = 20" in chromium.evaluate("document.getElementById('compared').textContent")
     assert_quiet(chromium, written)
+
+
+HOSTILE = (
+    "<img src=x onerror=hacked=1>", "</script><script>hacked=1</script>", '"><svg onload=hacked=1>',
+    '<a href="javascript:hacked=1">felt</a>',
+)  # fmt: skip
+"""Names that a page takes for markup if it forgets to escape them; figures know some markup, too."""
+
+
+@pytest.mark.slow
+def test_in_a_browser_names_are_text_and_nothing_of_them_runs(chromium, tmp_path):
+    subsets = {name: {} for name in HOSTILE}
+    dataset = {**GRATINGS, "subsets": subsets}
+    sweep = {
+        "dataset": [*HOSTILE],
+        "encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [10, 10]],
+        "network.hidden": [20, 30],
+        "seed": [0],
+    }
+    what = make_study(title=HOSTILE[0], about=HOSTILE[1], notes=HOSTILE, dataset=dataset, sweep=sweep, claims=())
+    conditions = grating_conditions(pitches_mm=(4.0, 2.0, 1.0, 0.5))
+    conditions["label"] = conditions["label"].map(dict(zip(conditions["label"].unique(), HOSTILE, strict=True)))
+    make_run(what, tmp_path, conditions)
+    page = networks.write(what, tmp_path)
+    chromium.open(page, 1400)
+    chromium.wait_for(DRAWN)
+    for name in HOSTILE:  # each is shown, in the list and in the figure
+        chromium.evaluate(
+            "(() => { for (const list of document.querySelectorAll('select')) for (const one of list.options)"
+            f" if (one.textContent.trim() === {json.dumps(name)}) {{ list.value = one.value;"
+            " list.dispatchEvent(new Event('change', { bubbles: true })); } })()"
+        )
+        chromium.wait_for(DRAWN)
+        assert chromium.evaluate("typeof hacked") == "undefined"
+    for index in range(4):
+        chromium.evaluate(f"document.querySelectorAll('#networks tbody tr')[{index}].click()")
+    heads = chromium.evaluate("[...document.querySelectorAll('#cell-confusion th')].map((cell) => cell.textContent)")
+    assert set(HOSTILE) <= {head.strip() for head in heads}
+    assert (
+        chromium.evaluate(
+            "document.querySelectorAll('img[src=x], [onerror], [onload], [href^=\"javascript:\"]').length"
+        )
+        == 0
+    )
+    assert chromium.evaluate("[...document.scripts].filter((one) => one.textContent.startsWith('hacked')).length") == 0
+    assert chromium.evaluate("[...document.querySelectorAll('a')].every((one) => !String(one.getAttributeNS("
+                             "'http://www.w3.org/1999/xlink', 'href')).startsWith('javascript'))")  # fmt: skip
+    assert chromium.evaluate("typeof hacked") == "undefined"
+    assert_quiet_of(chromium, page)
+
+
+def assert_quiet_of(chromium, page: Path) -> None:
+    """As `assert_quiet`, for a browser that showed other pages before."""
+    assert chromium.complaints == []
+    last = max(place for place, url in enumerate(chromium.requests) if url == page.as_uri())
+    assert not [url for url in chromium.requests[last + 1 :] if not url.startswith(("data:", "blob:"))]
