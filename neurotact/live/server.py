@@ -2,7 +2,8 @@
 
 Only two addresses answer, `/TOKEN/` and `/TOKEN/stream` (a websocket). A request that names another host is refused
 (against DNS rebinding), and so is one from another origin. Messages are bounded in size and rate; invalid ones are
-dropped and counted, and a page that sends too many is disconnected.
+dropped and counted, and a page that sends too many is disconnected. Idle and slow connections are closed
+(`connections.py`).
 """
 
 import asyncio
@@ -27,6 +28,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from neurotact.errors import InputError
 from neurotact.live import messages
+from neurotact.live.connections import HttpConnection, PageConnection
 from neurotact.live.frames import Mailbox
 from neurotact.live.session import Session
 
@@ -194,7 +196,8 @@ class Server:
         self.address = f"http://{HOST}:{self.port}/{self.token}/"
         app: Any = application(session, Gate(self.token, self.port))
         self._uvicorn = uvicorn.Server(uvicorn.Config(
-            app, log_config=None, log_level=logging.CRITICAL, access_log=False, lifespan="off", ws="websockets-sansio",
+            app, log_config=None, log_level=logging.CRITICAL, access_log=False, lifespan="off",
+            http=HttpConnection, ws=PageConnection,
             ws_max_size=messages.LONGEST, ws_per_message_deflate=False, ws_ping_interval=PING_S, ws_ping_timeout=PING_S,
             h11_max_incomplete_event_size=16_384, limit_concurrency=4 * MOST_PAGES, timeout_keep_alive=5,
             timeout_graceful_shutdown=1, server_header=False, proxy_headers=False,

@@ -5,6 +5,7 @@ import json
 import socket
 import struct
 import time
+from contextlib import suppress
 from threading import Thread
 
 import numpy as np
@@ -14,6 +15,7 @@ from made_chains import make_chain, make_signal, offline
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from neurotact.errors import InputError
+from neurotact.live import connections
 from neurotact.live import server as servers
 from neurotact.live import session as sessions
 from neurotact.live.server import Allowance, Server, content_policy, page
@@ -184,6 +186,102 @@ def test_what_cannot_be_done_is_answered_and_changes_nothing(up, message, why):
         assert up.session._settings() == before
 
 
+# --- who stays -----------------------------------------------------------------------------------------
+
+
+def opened(server: Server, *said: bytes) -> list[socket.socket]:
+    """Connections that have sent something, and nothing more."""
+    found = []
+    for text in said:
+        found.append(socket.create_connection(("127.0.0.1", server.port), timeout=30))
+        found[-1].sendall(text)
+    return found
+
+
+def is_closed(connection: socket.socket) -> bool:
+    """Whether the server closes a connection before it says a word."""
+    try:
+        return connection.recv(1) == b""
+    except ConnectionError:
+        return True
+
+
+@pytest.mark.parametrize("said", [b"", b"GET /", b"POST / HTTP/1.1\r\nHost: a\r\nContent-Length: 9\r\n"])
+def test_a_browser_comes_in_whatever_a_hundred_others_hold_open(up, said):
+    idle = opened(up, *[said] * 100)
+    assert get(up, f"/{up.token}/").status == 200
+    with page_of(up) as me:
+        me.until(has_ended)
+        more = opened(up, *[said] * 60)  # the page stays
+        me.ask(kind="compare", windows=7)
+        me.until(lambda me: me.state["compared"]["windows"] == 7)
+    assert len(up._uvicorn.server_state.connections) <= connections.MOST_IDLE + 2
+    assert all(map(is_closed, idle))
+    for each in (*idle, *more):
+        each.close()
+
+
+@pytest.mark.parametrize("said", [b"", b"GET /a HTTP/1.1\r\nHost: a\r\n", b"GET /a/ HTTP/1.1\r\nHost: a\r\n\r\nGET /a"])
+def test_a_connection_that_never_ends_its_request_is_closed(monkeypatch, said):
+    monkeypatch.setattr(connections, "ANSWERED_S", 0.5)
+    with serving(session_of(make_chain({}, patience=5))) as up:
+        (slow,) = opened(up, said)
+        began = time.monotonic()
+        slow.settimeout(0.1)
+        is_over = False
+        while not is_over:  # byte by byte
+            assert time.monotonic() - began < 30
+            try:
+                slow.sendall(b"a")
+                is_over = slow.recv(4096) == b""
+            except TimeoutError:
+                pass
+            except ConnectionError:
+                is_over = True
+        slow.close()
+        with page_of(up) as me:  # a page is no such connection
+            time.sleep(0.7)
+            me.until(has_ended)
+            me.ask(kind="compare", windows=7)
+            me.until(lambda me: me.state["compared"]["windows"] == 7)
+
+
+def frame_of(opcode: int, size: int, *, is_last: bool = True, content: bytes = b"") -> bytes:
+    """A frame of a client, whose header may declare more than it has; the mask is zero."""
+    length = bytes([0x80 | size]) if size < 126 else bytes([0x80 | 127]) + size.to_bytes(8, "big")
+    return bytes([opcode | (0x80 if is_last else 0)]) + length + bytes(4) + content
+
+
+FLOODS = {
+    "a frame of an exabyte": frame_of(1, 2**60),
+    "a message of endless empty parts": frame_of(1, 0, is_last=False) + frame_of(0, 0, is_last=False) * 10_000,
+    "pings whose answers are not read": frame_of(9, 125, content=bytes(125)) * 100_000,
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS)
+def test_a_websocket_that_floods_is_closed_and_no_other(up, monkeypatch, flood):
+    monkeypatch.setattr(connections, "MOST_UNREAD", 1 << 16)
+    with page_of(up) as other:
+        other.until(has_ended)
+        (raw,) = opened(up, handshake_of(up))
+        with suppress(ConnectionError, TimeoutError):
+            for _ in range(20):
+                raw.sendall(FLOODS[flood])
+        other.until(lambda me: me.state["pages"] == 1)
+        other.ask(kind="compare", windows=7)
+        other.until(lambda me: me.state["compared"]["windows"] == 7)
+        raw.close()
+
+
+def handshake_of(server: Server) -> bytes:
+    return (
+        f"GET /{server.token}/stream HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
+        f"Connection: Upgrade\r\nSec-WebSocket-Key: {'a' * 22}==\r\nSec-WebSocket-Version: 13\r\n"
+        f"Origin: http://127.0.0.1:{server.port}\r\n\r\n"
+    ).encode()
+
+
 def test_a_message_that_is_too_long_ends_the_page_and_nothing_else(up):
     with page_of(up) as other, page_of(up) as me:
         me.until(lambda me: me.hello)
@@ -252,11 +350,7 @@ def test_a_page_that_vanishes_is_forgotten():
     feed = Given([*cut(signal[:2000]), None, *cut(signal[2000:])])
     with serving(session_of(chain, feed)) as server, page_of(server) as me:
         raw = socket.create_connection(("127.0.0.1", server.port))
-        raw.sendall(
-            f"GET /{server.token}/stream HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nUpgrade: websocket\r\n"
-            f"Connection: Upgrade\r\nSec-WebSocket-Key: {'a' * 22}==\r\nSec-WebSocket-Version: 13\r\n"
-            f"Origin: http://127.0.0.1:{server.port}\r\n\r\n".encode()
-        )
+        raw.sendall(handshake_of(server))
         assert b"101" in raw.recv(64)
         me.until(lambda me: me.state.get("pages") == 2)
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
