@@ -5,8 +5,8 @@ claim is judged on test trials against every opponent that validation cannot tel
 """
 
 import math
-from collections.abc import Hashable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.stats import fisher_exact
@@ -30,7 +30,7 @@ class Way(NamedTuple):
     validation: float
     error: float = 0.0
     cost: float = math.inf
-    right: Mapping[Hashable, float] | None = None
+    right: Mapping[Any, float] | None = None
 
 
 class Verdict(NamedTuple):

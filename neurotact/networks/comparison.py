@@ -80,9 +80,11 @@ def compare(right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int)
     own = by_trial(trials.test, right)
     verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
     rival = rivals[verdict.decisive]
+    low, high = wilson_interval(accuracy, n_trials)
     return Comparison(
         accuracy,
-        *wilson_interval(accuracy, n_trials),
+        low,
+        high,
         n_trials,
         1 / n_classes,
         float((sides.test.labels == commonest).double().mean()),

@@ -4,8 +4,8 @@ The referee (`metrics.referee`) chooses on validation trials and judges on test 
 in sentences. Networks are judged as they are used: with early exit where it saves something.
 """
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Literal, NamedTuple
 
 from neurotact.metrics import referee
 from neurotact.metrics.paired import Paired, compare_shares
@@ -80,7 +80,7 @@ class Baseline(NamedTuple):
     accuracy: float
     nJ: float | None
     rows: tuple[int, ...] = ()
-    right: Mapping[Hashable, float] | None = None
+    right: Mapping[Any, float] | None = None
 
     @property
     def is_of_spikes(self) -> bool:

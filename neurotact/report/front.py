@@ -1,7 +1,7 @@
 """The first screen of a report: the answer, its table and warnings, from the files of a run."""
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -404,7 +404,7 @@ def leading(baselines: Sequence[Baseline], trials: Trials) -> list[Baseline]:
     return [group[referee.best_of([one.way(trials) for one in group])] for _, group in sorted(groups.items())]
 
 
-def validated(trials: pd.DataFrame, rows: Sequence[int]) -> dict[Hashable, float] | None:
+def validated(trials: pd.DataFrame, rows: Sequence[int]) -> dict[Any, float] | None:
     """The share of correct windows of each validation trial, over the rows of a baseline; None if it is not saved."""
     if "side" not in trials:
         return None
