@@ -411,7 +411,7 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         return f"{key}: must be a table; got {first['input']!r}"
     message = first["msg"].replace("Input should be ", "must be ").replace("Value error, ", "")
     message = re.sub(
-        r"^Tuple should have at least (\d+) items? after validation, not", r"needs at least \1 values, not", message
+        r"^Tuple should have at least (\d+) item(s?) after validation, not", r"needs at least \1 value\2, not", message
     )
     message = re.sub(r"\ba valid (\w+)(, .*)?", lambda match: IN_WORDS.get(match[1], match[0]), message)
     for words, sign in (
@@ -434,11 +434,14 @@ def _meant(path: list[str], known: list[str], model: Any, inner: Mapping[str, An
     key, names = path[-1], {dotted: dotted.rpartition(".")[2] for dotted in _keys(model)}
     beside = [".".join([*path[:-1], name]) for name in known]
     others = [name for dotted, name in names.items() if dotted not in beside]
-    near = key if key in others else next((name for name in inner if name in names.values()), None)
+    if ".".join(path) in names:  # of another model in the same place
+        return nearest(key, known)
+    # The name of an unknown table may be too much: what it holds is then a key of the table around it.
+    near = key if key in others else next((name for name in inner if name in known), None)
+    if near is None and closest(key, known) is None:
+        near = next((name for name in inner if name in names.values()), None) or closest(key, others)
     if near is None:
-        near = closest(key, [*known, *others])
-        if near is None or near in known:
-            return nearest(key, known)
+        return nearest(key, known)
     quoted = [f"'{dotted}'" for dotted, name in names.items() if name == near]
     return f"did you mean {some(quoted, 3, ' or ')}?"
 

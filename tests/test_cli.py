@@ -179,9 +179,9 @@ def test_published_touches_are_imported(neurotact, tmp_path):
 
 
 def test_a_folder_is_imported(neurotact, tmp_path):
-    for label in ("felt", "silk"):
+    for label, rows in (("felt", "1,2\n3,4\n5,6\n"), ("silk", "6,1\n2,9\n0,3\n")):
         (tmp_path / "in" / label).mkdir(parents=True)
-        (tmp_path / "in" / label / "a.csv").write_text("left,right\n1,2\n3,4\n5,6\n")
+        (tmp_path / "in" / label / "a.csv").write_text(f"left,right\n{rows}")
     words = ("import", "folder", tmp_path / "in", "--sampling-rate-Hz", 3, "--unit", "V", "-o", tmp_path / "out.h5")
     code, out, _ = neurotact(*words)
     assert (code, out) == (0, f"{tmp_path}/out.h5: 2 trials of 2 classes, 2 taxels, 2.0 s at 3 Hz, in V\n")
@@ -776,7 +776,8 @@ def test_another_recording_is_unseen_and_the_sops_are_those_of_the_networks_own_
     neurotact, refused, made, tmp_path
 ):
     other = touch()
-    save_recordings(Recordings(other.signals[::-1] * 1.01, RATE_Hz, "mV", other.conditions), tmp_path / "other.h5")
+    backwards = [signal[::-1] for signal in other.signals]
+    save_recordings(Recordings(backwards, RATE_Hz, "mV", other.conditions), tmp_path / "other.h5")
     assert neurotact("encode", tmp_path / "other.h5", "-o", tmp_path / "spikes.h5")[0] == 0
     code, _, _ = neurotact("infer", made / "run", tmp_path / "spikes.h5", "-o", tmp_path / "labels.json")
     assert code == 0
@@ -850,9 +851,11 @@ def test_classes_that_the_network_does_not_know_are_refused(neurotact, refused, 
 
 
 def test_recordings_of_other_trials_are_not_drawn(refused, made, tmp_path):
-    save_recordings(touch(n_trials=4), tmp_path / "few.h5")
-    words = ("raster", made / "spikes.h5", "--recordings", tmp_path / "few.h5", "-o", tmp_path / "r.png")
-    refused(words, "few.h5: holds 4 trials but", "--recordings")
+    other = touch()
+    backwards = [signal[::-1] for signal in other.signals]
+    save_recordings(Recordings(backwards, RATE_Hz, "mV", other.conditions), tmp_path / "other.h5")
+    words = ("raster", made / "spikes.h5", "--recordings", tmp_path / "other.h5", "-o", tmp_path / "r.png")
+    refused(words, "other.h5", "does not hold the recordings")
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def resampled_p(differences: Sequence[float] | np.ndarray, n_train: int, n_test:
     differences: one per split, `(split,)`. If all are equal, 1 for zero and 0 for any other number.
 
     >>> round(resampled_p([0.1, 0.2, 0.1, 0.2], n_train=70, n_test=15), 3)
-    0.028
+    0.032
     """
     mean, error = _mean_and_error(differences, n_train, n_test)
     if error == 0:

@@ -118,7 +118,7 @@ def test_names_stand_in_the_order_of_the_columns():
         ({"sa1.grades": [2.0, 1.0]}, "must rise from each to the next"),
         ({"sa1.grades": [1.0, 1.0]}, "must rise from each to the next"),
         ({"sa1.grades": [0.0, 1.0]}, "must be > 0"),
-        ({"sa1.grades": []}, "at least 1 item"),
+        ({"sa1.grades": []}, "at least 1 value"),
         ({"sa1.grades": [0.1 * k for k in range(1, 18)]}, "at most 16 items"),
         ({"sa1.grades": [2.0]}, "change the gain"),
         ({"ra1.opposite": True}, "rise and fall drive RA-I equally"),

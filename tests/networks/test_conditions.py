@@ -113,7 +113,7 @@ def test_the_tables_of_cells_are_written_once_each_with_the_sweep(told):
     what, folder = told
     cut, curve, results = (pd.read_csv(folder / f"{name}.csv") for name in ("cut_short", "exit_curve", "results"))
     assert len(cut) == 2 * len(results)
-    assert len(curve) == 4 * len(results)
+    assert len(curve) == 6 * len(results)  # two patiences in three modes
     whole = cut[cut.cut_ms == 50.0]
     assert whole.accuracy_test.tolist() == results.accuracy_test.tolist()
     assert whole.sops_total.tolist() == pytest.approx(results.sops_total.tolist())

@@ -33,8 +33,9 @@ def finished(tmp_path_factory):
 
 def test_a_study_leaves_tables_figures_and_a_report(finished):
     results = pd.read_csv(finished / "results.csv")
-    assert list(results.columns[:16]) == [
-        "dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", "accuracy_validation", "accuracy_test",
+    assert list(results.columns[:17]) == [
+        "dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed", "accuracy_validation",
+        "exit_accuracy_validation", "accuracy_test",
         "sops_input", "sops_recurrent", "sops_readout", "sops_total", "sops_total_feedforward",
         "spikes_sa", "spikes_ra", "exit_steps", "exit_accuracy",
     ]  # fmt: skip
