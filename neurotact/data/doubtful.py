@@ -23,12 +23,14 @@ log = logging.getLogger("neurotact")
 def check(touches: Recordings | SpikeTrains, source: str) -> None:
     """Warn of everything doubtful about trials that are to be saved; InputError for copies with two classes.
 
+    Classes that all hold the same trials are no mistake in some of them: that is said, and the import goes on.
     source: begins the lines.
     """
     found = copies_of(touches)
-    if refused := next(_of_other_class(touches.conditions, found), None):
+    alike = list(_of_equal_classes(touches.conditions, found))
+    if not alike and (refused := next(_of_other_class(touches.conditions, found), None)):
         raise InputError(f"{source}: {refused}")
-    for line in (*of_copies(touches.conditions, found), *of_classes(class_names(touches.conditions))):
+    for line in (*alike, *of_copies(touches.conditions, found), *of_classes(class_names(touches.conditions))):
         log.warning("%s: %s", source, line)
 
 
@@ -84,6 +86,17 @@ def of_classes(classes: tuple[str, ...]) -> Iterator[str]:
                 f"the classes {some([f'{name!r}' for name in names])} differ only in case or blanks; if they are one "
                 "class, give it one name"
             )
+
+
+def _of_equal_classes(conditions: pd.DataFrame, found: Copies) -> Iterator[str]:
+    """A line if every class holds the same touches, sample by sample."""
+    labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
+    held = {label: frozenset(found.equal[labels == label].tolist()) for label in np.unique(labels).tolist()}
+    if len(held) > 1 and len(set(held.values())) == 1:
+        yield (
+            f"every class ({some([f'{label!r}' for label in held])}) holds the same trials, so that nothing tells the "
+            "classes apart; give each touch one class"
+        )
 
 
 def _of_other_class(conditions: pd.DataFrame, found: Copies) -> Iterator[str]:

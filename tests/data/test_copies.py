@@ -313,6 +313,14 @@ def test_a_copy_with_another_class_is_refused(kind, caplog):
     assert "trial 3 of trial 1 (class 'felt', not 'silk')" in caplog.text
 
 
+def test_classes_that_hold_the_same_trials_are_named_and_imported(caplog):
+    """Files that were made to try a format: no class is the right one."""
+    doubtful.check(recordings_of([walk(0), walk(1), walk(1), walk(0)], ["felt", "felt", "silk", "silk"]), "in/")
+    assert "in/: every class ('felt', 'silk') holds the same trials, so that nothing tells the classes" in caplog.text
+    with pytest.raises(InputError, match="is a copy of"):
+        doubtful.check(recordings_of([walk(0), walk(1), walk(1)], ["felt", "felt", "silk"]), "in/")
+
+
 def test_a_near_copy_does_not_hide_a_copy_with_another_class():
     recordings = recordings_of([walk(0), walk(0)[3:], walk(0)[3:]], ["felt", "felt", "silk"])
     with pytest.raises(InputError, match="trial 2 of class 'silk' is a copy of trial 1 of class 'felt'"):
