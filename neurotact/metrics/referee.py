@@ -80,9 +80,9 @@ def cheapest_of(ways: Sequence[Way]) -> int:
 def level_with_best(ways: Sequence[Way]) -> list[int]:
     """The indices of all ways that validation cannot tell from the best one, which is among them.
 
-    A way is told from the best if a paired test on their common validation trials gives p below `LEVEL`; if the single
-    trials are unknown, if the shares differ by more than two standard errors of a difference. One within one standard
-    error is never told apart.
+    A paired test on common validation trials tells a way from the best if its p is below `LEVEL`. Without single trials
+    the accuracies must differ by more than two standard errors of their difference. A way within one standard error of
+    the best is never told apart.
 
     >>> level_with_best([Way(0.95, 0.03), Way(0.9, 0.04), Way(0.5, 0.07)])
     [0, 1]

@@ -13,7 +13,7 @@ import pandas as pd
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines import families
-from neurotact.baselines.families import Candidate, Family, Sides, accuracy, best_of
+from neurotact.baselines.families import Candidate, Family, Sides, best_of
 from neurotact.baselines.features import averaged, band_powers, counted
 from neurotact.baselines.minirocket import KERNEL
 from neurotact.data.recordings import Recordings, select_conditions
@@ -193,14 +193,13 @@ def rows(
                 )
                 continue
             best = best_of(family, sides, 0)
-            right = {
-                side: paired.by_trial(cuts.windows.trial[selected], best.fitted.predict(x) == y)
-                for side, selected, x, y in (
-                    ("validation", cuts.sides[1], sides.validation, sides.y_validation),
-                    ("test", cuts.sides[2], sides.test, sides.y_test),
-                )
+            right = {  # predicted once: sequences take seconds
+                "validation": best.fitted.predict(sides.validation) == sides.y_validation,
+                "test": best.fitted.predict(sides.test) == sides.y_test,
             }
-            yield {**_row(one, name, best, sides), RIGHT: right}
+            trials = (cuts.windows.trial[selected] for selected in cuts.sides[1:])
+            by_trial = {side: paired.by_trial(trial, right[side]) for side, trial in zip(right, trials, strict=True)}
+            yield {**_row(one, name, best, sides, right), RIGHT: by_trial}
 
 
 def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
@@ -211,23 +210,21 @@ def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
     return Sides(*(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides))
 
 
-def _row(one: Input, name: str, best: Candidate, sides: Sides) -> dict[str, Any]:
+def _row(one: Input, name: str, best: Candidate, sides: Sides, right: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """The row of a fitted classifier; right: of validation and test, whether each window is classified correctly."""
     scaling = (Standardise(one.features.shape[1]),) if one.features.ndim == 2 else ()
     spent = one.made + cost(*scaling, *best.layers)
     ra_ms, sa_ms = one.pair if one.pair else (None, None)
-    named = {"classifier": name, "input": one.column, "t_ref_ra_ms": ra_ms, "t_ref_sa_ms": sa_ms}
-    return {**named, **measured(best, sides, spent)}
-
-
-def measured(best: Candidate, sides: Sides, spent: Cost) -> dict[str, Any]:
-    """Accuracy of a fitted classifier on each side, and the cost of a decision; spent: from the recording on."""
     return {
+        "classifier": name,
+        "input": one.column,
+        "t_ref_ra_ms": ra_ms,
+        "t_ref_sa_ms": sa_ms,
         "settings": best.settings,
         "n_train": len(sides.y_train),
         "n_validation": len(sides.y_validation),
         "n_test": len(sides.y_test),
-        "accuracy_validation": accuracy(best, sides.validation, sides.y_validation),
-        "accuracy_test": accuracy(best, sides.test, sides.y_test),
+        **{f"accuracy_{side}": float(windows.mean()) for side, windows in right.items()},
         **{name: value for name, value in spent.columns().items() if name != "sops"},
     }
 
