@@ -1,7 +1,7 @@
 """Every family of classifiers on one task: its candidates, the choice by validation, the cost of a decision.
 
-Features and sequences are standardised on training examples; sequences are first averaged to `STEPS` steps. A family
-yields its candidates from the smallest on; of candidates with equal validation accuracy, the first is chosen.
+Features and sequences are standardised on training examples; sequences are first averaged to the steps of the family. A
+family yields its candidates from the smallest on; of candidates with equal validation accuracy, the first is chosen.
 """
 
 from collections.abc import Iterator
@@ -12,7 +12,17 @@ from sklearn.neighbors import KNeighborsClassifier
 from sklearn.preprocessing import StandardScaler
 
 from neurotact.baselines.centroid_kmeans import ClassCentroidKMeans, Init
-from neurotact.baselines.families import Candidate, Family, Sides, elm, standardised, svm
+from neurotact.baselines.families import (
+    Candidate,
+    Family,
+    Sides,
+    elm,
+    extra_trees,
+    minirocket,
+    pooled_gru,
+    standardised,
+    svm,
+)
 from neurotact.baselines.features import averaged
 from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
 from neurotact.baselines.rls import RLSClassifier
@@ -21,6 +31,7 @@ from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Layer
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
+from neurotact.studies.baselines import MOST_SAMPLES, gru_steps
 from neurotact.studies.protocol import TaskData
 
 STEPS = 50
@@ -40,11 +51,15 @@ def feature_sides(task: TaskData, split: Split) -> Sides:
     return Sides(*(scaler.transform(task.features[side]) for side in split), *(task.labels[side] for side in split))
 
 
-def sequence_sides(task: TaskData, split: Split, steps: int = STEPS) -> Sides:
-    """The sequences of each side, averaged to at most `steps` steps, each channel standardised on the training side."""
+def sequence_sides(task: TaskData, split: Split, family: str = "GRU") -> Sides:
+    """The sequences of each side, averaged to the family's steps, each channel standardised on the training side."""
     sequences = np.asarray(task.sequences, float)
-    n_steps = min(steps, sequences.shape[1])
-    return standardised(averaged(sequences, n_steps), task.labels, split)
+    n_samples = sequences.shape[1]
+    own = {
+        "MiniRocket": min(MOST_SAMPLES, n_samples),
+        "pooled GRU": gru_steps(1e3 * n_samples / task.sampling_rate_Hz, n_samples),
+    }
+    return standardised(averaged(sequences, own.get(family, min(STEPS, n_samples))), task.labels, split)
 
 
 def slfn(sides: Sides, seed: int) -> Iterator[Candidate]:
@@ -106,8 +121,16 @@ def _recurrent(sides: Sides, seed: int, classifier: Any, layer: Any) -> Iterator
         yield Candidate(f"N {hidden}", fitted, layers)
 
 
-ON_FEATURES: dict[str, Family] = {"ELM": elm, "SLFN": slfn, "SVM": svm, "RLS": rls, "k-means": kmeans, "kNN": knn}
-ON_SEQUENCES: dict[str, Family] = {"LSTM": lstm, "GRU": gru}
+ON_FEATURES: dict[str, Family] = {
+    "ELM": elm,
+    "SLFN": slfn,
+    "SVM": svm,
+    "RLS": rls,
+    "k-means": kmeans,
+    "kNN": knn,
+    "extra trees": extra_trees,
+}
+ON_SEQUENCES: dict[str, Family] = {"LSTM": lstm, "GRU": gru, "MiniRocket": minirocket, "pooled GRU": pooled_gru}
 
 
 def standardising(sides: Sides) -> tuple[Layer, ...]:

@@ -23,9 +23,15 @@ from neurotact.figures.style import (
 )
 from neurotact.papers.comparison.spiking import EARLY, FAMILY
 
-FAMILIES = ("ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", FAMILY, EARLY)
-MARKS = ("o", "s", "^", "v", "P", "X", "D", "d", "*", "*")
-COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#666666", "#CC79A7", "#882255", "#E06C00", "#E06C00")
+FAMILIES = (
+    "ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "extra trees", "LSTM", "GRU", "MiniRocket", "pooled GRU",
+    FAMILY, EARLY,
+)  # fmt: skip
+MARKS = ("o", "s", "^", "v", "P", "X", "h", "D", "d", "<", ">", "*", "*")
+COLOURS = (
+    "#0072B2", "#56B4E9", "#009E73", "#7fb800", "#999999", "#666666", "#117733", "#CC79A7", "#882255", "#332288",
+    "#AA4499", "#E06C00", "#E06C00",
+)  # fmt: skip
 COLUMNS = 3
 
 

@@ -1,8 +1,9 @@
 """Accuracy and cost of every family of classifiers on every task, on the same splits.
 
-Families with two-dimensional input receive a task's features, LSTM and GRU its sequences averaged to a few steps, the
-spiking network its sequences as spikes. All use the same window of signal; only early exit decides sooner. The settings
-of each family are chosen from a small grid on validation examples.
+Families with two-dimensional input receive a task's features, LSTM and GRU its sequences averaged to a few steps, a
+GRU with pooled states those in bins of 20 ms, MiniRocket the samples, the spiking network its sequences as spikes. All
+use the same window of signal; only early exit decides sooner. The settings of each family are chosen from a small grid
+on validation examples.
 """
 
 from collections.abc import Iterator
@@ -41,7 +42,9 @@ class Parameters(Spec):
     """One cell: a family on a task."""
 
     data: TaskSpec = TaskSpec()
-    family: Literal["ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "LSTM", "GRU", "SNN"] = "ELM"
+    family: Literal[
+        "ELM", "SLFN", "SVM", "RLS", "k-means", "kNN", "extra trees", "LSTM", "GRU", "MiniRocket", "pooled GRU", "SNN"
+    ] = "ELM"
     seed: int = Field(default=0, ge=0)
     """Random seed of the split, the weights and the order of training."""
 
@@ -112,7 +115,10 @@ def _plain(task: TaskData, arrays: Arrays, parameters: Parameters, split: Any) -
         family, sides = families.ON_FEATURES[parameters.family], families.feature_sides(task, split)
         before = _as_cost(arrays["before_features"]) + cost(*families.standardising(sides))
     else:
-        family, sides = families.ON_SEQUENCES[parameters.family], families.sequence_sides(task, split)
+        family, sides = (
+            families.ON_SEQUENCES[parameters.family],
+            families.sequence_sides(task, split, parameters.family),
+        )
         before = _as_cost(arrays["before_sequences"]) + cost(*families.slowing(task.sequences.shape[1], sides))
     best = best_of(family, sides, parameters.seed)
     return {

@@ -43,13 +43,25 @@ def test_a_family_on_features_solves_an_easy_task_and_counts_its_layers(task, sp
     assert flops.cost(*best.layers).energy_estimate_nJ > 0
 
 
-@pytest.mark.parametrize("name", list(families.ON_SEQUENCES))
-def test_a_family_on_sequences_runs_and_counts_its_parameters(task, split, name, monkeypatch):
+@pytest.mark.parametrize("name", ["LSTM", "GRU"])
+def test_a_recurrent_family_runs_and_counts_its_parameters(task, split, name, monkeypatch):
     monkeypatch.setattr(families, "RECURRENT_TRAINING", {"epochs": 2, "batch": 16, "learning_rate": 0.01})
     sides = families.sequence_sides(task, split)
     assert sides.train.shape[1:] == (50, 2)
     for candidate in families.ON_SEQUENCES[name](sides, 0):
         assert flops.cost(*candidate.layers).parameters == candidate.fitted.n_parameters_
+
+
+@pytest.mark.parametrize(("name", "n_steps"), [("GRU", 50), ("pooled GRU", 10), ("MiniRocket", 200)])
+def test_a_family_on_sequences_has_steps_of_its_own(task, split, name, n_steps):
+    assert families.sequence_sides(task, split, name).train.shape[1:] == (n_steps, 2)
+
+
+@pytest.mark.parametrize("name", ["pooled GRU", "MiniRocket"])
+def test_a_strong_family_solves_an_easy_task(task, split, name):
+    sides = families.sequence_sides(task, split, name)
+    best = generic.best_of(families.ON_SEQUENCES[name], sides, 0)
+    assert generic.accuracy(best, sides.test, sides.y_test) == 1.0
 
 
 def test_standardisation_sees_training_examples_alone(task, split):
