@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import command_line
+import executors_reference
 import python_reference
 import spec_reference
 
@@ -30,6 +31,7 @@ WRITTEN: dict[str, Callable[[], str]] = {
     "reference/python": python_reference.page,
     "reference/command-line": command_line.page,
     "reference/specs": spec_reference.page,
+    "reference/executors": executors_reference.page,
 }
 """What writes the text of each page."""
 

@@ -59,7 +59,7 @@ class Conditioner:
         if how.baseline in ACAUSAL:
             raise InputError(
                 f"conditioning.baseline: '{how.baseline}' uses the whole trial, which a stream has not received yet; "
-                "encode and train with --set conditioning.baseline=start (or first, running, high-pass, none)"
+                "encode and train with conditioning.baseline start, first, running, high-pass or none"
             )
         self.how, self.rate_Hz, self.factor = how, sampling_rate_Hz, factor
         self.clock_Hz = how.resample_Hz or sampling_rate_Hz

@@ -18,6 +18,7 @@ from neurotact.deploy import integer
 from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.deploy.formats import Formats, Integrator
 from neurotact.errors import InputError
+from neurotact.networks.executors import require
 from neurotact.progress import printable
 
 MOST_STEPS, MOST_COUNT = 2**31 - 1, 2**32 - 1
@@ -73,7 +74,7 @@ def write(
 
 def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, Any]:
     """The variables of the templates."""
-    chain.require_pairs("C")
+    require("c-float" if formats is None else "c-integer", chain.subject)
     network, plan, encoder = chain.network, chain.windows, chain.encoder
     spec, conditioning = network.spec, encoder.conditioning
     n_taxels, integrator = chain.n_taxels, network.bias is not None

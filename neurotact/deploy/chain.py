@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
@@ -14,6 +13,7 @@ from neurotact.encoders.specs import MODELS, EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks import trained
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.executors import Subject, require
 from neurotact.networks.rsnn import RSNN
 from neurotact.spec import build
 
@@ -49,14 +49,10 @@ class Chain(NamedTuple):
     def n_taxels(self) -> int:
         return self.network.n_inputs // self.encoder.n_per_taxel
 
-    def require_pairs(self, what: str) -> None:
-        """InputError, with `what` in it, for an encoder with more than one SA-I and one RA-I under each taxel."""
-        n = self.encoder.n_per_taxel
-        if n != PAIR:
-            raise InputError(
-                f"encoder: {what} supports one SA-I and one RA-I under each taxel, not {n} afferents; stream it or "
-                "export it to nir, or train without sa1.grades, sa1.opposite and ra1.grades"
-            )
+    @property
+    def subject(self) -> Subject:
+        """What the table of executors judges."""
+        return Subject(self.encoder, self.network, self.rule)
 
 
 def chain_of(
@@ -89,16 +85,14 @@ def chain_of(
         trained_window = restored.task.window
         for key in settings:
             settings[key] = getattr(trained_window, key) if settings[key] is None else settings[key]
+    require("stream", Subject(encoder, network, rule))
     encoder = _checked(encoder, network)
     _check_range(encoder, network.sampling_rate_Hz)
     clock_Hz = network.sampling_rate_Hz
     windows = WindowPlan.of(clock_Hz, contact=contact, quiet_ms=quiet_ms, **settings)
     rate_Hz = _input_rate(encoder, clock_Hz, sampling_rate_Hz)
     classes = classes or tuple(str(index) for index in range(network.n_classes))
-    network = network.cpu()
-    if network.w_in.dtype != torch.float32:
-        raise InputError("network: a chain is deployed in float32; train it in float32")
-    return Chain(encoder, network, rule, classes, windows, rate_Hz)
+    return Chain(encoder, network.cpu(), rule, classes, windows, rate_Hz)
 
 
 def build_encoder(restored: trained.Restored, source: str | Path) -> EncoderSpec:
@@ -111,11 +105,7 @@ def build_encoder(restored: trained.Restored, source: str | Path) -> EncoderSpec
 
 
 def _checked(encoder: EncoderSpec, network: RSNN) -> AfferentSpec:
-    if not isinstance(encoder, AfferentSpec):
-        raise InputError(
-            f"encoder: a chain is deployed with LIF afferents, and this one is '{encoder.model}'; encode and train "
-            "with sa1-ra1-lif"
-        )
+    assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
     if network.n_inputs % encoder.n_per_taxel:
         under = "an SA-I and an RA-I" if encoder.n_per_taxel == PAIR else f"{encoder.n_per_taxel}"
         raise InputError(

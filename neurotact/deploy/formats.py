@@ -17,6 +17,7 @@ from neurotact.data.causal import Conditioner
 from neurotact.deploy.chain import Chain
 from neurotact.errors import InputError
 from neurotact.networks import reference
+from neurotact.networks.executors import Subject, require
 from neurotact.networks.rsnn import RSNN
 from neurotact.neurons import LIF, cuba_lif_start
 
@@ -232,16 +233,7 @@ def layers_of(
         layers = layers_of(network, seen, state_bits=16, **options)
         leaks = [each.rounding_leak for each in layers if isinstance(each, Layer)]
         return layers if max(leaks) <= MOST_LEAK else layers_of(network, seen, state_bits=24, **options)
-    if network.leaks:
-        raise InputError(
-            f"readout: '{network.spec.readout}' with a leak has no integer form; export it with "
-            "--variant float, or train with readout = 'integrator' and no readout_tau_ms"
-        )
-    if network.adaptation is not None:
-        raise InputError(
-            "threshold_adaptation: has no integer form; export it with --variant float, or train with "
-            "threshold_adaptation = 0"
-        )
+    require("c-integer", Subject(None, network))
     if not 2 <= weight_bits <= 8:
         raise InputError(f"weight_bits: must be from 2 to 8; got {weight_bits}")
     if not (8 <= state_bits <= 16 or state_bits == 24):
@@ -292,7 +284,7 @@ def _raw(ranges: Ranges, lsb: float | None) -> Raw:
 
 
 def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
-    chain.require_pairs("an integer chain")
+    require("c-integer", chain.subject)
     encoder, clock_Hz = chain.encoder, chain.clock_Hz
     conditioning = encoder.conditioning
     conditioner = Conditioner(chain.sampling_rate_Hz, chain.encoder.conditioning)

@@ -21,6 +21,7 @@ from torch import Tensor, nn
 
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
+from neurotact.networks.executors import Subject, require
 from neurotact.networks.kernels import Backend
 from neurotact.networks.readouts import Integration
 from neurotact.networks.rsnn import RSNN
@@ -111,14 +112,7 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     >>> readout.shape
     torch.Size([2, 10, 8])
     """
-    if network.spec.reset not in RESETS:
-        raise InputError(f"reset: snnTorch has only 'zero' and 'subtract'; got '{network.spec.reset}'")
-    if network.adaptation is not None:
-        raise InputError(
-            "threshold_adaptation: snnTorch's Synaptic has fixed thresholds; train with threshold_adaptation = 0"
-        )
-    if network.w_in.dtype != torch.float32:
-        raise InputError(f"network: snnTorch's spikes are float32; got weights of {network.w_in.dtype}")
+    require("snntorch", Subject(None, network))
     _check_decays(network.alpha, network.beta)
     factors = network.beta.detach() if network.spec.membrane == "eq4" else torch.ones_like(network.beta)
     hidden = _hidden_neurons(network, factors[0])

@@ -70,19 +70,11 @@ def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
 
 def test_a_maximum_over_time_is_refused_but_for_the_plain_form():
     net = network(readout="max")
-    with pytest.raises(InputError, match=r"NIR has no node for the 'max'.*readout = 'integrator'"):
+    with pytest.raises(InputError, match=r"readout max: NIR does not run it.*readout = 'integrator'"):
         nt.to_nir(net)
     said = note.of(nt.to_nir(net, plain=True), "graph")
     assert said is not None
     assert "with a decay of 20 ms, from the bias on, and take the largest value over time" in said.differences[-1]
-
-
-@pytest.mark.parametrize("plain", [False, True])
-def test_thresholds_that_adapt_are_refused(plain):
-    with pytest.raises(
-        InputError, match=r"threshold_adaptation: NIR has no neuron .*train with threshold_adaptation = 0"
-    ):
-        nt.to_nir(network(threshold_adaptation=0.3), plain=plain)
 
 
 def test_the_note_carries_a_margin(tmp_path):

@@ -196,7 +196,7 @@ def test_a_stream_has_no_more_windows_under_way_than_overlap():
 
 def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
     network = RSNN(4, 2, hidden=3, sampling_rate_Hz=1000.0)
-    with pytest.raises(InputError, match=r"'mean' uses the whole trial.*--set conditioning.baseline=start"):
+    with pytest.raises(InputError, match=r"a stream has not received the whole trial.*conditioning.baseline start"):
         Stream((make_encoder(baseline="mean"), network))
 
 

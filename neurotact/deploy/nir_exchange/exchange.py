@@ -18,6 +18,7 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.networks import trained
 from neurotact.networks.early_exit import FULL_WINDOW
+from neurotact.networks.executors import Subject, require
 from neurotact.networks.kernels import Backend
 from neurotact.networks.rsnn import RSNN
 
@@ -56,8 +57,8 @@ def to_nir(
         network, rule, classes = restored.network, restored.rule, restored.classes
         encoder = build_encoder(restored, source) if restored.encoder is not None else None
     encoder = None if network_only else encoder
-    if encoder is not None and not isinstance(encoder, AfferentSpec):
-        raise InputError(f"encoder: '{encoder.model}' has no NIR nodes here; export only the network (--network-only)")
+    require("nir-plain" if plain else "nir", Subject(encoder, network))
+    assert encoder is None or isinstance(encoder, AfferentSpec)  # `require` refuses the others
     exported = graph.of(
         network, encoder, rule=rule, classes=classes, dt_s=dt_s, plain=plain, lower_refractory=lower_refractory
     )
@@ -103,8 +104,8 @@ def proved(
     """
     restored = trained.restore(run, spikes=spikes)
     encoder = build_encoder(restored, run)
-    if not isinstance(encoder, AfferentSpec):
-        raise InputError(f"encoder: '{encoder.model}' cannot be compared; --prove requires LIF afferents")
+    require("nir-plain", Subject(encoder, restored.network))
+    assert isinstance(encoder, AfferentSpec)  # `require` refuses the others
     written = note.of(made, "graph")
     has_afferents = written is not None and written.encoder is not None
     recorded = export.recorded(restored, recordings)

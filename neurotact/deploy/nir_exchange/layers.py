@@ -20,7 +20,6 @@ import torch
 
 from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
 from neurotact.deploy.nir_exchange.package import nir
-from neurotact.errors import InputError
 from neurotact.networks.rsnn import RSNN
 
 Layered = tuple[dict[str, Any], Edges]
@@ -79,10 +78,6 @@ def of_network(network: RSNN, clock: Clock, *, plain: bool = False) -> Layered:
 
     plain: each layer as only CubaLIF and Linear, which snnTorch and Norse load; see `differences` for what is lost.
     """
-    if network.adaptation is not None:
-        raise InputError(
-            "threshold_adaptation: NIR has no neuron whose threshold adapts; train with threshold_adaptation = 0"
-        )
     hidden, n_hidden = Neuron.of(network, 0, plain=plain), network.spec.hidden
     nodes: dict[str, Any] = {"w_in": linear(_array(network.w_in))}
     edges: Edges = []
@@ -134,11 +129,6 @@ def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
     how = network.integration
     assert network.bias is not None
     assert how is not None
-    if how.peak:
-        raise InputError(
-            "readout: NIR has no node for the 'max' of a readout over time; write it with --plain, or train with "
-            "readout = 'integrator'"
-        )
     bias = _array(network.bias)
     adder = clock.leak(how.decay, len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
     return {"sum": adder, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}

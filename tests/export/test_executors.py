@@ -1,0 +1,221 @@
+"""The table of executors holds: what it calls equal spikes as the reference does, and what it refuses is refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from compiled import chosen
+from compiled import compare as compare_in_c
+from made_chains import READOUTS, make_encoder, make_signal, offline, told
+
+import neurotact as nt
+from neurotact.data.conditioning import ConditioningSpec
+from neurotact.data.recordings import Recordings
+from neurotact.deploy import c_export, proof
+from neurotact.deploy.chain import Chain, chain_of
+from neurotact.deploy.nir_exchange import compare
+from neurotact.deploy.stream import Stream
+from neurotact.encoders import afferents
+from neurotact.encoders.afferents import AfferentSpec, AfferentType
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.specs import MODELS, load
+from neurotact.errors import InputError
+from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
+from neurotact.networks.snntorch_exchange import to_snntorch
+from neurotact.networks.specs import RSNNSpec
+
+TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0
+CONDITIONED = {
+    "moving average": {"ema_cutoff_Hz": 30.0},
+    "resampling": {"resample_Hz": RATE_Hz},
+    "baseline of the past": {"baseline": "start", "start_ms": 20.0},
+    "baseline of the whole trial": {"baseline": "mean"},
+    "standardisation": {"offset": [0.5] * TAXELS, "scale": [0.9] * TAXELS},
+    "rectification": {"rectify": True},
+}
+ENCODED = {"several afferents a taxel": {"sa1.grades": [0.5, 1.0]}}
+NETWORKS = {
+    "recurrence": {"model": "rsnn"},
+    "recurrent delay": {"recurrent_delay_steps": 1},
+    "membrane eq4": {"membrane": "eq4"},
+    "membrane delayed": {"membrane": "delayed"},
+    "membrane immediate": {"membrane": "immediate"},
+    "reset zero": {"reset": "zero"},
+    "reset subtract": {"reset": "subtract"},
+    "reset hard": {"reset": "hard"},
+    "adaptive thresholds": {"threshold_adaptation": 0.3, "tau_adaptation_ms": 12.0},
+    "learned constants": {"learn": ["alpha", "beta", "threshold"]},
+    "double precision": {},
+    "readout count": READOUTS["count"],
+    "readout integrator": READOUTS["integrator"],
+    "readout that leaks": READOUTS["leaky"],
+    "readout max": READOUTS["max"],
+}
+RULES = {
+    "exit by patience": ExitRule(5, from_first_spike=True),
+    "exit by margin": ExitRule(None, from_first_spike=True, margin=2.0),
+}
+
+
+def subject_with(feature: str) -> Subject:
+    """A small chain that has the feature, and spikes enough to decide."""
+    encoder = make_encoder(ENCODED.get(feature), **CONDITIONED.get(feature, {"baseline": "first"}))
+    models = {"Izhikevich afferents": "izhikevich", "Poisson afferents": "poisson"}
+    if feature in models:
+        encoder = load(models[feature], {"conditioning.baseline": "first"})
+    per_taxel = encoder.n_per_taxel if isinstance(encoder, AfferentSpec) else 2
+    settings = {"hidden": 6, "forward_weight_scale": 3.0, "recurrent_weight_scale": 0.4, **NETWORKS.get(feature, {})}
+    network = nt.RSNN(
+        per_taxel * TAXELS, CLASSES, sampling_rate_Hz=RATE_Hz, generator=torch.Generator().manual_seed(0),
+        dtype=torch.float64 if feature == "double precision" else torch.float32, **settings,
+    )  # fmt: skip
+    return Subject(encoder, network, RULES.get(feature, FULL_WINDOW))
+
+
+def chain_with(feature: str) -> Chain:
+    encoder, network, rule = subject_with(feature)
+    given_Hz = 400.0 if feature == "resampling" else RATE_Hz
+    return chain_of((encoder, network), sampling_rate_Hz=given_Hz, length_ms=40)._replace(rule=rule)
+
+
+def windows(n_inputs: int) -> torch.Tensor:
+    return torch.from_numpy((np.random.default_rng(0).random((4, 50, n_inputs)) < 0.3).astype(np.uint8))
+
+
+def in_native(feature: str) -> None:
+    encoder, network, rule = subject_with(feature)
+    if feature in CONDITIONED or isinstance(encoder, AfferentSpec):
+        signal = np.stack([make_signal(80, TAXELS)])
+        rasters = [
+            afferents.encode(signal, RATE_Hz, encoder, backend=backend)[0] for backend in ("native", "reference")
+        ]
+        np.testing.assert_array_equal(*rasters)
+        assert rasters[0].any()
+    found = []
+    for backend in ("native", "reference"):
+        network.backend = backend
+        found.append(network.infer(windows(network.n_inputs), rule))
+    assert found[0].hidden_spikes.sum() > 0
+    for ours, theirs in zip(found[0][:4], found[1][:4], strict=True):
+        assert torch.equal(ours, theirs)
+
+
+def in_a_stream(feature: str) -> None:
+    chain = chain_with(feature)
+    signal = make_signal(150, TAXELS)
+    for backend in ("auto", "reference"):
+        _, expected = offline(chain, signal)
+        decided = told(Stream(chain, backend=backend).decide([signal]))
+        assert expected
+        assert decided[: len(expected)] == expected
+
+
+def in_c(feature: str, tmp_path, *, integer: bool) -> None:
+    chain = chain_with(feature)
+    formats = chosen(chain, [make_signal(150, TAXELS, seed=k) for k in range(2)]) if integer else None
+    difference, expected = compare_in_c(chain, tmp_path / "c", formats, n=1, flags=("-O0",))
+    assert difference is None
+    assert expected[0].decisions
+
+
+def in_nir(feature: str) -> None:
+    encoder, network, _ = subject_with(feature)
+    graph = nt.to_nir((encoder, network), lower_refractory=True)
+    conditioned = np.stack([make_signal(80, TAXELS)])
+    raster = afferents.encode(conditioned, RATE_Hz, encoder)[0]
+    found = compare.report(network, graph, raster, conditioned=conditioned, encoder=encoder)
+    assert found["differing"].tolist() == [0] * len(found)
+
+
+def in_snntorch(feature: str) -> None:
+    network = subject_with(feature).network
+    with torch.no_grad():
+        hidden, readout = to_snntorch(network)(windows(network.n_inputs))
+        expected = network.simulate(windows(network.n_inputs))
+    assert expected.hidden.any()
+    torch.testing.assert_close(hidden, expected.hidden.float())
+    if network.integration is None:
+        torch.testing.assert_close(readout, expected.readout.float())
+
+
+def executed(executor: str, feature: str, tmp_path) -> None:
+    runs = {"native": in_native, "stream": in_a_stream, "nir": in_nir, "snntorch": in_snntorch}
+    if executor.startswith("c-"):
+        in_c(feature, tmp_path, integer=executor == "c-integer")
+    else:
+        runs[executor](feature)
+
+
+def export(executor: str, feature: str, folder) -> None:
+    encoder, network, _ = subject_with(feature)
+    if executor.startswith("nir"):
+        nt.to_nir((encoder, network), plain=executor == "nir-plain")
+    elif executor == "snntorch":
+        to_snntorch(network)
+    else:
+        chain = chain_with(feature)
+        formats = chosen(chain, [make_signal(90)]) if executor == "c-integer" else None
+        c_export.write(chain, folder, formats, name="c")
+
+
+def pairs(*, refused: bool):
+    for name, executor in EXECUTORS.items():
+        marks = [pytest.mark.slow] if name.startswith("c-") and not refused else []
+        for feature, how in FEATURES.items():
+            lacks = feature in executor.lacks
+            if lacks == refused and how.part in executor.parts and (refused or executor.is_equal):
+                yield pytest.param(name, feature, marks=marks)
+
+
+@pytest.mark.parametrize(("executor", "feature"), [p for p in pairs(refused=False) if p.values[0] != "reference"])
+def test_what_the_table_calls_equal_spikes_as_the_reference(executor, feature, tmp_path):
+    if executor in ("c-float", "c-integer") and proof.missing("cc"):
+        pytest.skip(proof.missing("cc"))
+    if executor == "nir":
+        pytest.importorskip("nir")
+    executed(executor, feature, tmp_path)
+
+
+@pytest.mark.parametrize(("executor", "feature"), list(pairs(refused=True)))
+def test_what_the_table_refuses_is_refused_with_its_reason(executor, feature, tmp_path):
+    if executor == "native":  # nothing chooses a backend for these models
+        encoder = subject_with(feature).encoder
+        assert encoder is not None
+        assert "backend" not in MODELS[encoder.model].encode.__annotations__
+        return
+    encoder, network, rule = subject_with(feature)
+    reason = EXECUTORS[executor].lacks[feature]
+    with pytest.raises(InputError) as refused:
+        require(executor, Subject(encoder, network, rule))
+    assert reason in str(refused.value)
+    assert FEATURES[feature].instead in str(refused.value)
+    with pytest.raises(InputError, match=feature):
+        export(executor, feature, tmp_path)
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_a_feature_is_seen_where_it_is_and_the_reference_runs_it(feature):
+    subject = subject_with(feature)
+    assert FEATURES[feature].present(subject)
+    encoder, network, rule = subject
+    signal = Recordings([make_signal(80, TAXELS)], RATE_Hz, "mV", pd.DataFrame({"label": ["a"]}))
+    trains = encode_recordings(replace(signal, unit=encoder.unit), encoder)
+    assert trains.trial_steps[0] > 0
+    network.backend = "reference"
+    assert len(network.infer(windows(network.n_inputs), rule).labels) == 4
+
+
+def test_every_key_of_a_spec_is_in_the_table():
+    """A new key is a feature, or a size, a constant or a way of training."""
+    known = SETTINGS.union(*(feature.keys for feature in FEATURES.values()))
+    for spec in (RSNNSpec, AfferentSpec, AfferentType, ConditioningSpec):
+        assert set(spec.model_fields) <= known, spec.__name__
+
+
+def test_what_an_executor_lacks_is_a_feature_of_a_part_that_it_runs():
+    for name, executor in EXECUTORS.items():
+        for feature in executor.lacks:
+            assert FEATURES[feature].part in executor.parts, (name, feature)
