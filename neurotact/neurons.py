@@ -6,7 +6,7 @@ current-based LIF neurons stepped on torch tensors. Texture paper, Eqs. 1, 4, 5 
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, get_args
 
@@ -228,9 +228,9 @@ class Adaptation(NamedTuple):
     tensor([1.5000])
     """
 
-    strength: float
+    strength: Decay
     """k, in units of the threshold's own; above 0."""
-    decay: float
+    decay: Decay
     """rho = exp(-dt / tau_adaptation)."""
 
     def after(self, state: CubaLIFState) -> Tensor:
@@ -276,9 +276,11 @@ class CubaLIF:
                 raise InputError(f"{key}: '{value}' is unknown; {nearest(value, get_args(known))}")
 
 
-def cuba_lif_start(n_trials: int, n_neurons: int, like: Tensor) -> CubaLIFState:
-    """The zero state, with the float type and device of `like`."""
-    zero = torch.zeros(n_trials, n_neurons, dtype=like.dtype, device=like.device)
+def cuba_lif_start(trials: int | Sequence[int], n_neurons: int, like: Tensor) -> CubaLIFState:
+    """The zero state, with the float type and device of `like`; trials: their number, or `(network, trial)`."""
+    zero = torch.zeros(
+        *([trials] if isinstance(trials, int) else trials), n_neurons, dtype=like.dtype, device=like.device
+    )
     return CubaLIFState(zero, zero, zero, zero, zero)
 
 

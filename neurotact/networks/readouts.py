@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from neurotact.neurons import Decay
+
 
 @dataclass(frozen=True)
 class Integration:
@@ -17,6 +19,7 @@ class Integration:
     window.
 
     level: b, the bias, `(class,)` float64. decay: d, the factor of y per step. peak: the maximum over time.
+    Of many networks at once, level is `(network, 1, class)` and decay, unless it is 1 for all, `(network, 1, 1)`.
 
     >>> gained = torch.tensor([[[4.0], [0.0], [1.0]]])
     >>> level = torch.tensor([0.5], dtype=torch.float64)
@@ -25,17 +28,17 @@ class Integration:
     """
 
     level: Tensor
-    decay: float = 1.0
+    decay: Decay = 1.0
     peak: bool = False
 
     @property
     def leaks(self) -> bool:
         """Whether the value depends on the times of spikes, and not only on their number."""
-        return self.decay != 1 or self.peak
+        return self.peak or isinstance(self.decay, Tensor) or self.decay != 1
 
-    def start(self, n_trials: int) -> tuple[Tensor, Tensor]:
-        """Y and the value before the first step, `(trial, class)` each."""
-        value = self.level.expand(n_trials, -1).clone()
+    def start(self, *trials: int) -> tuple[Tensor, Tensor]:
+        """Y and the value before the first step, `(trial, class)` or `(network, trial, class)` each."""
+        value = self.level.expand(*trials, self.level.shape[-1]).clone()
         return torch.zeros_like(value), value
 
     def after(self, gained: Tensor, y: Tensor, value: Tensor) -> tuple[Tensor, Tensor]:
@@ -49,16 +52,16 @@ class Integration:
 
     def over(self, gained: Tensor) -> Iterator[Tensor]:
         """The value after each step of windows `(trial, time, class)`."""
-        y, value = self.start(len(gained))
-        for each in gained.unbind(dim=1):
+        y, value = self.start(*gained.shape[:-2])
+        for each in gained.unbind(dim=-2):
             y, value = self.after(each, y, value)
             yield value
 
     def of(self, gained: Tensor) -> Tensor:
         """The value at the end of windows `(trial, time, class)`, `(trial, class)`."""
         if not self.leaks:
-            return self.level + gained.sum(dim=1)
-        value = self.start(len(gained))[1]
+            return self.level + gained.sum(dim=-2)
+        value = self.start(*gained.shape[:-2])[1]
         for value in self.over(gained):  # noqa: B007
             pass
         return value

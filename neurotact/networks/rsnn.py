@@ -170,6 +170,16 @@ class RSNN(nn.Module):
             return self.spike
         return FastSigmoid(readout_scale)
 
+    def layer(self, layer: int) -> reference.Layer:
+        """The neurons of the hidden layer (0) or of the readout (1)."""
+        dynamics = self.alpha[layer], self.beta[layer], self.threshold[layer]
+        return reference.Layer(*dynamics, self.neuron, self.spike_of(layer), self.adaptation_of(layer))
+
+    @property
+    def model(self) -> reference.Model:
+        """All that this network computes with."""
+        return reference.Model(self.layer(0), self.layer(1), self.w_in, self.w_rec, self.w_out, self.integration)
+
     @property
     def integration(self) -> Integration | None:
         """How a readout that does not spike adds up its input; None if readout spikes are counted."""
@@ -190,21 +200,17 @@ class RSNN(nn.Module):
         heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
         """
         self._check(spikes)
+        if not self._native():
+            return Counts(*reference.counts(self.model, spikes, heard))
         integration = self.integration
         if integration is None:
-            if self._native():
-                return Counts(*native.rsnn_counts(spikes, self))
-            rasters = self.simulate(spikes)
-            return Counts(rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1))
+            return Counts(*native.rsnn_counts(spikes, self))
         if not integration.leaks:
             hidden = self._hidden_counts(spikes)
             return Counts(self.sums(hidden), hidden)
         w_out = self.w_out if heard is None else self.w_out * heard[:, None]
-        if self._native():
-            values, hidden = native.rsnn_counts(spikes, self, w_out)
-            return Counts(values + integration.level.to(values), hidden)
-        hidden, _ = self._layer(spikes.to(w_out.dtype), self.w_in, self.w_rec, 0, False)
-        return Counts(integration.of(hidden.double() @ w_out.double()).to(w_out.dtype), hidden.sum(dim=1))
+        values, hidden = native.rsnn_counts(spikes, self, w_out)
+        return Counts(values + integration.level.to(values), hidden)
 
     def _hidden_counts(self, spikes: Tensor) -> Tensor:
         if self._native():
@@ -302,11 +308,7 @@ class RSNN(nn.Module):
         return result
 
     def _layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int, ordered: bool, state=None):
-        return reference.cuba_lif_layer(
-            x, w, v, alpha=self.alpha[layer], beta=self.beta[layer], threshold=self.threshold[layer],
-            neuron=self.neuron, spike=self.spike_of(layer), adaptation=self.adaptation_of(layer), state=state,
-            ordered=ordered,
-        )  # fmt: skip
+        return reference.cuba_lif_layer(x, w, v, **self.layer(layer)._asdict(), state=state, ordered=ordered)
 
     def _native_layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int) -> Tensor:
         dynamics = (self.alpha[layer], self.beta[layer], self.threshold[layer])

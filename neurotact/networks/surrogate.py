@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from neurotact.neurons import Decay
+
 
 @dataclass(frozen=True)
 class FastSigmoid:
@@ -20,7 +22,7 @@ class FastSigmoid:
     ([0.0, 0.0, 1.0], [0.25, 1.0, 0.1111])
     """
 
-    scale: float = 10.0
+    scale: Decay = 10.0
 
     def __call__(self, x: Tensor) -> Tensor:
         return _FastSigmoidStep.apply(x, self.scale)  # pyright: ignore[reportReturnType]
@@ -28,7 +30,7 @@ class FastSigmoid:
 
 class _FastSigmoidStep(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, x: Tensor, scale: float) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def forward(ctx, x: Tensor, scale: Decay) -> Tensor:  # pyright: ignore[reportIncompatibleMethodOverride]
         ctx.save_for_backward(x)
         ctx.scale = scale
         return (x > 0).to(x.dtype)

@@ -2,9 +2,9 @@
 
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import torch
 from torch import Tensor
@@ -57,6 +57,40 @@ class Checkpoint:
     generator: Tensor
 
 
+class Batch(NamedTuple):
+    """Windows that a training is to be given the `Counts` of.
+
+    spikes, heard: as `RSNN.forward` takes them. learns: whether gradients are asked for afterwards.
+    """
+
+    network: RSNN
+    spikes: Tensor
+    heard: Tensor | None = None
+    learns: bool = False
+
+
+T = TypeVar("T")
+Course = Generator[Batch | Tensor, Any, T]
+"""A training that is under way. It yields a `Batch`, and receives its `Counts`; if it learns, it then yields the loss,
+and goes on when the gradients are there. So many can run together (`population`), by the same rules as one alone."""
+
+
+def alone(course: Course[T]) -> T:
+    """Run one training, and return its result."""
+    answer = None
+    while True:
+        try:
+            asked = course.send(answer)
+        except StopIteration as end:
+            return end.value
+        if isinstance(asked, Tensor):
+            asked.backward()
+            answer = None
+        else:
+            with torch.set_grad_enabled(asked.learns):
+                answer = asked.network(asked.spikes, asked.heard)
+
+
 STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
 """What each optimiser stores per parameter: the number of its steps, the running mean of the gradient, and that of its
 square or its largest size."""
@@ -87,6 +121,28 @@ def train(
     start: Checkpoint | None = None,
     keep: Callable[[Checkpoint], None] | None = None,
 ) -> Training:
+    """Train `network` in place, alone: `course`, run to its end, with the same arguments and errors.
+
+    >>> from neurotact.networks.specs import RSNNSpec, TrainingSpec
+    >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))
+    >>> net = RSNN(2, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(0))
+    >>> touches = Examples(torch.ones(6, 50, 2, dtype=torch.uint8), torch.tensor([0, 1, 0, 1, 0, 1]))
+    >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
+    2
+    """
+    return alone(course(network, training, validation, generator=generator, progress=progress, start=start, keep=keep))
+
+
+def course(
+    network: RSNN,
+    training: Examples,
+    validation: Examples,
+    *,
+    generator: torch.Generator,
+    progress: Callable[[Epoch], None] | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
+) -> Course[Training]:
     """Train `network` in place by its spec; at the end it has the weights of the best epoch (`TrainingSpec.keep`).
 
     generator: orders the trials, and drops and moves input spikes; with the network's, its seed reproduces a training.
@@ -95,13 +151,6 @@ def train(
         With a relative learning rate, `network` has its initial weights, which the rates depend on.
     keep: called after each epoch with a checkpoint for `start`.
     Raises InputError if a weight is no longer finite: its neurons would become silent without an error.
-
-    >>> from neurotact.networks.specs import RSNNSpec, TrainingSpec
-    >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))
-    >>> net = RSNN(2, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(0))
-    >>> touches = Examples(torch.ones(6, 50, 2, dtype=torch.uint8), torch.tensor([0, 1, 0, 1, 0, 1]))
-    >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
-    2
     """
     optimiser = _optimiser(network)
     rates = [group["lr"] for group in optimiser.param_groups]
@@ -113,8 +162,9 @@ def train(
     while not is_over(log, network.spec.training):
         order = torch.randperm(len(training.labels), generator=generator)
         epoch_rates = _Rates(network.spec.training, rates, len(log))
-        fitted = _pass(network, training, order, optimiser, epoch_rates, generator)
-        log.append(Epoch(len(log) + 1, *fitted, *evaluate(network, validation)))
+        fitted = yield from _pass(network, training, order, optimiser, epoch_rates, generator)
+        judged = yield from judge(network, validation)
+        log.append(Epoch(len(log) + 1, *fitted, *judged))
         if not all(p.isfinite().all() for p in network.parameters()):
             raise not_finite(len(log), network.spec.training)
         if progress:
@@ -272,12 +322,11 @@ def _pass(
     optimiser: torch.optim.Optimizer,
     rates: _Rates,
     generator: torch.Generator,
-) -> tuple[float, float]:
+) -> Course[tuple[float, float]]:
     """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
     spec, device = network.spec.training, network.w_in.device
     jitter_steps = round(spec.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
-    total, correct = 0.0, 0
-    batches, norms = order.split(spec.batch), []
+    batches, norms, losses, right = order.split(spec.batch), [], [], []
     for number, batch in enumerate(batches):
         rates.set(optimiser, number / len(batches))
         # copies whole windows, where indexing with a tensor copies byte by byte: a tenth of the time
@@ -286,26 +335,34 @@ def _pass(
             spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
         spikes = spikes.to(device)
         optimiser.zero_grad()
-        counts = _counts_with_dropout(network, spikes, generator)
+        counts = yield from _counts_with_dropout(network, spikes, generator)
         batch_loss = loss(counts, labels, spec)
-        batch_loss.backward()
+        yield batch_loss
         norms.append(_relative_norm(network))
         optimiser.step()
         _bound(network)
-        total += batch_loss.item() * len(batch)
-        correct += int((counts.readout.argmax(dim=1) == labels).sum())
+        losses.append(batch_loss.detach())
+        right.append((counts.readout.argmax(dim=1) == labels).sum())
     _warn_of_explosion(norms, rates.epochs_before + 1)
-    return total / len(order), correct / len(order)
+    return _mean(losses, right, batches)
 
 
-def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Counts:
+def _mean(losses: Sequence[Tensor], right: Sequence[Tensor], batches: Sequence[Tensor]) -> tuple[float, float]:
+    """`(loss, accuracy)` over all batches; the numbers are copied from the device once."""
+    sizes = [len(batch) for batch in batches]
+    total = sum(value * size for value, size in zip(torch.stack([*losses]).tolist(), sizes, strict=True))
+    return total / sum(sizes), int(torch.stack([*right]).sum()) / sum(sizes)
+
+
+def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Course[Counts]:
     """The counts of a batch; an integrator receives a part of them if it has drop-out."""
     dropout = network.spec.training.readout_dropout
     if not dropout or network.bias is None:
-        return network(spikes)
+        return (yield Batch(network, spikes, learns=True))
     if network.leaks:
-        return network(spikes, partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out))
-    counts = network(spikes)
+        heard = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)
+        return (yield Batch(network, spikes, heard, learns=True))
+    counts = yield Batch(network, spikes, learns=True)
     return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
 
 
@@ -331,18 +388,20 @@ def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
     return {name: tensor.detach().to("cpu", copy=True) for name, tensor in tensors.items()}
 
 
-@torch.no_grad()
 def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
     """`(loss, accuracy)` over the full window."""
-    spec = network.spec.training
-    device = network.w_in.device
-    total, correct = 0.0, 0
-    for spikes, labels in zip(examples.spikes.split(spec.batch), examples.labels.split(spec.batch), strict=True):
-        counts = network(spikes.to(device))
-        labels = labels.to(device)
-        total += loss(counts, labels, spec).item() * len(labels)
-        correct += int((counts.readout.argmax(dim=1) == labels).sum())
-    return total / len(examples.labels), correct / len(examples.labels)
+    return alone(judge(network, examples))
+
+
+def judge(network: RSNN, examples: Examples) -> Course[tuple[float, float]]:
+    """`evaluate`, as a course that runs alone or with others."""
+    spec, device = network.spec.training, network.w_in.device
+    batches, losses, right = examples.labels.split(spec.batch), [], []
+    for spikes, labels in zip(examples.spikes.split(spec.batch), batches, strict=True):
+        counts = yield Batch(network, spikes.to(device))
+        losses.append(loss(counts, labels.to(device), spec))
+        right.append((counts.readout.argmax(dim=1) == labels.to(device)).sum())
+    return _mean(losses, right, batches)
 
 
 @torch.no_grad()

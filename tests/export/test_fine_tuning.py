@@ -18,7 +18,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy import export, fine_tuning, formats
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, fitting, tasks, trained
+from neurotact.networks import checkpoint, fitting, tasks, trained, training
 from neurotact.networks.rounding import Grid
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Task
@@ -99,13 +99,12 @@ def test_what_was_seen_last_is_what_is_exported(run, bits, tmp_path, monkeypatch
     """Of the best epoch: the weights of its forward pass are the exported whole numbers times their steps."""
     seen = []
 
-    def looking(network, examples, evaluate=fine_tuning.evaluate):
+    def looking(network, examples, judge=training.judge):
         seen.append({name: tensor.detach().clone() for name in ("w_in", "w_rec", "w_out", "bias")
                      if (tensor := getattr(network, name)) is not None})  # fmt: skip
-        return evaluate(network, examples)
+        return judge(network, examples)
 
-    monkeypatch.setattr("neurotact.networks.training.evaluate", looking)
-    monkeypatch.setattr(fine_tuning, "evaluate", looking)
+    monkeypatch.setattr(training, "judge", looking)
     nt.fine_tune(run, tmp_path / "tuned", weight_bits=bits, epochs=6)
     best = json.loads((tmp_path / "tuned" / "network.json").read_text())["extra"]["best_epoch"]
     assert len(seen) == 2 + 6  # training and validation windows before, validation windows after each epoch
