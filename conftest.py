@@ -2,5 +2,5 @@
 
 from importlib.util import find_spec
 
-NEEDS = {"pynwb": "neurotact/data/nwb_output.py", "triton": "neurotact/networks/population/kernels.py"}
+NEEDS = {"pynwb": "neurotact/data/nwb_output.py"}
 collect_ignore = [path for package, path in NEEDS.items() if not find_spec(package)]

@@ -32,7 +32,6 @@ from neurotact.figures.raster import draw_raster, existing_trial
 from neurotact.figures.search import save_found
 from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained
 from neurotact.networks.outcome import summary_of
-from neurotact.networks.population import trials as population
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.report import report
@@ -541,8 +540,9 @@ def tune(
     best network, in mean SOPs per window.
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
     on; "none" trains all to the end.
-    batch: trials that are proposed together. device: "cuda" trains each batch at once on one GPU, in place of `workers`
-    processes. Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`.
+    batch: trials that are proposed together. device: another torch device than "cpu", such as "cuda", trains each
+    batch at once, in place of `workers` processes.
+    Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`.
     The journal, tables, figure, `best.toml` and the best network are saved in `folder`; given the same folder again,
     the search continues there. resume: with more `trials` than before, too, as if all had been asked for at once.
     """
@@ -570,7 +570,7 @@ def tune(
     asked = search.asked("tune", space, searched, table, trains, task)
     problem = search.problem_of(trains, asked, searched, task, device)
     with files.locked(place):
-        with population.runner(problem, spikes, workers, device) as run:
+        with search.runner(problem, spikes, workers, device) as run:
             found, _ = search.search(problem, place, run, resume=resume)
         save_found(problem, found, place)
         search.save_best(problem, spikes, place, found, device)
@@ -596,7 +596,7 @@ def run_study(
     data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
         data="touches.h5")`, or "ways-to-save". where, leave_out: its trials that are used, as of `read`.
     quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
-    device: "cuda" trains all networks at once on one GPU.
+    device: another torch device than "cpu", such as "cuda", trains all networks at once.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     """
     choice = TrialChoice.of(where, leave_out)

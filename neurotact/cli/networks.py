@@ -56,11 +56,21 @@ from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.data.window_choice import OPTIONS
-from neurotact.errors import INTERRUPTED, InputError
+from neurotact.errors import INTERRUPTED
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import cautions, inference, ledger, repeated, search, search_journal, tasks, train_run, trained
-from neurotact.networks.population import trials as population
+from neurotact.networks import (
+    cautions,
+    inference,
+    ledger,
+    population,
+    repeated,
+    search,
+    search_journal,
+    tasks,
+    train_run,
+    trained,
+)
 from neurotact.networks.specs import RSNNSpec
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
@@ -269,7 +279,7 @@ def tune(
     )
     with files.locked(out):
         try:
-            with population.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
+            with search.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
                 found, timing = search.search(problem, out, run, advance, resume=resume)
             save_found(problem, found, out)
             outcome = search.save_best(problem, spikes, out, found, device)
@@ -364,12 +374,7 @@ def _network_files(run: Path) -> list[Path]:
 
 
 def _device(name: str) -> str:
-    try:
-        torch.zeros(1, device=name)
-    except (RuntimeError, AssertionError) as error:
-        raise InputError(
-            f"--device {name}: torch cannot use it here ({str(error).splitlines()[0]}); try cpu"
-        ) from error
+    population.device_of(name, torch.float32)
     return name
 
 

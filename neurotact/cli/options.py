@@ -30,7 +30,8 @@ OutFolder = Annotated[Path, typer.Option("-o", "--out", help="The folder to writ
 EncoderOption = Annotated[str, typer.Option(help="Name or path of an encoder spec.")]
 DeviceOption = Annotated[str, typer.Option(help="A torch device: cpu, cuda, cuda:1, mps.")]
 PopulationDevice = Annotated[
-    str, typer.Option("--device", help="cpu, or cuda: networks are trained at once on one GPU.")
+    str,
+    typer.Option("--device", help="cpu: processes. Another torch device (cuda, cuda:1): networks are trained at once."),
 ]
 WorkersOption = Annotated[
     int | None,

@@ -110,7 +110,7 @@ def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | No
     if workers and scheduler:
         raise InputError("--workers, --scheduler: give one of them; a cluster has the workers that have joined it")
     if device != "cpu" and (workers or scheduler):
-        raise InputError("--device, --workers, --scheduler: give one of them; a GPU trains all networks at once")
+        raise InputError("--device, --workers, --scheduler: give one of them; a device trains all networks at once")
     try:
         runner.run(what, out, workers or 2, scheduler, device)
         page = report.write(out)

@@ -144,7 +144,7 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
         "heard": "double" if conditioning.baseline == "running" else "uint32_t",
         "count": "double" if network.bias is not None else _count(chain),
-        "readout_leak": integration.decay.hex() if integration is not None and integration.leaks else None,
+        "readout_leak": float(integration.decay).hex() if integration is not None and integration.leaks else None,
         "peak": integration is not None and integration.peak,
         "margin": margin if margin is None or integration is None else margin.hex(),
         "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1),
@@ -174,7 +174,8 @@ def _float_layer(chain: Chain, index: int, alpha: np.ndarray, beta: np.ndarray, 
     }  # fmt: skip
     if (adapted := chain.network.adaptation_of(index)) is None:
         return layer
-    return layer | {"adapts": True, "strength": _float(adapted.strength), "adaptation_decay": _float(adapted.decay)}
+    strength, decay = map(float, adapted)
+    return layer | {"adapts": True, "strength": _float(strength), "adaptation_decay": _float(decay)}
 
 
 def _in_integers(chain: Chain, formats: Formats) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from neurotact.networks.kernels import Backend
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import ExitBy, Sides, Task, sides_of
-from neurotact.networks.training import Checkpoint, Examples, Training, train
+from neurotact.networks.training import Checkpoint, Course, Examples, Training, alone, course
 
 AT_ONCE = 256
 """Windows that are simulated together."""
@@ -50,10 +50,28 @@ def fit(
     """
     sides = sides_of(trains, task, split)
     warn_of_silence(sides.train)
+    how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
+    return alone(fit_course(trains, spec, task, seeds, sides, **how)), sides
+
+
+def fit_course(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    sides: Sides,
+    *,
+    device: str | torch.device = "cpu",
+    backend: Backend = "auto",
+    **options: Any,
+) -> Course[Trained]:
+    """`fit` on these sides, as a course that runs alone or with others; the trained network is on the CPU.
+
+    options: of `training.course`.
+    """
     network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
-    network = network.to(device)
-    training = train(network, sides.train, sides.validation, generator=order, progress=progress, start=start, keep=keep)
-    return finished(network, training, sides, task), sides
+    training = yield from course(network.to(device), sides.train, sides.validation, generator=order, **options)
+    return finished(network.cpu(), training, sides, task)
 
 
 def warn_of_silence(training: Examples) -> None:

@@ -339,8 +339,9 @@ def _shape(
         inputs=n_inputs, hidden=n_hidden, classes=n_classes,
         membrane=get_args(Membrane).index(neuron.membrane), reset=get_args(Reset).index(neuron.reset),
         recurrent_delay=neuron.recurrent_delay_steps,
-        adaptation=0.0 if adaptation is None else adaptation.strength,
-        adaptation_decay=0.0 if adaptation is None else adaptation.decay, scale=scale, readout_scale=readout_scale,
+        adaptation=0.0 if adaptation is None else float(adaptation.strength),
+        adaptation_decay=0.0 if adaptation is None else float(adaptation.decay),
+        scale=scale, readout_scale=readout_scale,
         leaks=decay is not None, peak=peak, decay=1.0 if decay is None else decay, **more,
     )  # fmt: skip
 

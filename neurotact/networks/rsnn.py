@@ -185,9 +185,13 @@ class RSNN(nn.Module):
         """How a readout that does not spike adds up its input; None if readout spikes are counted."""
         if self.bias is None:
             return None
+        return Integration(self.bias.to(torch.float64), self.readout_decay, self.spec.readout == "max")
+
+    @property
+    def readout_decay(self) -> float:
+        """The factor per step of what an integrator has added up; 1 without a leak."""
         leak_ms = self.spec.readout_leak_ms
-        decay = 1.0 if leak_ms is None else decay_per_step(leak_ms, self.sampling_rate_Hz)
-        return Integration(self.bias.to(torch.float64), decay, self.spec.readout == "max")
+        return 1.0 if leak_ms is None else decay_per_step(leak_ms, self.sampling_rate_Hz)
 
     @property
     def leaks(self) -> bool:
@@ -314,7 +318,7 @@ class RSNN(nn.Module):
         dynamics = (self.alpha[layer], self.beta[layer], self.threshold[layer])
         spike = self.spike_of(layer)
         assert isinstance(spike, FastSigmoid)
-        return native.layer_spikes(x, w, v, *dynamics, self.neuron, spike.scale, self.adaptation_of(layer))
+        return native.layer_spikes(x, w, v, *dynamics, self.neuron, float(spike.scale), self.adaptation_of(layer))
 
     def _native(self) -> bool:
         # The kernels have only the fast sigmoid; any other surrogate runs in the reference.

@@ -14,17 +14,16 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import torch
 
 from neurotact import files, spec, workers
 from neurotact.data.spikes import SpikeTrains
 from neurotact.errors import InputError
-from neurotact.networks import fitting, measuring, recipe, tasks, trained, tuning
+from neurotact.networks import fitting, measuring, population, recipe, tasks, trained, tuning
 from neurotact.networks.outcome import Outcome, outcome_of
-from neurotact.networks.population import training as population
-from neurotact.networks.population.devices import device_of
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.search_journal import (
     FAILED,
@@ -39,7 +38,7 @@ from neurotact.networks.search_journal import (
 )
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Sides, Task
-from neurotact.networks.training import Epoch, train
+from neurotact.networks.training import Course, Epoch, alone, course
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
 from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec, build
@@ -54,8 +53,8 @@ class Problem(Spec):
     """The keys that are not in the space."""
     task: Task
     spikes_sha256: str
-    device: Literal["cpu", "cuda"] = "cpu"
-    """Device on which its trials are trained: rounding differs."""
+    device: str = "cpu"
+    """The kind of device on which its trials are trained: rounding differs."""
 
     def network_of(self, parameters: Mapping[str, Any]) -> RSNNSpec:
         return tuning.apply(self.network, parameters, source="search.space")
@@ -123,18 +122,37 @@ def problem_of(trains: SpikeTrains, search: SearchSpec, network: RSNNSpec, task:
     Raises InputError if the space does not suit the network, or if the training trials have fewer than two classes.
     """
     if device != "cpu":
-        device_of(device)
+        population.device_of(device)
     tuning.check(search.space, network, source="search.space")
     tasks.trials_of(trains, task)
     tasks.warn_of_onsets(trains, task.window)
-    kind: Literal["cpu", "cuda"] = "cpu" if device == "cpu" else "cuda"
+    kind = population.kind_of(device)
     return Problem(search=search, network=network, task=task, spikes_sha256=_sha256(trains), device=kind)
+
+
+@contextmanager
+def runner(problem: Problem, spikes: Path, n_workers: int, device: str = "cpu") -> Iterator[Run]:
+    """Trials trained in worker processes or, on another device than "cpu", each batch of them at once."""
+    if device == "cpu":
+        with processes(spikes, n_workers) as run:
+            yield run
+    else:
+        yield together(tasks.load_spikes(spikes, problem.task), problem.task, device)
 
 
 def here(trains: SpikeTrains, task: Task) -> Run:
     """Trials trained in this process, one after another."""
     sides = tasks.sides_of(trains, task)
     return lambda jobs: (try_network(job, trains, sides) for job in jobs)
+
+
+def together(trains: SpikeTrains, task: Task, device: str) -> Run:
+    """The trials of a batch trained at once, on this device; they go to the journal after all of them are trained.
+
+    The median stop compares with the trials of earlier batches alone, so this does not change which trials it stops.
+    """
+    place, sides = population.device_of(device), tasks.sides_of(trains, task)
+    return lambda jobs: iter(population.run([trial_course(job, trains, sides, place) for job in jobs]))
 
 
 @contextmanager
@@ -186,10 +204,15 @@ def search(
 
 def try_network(job: Job, trains: SpikeTrains, sides: Sides) -> Trial:
     """Train one proposed network; a trial that cannot be trained fails, and the search continues."""
+    return alone(trial_course(job, trains, sides))
+
+
+def trial_course(job: Job, trains: SpikeTrains, sides: Sides, device: str | torch.device = "cpu") -> Course[Trial]:
+    """`try_network`, as a course that runs alone or with others."""
     number, parameters = job.proposal
     epochs: list[float] = []
     try:
-        network, accuracy, outcome = _train(job, trains, sides, epochs)
+        network, accuracy, outcome = yield from _train(job, trains, sides, epochs, device)
         return trial_of(job, network, accuracy, outcome, sides, epochs)
     except InputError as error:
         return Trial(number, parameters, epochs, FAILED, error=str(error))
@@ -228,7 +251,7 @@ def train_best(
     if device == "cpu":
         return fitting.fit(*arguments)
     sides = tasks.sides_of(trains, problem.task)
-    (fitted,) = population.fit([population.Asked(*arguments, sides)], device_of(device))
+    (fitted,) = population.run([fitting.fit_course(*arguments, sides, device=device)])
     return fitted, sides
 
 
@@ -258,7 +281,9 @@ class _StopTrialError(Exception):
     """Carries a stopped trial out of training."""
 
 
-def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> tuple[RSNN, float, str]:
+def _train(
+    job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float], device: str | torch.device
+) -> Course[tuple[RSNN, float, str]]:
     """The trained network, its validation accuracy, the outcome; appends each epoch's accuracy to `epochs`."""
     proposal = job.proposal
     spec = job.problem.network_of(proposal.parameters)
@@ -270,10 +295,10 @@ def _train(job: Job, trains: SpikeTrains, sides: Sides, epochs: list[float]) -> 
             raise _StopTrialError
 
     try:
-        training = train(network, sides.train, sides.validation, generator=order, progress=watch)
+        training = yield from course(network.to(device), sides.train, sides.validation, generator=order, progress=watch)
     except _StopTrialError:
-        return network, epochs[-1], STOPPED
-    return network, training.best.validation_accuracy, FINISHED
+        return network.cpu(), epochs[-1], STOPPED
+    return network.cpu(), training.best.validation_accuracy, FINISHED
 
 
 def _take(known: list[Trial], batch: Sequence[Proposal], problem: Problem, folder: Path) -> list[Trial]:

@@ -127,7 +127,7 @@ def to_snntorch(network: RSNN) -> SnnTorchNetwork:
     integration = network.integration
     exported = SnnTorchNetwork(
         _linear(factors[0] * network.w_in), hidden, fc_out, readout, late, network.spec.recurrent_delay_steps, level,
-        1.0 if integration is None else integration.decay, integration is not None and integration.peak,
+        network.readout_decay, integration is not None and integration.peak,
     )  # fmt: skip
     return exported.to(network.w_in.device)
 

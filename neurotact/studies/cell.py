@@ -21,8 +21,6 @@ from neurotact.networks import (
     truncated,
 )
 from neurotact.networks.conditions import by_condition
-from neurotact.networks.population.devices import device_of
-from neurotact.networks.population.trials import on_device
 from neurotact.networks.search_tables import as_cell
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import Task
@@ -170,7 +168,7 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     spec = cell.search.model_copy(update={"seed": cell.seeds[0]})
     problem = search.problem_of(trains, spec, network, task, device)
     place = kept / SEARCH
-    here = search.here(trains, task) if device == "cpu" else on_device(problem, trains, device_of(device))
+    here = search.here(trains, task) if device == "cpu" else search.together(trains, task, device)
     trials, _ = search.search(problem, place, here)
     search_tables.write_tables(problem, place, trials)
     best = search_journal.best_of(trials)

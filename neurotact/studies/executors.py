@@ -1,4 +1,4 @@
-"""Where a study's cells are computed: in processes of this machine, on the workers of a cluster, or on a GPU.
+"""Where a study's cells are computed: in processes of this machine, on the workers of a cluster, or on a torch device.
 
 Each yields a cell with its files as soon as it is finished, and the caller writes the files. So workers need no shared
 disk, and no later failure loses a file that is written.
@@ -18,7 +18,7 @@ from neurotact.workers import pool_as_done
 
 
 def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") -> AbstractContextManager[MapCells]:
-    """`n_workers` processes of this machine, the cluster of the Dask scheduler at this address, or this CUDA device."""
+    """`n_workers` processes of this machine, the cluster of the Dask scheduler at this address, or a torch device."""
     if device != "cpu":
         return on_device(device)
     return processes(n_workers) if scheduler is None else cluster(scheduler)

@@ -10,6 +10,7 @@ import pandas as pd
 from neurotact import files
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
+from neurotact.networks import population
 from neurotact.progress import say, track
 from neurotact.spec import digest, leaves, without_defaults
 from neurotact.studies import manifest
@@ -35,7 +36,7 @@ def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = No
     """Run the unfinished cells of `study` in `folder`, then write its tables; `report.write` shows them.
 
     scheduler: address of a Dask scheduler; its workers compute the cells in place of `workers` processes here.
-    device: a CUDA device that trains the networks in their place, all together.
+    device: a torch device that trains the networks in their place, all together; "cpu": no such device.
     Each cell trains with one thread and its own random seeds: no number depends on where it is computed.
     A damaged file is written again, and a line on stderr names it.
     Raises InputError if the folder contains another study or anything else, if another process works in it, and if
@@ -187,10 +188,10 @@ def _short(value: Any) -> str:
 def _save_versions(folder: Path, device: str) -> None:
     """Write the versions with which a study starts; a line on stderr shows those that changed when it resumes.
 
-    A GPU is one of them; the CPU, on which most studies run, is not named.
+    A device is one of them; the processes of a CPU, where most studies run, are not named.
     """
-    gpu = {} if device == "cpu" else {DEVICE: "cuda"}
-    here, at_start = versions() | gpu, manifest.sound_json(folder, VERSIONS)
+    trained_on = {} if device == "cpu" else {DEVICE: population.kind_of(device)}
+    here, at_start = versions() | trained_on, manifest.sound_json(folder, VERSIONS)
     if at_start is None:
         manifest.say_flaws("", manifest.flaws(folder, [VERSIONS]), "written again with the present versions")
         files.write_json(folder / VERSIONS, here)

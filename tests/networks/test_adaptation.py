@@ -29,7 +29,6 @@ from neurotact.metrics.flops import SpikingLayer, cost
 from neurotact.networks import checkpoint, ledger, native, reference, truncated
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.layer import cuba_lif_layer
-from neurotact.networks.population import population
 from neurotact.networks.recipe import Seen, resolve
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.snntorch_exchange import to_snntorch
@@ -525,8 +524,3 @@ def test_it_costs_two_macs_a_neuron_and_step_and_a_state_a_neuron():
 def test_snntorch_has_no_such_neuron():
     with pytest.raises(InputError, match=r"threshold_adaptation: snnTorch.*train with threshold_adaptation = 0"):
         to_snntorch(RSNN(3, 2, hidden=4, membrane="immediate", sampling_rate_Hz=400.0, **ADAPTING))
-
-
-def test_populations_on_a_gpu_have_fixed_thresholds():
-    with pytest.raises(InputError, match=r"--device cuda: trains thresholds that do not adapt.*leave --device out"):
-        population.check(RSNN(3, 2, hidden=4, sampling_rate_Hz=400.0, **ADAPTING))

@@ -1,4 +1,4 @@
-"""A study on `--device cuda`, in Triton's interpreter: the cells are those of a study on the CPU."""
+"""A study on a device: the cells are those of a study in processes. The device is the CPU by a name of its own."""
 
 import json
 from pathlib import Path
@@ -28,9 +28,8 @@ def resolved(**more):
 
 @pytest.fixture(scope="module")
 def on_device(tmp_path_factory):
-    pytest.importorskip("triton", reason="Triton is not installed: pip install 'neurotact[gpu]'")
     folder = tmp_path_factory.mktemp("device")
-    runner.run(resolved(), folder, device="cuda")
+    runner.run(resolved(), folder, device="cpu:0")
     return folder
 
 
@@ -42,15 +41,14 @@ def test_a_study_trains_its_networks_at_once_to_the_same_results(on_device, tmp_
 
 
 def test_the_run_folder_says_where_its_numbers_come_from(on_device, capsys):
-    assert json.loads((on_device / "versions.json").read_text())["device"] == "cuda"
+    assert json.loads((on_device / "versions.json").read_text())["device"] == "cpu:0"
     runner.run(resolved(), on_device)  # nothing is left to do
-    assert "resumes with other versions than at its start, numbers may differ: device cpu (was cuda)" in (
+    assert "resumes with other versions than at its start, numbers may differ: device cpu (was cpu:0)" in (
         capsys.readouterr().err
     )
 
 
 def test_the_searches_of_a_study_train_their_batches_at_once(tmp_path):
-    pytest.importorskip("triton", reason="Triton is not installed: pip install 'neurotact[gpu]'")
     space = {"surrogate_scale": {"_type": "choice", "_value": [5, 10]}}
     what = resolved(
         **{
@@ -59,14 +57,13 @@ def test_the_searches_of_a_study_train_their_batches_at_once(tmp_path):
             "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
         }
     )
-    runner.run(what, tmp_path, device="cuda")
+    runner.run(what, tmp_path, device="cpu:0")
     (cell,) = NetworkEngine(what).cells()
     place = cell_folder(tmp_path, cell)
     assert len((place / "search" / "journal.jsonl").read_text().splitlines()) == 2
-    assert json.loads((place / "search" / "search.json").read_text())["device"] == "cuda"
+    assert json.loads((place / "search" / "search.json").read_text())["device"] == "cpu:0"
 
 
-def test_a_protocol_without_spiking_networks_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(device, "device_of", lambda name: None)
-    with device.on_device("cuda") as map_cells, pytest.raises(InputError, match="trains no spiking networks"):
+def test_a_protocol_without_spiking_networks_is_refused(tmp_path):
+    with device.on_device("cpu:0") as map_cells, pytest.raises(InputError, match="trains no spiking networks"):
         [*map_cells(ProtocolEngine, ["a cell"], tmp_path)]  # pyright: ignore
