@@ -177,6 +177,20 @@ def test_groups_make_about_the_asked_shares():
     np.testing.assert_allclose(shares, [0.7, 0.15, 0.15], atol=0.03)
 
 
+def test_validation_by_group_is_a_share_of_all_trials_also_where_the_test_has_taken_its_own():
+    """15 of 100 equal groups, not 15 % of the 85 that the test leaves."""
+    sizes = [
+        [
+            len(side)
+            for side in split_conditions(
+                table_of(n_each=1, n_subjects=100), (), SplitSpec(group=("subject",), seed=seed)
+            )
+        ]
+        for seed in range(8)
+    ]
+    np.testing.assert_allclose(np.mean(sizes, axis=0) / 200, [0.7, 0.15, 0.15], atol=0.011)
+
+
 def test_validation_is_a_share_of_what_is_not_tested():
     table = table_of()
     split = split_conditions(

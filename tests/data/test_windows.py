@@ -58,6 +58,8 @@ def test_a_length_is_rounded_to_steps_of_the_clock():
     [
         ({"length_ms": 0.1}, "window.length_ms: 0.1 ms is less than one step at 1000 Hz; lengthen it (in milliseconds"),
         ({"length_ms": 5, "hop_ms": 0.2}, "window.hop_ms: 0.2 ms is less than one step"),
+        ({"length_ms": 0.5}, "window.length_ms: 0.5 ms is less than one step"),  # half a step, which rounds down
+        ({"length_ms": 0.6}, "window.length_ms: 0.6 ms is less than one step"),  # and more, which rounds up
         ({"length_ms": 50}, "trial 1 lasts 0.030 s, less than the 0.050 s"),
         ({"length_ms": 10, "start_ms": 1000}, "trial 1 lasts 0.030 s"),
     ],

@@ -276,6 +276,15 @@ def test_of_equal_gains_the_smallest_admissible_is_chosen():
     assert gain_search.choose(turned, RULE.model_copy(update={"tie": 0.0}), "here") == 2
 
 
+def test_a_gain_that_is_the_largest_tried_is_noted_and_another_is_not(fitted):
+    """`fitted` tries gains on both sides of those it chooses; with fewer candidates RA-I's is the largest."""
+    words = "the chosen gain is the largest tried"
+    few = calibrate(slides(), SPEC, rule=RULE.model_copy(update={"candidates": 7}))
+    assert few.table[few.table.chosen].gain.max() == few.table.gain.max()
+    assert [note for note in few.notes if words in note] == [f"RA-I: {words}; more candidates may find a better one"]
+    assert not any(words in note for note in fitted.notes)
+
+
 def test_classes_that_are_the_same_are_not_told_apart():
     """Few trials of one kind never agree exactly: what chance gives is taken off, so that some gains lie below 0."""
     separation = calibrate(slides((6.0, 6.0, 6.0)), SPEC, rule=RULE).table.separation

@@ -79,6 +79,17 @@ def test_slow_networks_get_wide_states():
     assert formats.choose(slow, ranges).state_bits == 24
 
 
+def test_a_slow_readout_gets_wide_states_too():
+    """States are as wide as the layer that leaks more by rounding needs, here the readout with constants of its own."""
+    chain = make_chain({}, tau_mem_ms=5.0, tau_syn_ms=5.0, learn=["alpha", "beta"])
+    ranges = Ranges(-10.0, 10.0, 5.0, 5.0)
+    assert formats.choose(chain, ranges).state_bits == 16
+    with torch.no_grad():
+        for decay in (chain.network.alpha, chain.network.beta):
+            decay[1] = float(np.exp(-1 / 400))
+    assert formats.choose(chain, ranges).state_bits == 24
+
+
 def test_a_sample_off_zero_is_centred():
     raw = formats.choose(make_chain({"baseline": "first"}), Ranges(1.6, 2.0, 5.0, 5.0)).raw
     assert raw.zero == pytest.approx(1.8)

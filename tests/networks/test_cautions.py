@@ -45,6 +45,11 @@ def test_the_remedy_for_a_network_behind_a_classifier_changes_this_network(given
     assert expected in line
 
 
+@pytest.mark.parametrize(("n", "warned"), [(4, True), (5, False)])
+def test_five_test_trials_of_a_class_are_enough(n, warned):
+    assert bool([*cautions.few_test_trials({"felt": n, "silk": 12}, SplitSpec())]) is warned
+
+
 def test_a_remedy_names_only_what_its_command_has():
     """A search does not advise a search, and what is fine-tuned is trained again."""
     one = compared(0.1, 0.4)

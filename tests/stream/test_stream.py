@@ -194,6 +194,18 @@ def test_a_stream_has_no_more_windows_under_way_than_overlap():
     assert most == 5
 
 
+@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("model", ["rsnn", "snn"])
+def test_a_decision_costs_its_input_spikes_and_its_hidden_spikes_each_at_their_fan_out(model, backend):
+    """Of 6 hidden neurons and 3 classes: an input spike reaches 6 neurons, a hidden one 3, or 9 with recurrence."""
+    chain = make_chain({}, model=model)
+    decisions = [d for d in Stream(chain, backend=backend).decide([make_signal(200)]) if d.hidden_spikes]
+    assert decisions
+    for each in decisions:
+        assert each.input_spikes != each.hidden_spikes
+        assert each.sops == 6 * each.input_spikes + (9 if model == "rsnn" else 3) * each.hidden_spikes
+
+
 def test_a_baseline_of_the_whole_trial_is_refused_with_the_fix():
     network = RSNN(4, 2, hidden=3, sampling_rate_Hz=1000.0)
     with pytest.raises(InputError, match=r"a stream has not received the whole trial.*conditioning.baseline start"):

@@ -86,6 +86,14 @@ def test_a_relative_change_is_formed_for_each_size_and_then_averaged():
     assert verdict(change).ours == "-25 ± 5 %"
 
 
+def test_a_change_is_the_mean_of_the_sizes_and_not_their_median():
+    rows = [(pair, hidden, 0, 0.0, sops) for pair, sizes in (("1&1", (100, 100, 100)), ("5&5", (90, 90, 30)))
+            for hidden, sops in zip((20, 30, 40), sizes, strict=True)]  # fmt: skip
+    table = pd.DataFrame(rows, columns=list(RESULTS))
+    change = claim("change", "sops_total", where=PAIRS[0], against=PAIRS[1], relative=True, value=-0.3, tolerance=1e-9)
+    assert judge(change, {"results": table}).reproduced  # -10, -10 and -70 %
+
+
 def test_an_absolute_change_is_in_the_measures_unit():
     assert verdict(claim("change", where=PAIRS[0], against=PAIRS[1], value=-0.08, tolerance=1e-9)).reproduced
 

@@ -85,6 +85,7 @@ def test_the_shipped_study_takes_any_recordings(tmp_path):
     ("n_trials", "given", "folds", "seeds"),
     [
         (12, {}, 5, [0]),
+        (10, {}, 5, [0]),  # five of a class: as many as the folds
         (8, {}, None, [0, 1, 2]),  # four of a class: fewer than the folds
         (302, {}, None, [0, 1, 2]),  # 45 test trials of one split
         (12, {"sweep.seed": [3]}, None, [3]),
