@@ -12,7 +12,6 @@ from neurotact.backend import hold_torch_to_avx2
 
 hold_torch_to_avx2()  # before torch is imported: as the command line does
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before torch is imported: small tensors are slower on many threads
-os.environ.setdefault("TRITON_INTERPRET", "1")  # before torch's optimisers import Triton, where it is installed
 
 ROOT = Path(__file__).parents[1]
 
