@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from neurotact import files, spec, tables
+from neurotact import effects, files, spec, tables
 from neurotact.data import doubtful, hdf5, sources
 from neurotact.data.digests import recorded_trials
 from neurotact.data.readers import arrays, event_files, folder, nwb, raster, sample_table
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, training_touches
+from neurotact.data.splits import SplitSpec, check_stratify, training_touches
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.deploy import c_export, export, fine_tuning
@@ -33,7 +33,7 @@ from neurotact.figures.search import save_found
 from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained
 from neurotact.networks.outcome import summary_of
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.specs import RSNNSpec, given_keys
 from neurotact.report import report
 from neurotact.studies import loading, runner
 
@@ -313,7 +313,7 @@ def calibrate(
     encoder: str | Path | AfferentSpec = "sa1-ra1-lif",
     settings: Settings | None = None,
     *,
-    split_seed: int = 0,
+    split_seed: int | None = None,
     stratify: Sequence[str] = (),
     split: Settings | None = None,
     where: Settings | None = None,
@@ -330,6 +330,7 @@ def calibrate(
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
     how = spec.build(SplitSpec, _split(split_seed, split), "split")
+    check_stratify(recordings.conditions, stratify, how)
     training = recordings.select(training_touches(recordings, stratify, how))
     changed = spec.resolve(AfferentSpec, encoder, settings)
     fit, _ = calibration.way_of(changed, settings or {})
@@ -368,7 +369,7 @@ def train(
     align: str = "trial",
     onset: Settings | None = None,
     stratify: Sequence[str] = (),
-    split_seed: int = 0,
+    split_seed: int | None = None,
     split: Settings | None = None,
     where: Settings | None = None,
     leave_out: LeftOut = None,
@@ -406,7 +407,8 @@ def train(
     )
     task = tasks.with_suited_window(task, tasks.load_spikes(spikes, task, tell=True), ARGUMENTS)
     what = spec.resolve(RSNNSpec, network, settings)
-    train_run.run(spikes, place, what, task, seed=seed, device=device, force=force, resume=resume)
+    given = given_keys(network, settings)
+    train_run.run(spikes, place, what, task, given=given, seed=seed, device=device, force=force, resume=resume)
     return summary_of(files.read_json(place / train_run.RESULT))
 
 
@@ -461,6 +463,10 @@ def export_c(
     windows: early_exit, length_ms, start_ms, hop_ms, contact, quiet_ms, sampling_rate_Hz, as for `Stream`.
     Returns the chain and its formats.
     """
+    effects.check(
+        variant=variant, weight_bits=weight_bits, state_bits=state_bits, lsb=lsb, ranges=variant == "integer",
+        recordings=recordings, spikes=spikes,
+    )  # fmt: skip
     if variant not in ("integer", "float"):
         raise InputError(f"variant: '{variant}' is unknown; choose integer or float")
     for path in c_export.paths(Path(folder), name):
@@ -480,14 +486,15 @@ def fine_tune(
     weight_bits: int = 8,
     state_bits: int | None = None,
     epochs: int = fine_tuning.EPOCHS,
-    seed: int = 0,
+    seed: int | None = None,
     spikes: str | Path | None = None,
     force: bool = False,
 ) -> dict[str, Any]:
     """Train the network in the run folder `run` on with rounded weights, as `neurotact fine-tune` does.
 
     It is saved in `folder` as a run of its own, which `export_c` writes with these bits. weight_bits: 2 to 8.
-    state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. Training and validation trials are used alone.
+    state_bits: 8 to 16, or 24; chosen when None. epochs: 0 rounds alone. seed: of the order of windows, 0 if
+    None. Training and validation trials are used alone.
     spikes: that the run was trained on, where they moved since. force: replace a training that is in the folder.
     Returns what it came to, as `train` does.
     """
@@ -508,11 +515,11 @@ def tune(
     trials: int = 100,
     seed: int = 0,
     objective: str = "accuracy",
-    sops_weight: float = 0.1,
+    sops_weight: float | None = None,
     max_sops: float | None = None,
     tuner: str = "tpe",
     assessor: str = "median-stop",
-    start_epoch: int = 10,
+    start_epoch: int | None = None,
     length_ms: float | None = None,
     start_ms: float | None = None,
     hop_ms: float | None = None,
@@ -520,13 +527,13 @@ def tune(
     align: str = "trial",
     onset: Settings | None = None,
     stratify: Sequence[str] = (),
-    split_seed: int = 0,
+    split_seed: int | None = None,
     split: Settings | None = None,
     where: Settings | None = None,
     leave_out: LeftOut = None,
     exit_tolerance: float = 0.01,
     exit_by: str = "stability",
-    workers: int = 2,
+    workers: int | None = None,
     batch: int = 8,
     device: str = "cpu",
     resume: bool = False,
@@ -536,12 +543,12 @@ def tune(
     space: name or path of a search space in NNI's terms, or the space itself; when None, around the choices of the
     network's recipe. trials: networks to train; the first is the network as given. The best has the highest value and,
     of equal ones, the fewest SOPs.
-    objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` log10(SOPs). max_sops: budget of the
-    best network, in mean SOPs per window.
+    objective: "accuracy", or "accuracy-sops", which is accuracy - `sops_weight` (0.1) log10(SOPs). max_sops: budget of
+    the best network, in mean SOPs per window.
     tuner: "tpe", "random" or "grid". assessor: "median-stop" stops trials below the median early, from `start_epoch`
-    on; "none" trains all to the end.
+    (10) on; "none" trains all to the end.
     batch: trials that are proposed together. device: another torch device than "cpu", such as "cuda", trains each
-    batch at once, in place of `workers` processes.
+    batch at once, in place of `workers` processes (2).
     Windows, split, where, leave_out, exit_tolerance and exit_by: as for `train`.
     The journal, tables, figure, `best.toml` and the best network are saved in `folder`; given the same folder again,
     the search continues there. resume: with more `trials` than before, too, as if all had been asked for at once.
@@ -555,6 +562,7 @@ def tune(
     )
     trains = tasks.load_spikes(spikes, task, tell=True)
     task = tasks.with_suited_window(task, trains, ARGUMENTS)
+    effects.check(workers=workers, device=device)
     table = {
         "trials": trials,
         "seed": seed,
@@ -567,10 +575,10 @@ def tune(
         "batch": batch,
     }
     searched = spec.resolve(RSNNSpec, network, settings)
-    asked = search.asked("tune", space, searched, table, trains, task)
+    asked = search.asked("tune", space, searched, table, trains, task, given_keys(network, settings))
     problem = search.problem_of(trains, asked, searched, task, device)
     with files.locked(place):
-        with search.runner(problem, spikes, workers, device) as run:
+        with search.runner(problem, spikes, workers or 2, device) as run:
             found, _ = search.search(problem, place, run, resume=resume)
         save_found(problem, found, place)
         search.save_best(problem, spikes, place, found, device)
@@ -586,7 +594,7 @@ def run_study(
     where: Settings | None = None,
     leave_out: LeftOut = None,
     quick: bool = False,
-    workers: int = 2,
+    workers: int | None = None,
     scheduler: str | None = None,
     device: str = "cpu",
 ) -> pd.DataFrame:
@@ -595,8 +603,8 @@ def run_study(
     settings: changes of the study, dotted keys that name the part first: `{"network.hidden": 40}`.
     data: a file of recordings of your own, for a study that takes one: `run_study("own-recordings", "mine",
         data="touches.h5")`, or "ways-to-save". where, leave_out: its trials that are used, as of `read`.
-    quick: a smaller sweep of the same kind. workers: processes on this machine. scheduler: address of a Dask scheduler.
-    device: another torch device than "cpu", such as "cuda", trains all networks at once.
+    quick: a smaller sweep of the same kind. workers: processes on this machine, 2 if None. scheduler: address of a Dask
+    scheduler, in their place. device: another torch device than "cpu", such as "cuda", trains all networks at once.
     The folder holds all tables, the figures and `report.html`; what was done before is not done again.
     """
     choice = TrialChoice.of(where, leave_out)
@@ -631,11 +639,16 @@ def _reported(folder: Path) -> pd.DataFrame:
 
 
 def _window(window: dict[str, Any], onset: Settings | None) -> dict[str, Any]:
+    effects.check(align=window["align"], onset=onset)
     return window | ({"onset": dict(onset)} if onset else {})
 
 
-def _split(seed: int, settings: Settings | None) -> dict[str, Any]:
-    return {"seed": seed, **spec.checked_settings(settings)}
+def _split(seed: int | None, settings: Settings | None) -> dict[str, Any]:
+    given = spec.checked_settings(settings)
+    beside = {key: given.get(key) for key in ("order", "folds", "test_where")}
+    effects.check(split_seed=seed, **beside)
+    effects.check_keys(given, [effects.voids(**beside)], "split")
+    return {"seed": seed or 0, **given}
 
 
 def _text(name: str, value: object) -> str:

@@ -75,7 +75,7 @@ def _to_import() -> None:
     continuous[["t_ms", "p1", "p2"]].to_csv("unlabelled.csv", index=False)
     begins = np.arange(12) * 60.0
     labels = recordings.conditions["label"]
-    pd.DataFrame({"begin": begins, "end": begins + 50, "label": labels}).to_csv("annotations.csv", index=False)
+    pd.DataFrame({"begin_ms": begins, "end_ms": begins + 50, "label": labels}).to_csv("annotations.csv", index=False)
     listed = [os.path.relpath(path, "csv") for path in sorted(Path("csv").rglob("*.csv"))]
     named = {"file": listed, "label": [f"{name[0]}-{k % 2}" for k, name in enumerate(listed)], "wet": ["no"] * 12}
     pd.DataFrame(named).to_csv("conditions.csv", index=False)

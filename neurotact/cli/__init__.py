@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.main import get_group
 
-from neurotact import __version__, files, progress
+from neurotact import __version__, effects, files, progress
 from neurotact.cli.lazy import command_of, lazy_group
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.interrupt import ending_at_once, terminated_as_interrupted
@@ -89,6 +89,9 @@ def main() -> None:
             files.check_text(word)
         with terminated_as_interrupted():
             code = app(sys.argv[1:] or ["--help"], prog_name="neurotact", standalone_mode=False)
+    except effects.NoEffectError as error:
+        say(effects.in_options(error.marked))
+        sys.exit(2)
     except InputError as error:
         say(error)
         sys.exit(2)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from neurotact import api
+from neurotact import api, effects
 from neurotact.cli.options import MOST_SEEDS, Force, HopMs, Json, MovedSpikes, OutFolder, RunFolder
 from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_table
@@ -19,6 +19,7 @@ from neurotact.deploy.chain import chain_of
 from neurotact.deploy.nir_exchange import exchange, execute, note
 from neurotact.deploy.sources import Noted
 from neurotact.deploy.stream import Decision, Stream
+from neurotact.deploy.windows import QUIET_MS
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.networks import train_run, trained
 from neurotact.progress import printable, say
@@ -31,7 +32,13 @@ Contact = Annotated[
     bool, typer.Option("--contact", help="Start a window at the first spike after --quiet-ms without spikes.")
 ]
 QuietMs = Annotated[
-    float, typer.Option("--quiet-ms", min=0, help="With --contact: time without spikes before a window can start.")
+    float | None,
+    typer.Option(
+        "--quiet-ms",
+        min=0,
+        show_default=f"{QUIET_MS:g}",
+        help="With --contact: time without spikes before a window can start.",
+    ),
 ]
 FullWindow = Annotated[
     bool, typer.Option("--full-window", help="Decide at the end of each window, without early exit.")
@@ -44,8 +51,14 @@ RateHz = Annotated[
     float | None,
     typer.Option("--sampling-rate-Hz", min=1e-3, help="Sampling rate of the input, needed if the encoder resamples."),
 ]
-Format = Annotated[str, typer.Option("--format", help="Format of input other than .h5: csv, float32 or int16.")]
-Baud = Annotated[int, typer.Option(min=1, max=100_000_000, help="Baud rate of a serial port.")]
+Format = Annotated[
+    str | None,
+    typer.Option("--format", show_default="csv", help="Format of input other than .h5: csv, float32 or int16."),
+]
+Baud = Annotated[
+    int | None,
+    typer.Option(min=1, max=100_000_000, show_default=str(sources.DEFAULT_BAUD), help="Baud rate of a serial port."),
+]
 Unit = Annotated[str | None, typer.Option(help="Unit of the input; the encoder's when absent.")]
 TimeColumn = Annotated[
     str | None,
@@ -54,8 +67,11 @@ TimeColumn = Annotated[
         help="Unit of a time stamp in the first column, s, ms, us or ns; missing rows are then detected.",
     ),
 ]
-Lsb = Annotated[float, typer.Option(min=1e-30, help="With --format int16: signal per digit; signal = zero + lsb * x.")]
-Zero = Annotated[float, typer.Option(help="With --format int16: the signal at digit 0.")]
+Lsb = Annotated[
+    float | None,
+    typer.Option(min=1e-30, show_default="1", help="With --format int16: signal per digit; signal = zero + lsb * x."),
+]
+Zero = Annotated[float | None, typer.Option(show_default="0", help="With --format int16: the signal at digit 0.")]
 HoldMs = Annotated[
     float,
     typer.Option(
@@ -63,7 +79,13 @@ HoldMs = Annotated[
     ),
 ]
 StallS = Annotated[
-    float, typer.Option("--stall-s", min=1e-3, help="A pipe without input for this long counts as a gap.")
+    float | None,
+    typer.Option(
+        "--stall-s",
+        min=1e-3,
+        show_default=f"{sources.STALL_S:g}",
+        help="A pipe without input for this long counts as a gap.",
+    ),
 ]
 
 
@@ -72,22 +94,22 @@ def stream(
     from_: Annotated[
         str, typer.Option("--from", help="- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.")
     ] = "-",
-    format_: Format = "csv",
-    baud: Baud = sources.DEFAULT_BAUD,
+    format_: Format = None,
+    baud: Baud = None,
     rate: Annotated[str, typer.Option(help="Replay a file at its own rate (real) or at full speed (fast).")] = "fast",
     sampling_rate_Hz: RateHz = None,
     unit: Unit = None,
     time_column: TimeColumn = None,
-    lsb: Lsb = 1.0,
-    zero: Zero = 0.0,
+    lsb: Lsb = None,
+    zero: Zero = None,
     window_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
-    quiet_ms: QuietMs = 50.0,
+    quiet_ms: QuietMs = None,
     full_window: FullWindow = False,
     hold_ms: HoldMs = 5.0,
-    stall_s: StallS = 1.0,
+    stall_s: StallS = None,
     as_json: Json = False,
 ) -> None:
     """Classify samples as they arrive, from a pipe, a device or a file.
@@ -99,7 +121,12 @@ def stream(
     """
     if rate not in ("fast", "real"):
         raise InputError(f"--rate {rate}: is unknown; choose one of fast, real")
-    is_recorded = sources.is_recorded(from_)
+    kind = sources.kind_of(from_)
+    effects.check(
+        source=kind, format=format_, baud=baud, sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb,
+        zero=zero, stall_s=stall_s,
+    )  # fmt: skip
+    is_recorded = kind == "recordings"
     if is_recorded:
         with hdf5.open_recordings(from_) as stored:
             sampling_rate_Hz, unit = stored.sampling_rate_Hz, unit or stored.unit
@@ -112,9 +139,9 @@ def stream(
     if is_recorded:
         source = sources.recorded(Path(from_), chain.n_taxels, block)
     else:
-        layout = sources.Layout(format_, time_column, lsb, zero)
+        layout = sources.Layout.of(format_, time_column, lsb, zero)
         parser = layout.parser(from_, chain.n_taxels, chain.sampling_rate_Hz, noted)
-        source = sources.live(from_, parser, noted, stall_s, baud=baud)
+        source = sources.live(from_, parser, noted, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
     if rate == "real":
         source = sources.at_its_rate(source, chain.sampling_rate_Hz, noted, block)
     _run(flow, sources.decide(flow, source), noted, as_json=as_json)
@@ -159,7 +186,10 @@ def fine_tune(
     ] = 8,
     state_bits: StateBits = None,
     epochs: Annotated[int, typer.Option(min=0, help="Epochs of training; 0 only rounds.")] = fine_tuning.EPOCHS,
-    seed: Annotated[int, typer.Option(min=0, max=MOST_SEEDS, help="Random seed of the order of windows.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, max=MOST_SEEDS, show_default="0", help="Random seed of the order of windows."),
+    ] = None,
     spikes: MovedSpikes = None,
     force: Annotated[bool, typer.Option("--force", help="Replace a training that is in the folder.")] = False,
     as_json: Json = False,
@@ -193,7 +223,9 @@ def export_command(
         Path | None, typer.Option("-o", "--out", help="The folder to write; with --to nir, the file.")
     ] = None,
     to: Annotated[str | None, typer.Option("--to", help="Target: c or nir.")] = None,
-    variant: Annotated[str, typer.Option(help="With --to c: integer or float arithmetic.")] = "integer",
+    variant: Annotated[
+        str | None, typer.Option(show_default="integer", help="With --to c: integer or float arithmetic.")
+    ] = None,
     weight_bits: Annotated[
         int | None,
         typer.Option(
@@ -209,20 +241,22 @@ def export_command(
         Path | None, typer.Option(help="The recordings that the run was trained on, if they were moved.")
     ] = None,
     spikes: MovedSpikes = None,
-    name: Annotated[str, typer.Option(help="Prefix of all names in C.")] = "touch",
+    name: Annotated[str | None, typer.Option(show_default="touch", help="Prefix of all names in C.")] = None,
     sampling_rate_Hz: RateHz = None,
     window_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
-    quiet_ms: QuietMs = 50.0,
+    quiet_ms: QuietMs = None,
     full_window: FullWindow = False,
     prove: Annotated[
-        int,
+        int | None,
         typer.Option(
-            min=0, help="Compile the export, run it here and in QEMU, and compare this many test trials spike by spike."
+            min=0,
+            show_default="0",
+            help="Compile the export, run it here and in QEMU, and compare this many test trials spike by spike.",
         ),
-    ] = 0,
+    ] = None,
     plain: Annotated[
         bool,
         typer.Option("--plain", help="With --to nir: only CubaLIF and Linear nodes, which snnTorch and Norse load."),
@@ -247,7 +281,18 @@ def export_command(
     The chain in C computes a decision from raw samples: conditioning, afferents, network and early exit. A NIR file
     holds afferents and network as a graph, the rest as metadata.
     """
+    of_c = {
+        "variant": variant, "weight_bits": weight_bits, "state_bits": state_bits, "lsb": lsb, "name": name,
+        "sampling_rate_Hz": sampling_rate_Hz, "length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms,
+        "contact": contact, "quiet_ms": quiet_ms,
+    }  # fmt: skip
+    of_nir: dict[str, Any] = {
+        "plain": plain, "lower_refractory": lower_refractory, "network_only": network_only, "dt_s": dt_s,
+    }  # fmt: skip
+    moved = {"recordings": recordings, "spikes": spikes}
+    given = {**of_c, **of_nir, **moved, "full_window": full_window}
     if check is not None:
+        effects.check(check=check, out=out, to=to, prove=prove, force=force, **given)
         restored = trained.restore(run)
         found = targets.check(restored.network, restored.encoder, restored.rule, check)
         print(targets.title(check))
@@ -257,20 +302,17 @@ def export_command(
         return
     if to is None or out is None:
         raise InputError("export: needs --to c (or nir) and -o, or --check TARGET")
-    if to == "nir":
-        _export_nir(
-            run, out, prove, recordings, spikes, plain=plain, lower_refractory=lower_refractory,
-            network_only=network_only, dt_s=dt_s, force=force,
-        )  # fmt: skip
-        return
-    if to != "c":
+    if to not in ("c", "nir"):
         raise InputError(f"--to {to}: is unknown; choose c or nir")
+    is_integer = to == "c" and variant in (None, "integer")
+    effects.check(to=to, ranges=is_integer or prove, **given)
+    if to == "nir":
+        _export_nir(run, out, prove or 0, recordings, spikes, force=force, **of_nir)
+        return
+    chosen = {key: value for key, value in of_c.items() if value is not None}
     chain, formats = api.export_c(
-        run, out, variant=variant, recordings=recordings, spikes=spikes, weight_bits=weight_bits,
-        state_bits=state_bits, lsb=lsb, name=name, force=force, sampling_rate_Hz=sampling_rate_Hz,
-        early_exit=not full_window, length_ms=window_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact,
-        quiet_ms=quiet_ms,
-    )  # fmt: skip
+        run, out, force=force, early_exit=not full_window, **(moved if is_integer else {}), **chosen
+    )
     print(f"{out}: {c_export.title_of(chain, formats)}")
     if prove:
         print_table(proving.prove(run, chain, formats, prove, recordings, spikes, say=say))

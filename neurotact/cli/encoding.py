@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from neurotact import files, spec
+from neurotact import effects, files, spec
 from neurotact.cli.options import (
     MOST_SPLITS,
     EncoderOption,
@@ -32,7 +32,7 @@ from neurotact.data import encoded_from, hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.nwb_output import to_nwb
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import SplitSpec, training_touches
+from neurotact.data.splits import SplitSpec, check_stratify, training_touches
 from neurotact.data.trial_choice import chosen_trials
 from neurotact.encoders import alternatives, calibration, firing, resting
 from neurotact.encoders import specs as encoders
@@ -55,8 +55,14 @@ def calibrate(
     encoder: EncoderOption = "sa1-ra1-lif",
     set_: SetOption = None,
     split_seed: Annotated[
-        int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split; only its training trials are used.")
-    ] = 0,
+        int | None,
+        typer.Option(
+            min=0,
+            max=MOST_SPLITS,
+            show_default="0",
+            help="Random seed of the split; only its training trials are used.",
+        ),
+    ] = None,
     stratify: Stratify = None,
     where: Where = None,
     leave_out: LeaveOut = None,
@@ -64,7 +70,7 @@ def calibrate(
     group: Group = None,
     order: Order = None,
     folds: Folds = None,
-    fold: Fold = 0,
+    fold: Fold = None,
     compare: Annotated[
         bool, typer.Option("--compare", help="Compare baselines and polarities first and use the best causal one.")
     ] = False,
@@ -97,12 +103,14 @@ def calibrate(
     choice = choice_of(where, leave_out)
     with hdf5.open_recordings(recordings) as stored, track("calibrate", n_steps) as advance:
         data = chosen_trials(stored, choice, str(recordings))
-        training = data.select(training_touches(data, stratify or (), spec.build(SplitSpec, asked, source="calibrate")))
+        split = spec.build(SplitSpec, asked, source="calibrate")
+        check_stratify(data.conditions, stratify, split)
+        training = data.select(training_touches(data, stratify or (), split))
         compared = alternatives.compare(training, start, advance, rule) if compare else None
         found = fit(training, start, advance, rule) if compared is None else compared.best
         at_rest = resting.resting_table(training, found.encoder, rest_ms)
         complaint = resting.complaint(at_rest, rest_ms, found.encoder.conditioning.baseline)
-    trials = f"{len(training)} training trials (split seed {split_seed}) of {recordings.name}"
+    trials = f"{len(training)} training trials (split seed {asked['seed']}) of {recordings.name}"
     comment = f"# Calibrated from {encoder} on the {trials}.\n"
     files.write_text(out, comment + spec.to_toml(found.encoder.model_dump(mode="json", exclude_none=True)))
     if figure:
@@ -146,8 +154,10 @@ def encode(
 def raster(
     spikes: Spikes,
     out: OutFile,
-    trial: Annotated[int, typer.Option(min=0, help="Which trial to draw.")] = 0,
-    start_s: Annotated[float, typer.Option("--start-s", min=0, help="Start of the part that is drawn.")] = 0.0,
+    trial: Annotated[int | None, typer.Option(min=0, show_default="0", help="Which trial to draw.")] = None,
+    start_s: Annotated[
+        float | None, typer.Option("--start-s", min=0, show_default="0", help="Start of the part that is drawn.")
+    ] = None,
     stop_s: Annotated[
         float | None, typer.Option("--stop-s", help="End of the part that is drawn; the trial's end when absent.")
     ] = None,
@@ -160,6 +170,9 @@ def raster(
 
     The signal is drawn above the spikes.
     """
+    kind = "events" if out.suffix in (".csv", ".nwb") else "picture"
+    effects.check(file=kind, trial=trial, start_s=start_s, stop_s=stop_s, recordings=recordings)
+    trial = trial or 0
     files.check_new(out, force=force, inputs=[spikes, recordings])
     trains = hdf5.load_spikes(spikes)
     files.check_new(out, force=force, inputs=[trains.source or None])
@@ -171,7 +184,7 @@ def raster(
         to_nwb(trains, out, force=force)
     else:
         signal = _signal_of(trains, trial, recordings, spikes)
-        rasters.write_raster(trains, trial, out, signal=signal, start_s=start_s, stop_s=stop_s)
+        rasters.write_raster(trains, trial, out, signal=signal, start_s=start_s or 0.0, stop_s=stop_s)
     print(out)
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from neurotact import effects
 from neurotact.data import fetch as public
 from neurotact.data.sources import expand
 from neurotact.progress import track
@@ -22,6 +23,7 @@ def fetch(
     Its licence, size and citation are shown first. Files that exist are not downloaded again. If a set cannot be
     downloaded, the manual steps are printed.
     """
+    effects.check(out=out, name=name)
     if name is None:
         for each, about in public.SETS.items():
             print(f"{each}: {about.about}")

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import typer
 
+from neurotact import effects
 from neurotact.cli.output import print_table
 from neurotact.data import description, doubtful, hdf5
 from neurotact.data.onset import common_onset_s
@@ -26,7 +27,9 @@ def info(
     each taxel or the rate of each population. Use it after an import: it shows a wrong unit, a dead taxel, a clock
     column among the taxels, copies of a trial, or a class with two names.
     """
-    if hdf5.kind_of(file) == "recordings":
+    kind = hdf5.kind_of(file)
+    effects.check(all=all_, content=kind)
+    if kind == "recordings":
         with hdf5.open_recordings(file) as data:
             print(
                 f"{file}: {len(data)} trials of {len(data.classes)} classes, {data.n_channels} taxels, in {data.unit}"

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from neurotact import plugins, spec
+from neurotact import effects, plugins, spec
 from neurotact.cli.deploy import (
     Baud,
     Contact,
@@ -32,7 +32,7 @@ from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
 from neurotact.data.sources import simulator
 from neurotact.deploy.chain import Chain, chain_of
-from neurotact.deploy.sources import DEFAULT_BAUD, Layout, is_recorded, trouble_of
+from neurotact.deploy.sources import DEFAULT_BAUD, STALL_S, Layout, kind_of, trouble_of
 from neurotact.encoders.afferents import afferent_names
 from neurotact.errors import InputError
 from neurotact.live.feeds import ByHand, Device, Feed, Replay
@@ -54,30 +54,35 @@ def live(
         ),
     ],
     speed: Annotated[
-        float,
-        typer.Option(min=SLOWEST, max=FASTEST, help="Speed of a replay or of the simulated finger; 1 is real time."),
-    ] = 1.0,
+        float | None,
+        typer.Option(
+            min=SLOWEST,
+            max=FASTEST,
+            show_default="1",
+            help="Speed of a replay or of the simulated finger; 1 is real time.",
+        ),
+    ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Repeat recordings from the start.")] = False,
     set_: SetOption = None,
     save_to: Annotated[
         Path | None, typer.Option("--save-to", file_okay=False, help="Folder for encoders saved from the page.")
     ] = None,
     port: Annotated[int, typer.Option(min=0, max=MOST_PORTS, help="Port of the page; 0 chooses a free one.")] = 0,
-    format_: Format = "csv",
-    baud: Baud = DEFAULT_BAUD,
+    format_: Format = None,
+    baud: Baud = None,
     sampling_rate_Hz: RateHz = None,
     unit: Unit = None,
     time_column: TimeColumn = None,
-    lsb: Lsb = 1.0,
-    zero: Zero = 0.0,
+    lsb: Lsb = None,
+    zero: Zero = None,
     window_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
-    quiet_ms: QuietMs = 50.0,
+    quiet_ms: QuietMs = None,
     full_window: FullWindow = False,
     hold_ms: HoldMs = 5.0,
-    stall_s: StallS = 1.0,
+    stall_s: StallS = None,
 ) -> None:
     """Show a running chain on a local page with sliders: touch, spikes, decision.
 
@@ -87,21 +92,25 @@ def live(
     """
     server = _server_module()
     feed: Feed | None = None
-    if is_recorded(from_):
+    kind = "simulation" if from_ in plugins.names("simulators") else kind_of(from_)
+    effects.check(
+        source=kind, speed=speed, loop=loop, set=set_, format=format_, baud=baud, sampling_rate_Hz=sampling_rate_Hz,
+        time_column=time_column, lsb=lsb, zero=zero, stall_s=stall_s,
+    )  # fmt: skip
+    speed = 1.0 if speed is None else speed
+    if kind == "recordings":
         feed = Replay(from_, speed, loops=loop)
-    elif from_ in plugins.names("simulators"):
+    elif kind == "simulation":
         feed = ByHand(from_, simulator(from_), spec.parse_assignments(set_ or []), speed)
-    if set_ and not isinstance(feed, ByHand):
-        raise InputError(f"--set: changes a simulated finger, and --from {from_} is not one; leave --set out")
     chain = chain_of(
         run, sampling_rate_Hz=feed.sampling_rate_Hz if feed else sampling_rate_Hz, early_exit=not full_window,
         length_ms=window_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
     )  # fmt: skip
     if feed is None:
-        layout = Layout(format_, time_column, lsb, zero)
+        layout = Layout.of(format_, time_column, lsb, zero)
         feed = Device(
             from_, layout, default_channels(chain.n_taxels), chain.sampling_rate_Hz, unit or chain.encoder.unit,
-            stall_s=stall_s, baud=baud,
+            stall_s=stall_s or STALL_S, baud=baud or DEFAULT_BAUD,
         )  # fmt: skip
     feed.unit = unit or feed.unit
     sides = _sides(run, feed) if isinstance(feed, Replay) else []

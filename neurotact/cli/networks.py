@@ -9,9 +9,8 @@ import pandas as pd
 import torch
 import typer
 
-from neurotact import files, spec
+from neurotact import effects, files, spec
 from neurotact.cli.options import (
-    MOST_WORKERS,
     Align,
     DeviceOption,
     ExitBy,
@@ -44,6 +43,7 @@ from neurotact.cli.options import (
     Tolerance,
     Where,
     WindowMs,
+    WorkersOption,
     choice_of,
     choice_table,
     split_table,
@@ -71,7 +71,7 @@ from neurotact.networks import (
     train_run,
     trained,
 )
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.specs import RSNNSpec, given_keys
 from neurotact.progress import say, track
 from neurotact.tables import to_json, write_table
 
@@ -96,8 +96,8 @@ def train_command(
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
     align: Align = "trial",
-    rest_ms: RestMs = 50.0,
-    onset_deviations: OnsetDeviations = 3.0,
+    rest_ms: RestMs = None,
+    onset_deviations: OnsetDeviations = None,
     where: Where = None,
     leave_out: LeaveOut = None,
     test_where: TestWhere = None,
@@ -115,7 +115,7 @@ def train_command(
         ),
     ] = 1,
     stratify: Stratify = None,
-    split_seed: SplitSeed = 0,
+    split_seed: SplitSeed = None,
     tolerance: Tolerance = 0.01,
     exit_by: ExitBy = "stability",
     seed: Seed = 0,
@@ -132,15 +132,17 @@ def train_command(
     continues and writes the same files. With --folds or --repeats, one network is trained per split, each in its own
     folder, and the mean is printed.
     """
-    what = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
+    changes = spec.parse_assignments(set_ or [])
+    what = spec.load(RSNNSpec, network, changes)
     window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
-    split = split_table(split_seed, test_where, group, order, folds, fold or 0)
+    split = split_table(split_seed, test_where, group, order, folds, fold)
     choice = choice_table(where, leave_out)
     task = tasks.task_of("train", window, split, stratify, tolerance, exit_by, **choice)
     trains = tasks.load_spikes(spikes, task, tell=True)
     task = tasks.with_suited_window(task, trains, OPTIONS)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
+    options["given"] = given_keys(network, changes)
     options["tell"] = lambda line: None if as_json else print(line)
     try:
         if every_fold or repeats > 1:
@@ -204,11 +206,14 @@ def tune(
         str, typer.Option(help="accuracy, or accuracy-sops with the Pareto front of both.")
     ] = "accuracy",
     sops_weight: Annotated[
-        float,
+        float | None,
         typer.Option(
-            "--sops-weight", min=0, help="w in accuracy - w log10(SOPs), which --objective accuracy-sops maximises."
+            "--sops-weight",
+            min=0,
+            show_default="0.1",
+            help="w in accuracy - w log10(SOPs), which --objective accuracy-sops maximises.",
         ),
-    ] = 0.1,
+    ] = None,
     max_sops: Annotated[
         float | None,
         typer.Option("--max-sops", help="Budget of the best network: mean SOPs per window."),
@@ -221,29 +226,28 @@ def tune(
         str, typer.Option(help="median-stop stops trials below the median early; none trains all to the end.")
     ] = "median-stop",
     start_epoch: Annotated[
-        int, typer.Option("--start-epoch", min=1, help="First epoch after which a trial may be stopped.")
-    ] = 10,
+        int | None,
+        typer.Option("--start-epoch", min=1, show_default="10", help="First epoch after which a trial may be stopped."),
+    ] = None,
     window_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
     align: Align = "trial",
-    rest_ms: RestMs = 50.0,
-    onset_deviations: OnsetDeviations = 3.0,
+    rest_ms: RestMs = None,
+    onset_deviations: OnsetDeviations = None,
     where: Where = None,
     leave_out: LeaveOut = None,
     test_where: TestWhere = None,
     group: Group = None,
     order: Order = None,
     folds: Folds = None,
-    fold: Fold = 0,
+    fold: Fold = None,
     stratify: Stratify = None,
-    split_seed: SplitSeed = 0,
+    split_seed: SplitSeed = None,
     tolerance: Tolerance = 0.01,
     exit_by: ExitBy = "stability",
-    workers: Annotated[
-        int, typer.Option(min=1, max=MOST_WORKERS, help="Worker processes; the results do not depend on it.")
-    ] = 2,
+    workers: WorkersOption = None,
     device: PopulationDevice = "cpu",
     resume: Annotated[
         bool,
@@ -256,6 +260,7 @@ def tune(
     The first trial is the network as given. The best has the highest value and, of equal ones, the fewest SOPs. An
     interrupted search continues when the same command is given again; with --resume it may ask for more trials.
     """
+    effects.check(workers=workers, device=device)
     settings = {
         "tuner": tuner,
         "trials": trials,
@@ -272,14 +277,14 @@ def tune(
     task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by, **choice_table(where, leave_out))
     trains = tasks.load_spikes(spikes, task, tell=True)
     task = tasks.with_suited_window(task, trains, OPTIONS)
-    searched = spec.load(RSNNSpec, network, spec.parse_assignments(set_ or []))
+    changes = spec.parse_assignments(set_ or [])
+    searched = spec.load(RSNNSpec, network, changes)
     source = "tune" if space is None else f"tune --space {space}"
-    problem = search.problem_of(
-        trains, search.asked(source, space, searched, settings, trains, task), searched, task, device
-    )
+    asked = search.asked(source, space, searched, settings, trains, task, given_keys(network, changes))
+    problem = search.problem_of(trains, asked, searched, task, device)
     with files.locked(out):
         try:
-            with search.runner(problem, spikes, workers, device) as run, track("tune", trials) as advance:
+            with search.runner(problem, spikes, workers or 2, device) as run, track("tune", trials) as advance:
                 found, timing = search.search(problem, out, run, advance, resume=resume)
             save_found(problem, found, out)
             outcome = search.save_best(problem, spikes, out, found, device)
@@ -322,6 +327,7 @@ def infer(
 
     Training, validation, test and unseen windows are summarised separately; trials are recognised by their content.
     """
+    effects.check(force=force, out=out)
     if out:
         files.check_new(out, force=force, inputs=[*_network_files(run), spikes])
     restored = trained.restore(run, device=_device(device))

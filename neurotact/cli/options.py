@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from neurotact import effects
 from neurotact.data.recordings import LABEL
 from neurotact.data.trial_choice import TrialChoice
 from neurotact.progress import say
@@ -80,7 +81,10 @@ PerTrial = Annotated[
 ]
 Stratify = Annotated[list[str] | None, typer.Option(help="A condition to balance in the split; may be repeated.")]
 SplitSeed = Annotated[
-    int, typer.Option(min=0, max=MOST_SPLITS, help="Random seed of the split into training, validation and test.")
+    int | None,
+    typer.Option(
+        min=0, max=MOST_SPLITS, show_default="0", help="Random seed of the split into training, validation and test."
+    ),
 ]
 TestWhere = Annotated[
     list[str] | None,
@@ -121,7 +125,7 @@ Order = Annotated[
 Folds = Annotated[
     int | None, typer.Option("--folds", min=2, help="Divide the trials into this many folds and test on one.")
 ]
-Fold = Annotated[int, typer.Option("--fold", min=0, help="The fold that is tested, from 0.")]
+Fold = Annotated[int | None, typer.Option("--fold", min=0, show_default="0", help="The fold that is tested, from 0.")]
 FoldsInTurn = Annotated[
     int | None,
     typer.Option(
@@ -136,12 +140,17 @@ Align = Annotated[
     typer.Option(help="What --start-ms counts from: the trial's beginning, or the onset of contact."),
 ]
 RestMs = Annotated[
-    float, typer.Option("--rest-ms", help="With --align onset: length of the rest at the start of each trial.")
+    float | None,
+    typer.Option(
+        "--rest-ms", show_default="50", help="With --align onset: length of the rest at the start of each trial."
+    ),
 ]
 OnsetDeviations = Annotated[
-    float,
+    float | None,
     typer.Option(
-        "--onset-deviations", help="With --align onset: contact begins this many standard deviations above the rest."
+        "--onset-deviations",
+        show_default="3",
+        help="With --align onset: contact begins this many standard deviations above the rest.",
     ),
 ]
 Tolerance = Annotated[
@@ -181,16 +190,18 @@ def choice_of(where: list[str] | None, leave_out: list[str] | None) -> TrialChoi
 
 
 def split_table(
-    seed: int,
+    seed: int | None,
     test_where: list[str] | None,
     group: list[str] | None,
     order: str | None,
     folds: int | None,
-    fold: int,
+    fold: int | None,
 ) -> dict[str, Any]:
-    """The options for the split, as its table."""
+    """The options for the split, as its table; None means not given."""
+    effects.check(split_seed=seed, order=order, fold=fold, folds=folds)
     where = parse_where(test_where or [], "--test-where")
-    return {"seed": seed, "test_where": where, "group": group or [], "order": order, "folds": folds, "fold": fold}
+    chosen = {"seed": seed or 0, "order": order, "folds": folds, "fold": fold or 0}
+    return {"test_where": where, "group": group or [], **chosen}
 
 
 def split_changes(
@@ -227,11 +238,13 @@ def window_table(
     hop_ms: float | None,
     per_trial: int | None,
     align: str,
-    rest_ms: float,
-    deviations: float,
+    rest_ms: float | None,
+    deviations: float | None,
 ) -> dict[str, Any]:
     """The options for the windows, as the table of a window; None means not given."""
+    effects.check(align=align, rest_ms=rest_ms, onset_deviations=deviations)
     say_if_seconds(length_ms)
+    rest_ms, deviations = 50.0 if rest_ms is None else rest_ms, 3.0 if deviations is None else deviations
     onset = {"rest_ms": rest_ms, "bin_ms": min(10.0, rest_ms), "deviations": deviations}
     table = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial}
     return table | ({"align": align, "onset": onset} if align != "trial" else {})

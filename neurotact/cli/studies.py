@@ -28,7 +28,7 @@ from neurotact.cli.options import (
     split_changes,
 )  # fmt: skip
 from neurotact.cli.output import print_table
-from neurotact.errors import INTERRUPTED, InputError
+from neurotact.errors import INTERRUPTED
 from neurotact.progress import say
 from neurotact.report import report
 from neurotact.report.page import ANSWER
@@ -107,12 +107,8 @@ def study_report(folder: StudyFolder, as_json: Json = False) -> None:
 
 def _run_study(what: loading.Study, out: Path, where: tuple[int | None, str | None, str], as_json: bool) -> None:
     workers, scheduler, device = where
-    if workers and scheduler:
-        raise InputError("--workers, --scheduler: give one of them; a cluster has the workers that have joined it")
-    if device != "cpu" and (workers or scheduler):
-        raise InputError("--device, --workers, --scheduler: give one of them; a device trains all networks at once")
     try:
-        runner.run(what, out, workers or 2, scheduler, device)
+        runner.run(what, out, workers, scheduler, device)
         page = report.write(out)
     except KeyboardInterrupt:
         is_begun = (out / runner.STUDY).is_file()

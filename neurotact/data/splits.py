@@ -14,6 +14,7 @@ import pandas as pd
 from pydantic import Field, field_validator, model_validator
 from sklearn.model_selection import StratifiedGroupKFold, StratifiedKFold, train_test_split
 
+from neurotact import effects
 from neurotact.data import nested
 from neurotact.data.copies import copies_of, joined, name_of
 from neurotact.data.nested import Turn
@@ -245,6 +246,11 @@ def turns_of(conditions: pd.DataFrame, spec: SplitSpec) -> list[Turn]:
     rest = np.setdiff1d(np.arange(len(conditions)), _where(conditions, spec.test_where))
     labels = conditions[LABEL].astype(str).to_numpy(dtype=str)
     return nested.turns_of(nested.units_of(conditions, spec.test_where), labels, rest)
+
+
+def check_stratify(conditions: pd.DataFrame, stratify: Iterable[str] | None, spec: SplitSpec) -> None:
+    """NoEffectError for conditions to balance where no side of the split is drawn at random."""
+    effects.check(stratify=[*(stratify or ())], drawn=not turns_of(conditions, spec))
 
 
 def hold_out_groups(labels: np.ndarray, groups: np.ndarray, share: float, seed: int) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from neurotact import effects
 from neurotact.data.notebook import html_of
 from neurotact.data.recordings import chosen
 from neurotact.data.spikes import SpikeTrains
@@ -165,6 +166,7 @@ def windows(
     """
     if not isinstance(spikes, SpikeTrains):
         raise InputError(f"spikes: must be spike trains, as nt.encode returns them; got {type(spikes).__name__}")
+    effects.check(align=align, onset=onset)
     given = {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms, "per_trial": per_trial, "align": align}
     table = {key: value for key, value in given.items() if value is not None}
     if onset:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from neurotact import effects
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.deploy.windows import WindowPlan
@@ -64,7 +65,7 @@ def chain_of(
     start_ms: float | None = None,
     hop_ms: float | None = None,
     contact: bool = False,
-    quiet_ms: float = 50.0,
+    quiet_ms: float | None = None,
 ) -> Chain:
     """The chain of a run folder that `train` wrote, or of an encoder and a network.
 
@@ -73,6 +74,7 @@ def chain_of(
     length_ms, start_ms, hop_ms, contact, quiet_ms: as for `WindowPlan`; None: as in training.
     Raises InputError, which names the fix, for what cannot run sample by sample.
     """
+    effects.check(contact=contact, hop_ms=hop_ms, quiet_ms=quiet_ms)
     rule, classes, settings = FULL_WINDOW, None, {"length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms}
     if isinstance(source, tuple):
         encoder, network = source

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import torch
 from pydantic import Field, PositiveFloat
 
-from neurotact import files
+from neurotact import effects, files
 from neurotact.data.windows import steps_of
 from neurotact.deploy import formats
 from neurotact.deploy.formats import Layers, Steps
@@ -111,18 +111,20 @@ def run(
     weight_bits: int = 8,
     state_bits: int | None = None,
     epochs: int = EPOCHS,
-    seed: int = 0,
+    seed: int | None = None,
     spikes: str | Path | None = None,
     force: bool = False,
 ) -> Done:
     """Fine-tune the network in the run folder `source` for integer weights, and save it in `folder` as a new run.
 
     spikes: those that the run was trained on, where they moved since.
-    weight_bits, state_bits: as for `formats.choose`. epochs, seed: of training; 0 epochs: rounding alone.
+    weight_bits, state_bits: as for `formats.choose`. epochs: of training; 0: rounding alone. seed: of the order of
+    windows, 0 if None.
     force: replace an existing training in `folder`.
     Raises InputError for a folder that is not empty, and for spikes that are no longer those of the run.
     """
-    source, folder = Path(source), Path(folder)
+    effects.check(epochs=epochs, seed=seed)
+    source, folder, seed = Path(source), Path(folder), seed or 0
     if not 0 <= epochs <= 100_000:
         raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
     if folder.exists() and source.exists() and folder.samefile(source):

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from neurotact import effects
 from neurotact.data import hdf5
 from neurotact.data.readers.clock import UNIT_S
 from neurotact.data.readers.contents import content_of_bytes
@@ -32,6 +33,8 @@ from neurotact.errors import InputError
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
 FORMATS = ("csv", "float32", "int16")
+STALL_S = 1.0
+"""Time without input that counts as a gap, if none is given."""
 SERIAL = "serial:"
 """Prefix of the device of a serial port."""
 DEFAULT_BAUD = 115_200
@@ -214,6 +217,19 @@ def is_recorded(path: str) -> bool:
     return path.endswith((".h5", ".hdf5"))
 
 
+def kind_of(path: str) -> str:
+    """What a source is, by its name: recordings, a serial port, a file, or a pipe (standard input, a device file).
+
+    >>> kind_of("touches.h5"), kind_of("-"), kind_of("serial:/dev/ttyUSB0")
+    ('recordings', 'pipe', 'serial port')
+    """
+    if is_recorded(path):
+        return "recordings"
+    if path.startswith(SERIAL):
+        return "serial port"
+    return "file" if os.path.isfile(path) else "pipe"
+
+
 def trouble_of(tally: Tally, noted: Noted) -> str:
     """The errors in the samples, in words, of a stream and of its source; empty without errors."""
     return ", ".join(filter(None, (tally.trouble(), noted.trouble())))
@@ -231,25 +247,31 @@ class Layout(NamedTuple):
     lsb: float = 1.0
     zero: float = 0.0
 
+    @classmethod
+    def of(cls, format: str | None, time_column: str | None, lsb: float | None, zero: float | None) -> "Layout":
+        """A layout in which None means not given; InputError for what the format does not use.
+
+        >>> Layout.of("int16", None, 0.5, None)
+        Layout(format='int16', time_column=None, lsb=0.5, zero=0.0)
+        """
+        given = {"format": format, "time_column": time_column, "lsb": lsb, "zero": zero}
+        effects.check(**given)
+        return cls(**{key: value for key, value in given.items() if value is not None})
+
     def parser(self, where: str, n_taxels: int, rate_Hz: float, noted: Noted) -> Rows | Frames:
         """The parser of the format; InputError for an unknown format or unit."""
         if self.format not in FORMATS:
             raise InputError(f"--format {self.format}: is unknown; choose one of {', '.join(FORMATS)}")
         if self.time_column is not None and self.time_column not in UNIT_S:
             raise InputError(f"--time-column {self.time_column}: is unknown; choose one of {', '.join(UNIT_S)}")
-        self._check_used()
+        self._check_digits()
         if self.format != "csv":
             return Frames(where, n_taxels, self.format, noted, self.lsb, self.zero)
         unit_s = None if self.time_column is None else UNIT_S[self.time_column]
         return Rows(where, n_taxels, rate_Hz, noted, unit_s, joins=where.startswith(SERIAL))
 
-    def _check_used(self) -> None:
-        """InputError for a part that the format does not use, and for digits of which a signal is not finite."""
-        if self.time_column is not None and self.format != "csv":
-            raise InputError(f"--time-column: {self.format} frames have none; leave it out, or pass --format csv")
-        for key in ("lsb", "zero"):
-            if self.format != "int16" and getattr(self, key) != Layout._field_defaults[key]:
-                raise InputError(f"--{key}: is of int16 frames, and --format is {self.format}; leave it out")
+    def _check_digits(self) -> None:
+        """InputError for digits of which a signal is not finite."""
         if not abs(self.lsb) * 2**15 + abs(self.zero) <= FLOAT32_MAX:
             raise InputError(
                 f"--lsb {self.lsb:g}, --zero {self.zero:g}: zero + lsb * x is beyond float32; give smaller numbers"

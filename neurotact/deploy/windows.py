@@ -8,6 +8,8 @@ from neurotact.data.windows import WindowSpec, steps_of
 from neurotact.errors import InputError
 from neurotact.spec import build
 
+QUIET_MS = 50.0
+"""Time without a spike before a contact, if none is given."""
 MOST_AT_ONCE = 64
 """Maximum number of windows that overlap; each is a separate network."""
 LONGEST_QUIET = 2**31
@@ -36,9 +38,9 @@ class WindowPlan:
         start_ms: float | None = None,
         hop_ms: float | None = None,
         contact: bool = False,
-        quiet_ms: float = 50.0,
+        quiet_ms: float | None = None,
     ) -> "WindowPlan":
-        """A plan from milliseconds; values that are None are those of `WindowSpec`.
+        """A plan from milliseconds; values that are None are those of `WindowSpec`, and `QUIET_MS`.
 
         >>> WindowPlan.of(2000.0, length_ms=150, hop_ms=50)
         WindowPlan(length=300, start=0, hop=100, quiet=0)
@@ -52,6 +54,7 @@ class WindowPlan:
                     f"hop_ms: {-(-length // hop)} windows would overlap, more than {MOST_AT_ONCE}; lengthen the hop"
                 )
             return WindowPlan(length, start, hop)
+        quiet_ms = QUIET_MS if quiet_ms is None else quiet_ms
         quiet = quiet_ms * 1e-3 * clock_Hz
         if not (quiet < LONGEST_QUIET and round(quiet) >= 1):
             raise InputError(f"quiet_ms: {quiet_ms:g} ms is less than one step at {clock_Hz:g} Hz, or too long")

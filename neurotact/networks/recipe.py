@@ -16,6 +16,7 @@ from torch import Tensor
 from neurotact import spec as specs
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.specs import void_keys as of_network
 from neurotact.networks.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
 
@@ -142,6 +143,19 @@ def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
     table = specs.override(given, {key: value for key, value in chosen.items() if key not in given})
     table["training"] = {**table.get("training", {}), **training}
     return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
+
+
+def void_keys(spec: RSNNSpec) -> dict[str, str]:
+    """The keys of a network that have no effect, and why; with a recipe those that have none in windows of any length.
+
+    >>> {*void_keys(RSNNSpec(recipe="default"))} - {*void_keys(RSNNSpec(recipe="default", model="rsnn"))}
+    set()
+    >>> "forward_weight_scale" in void_keys(RSNNSpec(recipe="default", model="snn"))
+    True
+    """
+    lengths = (1, 1 + RECURRENT_STEPS)
+    short, long = (of_network(resolve(spec, Seen(1, steps, 1000.0, 1.0))) for steps in lengths)
+    return {key: why for key, why in short.items() if key in long}
 
 
 def training_of(spec: RSNNSpec) -> TrainingSpec:

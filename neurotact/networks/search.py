@@ -9,7 +9,7 @@ import json
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -19,8 +19,9 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import torch
 
-from neurotact import files, spec, workers
+from neurotact import effects, files, spec, workers
 from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import check_stratify
 from neurotact.errors import InputError
 from neurotact.networks import fitting, measuring, population, recipe, tasks, trained, tuning
 from neurotact.networks.outcome import Outcome, outcome_of
@@ -36,12 +37,15 @@ from neurotact.networks.search_journal import (
     read_journal,
     value_of,
 )
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.specs import RSNNSpec, void_keys
 from neurotact.networks.tasks import Sides, Task
 from neurotact.networks.training import Course, Epoch, alone, course
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
 from neurotact.progress import Advance, silent, time_left
 from neurotact.spec import Spec, build
+
+DECIDING = {"model", "readout", "input_deviation", "learn", "training.relative_learning_rate"}
+"""Keys of a network on which it depends whether others have an effect."""
 
 
 class Problem(Spec):
@@ -98,18 +102,25 @@ def asked(
     settings: Mapping[str, Any],
     trains: SpikeTrains,
     task: Task,
+    given: Collection[str] = (),
 ) -> SearchSpec:
     """The search that the arguments of a command or a call describe; its first trial is the network as given.
 
     space: name or path of a space, or the space itself; None: around the choices of the network's recipe, or the space
-    of the texture paper for a network without one. settings: the other keys of `SearchSpec`.
+    of the texture paper for a network without one. settings: the other keys of `SearchSpec`; None: not given.
+    given: keys of the network that the user has set; one that has no effect in any trial is refused.
     InputError names `source` and the wrong value.
     """
+    effects.check(**settings)
+    check_stratify(trains.conditions, task.stratify, task.split)
+    settings = {key: value for key, value in settings.items() if value is not None}
     seen = tasks.seen(trains, task)
     if space is None:
         space = recipe.space(network, seen) if network.recipe else "texture"
     table = tuning.flatten(space) if isinstance(space, Mapping) else tuning.load_space(space)
     built = build(SearchSpec, {**settings, "space": table}, source=source)
+    if not DECIDING & {*built.space}:
+        effects.check_keys(given, [void_keys(recipe.resolve(network, seen))], "network")
     tuning.check(built.space, network, source="search.space")
     if built.tuner == "grid":
         return built

@@ -11,6 +11,7 @@ from neurotact import files, spec
 from neurotact.metrics.fronts import pareto_front
 from neurotact.networks.search import Problem
 from neurotact.networks.search_journal import FINISHED, Trial, best_of
+from neurotact.networks.specs import void_keys
 from neurotact.networks.tuning import SearchSpec
 from neurotact.tables import write_table
 
@@ -24,7 +25,10 @@ def write_tables(problem: Problem, folder: Path, trials: Sequence[Trial]) -> Non
         write_table(front_table(table), folder / "pareto.csv")
     network = problem.network_of(best.parameters)
     comment = f"# The best of {len(trials)} trials (trial {best.id}), by {value_words(problem.search)}.\n"
-    files.write_text(folder / "best.toml", comment + spec.to_toml(network.model_dump(mode="json")))
+    table = network.model_dump(mode="json")
+    if network.recipe is None:  # what has no effect, such as a searched scale of recurrent weights, is refused by train
+        table = spec.override(table, {key: None for key in void_keys(network) if key in spec.leaves(table)})
+    files.write_text(folder / "best.toml", comment + spec.to_toml(table))
 
 
 def trials_table(trials: Sequence[Trial]) -> pd.DataFrame:

@@ -1,9 +1,13 @@
 """The keys of a network spec (`networks/*.toml`)."""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
+from neurotact import effects
+from neurotact import spec as specs
 from neurotact.neurons import Membrane, Reset
 from neurotact.spec import Spec, without_defaults
 
@@ -161,3 +165,35 @@ class RSNNSpec(Spec):
         given = {key: value for key, value in table.items() if key in self.model_fields_set and key != "training"}
         training = {key: getattr(self.training, key) for key in sorted(self.training.model_fields_set)}
         return {**given, "training": training} if training else given
+
+
+def void_keys(spec: RSNNSpec) -> dict[str, str]:
+    """The keys that have no effect in a network without a recipe, and why.
+
+    >>> list(void_keys(RSNNSpec(model="snn", training=TrainingSpec(readout_dropout=0.1))))
+    ['training.readout_dropout', 'recurrent_delay_steps', 'recurrent_weight_scale']
+    """
+    scales_all = spec.input_deviation is not None and spec.integrates and not spec.recurrent
+    is_relative = spec.training.relative_learning_rate is not None
+    return effects.voids(
+        model=spec.model,
+        readout=spec.readout,
+        keeps_scale=not scales_all,
+        has_others=not is_relative or spec.integrates or bool(spec.learn),
+    )
+
+
+def given_keys(network: str | Path | RSNNSpec, settings: Mapping[str, Any] | None) -> list[str]:
+    """The keys that a user has given for a network: the `settings`, and of a spec with a recipe all of its keys.
+
+    Of a complete spec, those keys which differ from the default and have no effect even before the settings.
+    """
+    if isinstance(network, RSNNSpec):
+        before, table = network, network.model_dump(mode="json")
+    else:
+        before, table = specs.load(RSNNSpec, network), specs.read(specs.find(RSNNSpec.folder, network))
+    table = specs.leaves(table)
+    if before.recipe is None:
+        usual = specs.leaves(RSNNSpec().model_dump(mode="json"))
+        table = {key: value for key, value in table.items() if key in void_keys(before) and value != usual.get(key)}
+    return [*specs.leaves(settings or {}), *table]

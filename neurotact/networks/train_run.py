@@ -7,21 +7,21 @@ at its end `train.toml`, the network and its results. Until the first epoch ends
 import os
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
-from neurotact import files
+from neurotact import effects, files
 from neurotact.data import nested
 from neurotact.data.spikes import SpikeTrains
-from neurotact.data.splits import turns_of
+from neurotact.data.splits import check_stratify, turns_of
 from neurotact.errors import InputError
 from neurotact.interrupt import stop_if_asked, terminated_as_interrupted
 from neurotact.networks import checkpoint, fitting, recipe, tasks, trained, training_checkpoint
 from neurotact.networks.outcome import Outcome, outcome_of
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.specs import RSNNSpec, void_keys
 from neurotact.networks.tasks import Task
 from neurotact.networks.training import Checkpoint, Epoch
 from neurotact.progress import track
@@ -71,6 +71,7 @@ def run(
     network: RSNNSpec,
     task: Task,
     *,
+    given: Collection[str] = (),
     seed: int = 0,
     device: str = "cpu",
     force: bool = False,
@@ -79,6 +80,7 @@ def run(
 ) -> Outcome | None:
     """Train a network on spikes and save it in `folder`; returns None if it is finished already.
 
+    given: keys of the network that the user has set; one that has no effect is refused.
     force: replace the files of an earlier training there, and nothing else.
     resume: continue an interrupted training in the folder; without one, start.
     tell: called with each line on the choices of the network's recipe.
@@ -89,15 +91,18 @@ def run(
     with files.locked(folder):
         check_place(folder, force=force, resume=resume)
         trains = tasks.load_spikes(spikes, task)
+        check_stratify(trains.conditions, task.stratify, task.split)
         seen = tasks.seen(trains, task)
         tasks.warn_of_onsets(trains, task.window)
+        chosen = recipe.resolve(network, seen)
+        effects.check_keys(given, [void_keys(chosen)], "network")
         asked = Asked(
             spikes=os.path.relpath(spikes, folder),
             spikes_sha256=files.sha256(spikes),
             seed=seed,
             device=device,
             task=task,
-            network=recipe.resolve(network, seen),
+            network=chosen,
             versions=versions(),
         )
         start = None

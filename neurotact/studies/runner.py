@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from neurotact import files
+from neurotact import effects, files
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
 from neurotact.networks import population
@@ -32,19 +32,23 @@ LONGEST_VALUE = 40
 """Characters of each value in a message on two different studies."""
 
 
-def run(study: Study, folder: Path, workers: int = 2, scheduler: str | None = None, device: str = "cpu") -> None:
+def run(
+    study: Study, folder: Path, workers: int | None = None, scheduler: str | None = None, device: str = "cpu"
+) -> None:
     """Run the unfinished cells of `study` in `folder`, then write its tables; `report.write` shows them.
 
-    scheduler: address of a Dask scheduler; its workers compute the cells in place of `workers` processes here.
+    workers: processes of this machine, 2 if None. scheduler: address of a Dask scheduler, whose workers compute cells
+    in their place.
     device: a torch device that trains the networks in their place, all together; "cpu": no such device.
     Each cell trains with one thread and its own random seeds: no number depends on where it is computed.
     A damaged file is written again, and a line on stderr names it.
     Raises InputError if the folder contains another study or anything else, if another process works in it, and if
     the scheduler cannot be used.
     """
+    effects.check(workers=workers, scheduler=scheduler, device=device)
     with files.locked(folder), ExitStack() as at_last:
         is_new = files.is_free(folder)
-        with executor(workers, scheduler, device) as map_cells:
+        with executor(workers or 2, scheduler, device) as map_cells:
             _claim(folder, study, device)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped

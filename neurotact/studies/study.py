@@ -11,8 +11,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from neurotact import files, plugins
+from neurotact import effects, files, plugins
 from neurotact import spec as specs
+from neurotact.data.contact import OnsetSpec
 from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
@@ -21,7 +22,7 @@ from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
-from neurotact.networks import tuning
+from neurotact.networks import recipe, tuning
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import ExitBy
 from neurotact.networks.tuning import SearchSpec
@@ -308,7 +309,7 @@ def resolve(
     quick: apply the file's `[quick]` table of overrides first.
     data: the file of recordings of a study that names none.
     """
-    path = specs.find(StudySpec.folder, name)
+    path, asked = specs.find(StudySpec.folder, name), overrides or {}
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
     table = specs.read(path)
     table |= {key: suited.placed(table[key], path) for key in ("dataset",) if key in table}
@@ -344,7 +345,10 @@ def resolve(
         model = simulator(study.dataset.simulate).model
         specs.build(model, study.dataset.parameters, source=f"dataset.parameters of {path}")
     # A wrong value in a sweep raises an error here, before any cell runs.
-    starts = [cell.calibrate for cell in cells(study)]
+    every = list(cells(study))
+    given = [*specs.leaves(asked), *sweeps.keys(study.sweep)]
+    effects.check_keys(given, map(_void_keys, every), str(path))
+    starts = [cell.calibrate for cell in every]
     calibrated.check(overrides, study.sweep, [start for start in starts if start is not None])
     return study
 
@@ -393,6 +397,18 @@ def cells(study: StudySpec) -> Iterator[Cell]:
         cell = specs.build(Cell, specs.override(base, chosen), source=f"sweep of {study.title}")
         _check_source(cell, study)
         yield cell
+
+
+def _void_keys(cell: Cell) -> dict[str, str]:
+    """The keys of a study that have no effect in a cell, and why."""
+    split = effects.voids(folds=cell.split.folds, test_where=cell.split.test_where, order=cell.split.order)
+    onset = effects.voids(align=cell.window.align)["onset"] if cell.window.align == "trial" else None
+    network = {} if cell.network is None or cell.search is not None else recipe.void_keys(cell.network)
+    return {
+        **({f"window.onset.{key}": onset for key in OnsetSpec.model_fields} if onset else {}),
+        **{f"split.{key.removeprefix('split_')}": why for key, why in split.items()},
+        **{f"network.{key}": why for key, why in network.items()},
+    }
 
 
 def _in_cell(key: str) -> str:

@@ -43,7 +43,7 @@ def refused(monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--from", "{made}/skin.h5", "--set", "seed=1"], "--set: changes a simulated finger"),
+        (["--from", "{made}/skin.h5", "--set", "seed=1"], "--set: has no effect without a simulated finger"),
         (["--from", "stiffness"], "has no finger to control"),
         (["--from", "gratings"], "samples come at 2000 Hz but the chain was trained at 1000 Hz"),
         (["--from", "gratings", "--set", "sed=1"], "sed: unknown key; did you mean 'seed'"),

@@ -103,9 +103,9 @@ def test_a_number_is_used_or_refused(run, option, value, neurotact):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--format", "float32", "--time-column", "ms"], "--time-column: float32 frames have none"),
-        (["--lsb", "2"], "--lsb: is of int16 frames, and --format is csv"),
-        (["--format", "float32", "--zero", "2"], "--zero: is of int16 frames, and --format is float32"),
+        (["--format", "float32", "--time-column", "ms"], "--time-column: has no effect without --format csv"),
+        (["--lsb", "2"], "--lsb: has no effect without --format int16"),
+        (["--format", "float32", "--zero", "2"], "--zero: has no effect without --format int16"),
     ],
 )
 def test_an_option_without_effect_is_refused(run, words, message, neurotact):

@@ -92,6 +92,8 @@ def read(
         check_size(folder, n_bytes)
     if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
+    if table.time_unit is not None and all(each.table.time is None for each in read):
+        raise InputError(f"{folder}: --time-unit: the samples have no time stamps; leave it out")
     _warn_of_axes(read, table, folder)
     for note, noted in _noted(read).items():
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
@@ -122,11 +124,20 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
     if path.suffix.lower() == tdms.SUFFIX:
         if layout.transpose:
             raise InputError(f"{path}: --transpose is for NPZ and MATLAB files; leave it out")
+        _check_no_text(path, layout)
         groups = tdms.read_groups(path, layout, find_time=find_time)
         return [Read(f"{path}:{name}", f"{file}:{name}", group) for name, group in groups.items()], {}
     if layout.columns:
         raise InputError(f"{path}: --columns is for CSV files and TDMS; save the chosen columns, or as CSV")
+    _check_no_text(path, layout)
     return _of_arrays(path, file, layout, find_time=find_time)
+
+
+def _check_no_text(path: Path, layout: LayoutSpec) -> None:
+    """Refuse what only the reading of text needs."""
+    for key in ("decimal", "header_lines"):
+        if getattr(layout, key) != LayoutSpec.model_fields[key].default:
+            raise InputError(f"{path}: --{key.replace('_', '-')} is for text files; leave it out")
 
 
 def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:

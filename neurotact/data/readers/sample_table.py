@@ -68,6 +68,8 @@ def read(
     roles = roles._replace(first_line=table.first_line)
     if sampling_rate_Hz is None and roles.time is None:
         raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
+    if asked.time_unit is not None and roles.time is None and asked.annotations is None:
+        raise InputError(f"{path}: --time-unit: the samples have no time stamps; leave it out")
     columns = columns_of(table, {roles.label, *roles.trial} & {*names})
     if roles.time is not None and roles.rest is None:
         its_unit = asked.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])

@@ -1,0 +1,162 @@
+"""Parameters that have an effect only beside others: where one would change nothing, it is refused, not ignored.
+
+The command line and Python share the table `NEEDS`. A message names parameters as in Python, within `backquotes` in the
+table; `in_options` writes them as options.
+"""
+
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, NamedTuple
+
+from neurotact.errors import InputError
+
+MARKED = re.compile(r"`(\w+)(?:=([^`]*))?`")
+ON_THE_COMMAND_LINE = {"length_ms": "--window-ms", "out": "-o", "exit_by": "--exit-by"}
+"""Options that are not called as their parameters."""
+
+
+class NoEffectError(InputError):
+    """A parameter that is given and would change nothing."""
+
+    def __init__(self, marked: str) -> None:
+        super().__init__(marked.replace("`", ""))
+        self.marked = marked
+
+
+def in_options(marked: str) -> str:
+    """A message with its parameters as options.
+
+    >>> in_options("`rest_ms`: has no effect without `align='onset'`; give `contact=True`")
+    '--rest-ms: has no effect without --align onset; give --contact'
+    """
+
+    def option(match: re.Match[str]) -> str:
+        name, value = match[1], match[2]
+        written = ON_THE_COMMAND_LINE.get(name, "--" + name.strip("_").replace("_", "-"))
+        return written if value in (None, "True") else f"{written} {value.strip(chr(39))}"
+
+    return MARKED.sub(option, marked)
+
+
+def is_given(value: Any) -> bool:
+    """Whether a parameter has a value: neither None nor False, nor an empty list or table.
+
+    >>> [is_given(value) for value in (0, 0.0, True, None, False, [], {})]
+    [True, True, True, False, False, False, False]
+    """
+    return not (value is None or value is False or (hasattr(value, "__len__") and not len(value)))
+
+
+def is_absent(value: Any) -> bool:
+    """Whether a parameter has no value."""
+    return not is_given(value)
+
+
+def is_in(*values: Any) -> Callable[[Any], bool]:
+    """Whether a parameter has one of these values."""
+    return lambda value: value in values
+
+
+class Need(NamedTuple):
+    """names: of parameters. beside: another parameter. suits: the values of it with which they have an effect.
+
+    why: after "has no effect", in words. fix: what to do.
+    """
+
+    names: str
+    beside: str
+    suits: Callable[[Any], bool]
+    why: str
+    fix: str = "leave it out"
+
+
+OR_GIVE = "give that, or leave it out"
+OF_C = "variant weight_bits state_bits lsb name sampling_rate_Hz length_ms start_ms hop_ms contact quiet_ms full_window"
+WRITTEN = "out to prove recordings spikes force"
+OF_NIR = "plain lower_refractory network_only dt_s"
+SAMPLES = is_in("pipe", "serial port", "file")
+"""Kinds of `--from` of which samples are read as text or bytes; the others are recordings and a simulation."""
+
+NEEDS = (
+    # windows and split
+    Need("onset rest_ms onset_deviations", "align", is_in("onset"), "without `align='onset'`", OR_GIVE),
+    Need("fold", "folds", is_given, "without `folds`, the number of folds", OR_GIVE),
+    Need("split_seed", "order", is_absent, "with `order`, which draws nothing at random"),
+    Need("nested", "test_where", is_given, "without `test_where`", OR_GIVE),
+    Need("stratify", "drawn", bool, "with `test_where`, where validation leaves out one of the other values"),
+    Need("test", "test_where", is_absent, "with `test_where`, which selects the test trials"),
+    Need("test", "folds", is_absent, "with `folds`, of which one is tested"),
+    # train, tune, infer
+    Need("sops_weight", "objective", is_in("accuracy-sops"), "without `objective='accuracy-sops'`", OR_GIVE),
+    Need("start_epoch", "assessor", is_in("median-stop"), "with `assessor='none'`, which stops no trial"),
+    Need("workers", "device", is_in("cpu"), "with a `device` other than cpu, which trains all networks at once"),
+    Need("workers", "scheduler", is_absent, "with `scheduler`, whose cluster has the workers that have joined it"),
+    Need("scheduler", "device", is_in("cpu"), "with a `device` other than cpu, which trains all networks at once"),
+    Need("force", "out", is_given, "without `out`, since nothing is written", OR_GIVE),
+    # fine_tune, export
+    Need("seed", "epochs", lambda epochs: epochs != 0, "with `epochs=0`, which only rounds"),
+    Need("weight_bits state_bits lsb", "variant", is_in(None, "integer"), "with `variant='float'`"),
+    Need("quiet_ms", "contact", bool, "without `contact=True`: windows then start one after the other", OR_GIVE),
+    Need("hop_ms", "contact", is_absent, "with `contact=True`: each window then starts at a contact"),
+    Need(f"{WRITTEN} {OF_C} {OF_NIR}", "check", is_absent, "with `check`, which writes nothing"),
+    Need(OF_C, "to", is_in("c"), "with `to='nir'`; it belongs to `to='c'`"),
+    Need(OF_NIR, "to", is_in("nir"), "with `to='c'`; it belongs to `to='nir'`"),
+    Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),
+    # stream, live
+    Need("format lsb zero time_column", "source", SAMPLES, "with this `from`, which has a format of its own"),
+    Need("sampling_rate_Hz", "source", SAMPLES, "with this `from`, which has a sampling rate of its own"),
+    Need("baud", "source", is_in("serial port"), "without a serial port, as in `from='serial:/dev/ttyUSB0'`"),
+    Need("stall_s", "source", is_in("pipe", "serial port"), "with this `from`, which is never late"),
+    Need("speed", "source", is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),
+    Need("set", "source", is_in("simulation"), "without a simulated finger, as in `from='gratings'`"),
+    Need("loop", "source", is_in("recordings"), "without recordings, as in `from='FILE.h5'`"),
+    Need("time_column", "format", is_in(None, "csv"), "without `format='csv'`: other frames have no time", OR_GIVE),
+    Need("lsb zero", "format", is_in("int16"), "without `format='int16'`", OR_GIVE),
+    # keys of a network
+    Need("recurrent_weight_scale recurrent_delay_steps", "model", is_in("rsnn"), "with model = 'snn'"),
+    Need("readout_surrogate_scale", "readout", is_in("count"), "with a readout that does not spike"),
+    Need("training.readout_dropout", "readout", is_in("integrator", "max"), "with readout = 'count'"),
+    Need("forward_weight_scale", "keeps_scale", bool, "with input_deviation, to which all weights are scaled"),
+    Need("training.learning_rate", "has_others", bool, "with training.relative_learning_rate, the rate of all weights"),
+    # others
+    Need("out", "name", is_given, "without the name of a set, since the sets are then only listed", OR_GIVE),
+    Need("trial start_s stop_s recordings", "file", is_in("picture"), "in a file of events, which holds all of them"),
+    Need("all", "content", is_in("recordings"), "with spikes, whose afferents are always shown by population"),
+)  # fmt: skip
+
+
+def voids(**values: Any) -> dict[str, str]:
+    """The parameters that have no effect beside these values, given or not, and the rest of the sentence on each."""
+    unmet = [need for need in NEEDS if need.beside in values and not need.suits(values[need.beside])]
+    found = [(name, f"has no effect {need.why}; {need.fix}") for need in unmet for name in need.names.split()]
+    return dict(reversed(found))  # the first need of a name counts
+
+
+def check(**values: Any) -> None:
+    """NoEffectError for the first given parameter that has no effect beside the others; None means not given.
+
+    >>> check(sops_weight=0.1, objective="accuracy-sops")
+    >>> check(lsb=0.1, format="csv")
+    Traceback (most recent call last):
+    neurotact.effects.NoEffectError: lsb: has no effect without format='int16'; give that, or leave it out
+    """
+    found = voids(**values)
+    for name in values:
+        if name in found and is_given(values[name]):
+            raise NoEffectError(f"`{name}`: {found[name]}")
+
+
+def check_keys(given: Collection[str], every: Iterable[Mapping[str, str]], source: str) -> None:
+    """InputError for the first given key of a spec that has no effect.
+
+    every: for each place where the spec is used, its keys without an effect, as of `voids`; a key that has an effect in
+    one of them is not refused.
+
+    >>> check_keys(["fold"], [voids(folds=None), voids(folds=5)], "--set")
+    """
+    common: dict[str, str] | None = None
+    for found in every:
+        common = {**found} if common is None else {key: why for key, why in common.items() if key in found}
+    for key in given:
+        if common and key in common:
+            raise InputError(f"{key}: {common[key].replace('`', '')} ({source})")

@@ -1,0 +1,914 @@
+"""Every option of every command, and every keyword of Python's front door, has an effect or is refused.
+
+A way is a command on small inputs. For each option the table holds words that change what it prints or writes (files
+that only hold the settings do not count), or words that are refused: exit code 2, and one line that names the option.
+"""
+
+import inspect
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import made_inputs
+import numpy as np
+import pandas as pd
+import pytest
+from typer.main import get_group
+
+import neurotact as nt
+from neurotact import cli
+from neurotact.networks.specs import given_keys
+from neurotact.studies import loading, study
+
+ROOT = Path(__file__).parents[1]
+SETTINGS = ("train.toml", "search.json", "study.toml", "best.toml")
+TIMES = re.compile(r"\d+(\.\d+)? s\b")
+TWICE = "twice"
+"""Of an option that replaces outputs: given the second time."""
+
+
+class Way(NamedTuple):
+    """A command, and for each of its options words that change the outcome, or that are refused.
+
+    changes: `a | b` means a beside b; `! a` means that the command then fails on its input. tested: the test that shows
+    the effect of an option, for those which need more than small inputs.
+    """
+
+    words: str
+    changes: dict[str, str] = {}
+    refused: dict[str, str] = {}
+    tested: dict[str, str] = {}
+    is_slow: bool = False
+
+
+CHOICE = {"--where": "--where label=felt", "--leave-out": "--leave-out felt"}
+WRITTEN = {"-o": "-o other.h5", "--force": TWICE}
+TRAIN = "train in/spikes.h5 -o t --network rsnn --set hidden=3 --set training.epochs=1"
+ONE = "--window-ms 40 --start-ms 80"
+NETWORK = {
+    "--set": "--set hidden=5",
+    "--window-ms": "--window-ms 50",
+    "--start-ms": "--start-ms 90",
+    "--hop-ms": "--hop-ms 20",
+    "--per-trial": "--per-trial 1",
+    "--align": "--align onset",
+    "--rest-ms": "--rest-ms 20 | --align onset",
+    "--onset-deviations": "--onset-deviations 60 | --align onset",
+    "--where": "--where speed=300",
+    "--leave-out": "--leave-out speed=300",
+    "--test-where": "--test-where speed=450",
+    "--group": "--group day",
+    "--order": "--order trial",
+    "--folds": "--folds 2 --fold 0",
+    "--fold": "--fold 1 | --folds 2",
+    "--stratify": "--stratify speed",
+    "--split-seed": "--split-seed 3",
+    "--exit-tolerance": "--exit-tolerance 0.9",
+    "--exit-by": "--exit-by margin",
+    "--json": "--json",
+}
+NO_NETWORK = {
+    "--rest-ms": "--rest-ms 50",
+    "--onset-deviations": "--onset-deviations 3",
+    "--fold": "--fold 0",
+    "--split-seed": "--split-seed 0 --order trial",
+    "--stratify": "--stratify speed --test-where day=0",
+    "--set": "--set model=snn --set recurrent_weight_scale=0.1",
+}
+STREAM = {
+    "--unit": "--unit V",
+    "--window-ms": "--window-ms 30",
+    "--start-ms": "--start-ms 100",
+    "--hop-ms": "--hop-ms 25",
+    "--contact": "--contact",
+    "--quiet-ms": "--quiet-ms 2 | --contact",
+    "--full-window": "--full-window",
+}
+FRAMES = {
+    "--format": "--format csv",
+    "--baud": "--baud 115200",
+    "--sampling-rate-Hz": "--sampling-rate-Hz 1000",
+    "--time-column": "--time-column ms",
+    "--lsb": "--lsb 1",
+    "--zero": "--zero 0",
+    "--stall-s": "--stall-s 1",
+}
+OF_C = {
+    "--variant": "--variant integer",
+    "--weight-bits": "--weight-bits 8",
+    "--state-bits": "--state-bits 16",
+    "--lsb": "--lsb 0.01",
+    "--name": "--name touch",
+    "--sampling-rate-Hz": "--sampling-rate-Hz 1000",
+    "--window-ms": "--window-ms 50",
+    "--start-ms": "--start-ms 80",
+    "--hop-ms": "--hop-ms 50",
+    "--contact": "--contact",
+    "--quiet-ms": "--quiet-ms 50",
+    "--full-window": "--full-window",
+    "--recordings": "--recordings in/touch.h5",
+    "--spikes": "--spikes in/spikes.h5",
+}
+OF_NIR = {
+    "--plain": "--plain",
+    "--lower-refractory": "--lower-refractory",
+    "--network-only": "--network-only",
+    "--dt-s": "--dt-s 0.001",
+}
+MOVED = "tests/data/test_encoded_from.py"
+STUDY = "tests/studies/test_interrupted.py"
+SPLITS = "tests/papers/comparison/test_own_set.py"
+
+WAYS = {
+    "list": [Way("list")],
+    "show": [Way("show rsnn")],
+    "copy": [Way("copy rsnn", {"-o": "-o mine.toml", "--force": TWICE})],
+    "simulate gratings": [
+        Way("simulate gratings -o a.h5 --set trials=1 --set duration_s=0.2", WRITTEN | {"--set": "--set seed=7"})
+    ],
+    "fetch": [Way("fetch", refused={"-o": "-o x"}, tested={"-o": "tests/data/test_fetch.py"})],
+    "import folder": [
+        Way(
+            "import folder in/csv --unit mV -o a.h5",
+            WRITTEN
+            | CHOICE
+            | {
+                "--unit": "--unit V",
+                "--sampling-rate-Hz": "--sampling-rate-Hz 500",
+                "--levels": "--levels cloth | --pattern {label}_{number}.csv",
+                "--pattern": "--pattern {label}_{number}.csv",
+                "--conditions": "--conditions in/conditions.csv",
+                "--columns": "--columns p1",
+                "--time-column": "--time-column t_ms | --sampling-rate-Hz 500 --columns p1,p2",
+                "--time-unit": "--time-unit s",
+                "--max-gap-ms": "! --max-gap-ms 0.5",
+                "--decimal": "! --decimal ,",
+                "--header-lines": "! --header-lines 2",
+            },
+            {"--array": "--array p1", "--transpose": "--transpose"},
+            {"--drop-repeats": "tests/data/readers/test_layouts.py"},
+        ),
+        Way(
+            "import folder in/npz --unit mV --sampling-rate-Hz 1000 -o a.h5",
+            {"--array": "--array pressure", "--transpose": "--transpose"},
+            {
+                "--columns": "--columns 1",
+                "--decimal": "--decimal ,",
+                "--header-lines": "--header-lines 1",
+                "--time-unit": "--time-unit ms",
+                "--max-gap-ms": "--max-gap-ms 5",
+                "--drop-repeats": "--drop-repeats",
+            },
+        ),
+    ],
+    "import table": [
+        Way(
+            "import table in/table.csv --unit mV -o a.h5",
+            WRITTEN
+            | CHOICE
+            | {
+                "--unit": "--unit V",
+                "--sampling-rate-Hz": "--sampling-rate-Hz 500",
+                "--label": "--label gesture",
+                "--trial": "--trial turn",
+                "--columns": "--columns p1",
+                "--time-column": "--time-column t_ms | --sampling-rate-Hz 500 --columns p1,p2",
+                "--time-unit": "--time-unit s",
+                "--max-gap-ms": "! --max-gap-ms 0.5",
+                "--decimal": "! --decimal ,",
+                "--header-lines": "! --header-lines 2",
+            },
+            tested={"--drop-repeats": "tests/data/readers/test_layouts.py"},
+        ),
+        Way("import table in/continuous.csv --unit mV --segments -o a.h5", {"--columns": "--columns p1"}),
+        Way("import table in/continuous.csv --unit mV -o a.h5", {"--segments": "--segments"}),
+        Way("import table in/unlabelled.csv --unit mV -o a.h5", {"--annotations": "--annotations in/annotations.csv"}),
+        Way(
+            "import table in/unlabelled.csv --unit mV --annotations in/annotations.csv -o a.h5",
+            refused={"--trial": "--trial p1", "--segments": "--segments"},
+        ),
+        Way(
+            "import table in/table.csv --unit mV --sampling-rate-Hz 1000 --columns p1 -o a.h5",
+            refused={"--time-unit": "--time-unit ms"},
+        ),
+    ],
+    "import arrays": [
+        Way(
+            "import arrays in/arrays.npz --unit mV --sampling-rate-Hz 1000 --names label=gesture -o a.h5",
+            WRITTEN
+            | {
+                "--unit": "--unit V",
+                "--sampling-rate-Hz": "--sampling-rate-Hz 500",
+                "--axes": "--axes trial,taxel,time",
+                "--conditions": "--conditions in/of-trials.csv",
+                "--where": "--where y=0",
+                "--leave-out": "--leave-out y=0",
+            },
+        ),
+        Way(
+            "import arrays in/arrays.npz --unit mV --sampling-rate-Hz 1000 -o a.h5",
+            {"--names": "--names label=gesture"},
+        ),
+    ],
+    "import raster": [
+        Way(
+            "import raster in/rasters.npz --sampling-rate-Hz 1000 --names label=gesture -o a.h5",
+            WRITTEN
+            | {
+                "--sampling-rate-Hz": "--sampling-rate-Hz 500",
+                "--axes": "--axes trial,taxel,time",
+                "--conditions": "--conditions in/of-trials.csv",
+                "--where": "--where label=silk",
+                "--leave-out": "--leave-out silk",
+            },
+            {
+                "--levels": "--levels label",
+                "--pattern": "--pattern {label}.npz",
+                "--array": "--array x",
+                "--transpose": "--transpose",
+            },
+            {"--merge-events": "tests/data/readers/test_import_raster.py"},
+        ),
+        Way("import raster in/rasters.npz --sampling-rate-Hz 1000 -o a.h5", {"--names": "--names label=gesture"}),
+        Way(
+            "import raster in/rasters --sampling-rate-Hz 1000 -o a.h5",
+            {
+                "--levels": "--levels cloth | --pattern {label}.npz",
+                "--pattern": "--pattern {label}.npz",
+                "--array": "--array x",
+                "--transpose": "--transpose",
+            },
+            {"--names": "--names label=gesture", "--axes": "--axes time,taxel"},
+        ),
+    ],
+    "import events": [
+        Way(
+            "import events in/events.csv -o a.h5",
+            WRITTEN
+            | CHOICE
+            | {
+                "--step-ms": "--step-ms 2",
+                "--time-unit": "--time-unit ms | --merge-events",
+                "--origin": "--origin first",
+                "--duration-ms": "--duration-ms 20",
+                "--channels": "--channels left,right",
+                "--n-channels": "--n-channels 3",
+                "--names": "! --names label=trial",
+                "--merge-events": "--merge-events | --step-ms 20",
+            },
+            {
+                "--polarity": "--polarity merge",
+                "--polarities": "--polarities OFF,ON",
+                "--sensor": "--sensor 34x34",
+                "--levels": "--levels label",
+                "--pattern": "--pattern {label}.csv",
+                "--conditions": "--conditions in/conditions.csv",
+            },
+        ),
+        Way(
+            "import events in/polar.csv -o a.h5", {"--polarity": "--polarity merge", "--polarities": "--polarities A,B"}
+        ),
+        Way("import events in/grid.csv --time-unit s -o a.h5", {"--sensor": "--sensor 9x9"}),
+        Way(
+            "import events in/events -o a.h5",
+            {
+                "--levels": "--levels cloth | --pattern {label}.csv",
+                "--pattern": "--pattern {label}.csv",
+                "--conditions": "--conditions in/of-events.csv",
+            },
+        ),
+    ],
+    "info": [Way("info in/wide.h5", {"--all": "--all"}), Way("info in/spikes.h5", refused={"--all": "--all"})],
+    "calibrate": [
+        Way(
+            "calibrate in/touch.h5 -o a.toml --set conditioning.baseline=first",
+            {
+                "-o": "-o b.toml",
+                "--force": TWICE,
+                "--encoder": "--encoder sa1-ra1-lif-graded",
+                "--set": "--set sa1.t_ref_ms=9",
+                "--split-seed": "--split-seed 3",
+                "--stratify": "--stratify speed",
+                "--where": "--where speed=300",
+                "--leave-out": "--leave-out speed=300",
+                "--test-where": "--test-where speed=450",
+                "--group": "--group day",
+                "--order": "--order trial",
+                "--folds": "--folds 2",
+                "--fold": "--fold 1 | --folds 2",
+                "--figure": "--figure gains.png",
+            },
+            {
+                "--fold": "--fold 0",
+                "--split-seed": "--split-seed 0 --order trial",
+                "--stratify": "--stratify speed --test-where day=0",
+            },
+            {"--rest-ms": "tests/encoders/test_calibration.py"},
+            is_slow=True,
+        ),
+        Way("calibrate in/touch.h5 -o a.toml", {"--compare": "--compare"}, is_slow=True),
+    ],
+    "encode": [
+        Way(
+            "encode in/touch.h5 -o a.h5 --set conditioning.baseline=first",
+            WRITTEN | CHOICE | {"--encoder": "--encoder sa1-ra1-lif-graded", "--set": "--set sa1.t_ref_ms=9"},
+        )
+    ],
+    "raster": [
+        Way(
+            "raster in/spikes.h5 -o a.svg",
+            {
+                "-o": "-o b.svg",
+                "--force": TWICE,
+                "--trial": "--trial 1",
+                "--start-s": "--start-s 0.1",
+                "--stop-s": "--stop-s 0.1",
+            },
+            tested={"--recordings": MOVED},
+        ),
+        *(
+            Way(
+                f"raster in/spikes.h5 -o a{kind}",
+                refused={
+                    "--trial": "--trial 0",
+                    "--start-s": "--start-s 0",
+                    "--stop-s": "--stop-s 0.1",
+                    "--recordings": "--recordings in/touch.h5",
+                },
+            )
+            for kind in (".csv", ".nwb")
+        ),
+    ],
+    "train": [
+        Way(
+            f"{TRAIN} {ONE}",
+            NETWORK
+            | {
+                "-o": "-o other",
+                "--network": "--network snn",
+                "--repeats": "--repeats 2",
+                "--seed": "--seed 4",
+                "--force": TWICE,
+                "--resume": TWICE,
+            },
+            NO_NETWORK,
+            {"--device": "tests/networks/test_train_run.py"},
+            is_slow=True,
+        )
+    ],
+    "tune": [
+        Way(
+            f"tune in/spikes.h5 -o t --network rsnn --set training.epochs=2 --space texture --trials 3 {ONE}",
+            NETWORK
+            | {
+                "-o": "-o other",
+                "--set": "--set training.epochs=1",
+                "--network": "--network snn",
+                "--space": "--space in/space.toml",
+                "--trials": "--trials 4",
+                "--seed": "--seed 4",
+                "--objective": "--objective accuracy-sops",
+                "--sops-weight": "--sops-weight 5 | --objective accuracy-sops",
+                "--max-sops": "--max-sops 10",
+                "--tuner": "--tuner random",
+                "--batch": "--batch 1 | --trials 24",
+                "--assessor": "--assessor none | --batch 1 --trials 8 --start-epoch 1",
+                "--start-epoch": "--start-epoch 1 | --batch 1 --trials 8",
+            },
+            NO_NETWORK
+            | {
+                "--sops-weight": "--sops-weight 0.1",
+                "--start-epoch": "--start-epoch 10 --assessor none",
+                "--workers": "--workers 2 --device cuda",
+            },
+            {
+                "--workers": "tests/networks/test_search.py",
+                "--device": "tests/networks/test_search.py",
+                "--resume": "tests/networks/test_search.py",
+            },
+            is_slow=True,
+        )
+    ],
+    "infer": [
+        Way(
+            "infer in/run in/spikes.h5",
+            CHOICE
+            | {"-o": "-o a.csv", "--early-exit": "--early-exit", "--json": "--json", "--force": f"{TWICE} | -o a.csv"},
+            {"--force": "--force"},
+            {"--device": "tests/networks/test_train_run.py"},
+        ),
+        Way("infer in/run in/other-spikes.h5", {"--allow-other-encoder": "--allow-other-encoder"}),
+    ],
+    "sops": [
+        Way(
+            "sops in/run -o a.csv",
+            {"-o": "-o b.csv", "--early-exit": "--early-exit", "--json": "--json", "--force": TWICE},
+            tested={"--spikes": MOVED},
+        ),
+        Way("sops in/run -o a.csv --spikes in/other-spikes.h5", {"--allow-other-encoder": "--allow-other-encoder"}),
+    ],
+    "fine-tune": [
+        Way(
+            "fine-tune in/run -o t --weight-bits 3 --epochs 1",
+            {
+                "-o": "-o other",
+                "--weight-bits": "--weight-bits 2",
+                "--state-bits": "--state-bits 24",
+                "--epochs": "--epochs 0",
+                "--seed": "--seed 5",
+                "--force": TWICE,
+                "--json": "--json",
+            },
+            {"--seed": "--seed 0 --epochs 0"},
+            {"--spikes": MOVED},
+        )
+    ],
+    "stream": [
+        Way(
+            "stream in/run --from in/touch.h5",
+            STREAM | {"--json": "--json"},
+            FRAMES | {"--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 20 --contact"},
+            {"--rate": "tests/stream/test_stream_cli.py"},
+        ),
+        Way(
+            "stream in/run --from in/samples.csv",
+            STREAM | {"--format": "! --format int16"},
+            {key: FRAMES[key] for key in ("--baud", "--lsb", "--zero", "--stall-s")},
+            {
+                "--hold-ms": "tests/stream/test_stream_cli.py",
+                "--stall-s": "tests/stream/test_sources.py",
+                "--zero": "tests/stream/test_sources.py",
+            },
+        ),
+        Way("stream in/run --from in/stamped.csv --time-column s", {"--hold-ms": "--hold-ms 1"}, {"--lsb": "--lsb 1"}),
+        Way("stream in/run --from in/stamped.csv", {"--time-column": "--time-column s"}),
+        Way("stream in/run --from in/samples.i16 --format int16", {"--lsb": "--lsb 0.01"}),
+        Way("stream in/run --from in/samples.f32 --format float32", refused={"--time-column": "--time-column ms"}),
+        Way(
+            "stream in/run --from serial:/dev/none",
+            {"--from": "--from in/touch.h5"},
+            tested={"--baud": "tests/stream/test_sources.py"},
+        ),
+        Way("stream in/slow-run --from in/samples.csv", {"--sampling-rate-Hz": "--sampling-rate-Hz 500"}),
+    ],
+    "live": [
+        Way(
+            "live in/run --from in/touch.h5",
+            refused=FRAMES
+            | {"--set": "--set seed=1", "--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 20 --contact"},
+            tested=dict.fromkeys(
+                (
+                    "--from",
+                    "--speed",
+                    "--loop",
+                    "--set",
+                    "--save-to",
+                    "--port",
+                    "--unit",
+                    "--hold-ms",
+                    *STREAM,
+                    *FRAMES,
+                ),
+                "tests/live/test_live_cli.py",
+            ),
+        ),
+        Way("live in/run --from gratings", refused=FRAMES | {"--loop": "--loop"}),
+        Way(
+            "live in/run --from in/samples.csv",
+            refused={"--speed": "--speed 1", "--loop": "--loop", "--stall-s": "--stall-s 1"},
+        ),
+    ],
+    "export": [
+        Way(
+            "export in/run --to c -o a",
+            OF_C
+            | {
+                "-o": "-o b",
+                "--to": "--to nir -o b",
+                "--variant": "--variant float",
+                "--weight-bits": "--weight-bits 4",
+                "--state-bits": "--state-bits 10",
+                "--name": "--name skin",
+                "--window-ms": "--window-ms 40",
+                "--start-ms": "--start-ms 70",
+                "--hop-ms": "--hop-ms 20",
+                "--quiet-ms": "--quiet-ms 2 | --contact",
+                "--force": TWICE,
+                "--lsb": "--lsb 0.1",
+                "--sampling-rate-Hz": "! --sampling-rate-Hz 500",
+                "--recordings": "! --recordings in/slow.h5",
+                "--spikes": "! --spikes in/slow-spikes.h5",
+            },
+            OF_NIR | {"--quiet-ms": "--quiet-ms 50", "--hop-ms": "--hop-ms 50 --contact"},
+            {"--prove": "tests/export/test_c_export.py"},
+        ),
+        Way(
+            "export in/run --to c --variant float -o a",
+            refused={key: OF_C[key] for key in ("--weight-bits", "--state-bits", "--lsb", "--recordings", "--spikes")},
+        ),
+        Way(
+            "export in/run --to nir -o a.nir",
+            {
+                "--plain": "--plain",
+                "--lower-refractory": "--lower-refractory",
+                "--network-only": "--network-only",
+                "--dt-s": "--dt-s 0.0001",
+            },
+            OF_C,
+        ),
+        Way(
+            "export in/run --check loihi2",
+            {"--check": "--check xyloaudio2"},
+            OF_C | OF_NIR | {"--to": "--to c", "-o": "-o a", "--prove": "--prove 1", "--force": "--force"},
+        ),
+    ],
+    "study run": [
+        Way(
+            "study run in/tiny.toml -o s",
+            refused={
+                "--workers": "--workers 2 --scheduler tcp://127.0.0.1:8786",
+                "--scheduler": "--scheduler tcp://127.0.0.1:8786 --device cuda",
+                "--set": "--set network.model=snn --set network.recurrent_weight_scale=0.1",
+            },
+            tested={
+                "-o": STUDY,
+                "--quick": "tests/studies/test_study.py",
+                "--data": SPLITS,
+                "--window-ms": SPLITS,
+                "--where": SPLITS,
+                "--leave-out": SPLITS,
+                "--test-where": SPLITS,
+                "--group": SPLITS,
+                "--order": SPLITS,
+                "--folds": SPLITS,
+                "--repeats": SPLITS,
+                "--set": "tests/studies/test_study.py",
+                "--workers": "tests/studies/test_scheduler.py",
+                "--scheduler": "tests/studies/test_scheduler.py",
+                "--device": "tests/studies/test_study_on_device.py",
+                "--json": "tests/test_cli.py",
+            },
+        ),
+        Way("study run in/tiny.toml -o s", refused={"--workers": "--workers 2 --device cuda"}),
+    ],
+    "study resume": [
+        Way(
+            "study resume in/none",
+            tested={
+                "--workers": "tests/studies/test_scheduler.py",
+                "--scheduler": "tests/studies/test_scheduler.py",
+                "--device": "tests/studies/test_study_on_device.py",
+                "--json": "tests/test_cli.py",
+            },
+        )
+    ],
+    "study report": [Way("study report in/none", tested={"--json": "tests/test_cli.py"})],
+    "import nwb": [
+        Way(
+            "import nwb in/spikes.nwb -o a.h5",
+            WRITTEN
+            | CHOICE
+            | {
+                "--label": "--label speed",
+                "--step-ms": "--step-ms 2 --merge-events",
+                "--units": "--units afferent!=none",
+                "--trials": "! --trials others",
+                "--name": "! --name others",
+            },
+            {
+                "--unit": "--unit N",
+                "--sampling-rate-Hz": "--sampling-rate-Hz 500",
+                "--max-gap-ms": "--max-gap-ms 5",
+                "--drop-repeats": "--drop-repeats",
+            },
+            {
+                **dict.fromkeys(("--series", "--unobserved", "--merge-events"), "tests/data/readers/test_nwb.py"),
+                **dict.fromkeys(("--unit", "--sampling-rate-Hz"), "tests/data/readers/test_nwb.py"),
+                **dict.fromkeys(("--max-gap-ms", "--drop-repeats"), "tests/data/readers/test_nwb.py"),
+            },
+        )
+    ],
+}
+SAME = {
+    **dict.fromkeys(
+        (f"simulate {name}" for name in ("stiffness", "touch-modality", "contact-materials", "compliance")),
+        "simulate gratings",
+    ),
+    **dict.fromkeys((f"import {name}" for name in ("fabricslide", "pvdf-hardness", "touch-modality")), "encode"),
+    "import braille-letters": "import events",
+}
+"""Commands of plug-ins, whose options are those of one function, or work as those of another command."""
+
+
+def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
+    group = group or get_group(cli.app)
+    for name in group.commands:
+        command = group.commands[name]
+        yield from (
+            commands(command, f"{before}{name} ") if hasattr(command, "commands") else [(f"{before}{name}", command)]
+        )
+
+
+COMMANDS = dict(commands())
+
+
+def options_of(name: str) -> set[str]:
+    return {each.opts[0] for each in COMMANDS[name].params if each.opts[0].startswith("-")}
+
+
+def test_every_option_of_every_command_is_in_the_table():
+    assert {*WAYS, *SAME} == {*COMMANDS}
+    for name, same in SAME.items():
+        assert options_of(name) <= options_of(same) | {"-o"}, name
+    for name, ways in WAYS.items():
+        known = {option for way in ways for option in (*way.changes, *way.tested)}
+        assert known == options_of(name), name
+        assert {option for way in ways for option in way.refused} <= known, name
+
+
+def test_the_tests_that_are_named_exist():
+    named = {path for ways in WAYS.values() for way in ways for path in way.tested.values()}
+    assert [path for path in named if not (ROOT / path).is_file()] == []
+
+
+class Outcome(NamedTuple):
+    code: int
+    said: str
+    left: tuple[tuple[str, bytes], ...]
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    made_inputs.make(folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        further()
+    return folder
+
+
+def further() -> None:
+    """Inputs in which every option has something to change."""
+    with np.load("arrays.npz") as arrays:
+        signals, labels = arrays["x"], arrays["gesture"]
+    pd.DataFrame({"wet": ["no"] * len(labels)}).to_csv("of-trials.csv", index=False)
+    rasters = (signals > np.median(signals)).astype(np.uint8)
+    np.savez("rasters.npz", raster=rasters, gesture=labels, label=np.roll(labels, 1))
+    for trial, (raster, label) in enumerate(zip(rasters, labels, strict=True)):
+        Path("rasters", label).mkdir(parents=True, exist_ok=True)
+        np.savez(Path("rasters", label, f"{trial}.npz"), x=raster, z=raster[:, ::-1])
+    events = pd.read_csv("events.csv")
+    events.assign(polarity=events["channel"]).to_csv("polar.csv", index=False)
+    grid = events.rename(columns={"channel": "x"}).assign(y=1, p=events["channel"])
+    grid.to_csv("grid.csv", index=False)
+    files = []
+    for trial, rows in events.groupby("trial"):
+        label = rows["label"].iloc[0]
+        Path("events", label).mkdir(parents=True, exist_ok=True)
+        files.append(f"{label}/{trial}.csv")
+        rows[["t", "channel"]].to_csv(Path("events", files[-1]), index=False)
+    pd.DataFrame({"file": files, "label": ["felt", "silk"] * 6, "wet": "no"}).to_csv("of-events.csv", index=False)
+    wide = np.random.default_rng(0).normal(size=(4, 20, 70)).astype(np.float32)
+    nt.save(nt.Recordings(wide, 1000.0, "mV", pd.DataFrame({"label": ["a", "b"] * 2})), "wide.h5")
+    Path("space.toml").write_text('hidden = { _type = "choice", _value = [2, 3] }\n')
+    if find_spec("pynwb"):
+        spikes = nt.load("spikes.h5")
+        assert isinstance(spikes, nt.SpikeTrains)
+        nt.to_nwb(spikes, "spikes.nwb")
+    for name in ("tiny.toml", "tiny-encoder.toml"):
+        shutil.copy(ROOT / "tests" / "studies" / name, name)
+
+
+BASES: dict[str, Outcome] = {}
+"""The outcomes of commands without the option, computed once."""
+
+
+class Runner:
+    """Runs commands, each in a new folder that leads to the inputs as `in`."""
+
+    def __init__(self, inputs: Path, place: Path, patch: pytest.MonkeyPatch, capsys: Any) -> None:
+        self.inputs, self.place, self.patch, self.capsys = inputs, place, patch, capsys
+        self.n = 0
+
+    def outcome(self, words: str) -> Outcome:
+        """Of the commands in `words`, between semicolons: the code and the lines of the last."""
+        self.n += 1
+        folder = self.place / str(self.n)
+        folder.mkdir()
+        (folder / "in").symlink_to(self.inputs)
+        self.patch.chdir(folder)
+        said, code = "", 0
+        for part in words.split(" ; "):
+            self.patch.setattr(sys, "argv", ["neurotact", *shlex.split(part)])
+            try:
+                cli.main()
+                code = 0
+            except SystemExit as end:
+                code = int(end.code or 0)
+            said = "".join(self.capsys.readouterr())
+        files = [
+            path for path in folder.rglob("*") if path.is_file() and "in" not in path.relative_to(folder).parts[:1]
+        ]
+        left = {path.relative_to(folder).as_posix(): _content(path) for path in files}
+        return Outcome(code, TIMES.sub("s", said), tuple(sorted(left.items())))
+
+    def pair(self, way: Way, entry: str) -> tuple[Outcome, Outcome, int]:
+        """The outcomes without and with an option, and the exit code that is expected with it."""
+        fails = entry.startswith("! ")
+        words, _, beside = entry.removeprefix("! ").partition(" | ")
+        base = f"{way.words} {beside}".strip()
+        if base not in BASES:
+            BASES[base] = self.outcome(base)
+        return BASES[base], self.outcome(f"{base} {words}"), 2 if fails else 0
+
+
+def _content(path: Path) -> bytes:
+    return b"" if path.name in SETTINGS else path.read_bytes()
+
+
+@pytest.fixture
+def runner(inputs, tmp_path, monkeypatch, capsys) -> Runner:
+    return Runner(inputs, tmp_path, monkeypatch, capsys)
+
+
+def cases(kind: str) -> list[Any]:
+    return [
+        pytest.param(way, option, words, id=f"{way.words} {words}", marks=[pytest.mark.slow] * way.is_slow)
+        for ways in WAYS.values()
+        for way in ways
+        for option, words in getattr(way, kind).items()
+    ]
+
+
+@pytest.mark.parametrize(("way", "option", "words"), cases("changes"))
+def test_an_option_changes_what_is_printed_or_written(way, option, words, runner):
+    if ".nwb" in way.words:
+        pytest.importorskip("pynwb")
+    if words.startswith(TWICE):
+        base = way.words + words.removeprefix(TWICE).replace(" | ", " ")
+        again = [runner.outcome(f"{base} ; {base}{more}").code for more in ("", f" {option}")]
+        assert again == [2, 0]
+        return
+    without, given, code = runner.pair(way, words)
+    assert given.code == code, given.said
+    assert "no effect" not in given.said
+    assert given != without
+
+
+@pytest.mark.parametrize(("way", "option", "words"), cases("refused"))
+def test_an_option_without_effect_is_refused(way, option, words, runner):
+    if ".nwb" in way.words:
+        pytest.importorskip("pynwb")
+    done = runner.outcome(f"{way.words} {words}")
+    assert (done.code, done.said.count("\n"), done.left) == (2, 1, ()), done.said
+    key = words.rpartition("--set ")[2].partition("=")[0]
+    assert option in done.said or (option == "--set" and key in done.said)
+
+
+@pytest.mark.parametrize("words", ["encode in/touch.h5 -o a.h5", "stream in/run --from in/touch.h5", TRAIN + " " + ONE])
+def test_the_same_command_has_the_same_outcome(words, runner):
+    """Else every option would seem to change something."""
+    assert runner.outcome(words) == runner.outcome(words)
+
+
+# --- Python ------------------------------------------------------------------------------------------------
+
+AS_COMMAND = {
+    "calibrate": "calibrate", "encode": "encode", "export_c": "export", "fine_tune": "fine-tune", "infer": "infer",
+    "plot_raster": "raster", "read_arrays": "import arrays", "read_events": "import events",
+    "read_folder": "import folder", "read_nwb": "import nwb", "read_raster": "import raster",
+    "read_table": "import table", "run_study": "study run", "simulate": "simulate gratings", "to_nir": "export",
+    "train": "train", "tune": "tune", "windows": "train",
+}  # fmt: skip
+"""Functions that do what a command does: a keyword is the option of its name."""
+NAMES = {
+    "settings": "--set", "length_ms": "--window-ms", "onset": "--rest-ms", "split": "--test-where", "folder": "-o",
+    "naming": "--levels", "path": "-o", "parameters": "--set", "windows": "--window-ms",
+}  # fmt: skip
+INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "block", "parts", "network", "folder"}
+"""What a function works on."""
+HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
+SNNTORCH = "tests/networks/test_snntorch_exchange.py"
+ELSEWHERE = {
+    **dict.fromkeys(("encode.progress", "simulate.progress", "infer.test_only"), HERE),
+    **dict.fromkeys(("from_neo.leave_out", "from_nir.backend"), HERE),
+    **dict.fromkeys(("save.force", "save_network.force"), "tests/test_api.py"),
+    **dict.fromkeys(("read.where", "read.leave_out"), "tests/data/test_trial_choice.py"),
+    **dict.fromkeys(("read_nwb.settings", "to_nwb.session_start", "to_nwb.about", "to_nwb.force"), NWB),
+    **dict.fromkeys(("from_nir.dt_s", "from_nir.sampling_rate_Hz"), "tests/export/test_nir.py"),
+    **dict.fromkeys(("from_snntorch.sampling_rate_Hz", "from_snntorch.backend"), SNNTORCH),
+    **dict.fromkeys((f"from_neo.{key}" for key in ("step_ms", "label", "merge_events", "unobserved", "where")), NEO),
+    "read_events.settings": "tests/data/readers/test_event_files.py",
+}  # fmt: skip
+FUNCTIONS = [name for name in vars(nt)["__all__"] if inspect.isfunction(getattr(nt, name))]
+
+
+def test_every_keyword_of_every_function_is_in_a_table():
+    absent = []
+    for name in FUNCTIONS:
+        options = options_of(AS_COMMAND[name]) if name in AS_COMMAND else set()
+        for keyword in inspect.signature(getattr(nt, name)).parameters:
+            option = NAMES.get(keyword, "--" + keyword.replace("_", "-"))
+            if option not in options and keyword not in INPUTS and f"{name}.{keyword}" not in ELSEWHERE:
+                absent.append(f"{name}.{keyword}")
+    assert absent == []
+
+
+def test_the_tests_of_keywords_name_them():
+    assert [name for name, path in ELSEWHERE.items() if name.partition(".")[2] not in (ROOT / path).read_text()] == []
+
+
+NO_EFFECT = {
+    "train": [
+        {"onset": {"rest_ms": 20}},
+        {"split_seed": 0, "split": {"order": "trial"}},
+        {"split": {"fold": 0}},
+        {"split": {"nested": False}},
+        {"split": {"test": 0.2, "folds": 3}},
+        {"split": {"test": 0.2, "test_where": {"speed": 450}}},
+        {"stratify": ["speed"], "split": {"test_where": {"day": 0}}},
+        {"settings": {"model": "snn", "recurrent_weight_scale": 0.1}},
+        {"settings": {"model": "snn", "recurrent_delay_steps": 0}},
+        {"settings": {"readout": "integrator", "readout_surrogate_scale": 3.0}},
+        {"settings": {"training.readout_dropout": 0.1}},
+        {"settings": {"training.relative_learning_rate": 0.1, "training.learning_rate": 0.1}},
+        {"network": "default", "settings": {"model": "snn", "forward_weight_scale": 0.3}},
+        {"network": nt.RSNNSpec(model="snn", recurrent_weight_scale=0.3)},
+    ],
+    "tune": [
+        {"sops_weight": 0.1},
+        {"start_epoch": 10, "assessor": "none"},
+        {"workers": 2, "device": "cuda"},
+        {"onset": {"rest_ms": 20}},
+        {"settings": {"training.readout_dropout": 0.1}},
+    ],
+    "export_c": [
+        {"variant": "float", "weight_bits": 8},
+        {"variant": "float", "recordings": "in/touch.h5"},
+        {"quiet_ms": 50.0},
+        {"hop_ms": 50.0, "contact": True},
+    ],
+    "fine_tune": [{"epochs": 0, "seed": 0}],
+    "run_study": [
+        {"workers": 2, "device": "cuda"},
+        {"workers": 2, "scheduler": "tcp://127.0.0.1:8786"},
+        {"settings": {"network.model": "snn", "network.recurrent_weight_scale": 0.1}},
+        {"settings": {"split.nested": False}},
+        {"settings": {"window.onset.rest_ms": 20.0}},
+    ],
+}
+FIRST = {"train": "spikes.h5", "tune": "spikes.h5", "export_c": "run", "fine_tune": "run", "run_study": "tiny.toml"}
+
+
+@pytest.mark.parametrize(
+    ("name", "keywords"),
+    [pytest.param(name, each, id=f"{name} {each}") for name in NO_EFFECT for each in NO_EFFECT[name]],
+)
+def test_a_keyword_without_effect_is_refused(name, keywords, inputs, tmp_path):
+    usual = {"network": "rsnn", "length_ms": 40, "start_ms": 80} if name in ("train", "tune") else {}
+    with pytest.raises(nt.InputError, match="has no effect"):
+        getattr(nt, name)(inputs / FIRST[name], tmp_path / "out", **usual | keywords)
+    assert not any((tmp_path / "out").rglob("*")) if (tmp_path / "out").is_dir() else True
+
+
+def test_a_swept_key_is_refused_only_if_no_cell_uses_it(inputs):
+    settings = {"sweep.network.recurrent_weight_scale": [0.1, 0.2]}
+    both = settings | {"sweep.network.model": ["rsnn", "snn"]}
+    assert len([*study.cells(study.resolve(inputs / "tiny.toml", both))]) > 1
+    with pytest.raises(nt.InputError, match=r"network\.recurrent_weight_scale: has no effect with model = 'snn'"):
+        loading.resolve(inputs / "tiny.toml", settings | {"network.model": "snn"})
+
+
+def test_a_key_of_a_file_that_has_no_effect_there_is_refused(inputs, tmp_path):
+    (tmp_path / "mine.toml").write_text('model = "snn"\nrecurrent_weight_scale = 0.3\n')
+    with pytest.raises(nt.InputError, match="recurrent_weight_scale: has no effect"):
+        nt.train(inputs / "spikes.h5", tmp_path / "run", tmp_path / "mine.toml", length_ms=40)
+
+
+@pytest.mark.parametrize("name", ["rsnn", "snn", "default"])
+def test_a_shipped_network_is_not_refused_for_another_model(name):
+    assert given_keys(name, {"model": "snn"}) == (["model"] if name != "default" else ["model", "recipe", "hidden"])
+
+
+def test_keywords_that_no_option_has(inputs):
+    recordings = nt.load(inputs / "touch.h5")
+    assert isinstance(recordings, nt.Recordings)
+    done: list[Any] = []
+    nt.encode(recordings, settings=made_inputs.ENCODER, progress=done.append)
+    nt.simulate("gratings", trials=1, duration_s=0.2, progress=lambda *each: done.append(each))
+    assert sum(each for each in done if isinstance(each, int)) == len(recordings)
+    assert any(isinstance(each, tuple) for each in done)
+    tables = [nt.infer(inputs / "run", inputs / "spikes.h5", test_only=test_only) for test_only in (False, True)]
+    assert 0 < len(tables[1]) < len(tables[0])
+    pytest.importorskip("nir")
+    graph = nt.to_nir(inputs / "run")
+    assert [nt.from_nir(graph, backend=each).network.backend for each in ("auto", "reference")] == ["auto", "reference"]
+    pytest.importorskip("neo")
+    spikes = nt.load(inputs / "spikes.h5")
+    assert isinstance(spikes, nt.SpikeTrains)
+    assert nt.from_neo(nt.to_neo(spikes), leave_out="felt").classes == ("silk",)
