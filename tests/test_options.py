@@ -334,6 +334,7 @@ WAYS = {
         *(
             Way(
                 f"raster in/spikes.h5 -o a{kind}",
+                {"--force": TWICE},
                 refused={
                     "--trial": "--trial 0",
                     "--start-s": "--start-s 0",
@@ -795,11 +796,11 @@ INPUTS = {"spikes", "run", "recordings", "name", "path", "what", "source", "bloc
 HERE, NWB, NEO = "tests/test_options.py", "tests/data/readers/test_nwb.py", "tests/data/test_neo_blocks.py"
 SNNTORCH = "tests/networks/test_snntorch_exchange.py"
 ELSEWHERE = {
-    **dict.fromkeys(("encode.progress", "simulate.progress", "infer.test_only"), HERE),
+    **dict.fromkeys(("encode.progress", "simulate.progress", "infer.test_only", "to_nwb.force"), HERE),
     **dict.fromkeys(("from_neo.leave_out", "from_nir.backend"), HERE),
     **dict.fromkeys(("save.force", "save_network.force"), "tests/test_api.py"),
     **dict.fromkeys(("read.where", "read.leave_out"), "tests/data/test_trial_choice.py"),
-    **dict.fromkeys(("read_nwb.settings", "to_nwb.session_start", "to_nwb.about", "to_nwb.force"), NWB),
+    **dict.fromkeys(("read_nwb.settings", "to_nwb.session_start", "to_nwb.about"), NWB),
     **dict.fromkeys(("from_nir.dt_s", "from_nir.sampling_rate_Hz"), "tests/export/test_nir.py"),
     **dict.fromkeys(("from_snntorch.sampling_rate_Hz", "from_snntorch.backend"), SNNTORCH),
     **dict.fromkeys((f"from_neo.{key}" for key in ("step_ms", "label", "merge_events", "unobserved", "where")), NEO),
