@@ -284,7 +284,7 @@ def options(rng: random.Random, place: Path, base: Path) -> Case:
     words = list(words)
     fetch(base, place, *needs)
     for _ in range(rng.choice([1, 1, 1, 2, 3])):
-        _change_words(words, OPTIONS[name], rng, place)
+        _change_words(words, OPTIONS[name.partition(" --")[0]], rng, place)
     endless = name in ENDLESS
     return Case(f"options of {name.split()[0]}", words, changes=WORKS_IN.get(name, ()), endless=endless)
 

@@ -1,6 +1,7 @@
-"""Fuzz the command line: spoilt inputs of every kind, each in a process of its own.
+"""Fuzz the command line: spoilt inputs of every kind, each in a forked process of its own.
 
     python tests/fuzz/fuzz.py --cases 10000 --seed 0
+    python tests/fuzz/fuzz.py --cases 10000 --seed 0 --control 50  one case in 50 also in a process that starts anew
     python tests/fuzz/fuzz.py --seed 0 --case 17 --keep DIR      one case alone; its folder and streams stay in DIR
 
 Of every case is asked: no traceback, exit code 0 or 2, with 2 one line on stderr beside progress and warnings, at most
@@ -81,6 +82,7 @@ def _arguments() -> argparse.Namespace:
         "--keep", type=Path, help="keep every case's folder and streams, and valid inputs, in this folder"
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--control", type=int, metavar="N", help="run one case in N also in a process that starts anew")
     parser.add_argument("--seconds", type=float, default=20.0, help="that a case may take; more on a busy machine")
     parser.add_argument("--log", type=Path, help="write a JSON line a case to this file")
     return parser.parse_args()
@@ -142,10 +144,12 @@ def _one(asked: argparse.Namespace, number: int, base: Path, work: Path, report:
     code = 1
     try:
         place = work / f"case-{number}"
-        judge.clear(place)
-        place.mkdir()
-        case = cases.draw(asked.seed, number, place, base)
+        case = _drawn(asked.seed, number, place, base)
         outcome = judge.run(case, place, asked.seconds)
+        if asked.control and number % asked.control == 0 and not outcome.fault:
+            case = _drawn(asked.seed, number, place, base)
+            control = judge.run(case, place, asked.seconds, starts_anew=True)
+            outcome = outcome._replace(fault=judge.fault_of_control(outcome, control))
         report.write_text(json.dumps([case.words, *outcome]))
         if asked.keep is None:
             judge.clear(place)
@@ -157,6 +161,13 @@ def _one(asked: argparse.Namespace, number: int, base: Path, work: Path, report:
             traceback.print_exc()
         sys.stderr.flush()
         os._exit(code)
+
+
+def _drawn(seed: int, number: int, place: Path, base: Path) -> Case:
+    """A case, with its inputs in a new folder."""
+    judge.clear(place)
+    place.mkdir()
+    return cases.draw(seed, number, place, base)
 
 
 def in_child(call) -> Outcome:

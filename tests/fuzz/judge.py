@@ -1,7 +1,8 @@
-"""Run one command of neurotact in a forked process and say what is wrong with how it went.
+"""Run one command of neurotact in a process of its own and say what is wrong with how it went.
 
-The process that forks has imported neurotact and computed nothing with torch, so that a case costs milliseconds, not
-seconds of imports. Each command has a process group of its own, its streams in files, and a watch on time and memory.
+The process is forked from one that has imported neurotact and computed nothing with torch, so that a case costs
+milliseconds, not seconds of imports; as a control it can be started anew, as a shell does. Each command has a process
+group of its own, its streams in files, and a watch on time and memory.
 """
 
 import ctypes
@@ -28,6 +29,11 @@ from processes import descendants
 
 from neurotact.data import hdf5
 
+ROOT = Path(__file__).parents[2]
+RESOLVE_ONLY = "import sys; from neurotact.studies import runner; runner.run = lambda *_, **__: sys.exit(0)\n"
+MAIN = "from neurotact.cli import main; main()"
+START = 40.0
+"""Seconds that the imports of a new process may take on a busy machine."""
 MEMORY = 1_000_000_000
 """How many bytes a command may take with the processes that it starts."""
 LARGEST_FILE = 2_000_000_000
@@ -99,10 +105,11 @@ class Outcome(NamedTuple):
     said: str
 
 
-def run(case: Case, place: Path, seconds: float, *, wants_modules: bool = False) -> Outcome:
+def run(case: Case, place: Path, seconds: float, *, wants_modules: bool = False, starts_anew: bool = False) -> Outcome:
     """Run a case in `place`, which holds its inputs; the streams are left beside it.
 
     wants_modules: also note what the command imported, for `modules_of`.
+    starts_anew: the process starts Python again instead of using what this one has imported.
     """
     before = _contents(place)
     streams = [place.parent / f"{place.name}.{name}" for name in ("out", "err")]
@@ -111,7 +118,8 @@ def run(case: Case, place: Path, seconds: float, *, wants_modules: bool = False)
     sys.stderr.flush()
     child = os.fork()
     if child == 0:
-        _become_the_command(case, place, streams, seconds, wants_modules)
+        _become_the_command(case, place, streams, seconds, wants_modules, starts_anew)
+    seconds += START if starts_anew else 0
     ended_by = _CtrlC(child, streams[0], began + seconds / 2) if case.endless else None
     code, memory, killed = _watch(child, began + seconds, ended_by)
     took = time.monotonic() - began
@@ -137,7 +145,9 @@ def modules_of(place: Path) -> list[str]:
     return list(dict.fromkeys(path.read_text().split()))
 
 
-def _become_the_command(case: Case, place: Path, streams: Sequence[Path], seconds: float, wants_modules: bool) -> None:
+def _become_the_command(
+    case: Case, place: Path, streams: Sequence[Path], seconds: float, wants_modules: bool, starts_anew: bool
+) -> None:
     """Never returns."""
     code = 70
     try:
@@ -151,6 +161,10 @@ def _become_the_command(case: Case, place: Path, streams: Sequence[Path], second
         resource.setrlimit(resource.RLIMIT_FSIZE, (LARGEST_FILE, LARGEST_FILE))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         _give_up_rights()
+        if starts_anew:
+            resolve = RESOLVE_ONLY if case.resolve_only else ""
+            words = [sys.executable, "-P", "-X", "faulthandler", "-c", f"{resolve}{MAIN}", *case.words]
+            os.execve(sys.executable, list(map(os.fsencode, words)), {**os.environ, "PYTHONPATH": str(ROOT)})
         faulthandler.enable(sys.stderr)
         faulthandler.dump_traceback_later(seconds * 0.9, file=sys.stderr)
         faulthandler.register(signal.SIGUSR2, sys.stderr, all_threads=False)
@@ -158,9 +172,7 @@ def _become_the_command(case: Case, place: Path, streams: Sequence[Path], second
         sys.argv = ["neurotact", *case.words]
         _fork_workers()
         if case.resolve_only:
-            from neurotact.studies import runner
-
-            runner.run = lambda *_, **__: sys.exit(0)
+            exec(RESOLVE_ONLY)
         from neurotact import cli
 
         warnings.resetwarnings()
@@ -189,16 +201,18 @@ def _fork_workers() -> None:
 
 
 def _give_up_rights() -> None:
-    """As root: read and write only what the mode of a file allows, as any other user."""
+    """As root: read and write only what the mode of a file allows, as any other user; also after a start of Python."""
     if os.geteuid() != 0:
         return
-    version, by_mode = 0x20080522, 0b1110  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH, CAP_FOWNER
+    version, rights = 0x20080522, (1, 2, 3)  # CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH, CAP_FOWNER
     header = (ctypes.c_uint32 * 2)(version, 0)
     sets = (ctypes.c_uint32 * 6)()
     libc = ctypes.CDLL(None, use_errno=True)
     libc.capget(header, sets)
-    for effective_or_permitted in (0, 1):
-        sets[effective_or_permitted] &= ~by_mode
+    for right in rights:
+        libc.prctl(24, right, 0, 0, 0)  # PR_CAPBSET_DROP
+        for effective_or_permitted in (0, 1):
+            sets[effective_or_permitted] &= ~(1 << right)
     libc.capset(header, sets)
 
 
@@ -274,6 +288,16 @@ def _fault_of_end(code: int, said: str) -> str:
     if any(CONTROL.search(line) for line in lines):
         return f"control characters in a line: exit code {code}"
     return ""
+
+
+def fault_of_control(forked: Outcome, control: Outcome) -> str:
+    """What is wrong with a process that started anew, where the forked one did well, or how they differ."""
+    if control.fault:
+        return f"in a process that starts anew: {control.fault}"
+    if forked.code != control.code:
+        return f"exit code {forked.code} in a forked process, {control.code} in one that starts anew"
+    told = [[line for line in one.said.splitlines() if line.startswith("neurotact: ")] for one in (forked, control)]
+    return "" if forked.code == 0 or told[0][-1:] == told[1][-1:] else "a forked process says something else"
 
 
 def _fault_of_memory(memory: int) -> str:
