@@ -28,7 +28,7 @@ GRATINGS = ("trials=3", "duration_s=0.3", "pitches_mm=[4.0, 0.5]", "forces_N=[3.
 SIMULATIONS = {
     "gratings": GRATINGS,
     "stiffness": ("placements=1", "grasps=1"),
-    "touch-modality": ("people=1", "recording_s=0.5", "duration_s=0.2"),
+    "touch-modality": ("people=1", "recording_s=2"),
     "contact-materials": ("trials=1", "frequencies_Hz=[5.0]", "forces_N=[0.2]", "duration_s=0.4"),
     "compliance": ("trials=1",),
 }

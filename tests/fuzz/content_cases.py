@@ -74,7 +74,7 @@ def _as_float32(time_s: np.ndarray, rng: random.Random) -> np.ndarray:
 
 def _jittered(time_s: np.ndarray, rng: random.Random) -> np.ndarray:
     noise = np.random.default_rng(rng.randrange(2**32))
-    return time_s + noise.normal(0, rng.choice([0.01, 0.1, 0.6]) * float(time_s[1] - time_s[0]), len(time_s))
+    return time_s + noise.normal(0, rng.choice([0.01, 0.1, 0.6]) * abs(float(time_s[1] - time_s[0])), len(time_s))
 
 
 def _with_a_gap(time_s: np.ndarray, rng: random.Random) -> np.ndarray:

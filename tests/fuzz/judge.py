@@ -198,6 +198,7 @@ def _fork_workers() -> None:
     """Workers are forked from the command itself: they inherit the imports that another start takes seconds for."""
     contexts = multiprocessing.context._concrete_contexts  # type: ignore[attr-defined]
     contexts["spawn"] = contexts["forkserver"] = contexts["fork"]
+    os.register_at_fork(after_in_child=lambda: signal.signal(signal.SIGTERM, signal.SIG_DFL))  # as in a new process
 
 
 def _give_up_rights() -> None:

@@ -538,7 +538,7 @@ def spoil_folder(folder: Path, rng: random.Random) -> None:
         os.rename(
             os.fsencode(place), os.path.join(os.fsencode(place.parent), name if name not in (b".", b"..") else b"x")
         )
-    elif how == "name":
+    elif how == "name" and chosen.is_file():
         os.rename(
             os.fsencode(chosen), os.path.join(os.fsencode(chosen.parent), name[:100] + os.fsencode(chosen.suffix))
         )
