@@ -33,6 +33,8 @@ BLOCK_BYTES = 2**20
 MOST_OBJECTS = 2**16 + 1
 """Objects of a heap, whose indices have 16 bits."""
 FARTHEST = 2**62
+NEAR_BYTES = 2**16
+"""Of an object's header, so many bytes are searched for an attribute."""
 STREAMED_RATIO = 50
 """Data read in pieces may exceed the limit on one input, but be at most this many times larger than its file."""
 CACHE_BYTES = 32_000_000
@@ -162,12 +164,36 @@ def attribute(holder: h5py.Group, name: str, path: str | Path) -> Any:
     if found.shape != ():
         raise ValueError(f"{name} is not a single value")
     check_size(path, found.dtype.itemsize)
+    if found.dtype.hasobject:
+        _check_text_length(holder, name, Path(path))
     value = holder.attrs[name]
     if isinstance(value, bytes):
         value = _decoded(value, f"{path}: {name}")
     if isinstance(value, str):
         check_text(value, f"{path}: {name}")
     return value
+
+
+def _check_text_length(holder: h5py.Group, name: str, path: Path) -> None:
+    """Refuse a text that is longer than its file: libhdf5 takes the memory before it looks for the text.
+
+    An attribute's message has version 1, a reserved byte, and the sizes of its name, type and space (2 bytes each),
+    then these, each padded to 8 bytes, then its text's length (4 bytes) and place (HDF5 File Format Specification,
+    IV.A.2.m). Other versions are not looked at.
+    """
+    with path.open("rb") as file:
+        file.seek(h5py.h5o.get_info(holder.id).addr)
+        near = file.read(NEAR_BYTES)
+    said = len(name.encode()) + 1
+    head = b"\x01\0" + said.to_bytes(2, "little")
+    at = near.find(name.encode() + b"\0")
+    while at >= 0:
+        if near[max(0, at - 8) :].startswith(head):
+            sizes = (said, *(int.from_bytes(near[at - n : at - n + 2], "little") for n in (4, 2)))
+            start = at + sum(-(-size // 8) * 8 for size in sizes)
+            if int.from_bytes(near[start : start + 4], "little") > path.stat().st_size:
+                raise OSError(f"the length of {name} is damaged")
+        at = near.find(name.encode() + b"\0", at + 1)
 
 
 def table(text: Any, kind: type) -> Any:

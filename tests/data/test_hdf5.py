@@ -537,3 +537,16 @@ def test_a_heap_that_would_be_read_for_ever_is_refused(tmp_path, load):
     (tmp_path / "spikes.h5").write_bytes(content)
     with pytest.raises(InputError, match=r"the heap at byte \d+ of spikes.h5 is damaged"):
         load(tmp_path / "spikes.h5")
+
+
+@pytest.mark.parametrize("name", ["encoder", "columns"])
+def test_a_text_that_is_longer_than_its_file_is_refused_before_it_is_read(tmp_path, name):
+    save_spikes(small_trains(), tmp_path / "spikes.h5")
+    content = bytearray((tmp_path / "spikes.h5").read_bytes())
+    at = content.index(b"\x01\0" + (len(name) + 1).to_bytes(2, "little") + b"\x14\0\x08\0" + name.encode())
+    length = at + 8 + 8 + 24 + 8  # after the sizes, and the padded name, type and space
+    assert 0 < int.from_bytes(content[length : length + 4], "little") < 2000
+    content[length : length + 4] = (2**31).to_bytes(4, "little")
+    (tmp_path / "spikes.h5").write_bytes(content)
+    with pytest.raises(InputError, match=f"the length of {name} is damaged"):
+        load_spikes(tmp_path / "spikes.h5")
