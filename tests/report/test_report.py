@@ -523,7 +523,7 @@ def test_in_a_browser_names_are_text_and_nothing_of_them_runs(chromium, tmp_path
         "seed": [0],
     }
     what = make_study(title=HOSTILE[0], about=HOSTILE[1], notes=HOSTILE, dataset=dataset, sweep=sweep, claims=())
-    conditions = grating_conditions(pitches_mm=(4.0, 2.0, 1.0, 0.5))
+    conditions = grating_conditions(pitches_mm=(4.0, 2.0, 1.0, 0.5)).drop(columns="grating")  # named by their labels
     conditions["label"] = conditions["label"].map(dict(zip(conditions["label"].unique(), HOSTILE, strict=True)))
     make_run(what, tmp_path, conditions)
     page = networks.write(what, tmp_path)
