@@ -577,7 +577,7 @@ WAYS = {
             | {
                 "--label": "--label speed",
                 "--step-ms": "--step-ms 2 --merge-events",
-                "--units": "--units afferent!=none",
+                "--units": "--units 'afferent!=SA-I taxel1'",
                 "--trials": "! --trials others",
                 "--name": "! --name others",
             },
@@ -746,6 +746,7 @@ def cases(kind: str) -> list[Any]:
     ]
 
 
+@pytest.mark.filterwarnings("ignore:spikes.*another encoder:UserWarning")
 @pytest.mark.parametrize(("way", "option", "words"), cases("changes"))
 def test_an_option_changes_what_is_printed_or_written(way, option, words, runner):
     if ".nwb" in way.words:

@@ -210,6 +210,7 @@ EXECUTORS: dict[str, Executor] = {
             "double precision": "its spikes are float32",
         },
     ),
+    "population": Executor("a population", ("network", "readout"), {}),
 }
 """Every program that executes chains, the reference first."""
 

@@ -64,7 +64,7 @@ def run(courses: Sequence[Course[T]]) -> list[T]:
     while waiting:
         for places in _together(waiting):
             batches = [waiting.pop(place) for place in places]
-            answers: Sequence[Counts | None] = _counts(batches)
+            answers: Sequence[Counts | None] = counts_of(batches)
             if batches[0].learns:
                 losses = [courses[place].send(found) for place, found in zip(places, answers, strict=True)]
                 torch.autograd.backward(losses)  # pyright: ignore[reportArgumentType]
@@ -111,7 +111,7 @@ def _shape(batch: Batch) -> Hashable:
     return *sizes, net.neuron, spike, net.w_rec is None, net.adaptation is None, readout, batch.learns
 
 
-def _counts(batches: Sequence[Batch]) -> list[Counts]:
+def counts_of(batches: Sequence[Batch]) -> list[Counts]:
     """The counts of each network, all at once."""
     networks = [batch.network for batch in batches]
     width, n_trials = _width(networks[0]), max(len(batch.spikes) for batch in batches)

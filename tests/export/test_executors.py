@@ -1,5 +1,6 @@
 """The table of executors holds: what it calls equal spikes as the reference does, and what it refuses is refused."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -22,10 +23,12 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import MODELS, EncoderSpec, load
 from neurotact.errors import InputError
+from neurotact.networks import population
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
 from neurotact.networks.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
 from neurotact.networks.snntorch_exchange import to_snntorch
 from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.training import Batch
 
 TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0
 CONDITIONED = {
@@ -142,8 +145,29 @@ def in_snntorch(feature: str) -> None:
         torch.testing.assert_close(readout, expected.readout.float())
 
 
+def in_a_population(feature: str) -> None:
+    """Beside another network of its shape, whose weights differ."""
+    _, network, _ = parts_with(feature)
+    other = copy.deepcopy(network)
+    with torch.no_grad():
+        other.w_in *= 0.5
+    batches = [Batch(each, windows(network.n_inputs)) for each in (network, other)]
+    for batch, found in zip(batches, population.counts_of(batches), strict=True):
+        with torch.no_grad():
+            expected = batch.network(batch.spikes)
+        assert expected.hidden.any()
+        torch.testing.assert_close(found.hidden, expected.hidden)
+        torch.testing.assert_close(found.readout, expected.readout)
+
+
 def executed(executor: str, feature: str, tmp_path) -> None:
-    runs = {"native": in_native, "stream": in_a_stream, "nir": in_nir, "snntorch": in_snntorch}
+    runs = {
+        "native": in_native,
+        "stream": in_a_stream,
+        "nir": in_nir,
+        "snntorch": in_snntorch,
+        "population": in_a_population,
+    }
     if executor.startswith("c-"):
         in_c(feature, tmp_path, integer=executor == "c-integer")
     else:
