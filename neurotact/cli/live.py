@@ -119,8 +119,8 @@ def live(
     )
     served = server.Server(session, port)
     session.on_end = lambda: _ended(session, served.stop)
-    print(f"{served.address}  (press Ctrl-C to stop)", flush=True)
-    with suppress(KeyboardInterrupt):  # the normal end
+    with suppress(KeyboardInterrupt):  # the normal end, from the moment that the address is said
+        print(f"{served.address}  (press Ctrl-C to stop)", flush=True)
         served.run()
     if session.failure is not None and not session.stream.tally.samples:
         raise session.failure
