@@ -16,7 +16,7 @@ ifneq ($(shell command -v c++ || command -v g++ || command -v clang++),)
 export NEUROTACT_REQUIRE_NATIVE = 1
 endif
 
-.PHONY: study test test-all lint docs bench device clean
+.PHONY: study test test-all wheel lint docs bench device clean
 
 study: $(VENV)/.installed
 	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
@@ -27,6 +27,10 @@ test: $(VENV)/.installed
 # The long tests too, with other random examples each time.
 test-all: $(VENV)/.installed
 	$(BIN)/pytest -n 2 -m 'slow or not slow' --hypothesis-profile random
+
+# The source distribution and the wheel, installed as a user does: every command runs outside the checkout.
+wheel: $(VENV)/.installed
+	$(BIN)/pytest -m slow tests/test_wheel.py
 
 lint: $(VENV)/.linters
 	$(BIN)/ruff check neurotact tests benchmarks docs

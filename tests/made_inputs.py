@@ -90,3 +90,32 @@ def _to_import() -> None:
     stamped.drop(index=[30, 31]).to_csv("stamped.csv", index=False, header=False)
     (signals.reshape(-1, 2) * 100).astype("<i2").tofile("samples.i16")
     signals.reshape(-1, 2).astype("<f4").tofile("samples.f32")
+
+
+def make_public_sets(folder: Path) -> None:
+    """A dense raster, and a few recordings of each public set in its own form, written into `folder`."""
+    rng = np.random.default_rng(0)
+    for name in ("Linen_F120_V50mmps_1.csv", "Silk_F120_V50mmps_0.csv"):
+        channels = pd.DataFrame(rng.integers(0, 900, (40, 16)), columns=[f"channel{i + 1}" for i in range(16)])
+        channels.insert(0, "timestamp", 28 * np.arange(40))
+        channels.insert(1, "proximity1", 0)
+        channels.insert(2, "proximity2", 65535)
+        (folder / "fabrics").mkdir(exist_ok=True)
+        channels.to_csv(folder / "fabrics" / name, index=False)
+    for cube in (1, 2):
+        for kind, columns in (("Voltage", 8), ("Force", 1)):
+            path = folder / "presses" / f"Hardness_{kind}_Seq1_Sp300_Cube{cube}_t1.lvm"
+            path.parent.mkdir(exist_ok=True)
+            press = pd.DataFrame(rng.random((50, columns)).round(4), columns=list("abcdefgh"[:columns]))
+            press.to_csv(path, sep="\t", index=False)
+    for label in ("brushing", "rolling", "sliding"):
+        path = folder / "modality" / label / "1.lvm"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(("\t".join(["1.65"] * 17) + "\n") * 30_000)
+    raster = (rng.random((4, 50, 3)) < 0.2).astype(np.uint8)
+    np.savez(folder / "dense.npz", raster=raster, label=["felt", "silk"] * 2, fs=1000.0)
+    recordings, taxels = np.repeat([0, 1], 12), np.tile(np.arange(12), 2)
+    np.savez(
+        folder / "letters.npz", letter=["A", "B"], event_recording=recordings, event_taxel=taxels,
+        event_polarity=np.zeros(24, int), event_time_s=rng.random(24),
+    )  # fmt: skip
