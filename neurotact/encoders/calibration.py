@@ -9,7 +9,7 @@ classes best. Only the given trials are used.
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -69,7 +69,7 @@ class Calibration:
     labels: np.ndarray
     notes: tuple[str, ...]
 
-    @cached_property
+    @property
     def accuracy(self) -> float:
         """The cross-validated accuracy of logistic regression on `rates` of the training trials.
 
@@ -77,7 +77,7 @@ class Calibration:
         """
         return cross_validated_accuracy(self.rates, self.labels)
 
-    @cached_property
+    @property
     def accuracy_of_both(self) -> float:
         """As `accuracy`, on the rates of SA-I and RA-I."""
         return cross_validated_accuracy(np.hstack([self.rates, self.rates_ra]), self.labels)
@@ -200,8 +200,10 @@ def calibrate_causally(
     if choose_ema and progress:
         progress((MOST_CUTOFFS - len(cutoffs_Hz)) * rule.candidates, "")
     cutoff_Hz = own_Hz
+    of_cutoffs: dict[float | None, float] = {}
     if smoothed and len(cutoffs_Hz) > 1:
-        cutoff_Hz = _best_of({at: one.accuracy_of_both for at, one in smoothed.items()}, _n_trials(smoothed))
+        of_cutoffs = {at: one.accuracy_of_both for at, one in smoothed.items()}
+        cutoff_Hz = _best_of(of_cutoffs, _n_trials(smoothed))
     tried: dict[Baseline, AfferentSpec] = {each: _with(spec, each, cutoff_Hz) for each in PAST[1:]}
     others, errors = _each(recordings, tried, progress, rule)
     found: dict[Baseline, Calibration] = {first: smoothed[cutoff_Hz]} if cutoff_Hz in smoothed else {}
@@ -210,7 +212,7 @@ def calibrate_causally(
         raise errors[PAST[-1]]
     accuracy: dict[Baseline, float] = {baseline: each.accuracy for baseline, each in found.items()}
     best = _best_of(accuracy, _n_trials(found))
-    notes = *found[best].notes, *_on_ema(smoothed, cutoff_Hz, own_Hz), _on_baseline(found, best)
+    notes = *found[best].notes, *_on_ema(of_cutoffs, cutoff_Hz, own_Hz), _on_baseline(accuracy, best)
     if tell:
         _log(notes, recordings)
     return replace(found[best], notes=notes)
@@ -220,15 +222,15 @@ def _n_trials(found: Mapping[Any, Calibration]) -> int:
     return len(next(iter(found.values())).labels)
 
 
-def _on_baseline(found: Mapping[Baseline, Calibration], best: Baseline) -> str:
+def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline) -> str:
     """The note on the baseline, with the accuracy of each."""
-    if np.isnan(found[best].accuracy):
+    if np.isnan(accuracy[best]):
         return (
             f"conditioning.baseline = '{best}' is chosen without a comparison: a class has one training trial, so none "
             "can be held out for testing; add trials of it, or choose with --set encoder.conditioning.baseline"
         )
-    accuracies = [f"{baseline} {100 * each.accuracy:.0f} %" for baseline, each in found.items()]
-    accuracies += [f"{baseline} cannot be calibrated" for baseline in PAST if baseline not in found]
+    accuracies = [f"{baseline} {100 * reached:.0f} %" for baseline, reached in accuracy.items()]
+    accuracies += [f"{baseline} cannot be calibrated" for baseline in PAST if baseline not in accuracy]
     return (
         f"conditioning.baseline = '{best}' is chosen, the first within one standard error of the best; accuracy of "
         f"logistic regression on the SA-I rates of the training trials: {', '.join(accuracies)}"
@@ -277,12 +279,12 @@ def _best_of(accuracy: Mapping[Key, float], n_trials: int) -> Key:
     return (good or list(accuracy))[0]
 
 
-def _on_ema(smoothed: Mapping[float | None, Calibration], chosen_Hz: float | None, own_Hz: float | None) -> list[str]:
-    """The note on another moving average than the encoder's own."""
+def _on_ema(accuracy: Mapping[float | None, float], chosen_Hz: float | None, own_Hz: float | None) -> list[str]:
+    """The note on another moving average than the encoder's own; accuracy: of each cut-off that was tried."""
     if chosen_Hz == own_Hz:
         return []
     accuracies = ", ".join(
-        f"{'none' if at is None else f'{at:g} Hz'} {100 * one.accuracy_of_both:.0f} %" for at, one in smoothed.items()
+        f"{'none' if at is None else f'{at:g} Hz'} {100 * reached:.0f} %" for at, reached in accuracy.items()
     )
     what = "is left out" if chosen_Hz is None else f"= {chosen_Hz:g} is chosen"
     return [
