@@ -20,7 +20,7 @@ import pandas as pd
 
 from neurotact.report.tables import with_pair
 from neurotact.studies.claims import Claim, Verdict, judge
-from neurotact.studies.firing import read_encoding
+from neurotact.studies.encoded import read_encoding
 from neurotact.tables import read_table
 
 STUDIES = Path(__file__).parents[1] / "studies"

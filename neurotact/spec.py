@@ -11,7 +11,7 @@ import math
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from datetime import date, time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_args, get_origin
@@ -20,10 +20,8 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    SerializerFunctionWrapHandler,
     Tag,
     ValidationError,
-    model_serializer,
 )
 
 import neurotact
@@ -42,6 +40,10 @@ IN_WORDS = {
     "list": "a list",
 }  # fmt: skip
 """What must stand there, by the name that pydantic gives it."""
+
+SCHEMA = 1
+"""The form of saved studies, trainings and searches. It changes when a new key or a new meaning would make an earlier
+one another than it was; then only the folder of an earlier form is refused, and no key needs to know of others."""
 
 KINDS = ("encoders", "networks", "networks/spaces", "studies")
 
@@ -71,15 +73,9 @@ class Spec(BaseModel, metaclass=_InOurWords):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
     folder: ClassVar[str] = ""
-    later_keys: ClassVar[tuple[str, ...]] = ()
-    """Keys added after specs of this kind were in use: a key with its default value is not written."""
     decided: ClassVar[Mapping[str, str]] = {}
     """Dotted keys of a protocol's parameters that something else sets, and what sets them; setting or sweeping one is
     refused."""
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        return without_defaults(self, dump(self), self.later_keys)
 
     def digest(self) -> str:
         """Twelve hexadecimal digits that identify the content, independent of key order and comments.
@@ -90,16 +86,6 @@ class Spec(BaseModel, metaclass=_InOurWords):
         True
         """
         return digest(self.model_dump(mode="json"))
-
-
-def without_defaults(spec: Spec, table: dict[str, Any], keys: Sequence[str]) -> dict[str, Any]:
-    """The table of a spec without those of `keys` that have their default.
-
-    A spec is written as it was before these keys existed: digests and seeds are computed from the written table.
-    """
-    fields = type(spec).model_fields
-    absent = {key for key in keys if getattr(spec, key) == fields[key].default}
-    return {key: value for key, value in table.items() if key not in absent}
 
 
 SpecT = TypeVar("SpecT", bound=Spec)
@@ -216,6 +202,28 @@ def build(model: type[SpecT], table: Mapping[str, Any], source: str) -> SpecT:
         wanted += "" if _is_within_64_bits(taken) else " within 64 bits"
         raise InputError(f"{key}: must be {wanted}; got {given!r} ({source})")
     return built
+
+
+def saved(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table of a spec as a folder of results stores it: with the number of its form."""
+    return {"schema": SCHEMA, **table}
+
+
+def unsaved(table: Mapping[str, Any], holds: str, fix: str) -> dict[str, Any]:
+    """What `saved` was given; InputError for another form.
+
+    holds: the folder and what it holds, and `fix`, what to do then, for the message.
+
+    >>> unsaved(saved({"hidden": 20}), "run: holds a training", "start again")
+    {'hidden': 20}
+    >>> unsaved({"hidden": 20}, "run: holds a training", "start again")
+    Traceback (most recent call last):
+    neurotact.errors.InputError: run: holds a training of another neurotact (schema none, here 1); start again
+    """
+    found = table.get("schema")
+    if found != SCHEMA:
+        raise InputError(f"{holds} of another neurotact (schema {found or 'none'}, here {SCHEMA}); {fix}")
+    return {key: value for key, value in table.items() if key != "schema"}
 
 
 def override(table: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ FLOORS = (
     ("errors",),
     ("interrupt",),
     ("files", "progress", "backend"),
-    ("spec", "neurons", "tables", "checks", "plugins", "workers", "versions"),
+    ("spec", "effects", "neurons", "tables", "checks", "plugins", "workers", "versions"),
     ("data",),
     ("metrics",),
     ("encoders",),

@@ -22,8 +22,10 @@ from neurotact.spec import (
     override,
     parse_assignments,
     read,
+    saved,
     shipped,
     to_toml,
+    unsaved,
 )
 from neurotact.studies import study
 from neurotact.studies.study import StudySpec
@@ -260,14 +262,19 @@ def test_a_recurrent_delay_is_no_step_or_one(value):
     assert refusal(RSNNSpec, {"recurrent_delay_steps": value}).startswith("recurrent_delay_steps: must be ")
 
 
-def test_a_spec_without_a_delay_is_written_as_before_there_were_delays():
-    """Seeds are drawn from what is written: numbers that were published must come out again."""
-    none, one = RSNNSpec(recurrent_delay_steps=0), RSNNSpec(recurrent_delay_steps=1)
-    assert one.model_dump(mode="json") == none.model_dump(mode="json") | {"recurrent_delay_steps": 1}
-    assert "recurrent_delay_steps" not in none.model_dump() | none.model_dump(mode="json")
-    assert none.digest() == RSNNSpec().digest() != one.digest()
-    for spec in (none, one):
-        assert build(RSNNSpec, spec.model_dump(mode="json"), "my.toml") == spec
+@pytest.mark.parametrize("spec", [RSNNSpec(), RSNNSpec(recurrent_delay_steps=1), RSNNSpec(threshold_adaptation=0.5)])
+def test_a_spec_is_written_whole_and_read_back_equal(spec):
+    written = spec.model_dump(mode="json")
+    assert {*RSNNSpec.model_fields} - {*written} <= {"tau_adaptation_ms"}  # which no spec without adaptation may name
+    assert build(RSNNSpec, written, "my.toml") == spec
+
+
+def test_a_folder_of_another_form_is_refused_by_its_name():
+    table = {"hidden": 20}
+    assert unsaved(saved(table), "run: holds a training", "start again") == table
+    for other in (table, {"schema": 99, **table}):
+        with pytest.raises(InputError, match=r"^run: holds a training of another neurotact \(.*\); start again$"):
+            unsaved(other, "run: holds a training", "start again")
 
 
 @pytest.mark.parametrize("value", [5, "sa1", [], True])

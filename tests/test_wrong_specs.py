@@ -186,7 +186,7 @@ def use_study(name: Path, given: Mapping[str, Any], data: Path) -> None:
         for file in (None, data):
             try:
                 what = loading.resolve(name, given, quick=quick, data=file)
-                loading.engine_of(what).cells()
+                list(loading.kind_of(what).cells(what))
                 runner._made_from(what)
                 study.to_toml(what)
             except InputError as error:

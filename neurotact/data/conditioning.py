@@ -6,7 +6,7 @@ A trial is conditioned whole or, if it is long, piece by piece; the result is th
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -37,7 +37,6 @@ def _not_zero(value: float) -> float:
 class ConditioningSpec(Spec):
     """The steps from a recording to the drive of afferents, in this order."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("start_ms", "high_pass_Hz")
     ema_cutoff_Hz: float | None = Field(default=None, gt=0)
     """Cut-off of the exponential moving average; none when absent."""
     resample_Hz: float | None = Field(default=None, gt=0)

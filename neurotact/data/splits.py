@@ -7,7 +7,7 @@ No trial is on two sides and, if groups are named, no group is. Windows follow t
 import logging
 import warnings
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -33,7 +33,6 @@ AS_RECORDED = "trial"
 class SplitSpec(Spec):
     """The division of trials (70/15/15 at random in the texture paper)."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("group", "test_where", "nested", "order", "folds", "fold")
     validation: float = Field(default=0.15, gt=0, lt=1)
     """Share of all trials; with `test_where` or `folds`, which select the test trials, share of the other trials."""
     test: float = Field(default=0.15, gt=0, lt=1)

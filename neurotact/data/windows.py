@@ -1,7 +1,7 @@
 """Windows of trials, with the trial of each."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,7 +20,6 @@ BYTES_PER_WINDOW = 40
 class WindowSpec(Spec):
     """The stretches of each trial that a network receives."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("align", "onset")
     length_ms: float = Field(default=150.0, gt=0)
     """Length of a window."""
     start_ms: float = Field(default=0.0, ge=0)

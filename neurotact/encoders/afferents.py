@@ -29,8 +29,6 @@ Gains = tuple[Sequence[float], Sequence[float]]
 class AfferentType(Spec):
     """The afferents of one type: one under each taxel, or one for each grade and polarity."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("grades", "opposite")
-
     gain: float = Field(gt=0)
     """Drive in mV per unit of the conditioned signal (SA-I) or per unit per ms (RA-I)."""
     t_ref_ms: float = Field(default=1.0, ge=0)

@@ -8,9 +8,10 @@ import numpy as np
 
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.stream_state import Decision
+from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
 from neurotact.metrics.synops import TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION
-from neurotact.networks.ledger import SOPS, encoding_cost, network_cost
+from neurotact.networks.ledger import SOPS, network_cost
 
 MOST_WINDOWS = 1_000
 """Default number of windows to compare before and after a change."""

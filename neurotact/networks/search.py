@@ -14,16 +14,16 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
-from neurotact import effects, files, spec, workers
+from neurotact import effects, files, workers
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import check_stratify
 from neurotact.errors import InputError
-from neurotact.networks import fitting, measuring, population, recipe, tasks, trained, tuning
+from neurotact.networks import fitting, measuring, population, recipe, seeds, tasks, trained, tuning
 from neurotact.networks.outcome import Outcome, outcome_of
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.search_journal import (
@@ -42,7 +42,7 @@ from neurotact.networks.tasks import Sides, Task
 from neurotact.networks.training import Course, Epoch, alone, course
 from neurotact.networks.tuning import MedianStop, Proposal, SearchSpec, Tuner
 from neurotact.progress import Advance, silent, time_left
-from neurotact.spec import Spec, build
+from neurotact.spec import Spec, build, saved, unsaved
 
 DECIDING = {"model", "readout", "input_deviation", "learn", "training.relative_learning_rate"}
 """Keys of a network on which it depends whether others have an effect."""
@@ -51,7 +51,6 @@ DECIDING = {"model", "readout", "input_deviation", "learn", "training.relative_l
 class Problem(Spec):
     """What is searched: everything that determines the journal's bytes, without the paths of files."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("device",)
     search: SearchSpec
     network: RSNNSpec
     """The keys that are not in the space."""
@@ -66,14 +65,8 @@ class Problem(Spec):
     def seeds_of(self, trial: Proposal) -> tuple[int, int]:
         """Seeds of a trial's initial weights and order of windows, drawn from its number and its content."""
         network = self.network_of(trial.parameters)
-        content = [
-            self.search.seed,
-            trial.id,
-            network.model_dump(mode="json"),
-            self.task.model_dump(mode="json", exclude={"exit_choice", "exit_by"}),
-        ]
-        digest = spec.digest(content)
-        return int(digest[:6], 16), int(digest[6:], 16)
+        task = self.task.model_copy(update={"exit_choice": "least", "exit_by": "stability"})  # of the trained network
+        return seeds.drawn([self.search.seed, trial.id, network, task])
 
 
 class Job(NamedTuple):
@@ -345,10 +338,12 @@ def _report(tuner: Tuner, trial: Trial) -> None:
 def _claim(folder: Path, problem: Problem, *, resume: bool) -> None:
     """Use `folder` for this search; refuse the folder of another one. A search without trials is replaced."""
     path, journal = folder / "search.json", folder / JOURNAL
-    content = problem.model_dump(mode="json")
+    content = saved(problem.model_dump(mode="json"))
     if not path.is_file() and not files.is_free(folder):
         raise InputError(f"{folder}: is not empty and holds no search; choose another folder")
     known = _read_problem(path) if journal.is_file() and journal.stat().st_size > 0 else content
+    if isinstance(known, dict):
+        unsaved(known, f"{folder}: holds a search", "choose another folder")
     if known != content:
         before, now = _trials_of(known), problem.search.trials
         if before is None or known != {**content, "search": {**content["search"], "trials": before}}:

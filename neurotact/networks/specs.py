@@ -9,25 +9,16 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from neurotact import effects
 from neurotact import spec as specs
 from neurotact.neurons import Membrane, Reset
-from neurotact.spec import Spec, without_defaults
+from neurotact.spec import Spec
 
 Keep = Literal["loss", "accuracy", "both"]
 MOST_HIDDEN = 1024
 """Neurons of the largest hidden layer."""
-LATER_KEYS = (
-    "recurrent_delay_steps", "readout_surrogate_scale", "readout", "readout_tau_ms", "input_deviation", "recipe",
-    "threshold_adaptation", "tau_adaptation_ms",
-)  # fmt: skip
-"""Keys that were added after networks had been trained; at their defaults they are not written."""
 
 
 class TrainingSpec(Spec):
     """How a network is trained (texture paper, Sec. III-B; loss and regularisers from the Braille study)."""
 
-    later_keys: ClassVar[tuple[str, ...]] = (
-        "temperature", "relative_learning_rate", "schedule", "keep", "input_dropout", "input_jitter_ms",
-        "readout_dropout", "optimiser", "betas",
-    )  # fmt: skip
     optimiser: Literal["adam", "adamax"] = "adam"
     """adamax divides each step by the largest recent gradient, not by the root of its mean square (Kingma and Ba
     2015, Sec. 7.1)."""
@@ -158,10 +149,11 @@ class RSNNSpec(Spec):
         return self
 
     @model_serializer(mode="wrap")
-    def _as_before(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _without_unused(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
         table = dump(self)
         if self.recipe is None:
-            return without_defaults(self, table, LATER_KEYS)
+            unused = set() if self.threshold_adaptation else {"tau_adaptation_ms"}  # which no spec may name then
+            return {key: value for key, value in table.items() if key not in unused}
         given = {key: value for key, value in table.items() if key in self.model_fields_set and key != "training"}
         training = {key: getattr(self.training, key) for key in sorted(self.training.model_fields_set)}
         return {**given, "training": training} if training else given

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -28,7 +28,6 @@ ExitBy = Literal["stability", "margin"]
 class Task(Spec):
     """What a network is trained and tested on: which trials, which windows, which sides of the split."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("exit_choice", "exit_by", "where", "leave_out")
     where: Where = {}
     """Conditions of the trials that are used; the others are as if they were not in the file."""
     leave_out: LeaveOut = {}

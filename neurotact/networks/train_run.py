@@ -25,7 +25,7 @@ from neurotact.networks.specs import RSNNSpec, void_keys
 from neurotact.networks.tasks import Task
 from neurotact.networks.training import Checkpoint, Epoch
 from neurotact.progress import track
-from neurotact.spec import Spec, build, digest, read, to_toml
+from neurotact.spec import Spec, build, digest, read, saved, to_toml, unsaved
 from neurotact.versions import versions
 
 ASKED = "train.toml"
@@ -177,7 +177,7 @@ def _begin(folder: Path, asked: Asked) -> None:
     """Remove the files of an earlier training, and write the settings of this one."""
     clear(folder, [name for name in LEFT if name != ASKED])
     comment = "# Settings of neurotact train; a training resumes only with these settings.\n"
-    files.write_text(folder / ASKED, comment + to_toml(asked.model_dump(mode="json", exclude_none=True)))
+    files.write_text(folder / ASKED, comment + to_toml(saved(asked.model_dump(mode="json", exclude_none=True))))
 
 
 def clear(folder: Path, names: Sequence[str] = LEFT) -> None:
@@ -212,7 +212,12 @@ def _check_same(folder: Path, asked: Asked) -> None:
     """Refuse settings that differ from the training in the folder; warn of other versions."""
     path = folder / ASKED
     try:
-        before = build(Asked, read(path), source=str(path))
+        table = read(path)
+    except InputError as error:
+        raise InputError(f"{path}: is damaged ({error}); start again with --force") from error
+    table = unsaved(table, f"{folder}: holds a training", "start again with --force")
+    try:
+        before = build(Asked, table, source=str(path))
     except InputError as error:
         raise InputError(f"{path}: is damaged ({error}); start again with --force") from error
     if before.spikes_sha256 != asked.spikes_sha256:

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
@@ -45,7 +45,6 @@ LARGEST_LOGARITHM = math.log(specs.LARGEST)
 class SearchSpec(Spec):
     """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("max_sops", "first")
     space: dict[str, dict[str, Any]]
     """What is searched: a table of `_type` and `_value` for each key of the network."""
     tuner: Literal["tpe", "random", "grid"] = "tpe"

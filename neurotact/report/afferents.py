@@ -14,8 +14,7 @@ from neurotact.report.encoding_drawings import name_classes
 from neurotact.report.tables import first_spikes, with_pair
 from neurotact.spec import to_toml
 from neurotact.studies import encoded
-from neurotact.studies.encoded import POPULATIONS
-from neurotact.studies.firing import read_encoding
+from neurotact.studies.encoded import POPULATIONS, read_encoding
 from neurotact.studies.protocol import View
 from neurotact.studies.store import is_done
 from neurotact.studies.study import StudySpec, cells

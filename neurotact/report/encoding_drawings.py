@@ -13,7 +13,7 @@ from neurotact.figures.columns import in_unit
 from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.report.tables import in_the_paper
-from neurotact.studies.firing import TOUCH
+from neurotact.studies.encoded import TOUCH
 from neurotact.studies.study import StudySpec
 from neurotact.tables import natural
 

@@ -14,6 +14,7 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import SplitSpec, turns_of
 from neurotact.data.window_choice import on_late_onsets, timing_of
+from neurotact.encoders.cost import encoding_cost
 from neurotact.errors import InputError
 from neurotact.metrics import paired, referee
 from neurotact.metrics.paired import Paired
@@ -302,7 +303,7 @@ def _of_encoding(found: Answer, trains: SpikeTrains | None, place: str) -> Itera
     if trains is None or decision.nJ is None or not found.is_above_chance:
         return
     rate_Hz, n_taxels = trains.sampling_rate_Hz, ledger.taxels_of(len(trains.afferents), trains.encoder)
-    spent = ledger.encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
+    spent = encoding_cost(n_taxels, 1e-3 * decision.ms * rate_Hz, decision.ms, trains.encoder)
     alone = answers.energy(spent.energy_estimate_nJ)
     if place == "sensor":
         yield f"Conditioning and encoding are in the sensor and not counted; on the processor they take {alone} more."

@@ -23,7 +23,7 @@ from neurotact.report.tables import extra_tables, first_spikes, with_pair, with_
 from neurotact.spec import to_toml
 from neurotact.studies import preparation, selection
 from neurotact.studies import study as studies
-from neurotact.studies.firing import read_encoding
+from neurotact.studies.encoded import read_encoding
 from neurotact.studies.protocol import HEADS
 from neurotact.studies.selection import Selection
 from neurotact.studies.store import is_done
@@ -84,7 +84,7 @@ def write(study: StudySpec, folder: Path) -> Path:
     done = [cell for cell in every if is_done(folder, cell)]
     trains = first_spikes(folder, done)
     classes = name_classes(encoding, trains.conditions if trains else None)
-    course = selection.follow(study, selection.in_folder(folder)) if study.selection else None
+    course = selection.follow(study.selection, every, selection.in_folder(folder)) if study.selection else None
     chosen = course.found if course else None
     extra = extra_tables(study, folder)
     trials = search.trials_table(folder, done, results)

@@ -64,7 +64,7 @@ def write(study: ProtocolStudy, folder: Path) -> Path:
     if told.answers:
         write_json(folder / page.ANSWER, told.as_json())
     every = list(cells(study))
-    arrays = protocol_cell.load_arrays(protocol_cell.arrays_path(folder, every[0]))
+    arrays = protocol_cell.load_arrays(folder / every[0].given)
     parameters = {key: value for key, value in study.parameters.items() if key != "data"}
     return page.write(
         "protocol.html.jinja",

@@ -27,7 +27,8 @@ from neurotact.networks.tasks import Task
 from neurotact.networks.training import Epoch
 from neurotact.progress import say
 from neurotact.studies import encoded
-from neurotact.studies.store import RESULT, TIMING, Files, cell_folder
+from neurotact.studies.kind import Files
+from neurotact.studies.store import RESULT, TIMING, cell_folder
 from neurotact.studies.study import Cell
 
 JUDGED_S, LONG_MIN = 20.0, 5.0
@@ -36,13 +37,16 @@ SEARCH = "search"
 """The folder of a cell's search."""
 
 
-def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: str = "cpu") -> Files:
+def run_cell(
+    cell: Cell, trains: SpikeTrains, kept: Path | None = None, tells: bool = False, device: str = "cpu"
+) -> Files:
     """Train and measure a cell, or measure its spike trains where it has no network.
 
     It may run on any machine: it reads and writes only what is passed.
 
     kept: the folder with the journal of the cell's search, from which an interrupted search resumes; without it, or
-    without a search, no journal is read or saved. device: where a search trains its trials.
+    without a search, no journal is read or saved. tells: say how long the training of a network takes, if it takes
+    minutes. device: where a search trains its trials.
     """
     if cell.network is None:
         return encoded.run(cell, trains)
@@ -51,7 +55,7 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: 
     if cell.search is None:
         spec = cell.network
         long = LongTraining(lambda: recipe.resolve(spec, tasks.seen(trains, task)).training.epochs)
-        fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=long)
+        fitted, sides = fitting.fit(trains, spec, task, cell.seeds, progress=long if tells else None)
         return left_by(cell, trains, fitted, sides, perf_counter() - began)
     with scratch() as empty:
         searched = _search(cell, cell.network, trains, task, kept or empty, device)
@@ -59,26 +63,22 @@ def run_cell(cell: Cell, trains: SpikeTrains, kept: Path | None = None, device: 
 
 
 class LongTraining:
-    """Called after each epoch; says once in a process if its first network takes minutes, and what takes less.
+    """Called after each epoch; says once if the training takes minutes, and what takes less.
 
     epochs: gives the most epochs of the training.
     """
 
-    is_judged = False
-
     def __init__(self, epochs: Callable[[], int]) -> None:
         self._epochs = epochs
         self._first: tuple[float, int] | None = None
+        self._is_judged = False
 
     def __call__(self, epoch: Epoch) -> None:
-        if LongTraining.is_judged:
-            return
         began, before = self._first = self._first or (perf_counter(), epoch.epoch)
         seconds = perf_counter() - began
-        if seconds < JUDGED_S:
+        if self._is_judged or seconds < JUDGED_S:
             return
-        LongTraining.is_judged = True
-        most = self._epochs()
+        self._is_judged, most = True, self._epochs()
         minutes = seconds / (epoch.epoch - before) * most / 60
         if minutes > LONG_MIN:
             say(

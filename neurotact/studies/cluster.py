@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from functools import partial
@@ -15,8 +15,7 @@ import torch
 
 from neurotact.backend import TORCH_INSTRUCTIONS
 from neurotact.errors import InputError, first_line
-from neurotact.studies.engine import Engine, MapCells, RunCell
-from neurotact.studies.store import AnyCell, Files
+from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
 from neurotact.versions import versions
 
 if TYPE_CHECKING:
@@ -91,11 +90,11 @@ async def _reach(address: str) -> None:
 
 
 def _map_cells(
-    client: "Client", address: str, engine: Engine, cells: list[AnyCell], folder: Path
+    client: "Client", address: str, kind: Kind, cells: list[AnyCell], folder: Path
 ) -> Iterator[tuple[AnyCell, Files]]:
     from distributed import KilledWorker, as_completed
 
-    cell_of = _submit(client, engine, cells, folder)
+    cell_of = _submit(client, kind, cells, folder)
     go_on = "then give the same command again: what is done is kept"
     for future in as_completed(list(cell_of), loop=client.loop):
         cell = cell_of.pop(future)
@@ -115,7 +114,7 @@ def _map_cells(
         yield cell, files
 
 
-def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
+def _submit(client: "Client", kind: Kind, cells: list[AnyCell], folder: Path) -> "dict[Future, AnyCell]":
     """Send each shared input once, and its cells as tasks; returns the cell of each future."""
     import dask.config
 
@@ -130,11 +129,11 @@ def _submit(client: "Client", engine: Engine, cells: list[AnyCell], folder: Path
         name = path.stem
         # A task that returns its own input can run again; scattered data are lost with their worker.
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            given = client.submit(_identity, engine.load_given(path), key=f"given-{name}-{run}")
+            given = client.submit(_identity, kind.load(path), key=f"given-{name}-{run}")
         # The first part of the key makes the cells a group: Dask assigns them one by one, not all in advance.
         keys = [(f"cells-{name}-{run}", cell.digest()) for cell in same]
         n = len(same)
-        arguments = [engine.run_cell] * n, same, [given] * n, [versions()] * n
+        arguments = [kind.run] * n, same, [given] * n, [versions()] * n
         cell_of |= zip(client.map(_run_on_worker, *arguments, key=keys, retries=RETRIES), same, strict=True)
     return cell_of
 
@@ -143,10 +142,10 @@ def _identity(given: Any) -> Any:
     return given
 
 
-def _run_on_worker(run_cell: RunCell, cell: AnyCell, given: Any, expected: dict[str, str]) -> Files:
+def _run_on_worker(run_cell: Callable[..., Files], cell: AnyCell, given: Any, expected: dict[str, str]) -> Files:
     _check_worker(expected)  # again: workers may join while the study runs
     torch.set_num_threads(1)
-    return run_cell(cell, given, None)
+    return run_cell(cell, given, None, False)
 
 
 def _check_worker(expected: dict[str, str], dask_worker: "Worker | None" = None) -> None:

@@ -15,8 +15,8 @@ from neurotact.networks import fitting, population, tasks
 from neurotact.networks.fitting import Trained
 from neurotact.networks.training import Course
 from neurotact.studies import cell as cells
-from neurotact.studies.engine import Engine, MapCells
-from neurotact.studies.store import AnyCell, Files, cell_folder
+from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
+from neurotact.studies.store import cell_folder
 from neurotact.studies.study import Cell
 
 
@@ -25,25 +25,25 @@ def on_device(name: str) -> Iterator[MapCells]:
     """Compute cells on the torch device of this name; InputError if torch cannot use it."""
     device = population.device_of(name)
 
-    def map_cells(engine: Engine, todo: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+    def map_cells(kind: Kind, todo: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
         known = [cell for cell in todo if isinstance(cell, Cell)]
         if len(known) < len(todo):
             raise InputError(f"--device {name}: this study's protocol trains no spiking networks; leave --device out")
         together = [cell for cell in known if cell.network is not None and cell.search is None]
-        yield from _trained_together(engine, together, folder, device)
+        yield from _trained_together(kind, together, folder, device)
         for cell in known:
             if cell.network is None or cell.search is not None:
-                given = engine.load_given(folder / cell.given)
-                yield cell, cells.run_cell(cell, given, cell_folder(folder, cell), name)
+                given = kind.load(folder / cell.given)
+                yield cell, cells.run_cell(cell, given, cell_folder(folder, cell), device=name)
 
     yield map_cells
 
 
 def _trained_together(
-    engine: Engine, todo: Sequence[Cell], folder: Path, device: torch.device
+    kind: Kind, todo: Sequence[Cell], folder: Path, device: torch.device
 ) -> Iterator[tuple[AnyCell, Files]]:
     began = perf_counter()
-    trains = {given: engine.load_given(folder / given) for given in {cell.given for cell in todo}}
+    trains = {given: kind.load(folder / given) for given in {cell.given for cell in todo}}
     windows: dict[tuple[str, str], tasks.Sides] = {}
     sides: list[tasks.Sides] = []
     courses: list[Course[Trained]] = []

@@ -4,7 +4,7 @@ Each yields a cell with its files as soon as it is finished, and the caller writ
 disk, and no later failure loses a file that is written.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -12,8 +12,8 @@ from typing import Any
 
 from neurotact.studies.cluster import cluster
 from neurotact.studies.device import on_device
-from neurotact.studies.engine import Engine, Load, MapCells, RunCell
-from neurotact.studies.store import AnyCell, Files, cell_folder
+from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
+from neurotact.studies.store import cell_folder
 from neurotact.workers import pool_as_done
 
 
@@ -26,22 +26,25 @@ def executor(n_workers: int, scheduler: str | None = None, device: str = "cpu") 
 
 @contextmanager
 def processes(n_workers: int) -> Iterator[MapCells]:
-    """Compute cells in processes of this machine, which read their inputs from the run folder."""
+    """Compute cells in processes of this machine, which read their inputs from the run folder.
+
+    The first cell tells how long its training takes.
+    """
     with pool_as_done(n_workers) as run:
 
-        def map_cells(engine: Engine, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
-            functions = engine.load_given, engine.run_cell
-            jobs = [(*functions, cell, folder / cell.given, cell_folder(folder, cell)) for cell in cells]
+        def map_cells(kind: Kind, cells: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
+            places = [(folder / cell.given, cell_folder(folder, cell)) for cell in cells]
+            jobs = [(kind.load, kind.run, cell, *places[n], n == 0) for n, cell in enumerate(cells)]
             return ((cells[index], files) for index, files in run(_run_from_disk, jobs))
 
         yield map_cells
 
 
-def _run_from_disk(job: tuple[Load, RunCell, AnyCell, Path, Path]) -> Files:
-    load, run, cell, given, kept = job
-    return run(cell, _loaded(load, given), kept)
+def _run_from_disk(job: tuple[Callable[[Path], Any], Callable[..., Files], AnyCell, Path, Path, bool]) -> Files:
+    load, run, cell, given, kept, tells = job
+    return run(cell, _loaded(load, given), kept, tells)
 
 
 @lru_cache(maxsize=2)
-def _loaded(load: Load, path: Path) -> Any:
+def _loaded(load: Callable[[Path], Any], path: Path) -> Any:
     return load(path)

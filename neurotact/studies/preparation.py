@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from neurotact.baselines import opponents
 from neurotact.data import doubtful, hdf5
 from neurotact.data.conditioning import conditioned_length
 from neurotact.data.copies import copies_of
@@ -22,22 +23,21 @@ from neurotact.data.windows import check_fit
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.calibration import CLOCK_HZ, way_of
 from neurotact.encoders.encoding import encode_recordings
+from neurotact.encoders.same_drive import same_drive_table
+from neurotact.encoders.signals import signal_table
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.files import write_json
 from neurotact.metrics import paired
 from neurotact.progress import track
 from neurotact.spec import build, digest
-from neurotact.studies import baselines, manifest
-from neurotact.studies.firing import encoding_table
-from neurotact.studies.same_drive import same_drive_table
-from neurotact.studies.signals import signal_table
+from neurotact.studies import store
+from neurotact.studies.encoded import encoding_table
+from neurotact.studies.store import DATA
 from neurotact.studies.study import Cell, DatasetSpec, StudySpec, by_split, encoder_columns, split_columns, value_at
 from neurotact.tables import write_table
 
 BASELINES = ("baselines.csv", "baselines_trials.csv")
-DATA = "data.json"
-"""Describes the recordings of a run: their hash, number of trials, classes."""
 
 
 def load_dataset(spec: DatasetSpec) -> Recordings:
@@ -69,13 +69,13 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     A line on stderr names each damaged file. Raises InputError if the recordings changed since the study started.
     """
     dataset, place = study.dataset, folder / "spikes"
-    table_flaws = manifest.flaws(folder, [DATA, *tables_of(study)])
+    table_flaws = store.flaws(folder, [DATA, *tables_of(study)])
     distinct = {cell.spikes_name: cell for cell in cells}
-    spikes_flaws = manifest.flaws(place, [name for cell in distinct.values() for name in _encoded(cell)])
-    manifest.say_flaws("", table_flaws, "written again")
-    manifest.say_flaws(f"{place.name}/", spikes_flaws, "encoded again")
+    spikes_flaws = store.flaws(place, [name for cell in distinct.values() for name in _encoded(cell)])
+    store.say_flaws("", table_flaws, "written again")
+    store.say_flaws(f"{place.name}/", spikes_flaws, "encoded again")
     source = _source(dataset)
-    before = manifest.sound_json(folder, DATA)
+    before = store.sound_json(folder, DATA)
     is_same = before is not None and (source is None or source == before.get("source"))
     if is_same and not (table_flaws or spikes_flaws):
         return
@@ -95,7 +95,7 @@ def prepare(folder: Path, study: StudySpec, cells: list[Cell]) -> None:
     if not table_flaws.keys().isdisjoint(BASELINES):
         for name, table in zip(BASELINES, _baselines_tables(folder, recordings, study, cells), strict=True):
             write_table(table, folder / name)
-    manifest.seal(folder, tables_of(study))
+    store.seal(folder, tables_of(study))
 
 
 def _baselines_tables(
@@ -113,7 +113,7 @@ def _baselines_tables(
             for cell in group:
                 found += _fitted(folder, recordings, study, cell, cells, is_first=cell is group[0])
                 advance(1, "")
-    shares = [row.pop(baselines.RIGHT) for row in found]
+    shares = [row.pop(opponents.RIGHT) for row in found]
     trials = [
         (row, side, *pair)
         for row, sides in enumerate(shares)
@@ -132,17 +132,17 @@ def _fitted(
     windows, first = trains.cut(cells[0].window), copies_of(trains).first
     pair = cell.encoder.ra1.t_ref_ms, cell.encoder.sa1.t_ref_ms
     for name, where in {cell.dataset: cell.subset for cell in cells}.items():
-        cuts = baselines.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
-        of_signals = baselines.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
+        cuts = opponents.cuts_of(recordings.conditions, windows, trains.sampling_rate_Hz, parts, where)
+        of_signals = opponents.signal_inputs(recordings, cuts, study.baselines) if is_first else ()
         counts = {"is_first": is_first, "encoding": study.encoding_in == "processor"}
-        of_spikes = baselines.spike_inputs(trains, pair, cuts, study.baselines, **counts)
+        of_spikes = opponents.spike_inputs(trains, pair, cuts, study.baselines, **counts)
         of_spikes = () if study.baselines == "linear" else of_spikes
-        for row in baselines.rows(chain(of_signals, of_spikes), recordings.labels[windows.trial], cuts):
+        for row in opponents.rows(chain(of_signals, of_spikes), recordings.labels[windows.trial], cuts):
             is_of_spikes = row["t_ref_ra_ms"] is not None
             encoder = {key: value_at(cell, key) if is_of_spikes else None for key in encoder_columns(study)}
-            own = row[baselines.RIGHT].items()
+            own = row[opponents.RIGHT].items()
             touches = {side: paired.by_trial(first[[*shares]], [*shares.values()]) for side, shares in own}
-            yield {"dataset": name, **split, **row, **encoder, baselines.RIGHT: touches}
+            yield {"dataset": name, **split, **row, **encoder, opponents.RIGHT: touches}
 
 
 def _by_source(cells: Iterable[Cell]) -> list[list[Cell]]:
@@ -172,7 +172,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
     """
     place, made_from = folder / "spikes", {"recordings": content}
     distinct = {cell.spikes_name: cell for cell in cells}
-    missing = [cell for cell in distinct.values() if manifest.flaws(place, _encoded(cell), made_from)]
+    missing = [cell for cell in distinct.values() if store.flaws(place, _encoded(cell), made_from)]
     if missing:
         _check_windows(recordings, cells)
     calibrated: dict[str, AfferentSpec] = {}
@@ -180,7 +180,7 @@ def _encode(folder: Path, study: StudySpec, cells: list[Cell], recordings: Recor
         trains = encode_recordings(recordings, _encoder_of(cell, recordings, calibrated))
         write_table(encoding_table(trains, cell, study.dataset.stratify), place / f"{cell.spikes_name}.csv")
         hdf5.save_spikes(trains, folder / cell.given)
-        manifest.seal(place, _encoded(cell), made_from)
+        store.seal(place, _encoded(cell), made_from)
 
 
 def tables_of(study: StudySpec) -> list[str]:
@@ -197,16 +197,7 @@ def check(folder: Path, study: StudySpec, cells: Iterable[Cell]) -> None:
     """Raise InputError if the encodings of a run folder or the study's tables were changed."""
     distinct = {cell.spikes_name: cell for cell in cells}
     encoded = [f"spikes/{name}" for cell in distinct.values() for name in _encoded(cell)]
-    check_files(folder, [DATA, *tables_of(study), *encoded])
-
-
-def check_files(folder: Path, paths: Iterable[str]) -> None:
-    """Raise InputError if one of these files was changed; files that do not exist are ignored."""
-    for path in paths:
-        place, name = (folder / path).parent, Path(path).name
-        flaw = manifest.flaws(place, [name]).get(name)
-        if flaw is not None and (place / name).is_file():
-            raise InputError(f"{folder / path}: {flaw}; neurotact study resume {folder} writes it again")
+    store.check(folder, [DATA, *tables_of(study), *encoded])
 
 
 def _encoded(cell: Cell) -> list[str]:
@@ -243,7 +234,7 @@ def _encoder_of(cell: Cell, recordings: Recordings, calibrated: dict[str, Affere
 def _source(dataset: DatasetSpec) -> str | None:
     """The fingerprint of the file or folder that a study reads; None if it simulates, or if the file does not exist."""
     named = dataset.file if dataset.file is not None else dataset.path
-    return None if dataset.simulate is not None or named is None else manifest.fingerprint(expand(named))
+    return None if dataset.simulate is not None or named is None else store.fingerprint(expand(named))
 
 
 def _content(recordings: Recordings) -> str:
@@ -264,5 +255,5 @@ def _check_unchanged(folder: Path, recordings: Recordings, before: Mapping[str, 
     if before is not None and {key: before[key] for key in found} != found:
         raise InputError(f"{folder}: the recordings changed since this study began; run it in another folder")
     write_json(folder / DATA, found | ({"source": source} if source is not None else {}))
-    manifest.seal(folder, [DATA])
+    store.seal(folder, [DATA])
     return found["sha256"]

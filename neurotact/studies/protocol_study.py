@@ -25,8 +25,7 @@ class ProtocolStudy(Spec):
     """A study of one system (`studies/*.toml` with the key `protocol`)."""
 
     folder: ClassVar[str] = "studies"
-    later_keys: ClassVar[tuple[str, ...]] = ("notes", "first_look")
-
+    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped", "first_look"}
     title: str
     """Heading of the report."""
     about: str = ""
@@ -50,6 +49,10 @@ class ProtocolStudy(Spec):
     def _has_a_sweep(self) -> "ProtocolStudy":
         sweeps.check(self.sweep)
         return self
+
+    def digest(self) -> str:
+        """As of `StudySpec`."""
+        return specs.digest(placeless(self.model_dump(mode="json", exclude=self.words)))
 
 
 class ProtocolCell(Spec):
@@ -160,18 +163,11 @@ def swept_values(study: ProtocolStudy, cell: ProtocolCell) -> dict[str, Any]:
     ends = [key.rpartition(".")[2] for key in keys]
     named = {}
     for key, end in zip(keys, ends, strict=True):
-        value = _at(cell.parameters, key)
-        if value is None:  # a later key with its default value is not written
-            value = _at(cell.built(), key)
+        value = cell.parameters
+        for name in key.split("."):
+            value = value.get(name) if isinstance(value, Mapping) else None
         named[end if ends.count(end) == 1 else key] = str(value) if isinstance(value, (list, dict)) else value
     return named
-
-
-def _at(place: Any, key: str) -> Any:
-    """The value of a dotted key, in tables or specs; None if there is none."""
-    for name in key.split("."):
-        place = place.get(name) if isinstance(place, Mapping) else getattr(place, name, None)
-    return place
 
 
 def _without(table: dict[str, Any], keys: list[str]) -> dict[str, Any]:

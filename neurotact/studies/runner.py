@@ -1,6 +1,8 @@
-"""Running a study: each cell once, also after interruptions; then its tables."""
+"""Running a study: its spec becomes cells, each cell is computed once, also after interruptions; then its tables.
 
-from collections.abc import Iterator
+A damaged file is written again, and a line on stderr names it.
+"""
+
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -8,26 +10,24 @@ from typing import Any
 import pandas as pd
 
 from neurotact import effects, files
+from neurotact import spec as specs
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
 from neurotact.networks import population
 from neurotact.progress import say, track
-from neurotact.spec import digest, leaves, without_defaults
-from neurotact.studies import manifest
-from neurotact.studies.executors import MapCells, executor
-from neurotact.studies.loading import Study, engine_of, read_back
-from neurotact.studies.preparation import check_files
-from neurotact.studies.protocol_study import placeless
-from neurotact.studies.store import AnyCell, cell_folder, damage, discard, is_done, timing_of, write_cell
-from neurotact.studies.study import LATER_KEYS, StudySpec, to_toml
+from neurotact.studies import selection, store
+from neurotact.studies.executors import executor
+from neurotact.studies.kind import AnyCell, Kind, MapCells
+from neurotact.studies.loading import Study, kind_of, read_back
+from neurotact.studies.store import cell_folder, is_done
+from neurotact.studies.study import StudySpec, to_toml
 from neurotact.tables import write_table
 from neurotact.versions import versions
+from neurotact.workers import in_a_process
 
 STUDY = "study.toml"
 VERSIONS = "versions.json"
 DEVICE = "device"
-WORDS = {"title", "about", "claims", "notes", "as_shipped", "first_look"}
-"""Keys of a study that change none of its numbers."""
 LONGEST_VALUE = 40
 """Characters of each value in a message on two different studies."""
 
@@ -41,45 +41,49 @@ def run(
     in their place.
     device: a torch device that trains the networks in their place, all together; "cpu": no such device.
     Each cell trains with one thread and its own random seeds: no number depends on where it is computed.
-    A damaged file is written again, and a line on stderr names it.
     Raises InputError if the folder contains another study or anything else, if another process works in it, and if
     the scheduler cannot be used.
     """
     effects.check(workers=workers, scheduler=scheduler, device=device)
+    kind = kind_of(study)
+    cells = list(kind.cells(study))
     with files.locked(folder), ExitStack() as at_last:
         is_new = files.is_free(folder)
         with executor(workers or 2, scheduler, device) as map_cells:
-            _claim(folder, study, device)
+            _claim(folder, study)
+            _save_versions(folder, device)
             files.sweep(folder)
             at_last.callback(files.sweep, folder)  # drafts of worker processes that were stopped
             try:
-                _compute(study, folder, map_cells)
+                _compute(kind, study, cells, folder, map_cells)
             except InputError:
-                if is_new and not any(is_done(folder, cell) for cell in engine_of(study).cells()):
+                if is_new and not any(is_done(folder, cell) for cell in cells):
                     files.empty(folder)  # so that the user can correct the command and repeat it
                 raise
-        _write_tables(study, folder)
+        _write_tables(kind, study, cells, folder)
 
 
-def _compute(study: Study, folder: Path, map_cells: MapCells) -> None:
+def _compute(kind: Kind, study: Study, cells: list[Any], folder: Path, map_cells: MapCells) -> None:
     """Write the missing and the damaged files: shared inputs, and the files of each cell."""
-    engine = engine_of(study)
     with track("prepare", 1) as advance:
-        engine.prepare(folder)
+        in_a_process(kind.prepare, folder, study, cells)
         advance(1, "")
     stop_if_asked()
-    for cell, place, why in _damaged(study, folder):
-        say(f"{place}: {why}; computed again")
-        discard(folder, cell)
-    for name, asked in engine.steps(folder):
-        todo = [cell for cell in asked if not is_done(folder, cell)]
+    for cell in cells:
+        why = store.damage(folder, cell)
+        if why is not None:
+            say(f"{_place(cell)}: {why}; computed again")
+            store.discard(folder, cell)
+    rule = study.selection if isinstance(study, StudySpec) else None
+    for name, asked in [("cells", cells)] if rule is None else selection.steps(rule, cells, folder):
+        todo: list[AnyCell] = [cell for cell in asked if not is_done(folder, cell)]
         before = len(asked) - len(todo)
         if before and todo:
             say(f"{folder}: resumes; {before} of {len(asked)} {name} are already done")
         if todo:
             with track(name, len(asked), done=before) as advance:
-                for cell, result_files in map_cells(engine, todo, folder):
-                    write_cell(result_files, cell, folder)
+                for cell, left in map_cells(kind, todo, folder):
+                    store.write_cell(left, cell, folder)
                     advance(1, "")
                     stop_if_asked()
 
@@ -91,14 +95,17 @@ def write_tables(folder: Path) -> None:
     another process works in the folder.
     """
     study = load(folder)
+    kind = kind_of(study)
+    cells = list(kind.cells(study))
     with files.locked(folder):
         files.sweep(folder)
-        check_files(folder, [VERSIONS])
-        engine_of(study).check(folder)
-        for cell, place, why in _damaged(study, folder):
-            if not is_done(folder, cell):
-                say(f"{place}: {why}; left out, neurotact study resume {folder} computes it again")
-        _write_tables(study, folder)
+        store.check(folder, [VERSIONS])
+        kind.check(folder, study, cells)
+        for cell in cells:
+            why = store.damage(folder, cell)
+            if why is not None and not is_done(folder, cell):
+                say(f"{_place(cell)}: {why}; left out, neurotact study resume {folder} computes it again")
+        _write_tables(kind, study, cells, folder)
 
 
 def load(folder: Path) -> Study:
@@ -107,11 +114,11 @@ def load(folder: Path) -> Study:
     again = f"neurotact study run NAME -o {folder}"
     if not path.is_file():
         raise InputError(f"{folder}: holds no study; start one with {again}")
-    study, known = read_back(path), manifest.read(folder)
+    study, known = read_back(path), store.read(folder)
     if known is None:
         raise InputError(
-            f"{folder}: its {manifest.FILES} is damaged or missing, or an earlier neurotact made it, and no file "
-            f"can be checked; {again} checks each cell, and computes again those that cannot be checked"
+            f"{folder}: its {store.FILES} is damaged or missing, and no file can be checked; {again} checks each cell, "
+            "and computes again those that cannot be checked"
         )
     if known.made_from != _made_from(study):
         raise InputError(
@@ -121,39 +128,32 @@ def load(folder: Path) -> Study:
     return study
 
 
-def _write_tables(study: Study, folder: Path) -> None:
+def _write_tables(kind: Kind, study: Study, cells: list[Any], folder: Path) -> None:
     """Write the tables of the finished cells."""
-    engine = engine_of(study)
-    every = engine.asked_for(folder)
+    rule = study.selection if isinstance(study, StudySpec) else None
+    wanted = None if rule is None else selection.follow(rule, cells, selection.in_folder(folder)).digests
+    every = [cell for cell in cells if wanted is None or cell.digest() in wanted]
     done = [cell for cell in every if is_done(folder, cell)]
     if not done:
         raise InputError(f"{folder}: no cell is done yet; run neurotact study resume {folder}")
     if len(done) < len(every):
         say(f"{folder}: {len(done)} of {len(every)} cells are done; the tables contain only these")
-    write_table(_timings_table(folder, done), folder / "timings.csv")
-    for name, table in engine.tables(folder, done).items():
+    timings = [{"cell": cell.digest(), "seconds": None, **store.timing_of(folder, cell)} for cell in done]
+    tables = kind.tables(folder, study, [(cell, store.result_of(folder, cell)) for cell in done])
+    for name, table in {"timings.csv": pd.DataFrame(timings), **tables}.items():
         write_table(table, folder / name)
 
 
-def _timings_table(folder: Path, done: list[AnyCell]) -> pd.DataFrame:
-    rows = [{"cell": cell.digest(), "seconds": None, **timing_of(folder, cell)} for cell in done]
-    return pd.DataFrame(rows)
+def _place(cell: AnyCell) -> str:
+    return cell_folder(Path(), cell).as_posix()
 
 
-def _damaged(study: Study, folder: Path) -> Iterator[tuple[AnyCell, str, str]]:
-    """Each finished cell that is damaged, its path in the run folder, and the reason."""
-    for cell in engine_of(study).cells():
-        why = damage(folder, cell)
-        if why is not None:
-            yield cell, cell_folder(folder, cell).relative_to(folder).as_posix(), why
-
-
-def _claim(folder: Path, study: Study, device: str = "cpu") -> None:
-    """Claim `folder` for this study; InputError if it belongs to another.
+def _claim(folder: Path, study: Study) -> None:
+    """Claim `folder` for this study; InputError if it belongs to another, or to one that was saved in another form.
 
     A folder without a manifest belongs to the study that it contains.
     """
-    path, known, made_from = folder / STUDY, manifest.read(folder), _made_from(study)
+    path, known, made_from = folder / STUDY, store.read(folder), _made_from(study)
     if known is not None:
         is_ours = known.made_from == made_from
     elif path.is_file():
@@ -166,22 +166,29 @@ def _claim(folder: Path, study: Study, device: str = "cpu") -> None:
         raise InputError(
             f"{folder}: already holds another study{_differing(study, path)}; choose another folder or remove it"
         )
-    manifest.seal(folder, [], made_from)
-    files.write_text(path, to_toml(study))
-    _save_versions(folder, device)
+    text = to_toml(study)
+    store.seal(folder, [], made_from)
+    files.write_text(path, text)
+
+
+def _made_from(study: Study) -> dict[str, str]:
+    """What decides the numbers of a study, for its manifest."""
+    return {"schema": str(specs.SCHEMA), "settings": study.digest()}
 
 
 def _differing(study: Study, path: Path) -> str:
-    """The keys of a study with other values in a run folder's `study.toml`, in words; empty if it cannot be read."""
+    """The keys of a study with other values in a run folder's `study.toml`, in words; empty if it is damaged.
+
+    Raises InputError if it was saved in another form.
+    """
     try:
-        there, here = (leaves(each.model_dump(mode="json", exclude=WORDS)) for each in (read_back(path), study))
+        specs.read(path)
     except InputError:
         return ""
+    there, here = (specs.leaves(each.model_dump(mode="json", exclude=each.words)) for each in (read_back(path), study))
     keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
-    if not keys:
-        return ""
     shown = [f"{key} = {_short(there.get(key))}, here {_short(here.get(key))}" for key in keys]
-    return f" ({some(shown, 3, '; ')})"
+    return f" ({some(shown, 3, '; ')})" if shown else ""
 
 
 def _short(value: Any) -> str:
@@ -195,23 +202,14 @@ def _save_versions(folder: Path, device: str) -> None:
     A device is one of them; the processes of a CPU, where most studies run, are not named.
     """
     trained_on = {} if device == "cpu" else {DEVICE: population.kind_of(device)}
-    here, at_start = versions() | trained_on, manifest.sound_json(folder, VERSIONS)
+    here, at_start = versions() | trained_on, store.sound_json(folder, VERSIONS)
     if at_start is None:
-        manifest.say_flaws("", manifest.flaws(folder, [VERSIONS]), "written again with the present versions")
+        store.say_flaws("", store.flaws(folder, [VERSIONS]), "written again with the present versions")
         files.write_json(folder / VERSIONS, here)
-        manifest.seal(folder, [VERSIONS])
+        store.seal(folder, [VERSIONS])
         return
     at_start, here = {DEVICE: "cpu", **at_start}, {DEVICE: "cpu", **here}
     others = [name for name in here if name != "python" and here[name] != at_start.get(name)]
     if others:
         changes = ", ".join(f"{name} {here[name]} (was {at_start.get(name, 'not recorded')})" for name in others)
         say(f"{folder}: resumes with other versions than at its start, numbers may differ: {changes}")
-
-
-def _made_from(study: Study) -> dict[str, str]:
-    """The settings that decide the numbers of a study, for its manifest: without claims, words and file paths."""
-    table = study.model_dump(mode="json", exclude=WORDS)
-    table = without_defaults(study, table, LATER_KEYS) if isinstance(study, StudySpec) else table
-    for key in ("file", "path"):
-        table.get("dataset", {}).pop(key, None)
-    return {"settings": digest(placeless(table))}

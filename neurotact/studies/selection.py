@@ -10,14 +10,14 @@ Each step is a part of the study's sweep, which depends on the results of earlie
 trials decide (`SelectionSpec`). Early exit, the loop's last step, is measured in every cell.
 """
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pandas as pd
 
 from neurotact.studies.store import is_done, result_of
-from neurotact.studies.study import LENGTH, Cell, SelectionSpec, StudySpec, cells
+from neurotact.studies.study import LENGTH, Cell, SelectionSpec
 
 JUDGED = ("accuracy_validation", "sops_validation")
 """Columns that decide the selection."""
@@ -85,12 +85,13 @@ class Course(NamedTuple):
         return {cell.digest() for step in self.steps for cell in step.cells}
 
 
-def follow(study: StudySpec, row_of: Callable[[Cell], Row | None]) -> Course:
+def follow(rule: SelectionSpec, every: Sequence[Cell], row_of: Callable[[Cell], Row | None]) -> Course:
     """The loop as far as results are known.
 
+    every: all cells of the sweep, in its order.
     row_of: returns a cell's row of results.csv, or None if the cell is not done.
     """
-    course = _course(study)
+    course = _course(rule, every)
     steps = [next(course)]
     while True:
         rows = [row_of(cell) for cell in steps[-1].cells]
@@ -112,16 +113,10 @@ def in_folder(folder: Path) -> Callable[[Cell], Row | None]:
     return row_of
 
 
-def steps(study: StudySpec, folder: Path) -> Iterator[Step]:
+def steps(rule: SelectionSpec, every: Sequence[Cell], folder: Path) -> Iterator[Step]:
     """Each step in turn; its cells must be done in `folder` before the next step is requested."""
-    while (course := follow(study, in_folder(folder))).due:
+    while (course := follow(rule, every, in_folder(folder))).due:
         yield course.steps[-1]
-
-
-def asked_for(study: StudySpec, folder: Path) -> list[Cell]:
-    """The cells of all steps so far, in the order of the sweep."""
-    wanted = follow(study, in_folder(folder)).digests
-    return [cell for cell in cells(study) if cell.digest() in wanted]
 
 
 def by_length(rows: pd.DataFrame, rule: SelectionSpec) -> pd.DataFrame:
@@ -197,10 +192,8 @@ def as_table(found: Selection) -> pd.DataFrame:
     return table.assign(**flags)[[*first, *(column for column in table if column not in first)]]
 
 
-def _course(study: StudySpec) -> Generator[Step, pd.DataFrame, Selection]:
+def _course(rule: SelectionSpec, every: Sequence[Cell]) -> Generator[Step, pd.DataFrame, Selection]:
     """Yield each step and receive the rows of its cells; return the result at the end."""
-    rule, every = study.selection, list(cells(study))
-    assert rule is not None
     start = _network(every[0]).pair
     rows = yield Step(f"window lengths at {start}", [cell for cell in every if _network(cell).pair == start])
     lengths = by_length(rows, rule)

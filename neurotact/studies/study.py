@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 
 from neurotact import effects, files, plugins
 from neurotact import spec as specs
+from neurotact.baselines.opponents import Opponents
 from neurotact.data.contact import OnsetSpec
 from neurotact.data.sources import expand, simulator
 from neurotact.data.splits import SplitSpec
@@ -20,16 +21,17 @@ from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
 from neurotact.networks import recipe, tuning
+from neurotact.networks.seeds import drawn
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.tasks import ExitBy
 from neurotact.networks.tuning import SearchSpec
 from neurotact.spec import Spec
 from neurotact.studies import calibrated, suited, sweeps
 from neurotact.studies.claims import Claim
-from neurotact.studies.same_drive import SameDriveSpec
 
 Milliseconds = Annotated[float, Field(gt=0)]
 Steps = Annotated[int, Field(ge=1)]
@@ -40,9 +42,6 @@ SPLIT = "split."
 MEASURES = ("cut_short_ms", "exit_patiences", "test_every_condition")
 """Keys of a study that request further measurements; each gives its own table."""
 
-LATER_KEYS = ("baselines", "choose_ema")
-"""Keys that were added later: without them, a study has the same digest as before."""
-
 PARTS: dict[str, Callable[[str | Path], Spec]] = {"encoder": encoders.load, "network": partial(specs.load, RSNNSpec)}
 LENGTH = "window.length_ms"
 EMA = f"{calibrated.CONDITIONING}.ema_cutoff_Hz"
@@ -52,7 +51,6 @@ PAIR = f"encoder.ra1.t_ref_ms{sweeps.JOIN}encoder.sa1.t_ref_ms"
 class DatasetSpec(Spec):
     """The source of a study's recordings, and the parts that it uses."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("where", "leave_out")
     simulate: str | None = None
     """An experiment that can be simulated, such as `gratings`."""
     parameters: dict[str, Any] = {}
@@ -119,17 +117,12 @@ def _known(group: plugins.Group, name: str | None, what: str) -> str | None:
 class EarlyExitSpec(Spec):
     """The choice of a network's patience or margin on validation trials."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("choice", "by")
     tolerance: float = Field(default=0.01, ge=0, lt=1)
     """Accuracy that may be lost on the validation trials."""
     choice: Literal["least", "steady"] = "least"
     """As `exit_choice` of a `Task`."""
     by: ExitBy = "stability"
     """As `exit_by` of a `Task`; the networks and their seeds are the same for both."""
-
-
-Opponents = Literal["none", "linear", "quick", "all"]
-"""Which opponents of the networks are fitted (`StudySpec.baselines`)."""
 
 
 class SelectionSpec(Spec):
@@ -150,6 +143,8 @@ class StudySpec(Spec):
     """A study with its complete encoder and network (`studies/*.toml` after `resolve`)."""
 
     folder: ClassVar[str] = "studies"
+    words: ClassVar[set[str]] = {"title", "about", "claims", "notes", "as_shipped"}
+    """Keys that change none of the numbers."""
 
     title: str
     """Heading of the report."""
@@ -242,6 +237,11 @@ class StudySpec(Spec):
             )
         return self
 
+    def digest(self) -> str:
+        """As for every spec, without words, claims and the places of recordings."""
+        without = {**dict.fromkeys(self.words, True), "dataset": {"file", "path"}}
+        return specs.digest(self.model_dump(mode="json", exclude=without))
+
 
 class Cell(Spec):
     """One training, or one encoding alone: everything that decides its numbers, without file paths."""
@@ -266,20 +266,15 @@ class Cell(Spec):
     test_every_condition: bool = False
     training_windows: int | None = Field(default=None, ge=1)
 
-    def digest(self) -> str:
-        """As for every spec, but without absent parts (a search, a network)."""
-        optional = ("search", "network", "training_windows", "choose_ema", *MEASURES)
-        absent = {name for name in optional if not getattr(self, name)}
-        return specs.digest(self.model_dump(mode="json", exclude=absent))
-
     @property
     def seeds(self) -> tuple[int, int]:
-        """Random seeds of the initial weights and of the order of trials, derived from the settings of the training."""
-        measured = {name: Cell.model_fields[name].default for name in MEASURES}
-        by = EarlyExitSpec.model_fields["by"].default
-        change = {**measured, "choose_ema": False, "early_exit": self.early_exit.model_copy(update={"by": by})}
-        content = self.model_copy(update=change).digest()
-        return int(content[:6], 16), int(content[6:], 16)
+        """Random seeds of the initial weights and of the order of trials, drawn from the settings of the training."""
+        always = ("source", "dataset", "subset", "seed", "window", "split", "encoder", "calibrate")
+        optional = ("network", "search", "training_windows")
+        settings = {name: getattr(self, name) for name in always}
+        settings |= {name: value for name in optional if (value := getattr(self, name)) is not None}
+        exit_ = self.early_exit.model_copy(update={"by": "stability"})  # of the trained network, whichever it is
+        return drawn({**settings, "early_exit": exit_})
 
     @property
     def given(self) -> str:
@@ -289,10 +284,9 @@ class Cell(Spec):
     @property
     def spikes_name(self) -> str:
         """The digest of everything that decides the cell's spike trains."""
-        content = self.model_dump(mode="json", include={"source", "encoder", "calibrate"})
-        content |= {"choose_ema": True} if self.choose_ema else {}
-        known = [self.subset] if self.calibrate and self.test_every_condition else []
-        return specs.digest([content, self.split.model_dump() if self.calibrate else None, *known])
+        parts = {"source", "encoder", "calibrate", "choose_ema"} | ({"split"} if self.calibrate else set())
+        known = self.subset if self.calibrate and self.test_every_condition else None
+        return specs.digest([self.model_dump(mode="json", include=parts), known])
 
 
 def resolve(
@@ -311,7 +305,7 @@ def resolve(
     """
     path, asked = specs.find(StudySpec.folder, name), overrides or {}
     is_shipped = not (overrides or quick) and path in specs.shipped(StudySpec.folder)
-    table = specs.read(path)
+    table = suited.table_of(path)
     table |= {key: suited.placed(table[key], path) for key in ("dataset",) if key in table}
     quick_overrides = specs.pop_table(table, "quick", path)
     overrides = {**(quick_overrides if quick else {}), **(overrides or {})}
@@ -371,8 +365,8 @@ def _suited(
 
 
 def to_toml(study: Spec) -> str:
-    """The resolved study as TOML that `resolve` reads back equal."""
-    return specs.to_toml(_whole(study))
+    """The resolved study as TOML that `resolve` reads back equal, with the number of its form."""
+    return specs.to_toml(specs.saved(_whole(study)))
 
 
 def cells(study: StudySpec) -> Iterator[Cell]:

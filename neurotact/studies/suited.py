@@ -25,7 +25,7 @@ from neurotact.data.window_choice import Timing, Words, choose
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.calibration import CLOCK_HZ
 from neurotact.errors import InputError
-from neurotact.spec import Spec, build, override
+from neurotact.spec import Spec, build, override, read, unsaved
 
 AUTO = "auto"
 SMALL = 1000
@@ -62,6 +62,12 @@ class Recorded(NamedTuple):
     sampling_rate_Hz: float
     rarest: int = 0
     conditions: pd.DataFrame = pd.DataFrame()
+
+
+def table_of(path: Path) -> dict[str, Any]:
+    """The table of a study file, which may be one that a run saved."""
+    table = read(path)
+    return unsaved(table, f"{path}: is a study", "run the study by its name") if "schema" in table else table
 
 
 def closed(table: dict[str, Any]) -> tuple[dict[str, Any], set[str]]:

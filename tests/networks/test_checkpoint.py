@@ -58,14 +58,6 @@ def test_a_round_trip_gives_identical_outputs(tmp_path, membrane, delay, dtype):
     assert torch.equal(net.w_in.grad, again.w_in.grad)
 
 
-def test_a_network_without_a_delay_is_written_as_before_there_were_delays(tmp_path):
-    save(network(), tmp_path / "none")
-    save(network(recurrent_delay_steps=1), tmp_path / "one")
-    kept = [json.loads((tmp_path / name / NETWORK).read_text())["spec"] for name in ("none", "one")]
-    assert "recurrent_delay_steps" not in kept[0]
-    assert kept[1] == kept[0] | {"recurrent_delay_steps": 1}
-
-
 def test_saving_twice_replaces_and_leaves_no_draft(tmp_path):
     save(network(0), tmp_path)
     save(network(1), tmp_path, {"run": 2})

@@ -87,15 +87,6 @@ def test_what_a_cell_measures_besides_changes_its_folder_but_not_its_training():
     assert [cell.seeds for cell in plain] == [cell.seeds for cell in more]
 
 
-def test_a_study_that_asks_for_no_table_keeps_the_names_of_its_cells():
-    """The digest of a shipped study's first cell, before there were such tables."""
-    first = next(study.cells(study.resolve("refractory-period")))
-    assert first.digest() == DIGEST
-
-
-DIGEST = "2c7a245210eb"
-
-
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
     """A run that asks for every other table."""

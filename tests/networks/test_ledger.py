@@ -5,6 +5,7 @@ import pytest
 
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import specs as encoders
+from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
 from neurotact.networks import ledger
 from neurotact.networks.specs import RSNNSpec
@@ -90,20 +91,20 @@ def test_encoding_in_the_sensor_costs_a_decision_nothing():
            "sops_readout": 4.0}  # fmt: skip
     sizes = {"n_afferents": 2, "n_classes": 4, "rate_Hz": 2000.0, "encoder": SMOOTHED}
     both, alone = (ledger.row_cost(RSNNSpec(hidden=3), row, **sizes, encoding=counts) for counts in (True, False))
-    assert both.macs - alone.macs == ledger.encoding_cost(1, 10, 5.0, SMOOTHED).macs
+    assert both.macs - alone.macs == encoding_cost(1, 10, 5.0, SMOOTHED).macs
     assert both.sops == alone.sops == 10.0
 
 
 def test_encoders_by_hand():
     # A taxel, ten steps of 0.5 ms, as recorded.
-    izhikevich = ledger.encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
+    izhikevich = encoding_cost(1, 10, 5.0, {"model": "izhikevich", "euler_step_ms": 0.1})
     assert (izhikevich.macs, izhikevich.acs) == (4 * 100, 3 * 100 + 10)
     assert izhikevich.other_flops == 2 * 100 + 3 * 10
-    poisson = ledger.encoding_cost(1, 10, 5.0, {"model": "poisson"})
+    poisson = encoding_cost(1, 10, 5.0, {"model": "poisson"})
     assert (poisson.macs, poisson.acs, poisson.other_flops) == (20, 10, 50)
-    lif = ledger.encoding_cost(1, 10, 5.0, {"model": "lif"})
+    lif = encoding_cost(1, 10, 5.0, {"model": "lif"})
     assert (lif.macs, lif.acs, lif.other_flops) == (40, 10, 30)
-    assert lif == ledger.encoding_cost(1, 10, 5.0, {})
+    assert lif == encoding_cost(1, 10, 5.0, {})
 
 
 # What conditioning adds to 2 taxels and 10 steps: MACs, ACs, others, parameters, bytes.
@@ -125,8 +126,8 @@ ADDED = [
 
 @pytest.mark.parametrize(("conditioning", "added"), ADDED, ids=lambda value: "" if isinstance(value, tuple) else None)
 def test_each_step_of_conditioning_is_counted(conditioning, added):
-    plain = ledger.encoding_cost(2, 10, 5.0, {})
-    counted = ledger.encoding_cost(2, 10, 5.0, {"conditioning": conditioning})
+    plain = encoding_cost(2, 10, 5.0, {})
+    counted = encoding_cost(2, 10, 5.0, {"conditioning": conditioning})
     names = ("macs", "acs", "other_flops", "parameters", "bytes")
     assert tuple(getattr(counted, name) - getattr(plain, name) for name in names) == added
 
@@ -163,7 +164,7 @@ def test_every_key_of_conditioning_has_its_cost():
 def test_the_shipped_encoder_of_fabrics_by_hand():
     """16 taxels, resampled and standardised, as spike trains carry the spec: 32 offsets and scales and two gains."""
     encoder = encoders.load("fabric-sa1-ra1-lif").model_dump(mode="json", exclude_none=True)
-    counted = ledger.encoding_cost(16, 1000, 1000.0, encoder)
+    counted = encoding_cost(16, 1000, 1000.0, encoder)
     assert counted.parameters == 16 + 16 + 2
     each = 16 * 1000
     # Interpolation and standardisation a MAC each, the two afferents four.

@@ -11,7 +11,7 @@ from neurotact import spec as specs
 from neurotact.networks import recipe, tuning
 from neurotact.networks.recipe import Seen, choices, free_deviation, resolve, scale_readout, scale_weights, start
 from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.specs import RSNNSpec
 from neurotact.neurons import CubaLIF
 
 DEFAULT = RSNNSpec(recipe="default")
@@ -206,19 +206,6 @@ def test_what_is_chosen_is_told_line_by_line():
     assert len(told) == len(choices(at))
     assert "tau_mem_ms = 50.0 (a twentieth of the window, at least one step)" in told
     assert list(recipe.described(RSNNSpec(), at)) == []
-
-
-def test_a_spec_without_new_keys_is_written_as_before_there_were_any():
-    keys = (
-        "model hidden membrane reset tau_mem_ms tau_syn_ms surrogate_scale forward_weight_scale "
-        "recurrent_weight_scale learn training"
-    )
-    of_training = "learning_rate batch epochs patience rate_penalty population_penalty"
-    given_defaults = RSNNSpec(readout="count", input_deviation=None, training=TrainingSpec(temperature=1.0))
-    for spec in (RSNNSpec(), given_defaults, specs.load(RSNNSpec, "rsnn"), specs.load(RSNNSpec, "snn")):
-        table = spec.model_dump(mode="json")
-        assert list(table) == keys.split()
-        assert list(table["training"]) == of_training.split()
 
 
 def test_the_default_network_has_the_recipe_and_little_else():

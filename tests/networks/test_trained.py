@@ -185,7 +185,6 @@ def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
     assert fitting.fit(trains, SPEC, task, (0, 1), split=split)[0].rule.patience == patience
-    assert ("exit_choice" in task.model_dump()) == (choice == "steady")
 
 
 @pytest.mark.parametrize(("tolerance", "patience"), [(0.01, 10), (0.25, 1)])
@@ -353,11 +352,6 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
     assert table["steps"].tolist() == found.steps.tolist()
     assert found.steps.min() < N_STEPS
     assert measuring.measure(done, alike(examples), trains.populations)["row"]["exit_margin"] == 2.0
-
-
-def test_a_task_of_before_is_written_as_it_was():
-    assert "exit_by" not in Task().model_dump()
-    assert Task(exit_by="margin").model_dump()["exit_by"] == "margin"
 
 
 @pytest.mark.parametrize("choice", ["least", "steady"])

@@ -15,9 +15,9 @@ from neurotact.networks import fitting, tasks, trained
 from neurotact.networks.early_exit import ExitRule
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.training import Epoch, Training
-from neurotact.studies import manifest, network_engine, runner, study
-from neurotact.studies.firing import encoding_table
-from neurotact.studies.store import TIMING, cell_folder, seal
+from neurotact.studies import network_tables, runner, store, study
+from neurotact.studies.encoded import encoding_table
+from neurotact.studies.store import TIMING, cell_folder
 from neurotact.studies.study import Cell, StudySpec
 
 GRATINGS = {"simulate": "gratings", "stratify": ["force_N", "speed_mm_per_s"]}
@@ -126,9 +126,11 @@ def make_run(
         write_json(place / "result.json", {"row": row_of(cell, generator), "confusion": confusion})
         write_json(place / "timing.json", {"seconds": 3.5, "epochs": 20})
         save_network(cell, place, hdf5.load_spikes(path), path)
-        manifest.seal(path.parent, [path.name])
-        seal(folder, cell, [one.name for one in place.iterdir() if one.name != TIMING])
-    network_engine.results_table(what, folder, done).to_csv(folder / "results.csv", index=False)
+        store.seal(path.parent, [path.name])
+        names = [one.name for one in place.iterdir() if one.name != TIMING]
+        store.seal(place, names, store._sources(folder, cell))
+    results = [(cell, store.result_of(folder, cell)) for cell in done]
+    network_tables.results_table(what, results).to_csv(folder / "results.csv", index=False)
     pd.concat(encoding.values()).to_csv(folder / "encoding.csv", index=False)
     timings = [{"cell": cell.digest(), "seconds": 3.5, "epochs": 20} for cell in done]
     pd.DataFrame(timings).to_csv(folder / "timings.csv", index=False)

@@ -22,7 +22,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
 from neurotact.networks import search_journal
 from neurotact.spec import shipped
-from neurotact.studies import loading, manifest, network_engine, preparation, protocol, protocol_engine, runner, study
+from neurotact.studies import loading, preparation, protocol, runner, store, study
 from neurotact.studies.store import cell_folder
 
 HERE = Path(__file__).parent
@@ -47,15 +47,13 @@ def one_process() -> Iterator[pytest.MonkeyPatch]:
 
     @contextmanager
     def here(*_):
-        yield lambda engine, cells, folder: (
-            (cell, engine.run_cell(cell, engine.load_given(folder / cell.given), cell_folder(folder, cell)))
-            for cell in cells
+        yield lambda kind, cells, folder: (
+            (cell, kind.run(cell, kind.load(folder / cell.given), cell_folder(folder, cell), False)) for cell in cells
         )
 
     with pytest.MonkeyPatch.context() as patch:
         bring(patch)
-        for engine in (network_engine, protocol_engine):
-            patch.setattr(engine, "in_a_process", lambda task, *arguments: task(*arguments))
+        patch.setattr(runner, "in_a_process", lambda task, *arguments: task(*arguments))
         patch.setattr(runner, "executor", here)
         yield patch
 
@@ -143,7 +141,7 @@ def test_junk_in_any_file_of_a_cell_is_computed_again(whole, run, junk, capsys):
 @given(st.data())
 def test_a_changed_byte_anywhere_is_noticed(whole, tmp_path_factory, data):
     cell = a_cell(whole)
-    names = files.read_json(cell / manifest.FILES)["files"]
+    names = files.read_json(cell / store.FILES)["files"]
     name = data.draw(st.sampled_from(sorted(names)))
     folder = tmp_path_factory.mktemp("copy")
     shutil.copytree(cell, folder, dirs_exist_ok=True)
@@ -151,14 +149,14 @@ def test_a_changed_byte_anywhere_is_noticed(whole, tmp_path_factory, data):
     at = data.draw(st.integers(0, len(before) - 1))
     flipped = before[at] ^ data.draw(st.integers(1, 255))
     (folder / name).write_bytes(before[:at] + bytes([flipped]) + before[at + 1 :])
-    assert manifest.flaws(folder, names) == {name: "was changed"}
+    assert store.flaws(folder, names) == {name: "was changed"}
 
 
 def test_a_cell_of_other_settings_or_other_spikes_is_computed_again(whole, run, capsys):
     first, *_, last = sorted(path.parent for path in run.glob("cells/*/result.json"))
-    table = files.read_json(first / manifest.FILES)
+    table = files.read_json(first / store.FILES)
     key = next(key for key in table["made_from"] if key != "settings")
-    files.write_json(first / manifest.FILES, table | {"made_from": table["made_from"] | {key: "0" * 64}})
+    files.write_json(first / store.FILES, table | {"made_from": table["made_from"] | {key: "0" * 64}})
     resume(run)
     assert f"cells/{first.name}: result.json was made from other {key}; computed again" in capsys.readouterr().err
     assert content(run) == content(whole)
@@ -206,7 +204,7 @@ def test_junk_in_what_cells_share_is_written_again(whole, run, junk, capsys):
         "spikes/*.*",
         "data/*.*",
     )
-    for path in sorted(path for name in shared for path in run.glob(name) if path.name != manifest.FILES):
+    for path in sorted(path for name in shared for path in run.glob(name) if path.name != store.FILES):
         path.write_bytes(junk)
         resume(run)
         assert f"{path.relative_to(run).as_posix()}: was changed; " in capsys.readouterr().err
@@ -230,7 +228,7 @@ def test_other_spikes_are_encoded_again(whole, run, capsys):
 def test_manifests_of_what_cells_share_are_made_again(whole, run):
     before = times_of_results(run)
     for place in ("spikes", "data"):
-        for path in run.glob(f"{place}/{manifest.FILES}"):
+        for path in run.glob(f"{place}/{store.FILES}"):
             path.write_text("{")
     resume(run)
     assert content(run) == content(whole)
@@ -274,23 +272,56 @@ def test_junk_in_a_study_is_one_sentence(run, junk):
 
 def test_a_lost_manifest_of_the_run_is_refused_and_made_again_by_running_it(whole, run):
     before = times_of_results(run)
-    (run / manifest.FILES).unlink()
+    (run / store.FILES).unlink()
     for go_on in (resume, runner.write_tables):
-        with pytest.raises(InputError, match=r"files\.json is damaged or missing, or an earlier neurotact made it"):
+        with pytest.raises(InputError, match=r"files\.json is damaged or missing"):
             go_on(run)
     runner.run(loading.read_back(run / "study.toml"), run)
     assert content(run) == content(whole)
     assert times_of_results(run) == before
 
 
-def test_cells_of_an_earlier_version_are_computed_again(whole, run, capsys):
-    for path in run.rglob(manifest.FILES):
+def test_cells_that_no_manifest_lists_are_computed_again(whole, run, capsys):
+    for path in run.rglob(store.FILES):
         path.unlink()
     runner.run(loading.read_back(run / "study.toml"), run)
     said = capsys.readouterr().err
     for path in run.glob("cells/*"):
         assert f"cells/{path.name}: result.json is not listed in files.json; computed again" in said
     assert content(run) == content(whole)
+
+
+def test_a_folder_of_an_earlier_form_is_refused_in_one_sentence(run):
+    """Before the form had a number: other keys were written, so that names of cells and of the study were others."""
+    path, before = run / "study.toml", content(run)
+    text = path.read_text()
+    assert text.startswith("schema = 1\n")
+    older = text.removeprefix("schema = 1\n")
+    what = runner.load(run)
+    for manifests in (True, False):
+        path.write_text(older)
+        files.write_json(run / store.FILES, {"made_from": {"settings": "0" * 12}, "files": {}})
+        if not manifests:
+            (run / store.FILES).unlink()
+        for go_on in (lambda: runner.run(what, run), lambda: resume(run), lambda: runner.write_tables(run)):
+            with pytest.raises(InputError) as refusal:
+                go_on()
+            assert str(refusal.value) == (
+                f"{run}: its study.toml is a study of another neurotact (schema none, here 1); remove the folder, or "
+                "run the study in another one"
+            )
+    path.write_text(text)
+    runner.run(what, run)
+    assert content(run) == before
+
+
+def test_a_saved_study_of_another_form_is_run_by_its_name(run):
+    path = run / "study.toml"
+    path.write_text(path.read_text().replace("schema = 1", "schema = 99"))
+    with pytest.raises(
+        InputError, match=r"study\.toml: is a study of another neurotact \(schema 99, here 1\); run the"
+    ):
+        loading.resolve(path)
 
 
 def test_other_versions_are_told_and_not_written_over(run, monkeypatch, capsys):
@@ -442,7 +473,7 @@ DAMAGES: dict[str, Damage] = {
 @pytest.mark.parametrize("what", DAMAGES)
 def test_a_number_edited_in_the_journal_of_a_search_under_way_is_refused(run, what):
     cell = a_cell(run)
-    for name in ("result.json", manifest.FILES):
+    for name in ("result.json", store.FILES):
         (cell / name).unlink()
     path = cell / "search" / search_journal.JOURNAL
     first, *others = path.read_text().splitlines()
@@ -453,7 +484,7 @@ def test_a_number_edited_in_the_journal_of_a_search_under_way_is_refused(run, wh
 
 def test_a_file_that_grew_beyond_all_limits_was_changed(tmp_path):
     (tmp_path / "result.json").write_text("{}")
-    manifest.seal(tmp_path, ["result.json"])
+    store.seal(tmp_path, ["result.json"])
     with open(tmp_path / "result.json", "ab") as file:
         file.truncate(2**40)  # sparse: reading it would take hours
-    assert manifest.flaws(tmp_path, ["result.json"]) == {"result.json": "was changed"}
+    assert store.flaws(tmp_path, ["result.json"]) == {"result.json": "was changed"}

@@ -13,9 +13,10 @@ import pytest
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
+from neurotact.metrics import firing
 from neurotact.metrics.spike_trains import isis_ms
 from neurotact.studies import cell as cells
-from neurotact.studies import firing, preparation, study
+from neurotact.studies import preparation, study
 from neurotact.studies.study import Cell
 
 TINY = Path(__file__).parent / "tiny-encoder.toml"

@@ -9,7 +9,7 @@ import pytest
 from neurotact.errors import InputError
 from neurotact.report import report
 from neurotact.spec import read, to_toml
-from neurotact.studies import loading, network_engine, runner
+from neurotact.studies import loading, runner
 
 TINY = Path(__file__).parent / "tiny.toml"
 
@@ -23,15 +23,15 @@ def study_of(tmp_path: Path, **parts) -> Path:
 
 @contextmanager
 def in_this_process(workers, scheduler, device):
-    yield lambda engine, cells, folder: (
-        (cell, engine.run_cell(cell, engine.load_given(folder / cell.given), None)) for cell in cells
+    yield lambda kind, cells, folder: (
+        (cell, kind.run(cell, kind.load(folder / cell.given), None, False)) for cell in cells
     )
 
 
 @pytest.mark.parametrize(("encoder", "gain"), [("izhikevich", "gain_mV_per_ms"), ("poisson", "gain_Hz")])
 def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "executor", in_this_process)
-    monkeypatch.setattr(network_engine, "in_a_process", lambda function, *arguments: function(*arguments))
+    monkeypatch.setattr(runner, "in_a_process", lambda function, *arguments: function(*arguments))
     sweep = {f"encoder.sa1.{gain}": [3.0, 12.0], "seed": [0]}
     path = study_of(tmp_path, encoder=encoder, network="snn", sweep=sweep, quick={})
     out = tmp_path / "run"
@@ -50,7 +50,7 @@ def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch
 
 def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "executor", in_this_process)
-    monkeypatch.setattr(network_engine, "in_a_process", lambda function, *arguments: function(*arguments))
+    monkeypatch.setattr(runner, "in_a_process", lambda function, *arguments: function(*arguments))
     sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]], "seed": [0]}
     path = study_of(tmp_path, sweep=sweep, calibrate=True, quick={})
     out, several = tmp_path / "run", {"encoder": "sa1-ra1-lif-graded", "encoder.sa1.opposite": True}

@@ -20,7 +20,7 @@ from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
 from neurotact.networks import repeated
 from neurotact.networks.specs import RSNNSpec
-from neurotact.studies import preparation, runner, study
+from neurotact.studies import preparation, runner, store, study
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -127,7 +127,7 @@ def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held,
     folder, process = held
     what = study.resolve(TINY)
     made_from = runner._made_from(what)
-    runner.manifest.seal(folder, [], made_from)
+    store.seal(folder, [], made_from)
     (folder / "study.toml").write_text(study.to_toml(what))
     said = rf"run: another neurotact \(process {process.pid} on .*, since .*\) is working here; wait for it to end"
     for work in (
@@ -271,7 +271,7 @@ def test_a_disk_that_is_full_ends_a_search_in_one_line_and_it_goes_on_to_the_sam
 
 def test_a_folder_that_cannot_be_written_is_one_sentence(tmp_path, monkeypatch):
     what = study.resolve(TINY)
-    runner.manifest.seal(tmp_path, [], runner._made_from(what))
+    store.seal(tmp_path, [], runner._made_from(what))
     (tmp_path / "study.toml").write_text(study.to_toml(what))
 
     def refused(*_args, **_kwargs):

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from neurotact.baselines import families
+from neurotact.baselines import families, opponents
 from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.hdf5 import load_spikes
 from neurotact.data.recordings import Recordings
@@ -16,8 +16,8 @@ from neurotact.data.windows import Windows, WindowSpec, cut
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics.flops import Cost
-from neurotact.studies import baselines, preparation, study
-from neurotact.studies.firing import encoding_table
+from neurotact.studies import preparation, study
+from neurotact.studies.encoded import encoding_table
 
 CELL = next(study.cells(study.resolve("refractory-period", {"window.start_ms": 50, "window.length_ms": 100})))
 
@@ -170,8 +170,8 @@ def test_the_linear_baseline_sees_the_windows_of_the_networks():
     trains = encode_recordings(skin, encoder)
     windows = cut(trains.trial_steps, trains.sampling_rate_Hz, WindowSpec(length_ms=500, start_ms=250))
     every = np.ones(len(windows), bool)
-    cuts = baselines.Cuts(windows, trains.sampling_rate_Hz, (every, every, every))
-    (moments,) = baselines.signal_inputs(skin, cuts, "linear")
+    cuts = opponents.Cuts(windows, trains.sampling_rate_Hz, (every, every, every))
+    (moments,) = opponents.signal_inputs(skin, cuts, "linear")
     features = moments.features
     assert features.shape == (len(windows), 4)
     # From 250 ms on, 500 ms at 36 Hz: samples 9 to 26, then 27 to 44, and so on.
@@ -191,12 +191,12 @@ def told():
     sides = Split(trials[:12], trials[12:16], trials[16:])
     is_turned = (table["force_N"] == 6).to_numpy() ^ (trials >= 16)
     features = np.where(recordings.labels.astype(bool) ^ is_turned, 1.0, -1.0)[:, None]
-    told = baselines.Input("signals", "told", None, features, Cost(), {"linear": families.logistic_regression})
+    told = opponents.Input("signals", "told", None, features, Cost(), {"linear": families.logistic_regression})
     windows = Windows(trials, np.zeros(24, np.int64), 10)
 
     def rows(where):
-        cuts = baselines.cuts_of(table, windows, 1000.0, sides, where)
-        (row,) = baselines.rows([told], recordings.labels, cuts)
+        cuts = opponents.cuts_of(table, windows, 1000.0, sides, where)
+        (row,) = opponents.rows([told], recordings.labels, cuts)
         return row
 
     return rows

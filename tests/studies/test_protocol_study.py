@@ -30,7 +30,7 @@ def run_here(what: protocol_study.ProtocolStudy, folder: Path, n_cells: int | No
     """As `runner.run`, in this process, which alone knows the toy protocol."""
     runner._claim(folder, what)
     cells = list(protocol_study.cells(what))
-    protocol_cell.prepare(folder, cells)
+    protocol_cell.prepare(folder, what, cells)
     for cell in cells[:n_cells]:
         if not is_done(folder, cell):
             given = protocol_cell.load_arrays(folder / cell.given)

@@ -54,7 +54,7 @@ def as_published(cell: Cell) -> dict:
 
 
 def found(what: StudySpec, row_of) -> selection.Selection:
-    course = follow(what, row_of)
+    course = follow(what.selection, list(study.cells(what)), row_of)
     assert not course.due
     assert course.found is not None
     return course.found
@@ -74,7 +74,7 @@ def _look_up(done: dict[str, dict], cell: Cell) -> dict | None:
 def test_each_step_waits_for_its_cells_and_asks_for_no_other():
     done: dict[str, dict] = {}
     asked = []
-    while (course := follow(WHAT, partial(_look_up, done))).due:
+    while (course := follow(WHAT.selection, CELLS, partial(_look_up, done))).due:
         asked.append(course.steps[-1].name)
         done |= {cell.digest(): as_published(cell) for cell in course.due}
     assert asked == ["window lengths at 1&1", "trade-off at 100 ms", "persistence from 100 ms"]

@@ -13,7 +13,7 @@ from neurotact.errors import InputError
 from neurotact.files import read_json
 from neurotact.networks import tasks
 from neurotact.networks.tasks import Task
-from neurotact.studies import manifest, runner, study
+from neurotact.studies import runner, store, study
 from neurotact.studies.preparation import dataset_of, load_dataset
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -57,7 +57,7 @@ def test_tables_name_the_start_of_each_row(run):
 def test_every_encoding_stays_listed_and_is_not_made_again(run):
     what, folder = run
     paths = [folder / cell.given for cell in study.cells(what)]
-    listed = read_json(folder / "spikes" / manifest.FILES)["files"]
+    listed = read_json(folder / "spikes" / store.FILES)["files"]
     assert {path.name for path in paths} <= set(listed)
     made = [path.stat().st_mtime_ns for path in paths]
     (folder / "results.csv").unlink()
@@ -111,4 +111,3 @@ def test_training_windows_name_another_cell_and_their_absence_none():
     none, some = (next(study.cells(study.resolve(TINY, {**STARTS, **more}))) for more in ({}, {"training_windows": 3}))
     assert none.digest() != some.digest()
     assert none.seeds != some.seeds
-    assert "training_windows" not in none.model_dump_json(exclude={"training_windows"})

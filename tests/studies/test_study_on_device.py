@@ -8,8 +8,6 @@ import pytest
 
 from neurotact.errors import InputError
 from neurotact.studies import device, loading, runner
-from neurotact.studies.network_engine import NetworkEngine
-from neurotact.studies.protocol_engine import ProtocolEngine
 from neurotact.studies.store import cell_folder
 
 TINY = Path(__file__).parent / "tiny.toml"
@@ -58,7 +56,7 @@ def test_the_searches_of_a_study_train_their_batches_at_once(tmp_path):
         }
     )
     runner.run(what, tmp_path, device="cpu:0")
-    (cell,) = NetworkEngine(what).cells()
+    (cell,) = loading.kind_of(what).cells(what)
     place = cell_folder(tmp_path, cell)
     assert len((place / "search" / "journal.jsonl").read_text().splitlines()) == 2
     assert json.loads((place / "search" / "search.json").read_text())["device"] == "cpu:0"
@@ -66,4 +64,4 @@ def test_the_searches_of_a_study_train_their_batches_at_once(tmp_path):
 
 def test_a_protocol_without_spiking_networks_is_refused(tmp_path):
     with device.on_device("cpu:0") as map_cells, pytest.raises(InputError, match="trains no spiking networks"):
-        [*map_cells(ProtocolEngine, ["a cell"], tmp_path)]  # pyright: ignore
+        [*map_cells(loading.PROTOCOL, ["a cell"], tmp_path)]  # pyright: ignore

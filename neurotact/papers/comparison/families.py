@@ -24,6 +24,7 @@ from neurotact.baselines.families import (
     svm,
 )
 from neurotact.baselines.features import averaged
+from neurotact.baselines.opponents import MOST_SAMPLES, gru_steps
 from neurotact.baselines.recurrent import GRUClassifier, LSTMClassifier
 from neurotact.baselines.rls import RLSClassifier
 from neurotact.baselines.slfn import SLFNClassifier
@@ -31,7 +32,6 @@ from neurotact.data.splits import Split
 from neurotact.metrics import flops
 from neurotact.metrics.flops import Layer
 from neurotact.metrics.signal_flops import Averaging, StandardisedSteps
-from neurotact.studies.baselines import MOST_SAMPLES, gru_steps
 from neurotact.studies.protocol import TaskData
 
 STEPS = 50

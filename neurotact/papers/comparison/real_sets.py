@@ -1,6 +1,6 @@
 """Spiking networks compared with classical classifiers on the same windows, splits and spikes of several sets.
 
-The networks follow the default recipe, with and without recurrence. All opponents of `studies.baselines` receive the
+The networks follow the default recipe, with and without recurrence. All opponents of `baselines.opponents` receive the
 signals, or the events of an event-based sensor; those on counts also the spikes. Sets and encoders: as in
 `ways_to_save`.
 """
@@ -13,6 +13,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
+from neurotact.baselines import opponents
+from neurotact.baselines.opponents import LINEAR, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_figure, printed
@@ -28,8 +30,6 @@ from neurotact.papers.comparison.saving_figures import COLOURS, MARKS
 from neurotact.papers.comparison.sets import WaysData
 from neurotact.papers.comparison.skipped import SKIPPED, of_run, skipped_row
 from neurotact.spec import Spec
-from neurotact.studies import baselines
-from neurotact.studies.baselines import LINEAR, Input
 from neurotact.studies.protocol import Arrays, View, heads
 
 MODELS: dict[str, Literal["rsnn", "snn"]] = {"RSNN": "rsnn", "SNN": "snn"}
@@ -85,14 +85,14 @@ def _spiking(bench: Bench, sides: Sides) -> Iterator[dict[str, Any]]:
 
 def _classical(bench: Bench, trains: SpikeTrains) -> Iterator[dict[str, Any]]:
     windows = trains.cut(bench.window)
-    cuts = baselines.cuts_of(trains.conditions, windows, trains.sampling_rate_Hz, bench.split, {})
+    cuts = opponents.cuts_of(trains.conditions, windows, trains.sampling_rate_Hz, bench.split, {})
     inputs: list[Input] = []
     if isinstance(bench.touches, Recordings):
-        inputs += baselines.signal_inputs(bench.touches, cuts, "all")
-    inputs += baselines.spike_inputs(trains, (0.0, 0.0), cuts, "all")
+        inputs += opponents.signal_inputs(bench.touches, cuts, "all")
+    inputs += opponents.spike_inputs(trains, (0.0, 0.0), cuts, "all")
     wanted = {"classifier", "input", "accuracy_validation", "accuracy_test", "energy_estimate_nJ", "flops",
               "parameters", "signal_ms", "n_train", "n_test"}  # fmt: skip
-    for row in baselines.rows(inputs, trains.labels[windows.trial], cuts, most_machines=MOST_MACHINES):
+    for row in opponents.rows(inputs, trains.labels[windows.trial], cuts, most_machines=MOST_MACHINES):
         yield {**{key: value for key, value in row.items() if key in wanted}, "sops_total": float("nan")}
 
 
@@ -144,7 +144,7 @@ def _answer(name: str, split: str, rows: pd.DataFrame) -> str:
     network, best = (of[referee.best_of([one.way for one in of])] for of in (networks, others))
     rivals = [others[index] for index in referee.level_with_best([one.way for one in others])]
     near = [others[index] for index in referee.within_error([one.way for one in others])]
-    on_signals = [one for one in near if f" on {baselines.SPIKES}: " not in one.name]
+    on_signals = [one for one in near if f" on {opponents.SPIKES}: " not in one.name]
     cheapest = min(on_signals, key=lambda one: one.energy_nJ, default=None)
     if len(network.rows) > 1:
         verdict = referee.judge([_compared(network, rival) for rival in rivals])

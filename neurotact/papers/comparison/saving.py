@@ -5,7 +5,7 @@ network's recipe. All choices (gains, taxels, weights, patience) use only traini
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import torch
@@ -17,11 +17,12 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks import fitting, measuring, pruning, recipe, tasks
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.ledger import encoding_cost, network_cost
+from neurotact.networks.ledger import network_cost
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Examples, train
@@ -37,7 +38,6 @@ AFTERWARDS = ("prune", "train_on", "exit_tolerance")
 class Setting(Spec):
     """One way to save and its amount; by default nothing is saved."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("adaptation",)
     t_ref_steps: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] | None = None
     """Refractory periods of RA-I and SA-I in steps of the set's clock; events use only the first."""
     rate_penalty: float | None = Field(default=None, ge=0)

@@ -1,7 +1,7 @@
 """The sets of touches on which networks are compared: simulated, read as published, or a user's own file."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -32,7 +32,6 @@ CALIBRATED_AT_MS = 1.0
 class SetSpec(Spec):
     """A set of touches: simulated, read in a published format, or a user's own file."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("group", "content", "choose_baseline", "choose_ema", "where", "leave_out")
     simulate: str | None = None
     simulation: dict[str, Any] = {}
     """Keys of the simulator that differ from their defaults."""
@@ -74,7 +73,6 @@ class SetSpec(Spec):
 class WaysData(Spec):
     """The chosen set, all sets, and the kind of split."""
 
-    later_keys: ClassVar[tuple[str, ...]] = ("split",)
     set: str
     sets: dict[str, SetSpec]
     split: Literal["trials", "groups"] = "trials"

@@ -12,11 +12,12 @@ from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, taxels_of
 from neurotact.encoders.calibration import calibrate
+from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
 from neurotact.networks import fitting, measuring
 from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.ledger import encoding_cost, network_cost
+from neurotact.networks.ledger import network_cost
 from neurotact.networks.rsnn import RSNN
 from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import Examples, train

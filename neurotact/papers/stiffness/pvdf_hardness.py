@@ -20,6 +20,7 @@ from neurotact.data.splits import Split, SplitSpec, split_trials
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import BY_CALIBRATION, FITTED, calibrate
+from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
@@ -227,7 +228,7 @@ def _spiking_split(parameters: Parameters, recorded: Recordings, at: int, split:
         measured = {f"sops_{name}": found[f"{prefix}_{name}"] for name in ("input", "recurrent", "readout")}
         signal_ms = 1e3 * steps / trains.sampling_rate_Hz
         smoothing = cost(MovingAverage(max(1, round(steps)), recorded.n_channels))  # `load` applied it, for all chains
-        encoding = ledger.encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder)
+        encoding = encoding_cost(recorded.n_channels, steps, signal_ms, trains.encoder)
         sizes = len(trains.afferents), len(trains.classes)
         network = ledger.network_cost(parameters.spiking, *sizes, measured, steps=steps, signal_ms=signal_ms)
         yield {

@@ -24,6 +24,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split, SplitSpec, split_conditions
 from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders import specs as encoders
+from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
@@ -241,7 +242,7 @@ def run(parameters: Parameters, arrays: Arrays) -> list[dict[str, Any]]:
     rows = []
     for found in _decided(parameters, seen, arrays):
         steps = found.signal_ms * 1e-3 * seen.rate_Hz
-        encoding = ledger.encoding_cost(n_taxels, steps, found.signal_ms, encoder)
+        encoding = encoding_cost(n_taxels, steps, found.signal_ms, encoder)
         total = encoding + found.features + found.classifier
         rows.append(
             {

@@ -17,10 +17,10 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
+from neurotact.metrics.firing import firing_of, touch_spikes
 from neurotact.papers.signal_facts import Fact
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import say
-from neurotact.studies.firing import firing_of, touch_spikes
 
 PAIRS_ms = ((1, 1), (1, 5), (5, 5), (1, 10), (5, 10), (10, 10))
 """Refractory periods of RA-I & SA-I (Table III), in the order of Fig. 6."""

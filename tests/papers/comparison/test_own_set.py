@@ -23,8 +23,7 @@ from neurotact.papers.comparison import sets
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Setting, cut
 from neurotact.papers.comparison.ways_to_save import Parameters
-from neurotact.studies import loading, runner, suited
-from neurotact.studies.protocol_engine import ProtocolEngine
+from neurotact.studies import loading, protocol_study, runner, suited
 
 WAYS = {
     "refractory period": [{"t_ref_steps": [20, 20]}],
@@ -67,7 +66,7 @@ def resolved(path: Path, **changes):
 
 
 def cells_of(study):
-    return ProtocolEngine(study).cells()
+    return list(protocol_study.cells(study))
 
 
 def bench_of(path: Path, **changes):
@@ -104,7 +103,7 @@ def test_a_moving_average_that_is_given_is_not_chosen(tmp_path):
         "recordings"
     ]
     assert ours["choose_baseline"]
-    assert "choose_ema" not in ours
+    assert not ours["choose_ema"]
     assert ours["conditioning"]["ema_cutoff_Hz"] == 50.0
 
 

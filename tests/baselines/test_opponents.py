@@ -6,16 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.baselines import families
+from neurotact.baselines import families, opponents
 from neurotact.baselines.features import band_powers
+from neurotact.baselines.opponents import Cuts, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import Split
 from neurotact.data.windows import WindowSpec, cut
+from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics.flops import Cost
-from neurotact.networks.ledger import encoding_cost
-from neurotact.studies import baselines
-from neurotact.studies.baselines import Cuts, Input
 
 CONDITIONS = pd.DataFrame({"label": ["felt", "silk"] * 20})
 
@@ -26,24 +25,24 @@ def split() -> Split:
 
 def cuts(trial_steps, spec=None, clock_Hz=1000.0) -> Cuts:
     windows = cut(trial_steps, clock_Hz, spec or WindowSpec(length_ms=20))
-    return baselines.cuts_of(CONDITIONS, windows, clock_Hz, split(), {})
+    return opponents.cuts_of(CONDITIONS, windows, clock_Hz, split(), {})
 
 
 def test_spikes_are_counted_over_the_window_and_in_its_tenths():
     rasters = np.zeros((40, 20, 2), np.uint8)
     rasters[0, [0, 1, 5, 19], 0] = 1
     trains = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS, {"model": "lif"})
-    whole, binned = baselines.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps))
+    whole, binned = opponents.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps))
     assert whole.features[0].tolist() == [4.0, 0.0]
     assert binned.features[0].reshape(10, 2)[:, 0].tolist() == [2, 0, 1, 0, 0, 0, 0, 0, 0, 1]
     assert binned.words == "10 time bins"
     assert whole.pair == (1.0, 5.0)
     # Each spike is one addition on top of the encoding: 4 spikes in 40 windows.
     assert whole.made.acs - encoding_cost(1, 20, 20.0, {}).acs == pytest.approx(0.1)
-    in_sensor = next(baselines.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps), encoding=False))
+    in_sensor = next(opponents.spike_inputs(trains, (1.0, 5.0), cuts(trains.trial_steps), encoding=False))
     assert in_sensor.made == Cost(acs=0.1)
     events = from_rasters(rasters, 1000.0, ("SA-I a", "RA-I a"), CONDITIONS)
-    assert next(baselines.spike_inputs(events, (1.0, 5.0), cuts(trains.trial_steps))).made == Cost(acs=0.1)
+    assert next(opponents.spike_inputs(events, (1.0, 5.0), cuts(trains.trial_steps))).made == Cost(acs=0.1)
 
 
 def test_signals_are_cut_on_the_encoders_clock():
@@ -51,7 +50,7 @@ def test_signals_are_cut_on_the_encoders_clock():
     signal = np.arange(4.0)[:, None] * np.ones((4, 1))
     recordings = Recordings([signal] * 40, 100.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 31), WindowSpec(length_ms=15))
-    moments, binned = baselines.signal_inputs(recordings, made, "quick")
+    moments, binned = opponents.signal_inputs(recordings, made, "quick")
     assert moments.features[:2].tolist() == [[0.5, 0.5], [2.0, 0.0]]  # from 15 ms on: the sample at 20 ms alone
     assert binned.features.shape == (80, 1)  # of the shortest window, one bin
     assert binned.words == "1 time bin"
@@ -60,7 +59,7 @@ def test_signals_are_cut_on_the_encoders_clock():
 def test_a_window_behind_the_last_sample_sees_the_last_one():
     recordings = Recordings([np.array([[1.0], [2.0]])] * 40, 10.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 101), WindowSpec(length_ms=50))
-    pieces = list(baselines.pieces_of(recordings, made.windows, 1000.0))
+    pieces = list(opponents.pieces_of(recordings, made.windows, 1000.0))
     assert all(len(piece) >= 1 for piece in pieces)
 
 
@@ -68,7 +67,7 @@ def rows_of(features, of=families.ON_FEATURES, **limits):
     made = cuts(np.full(40, 20))
     labels = np.arange(40) % 2
     one = Input("signals", "made up", None, features, Cost(acs=7.0, signal_ms=20.0), of)
-    return list(baselines.rows([one], labels, made, **limits))
+    return list(opponents.rows([one], labels, made, **limits))
 
 
 def test_what_a_line_tells_apart_all_tell_apart():
@@ -113,12 +112,12 @@ def sequences_of(n_steps=60):
 def test_all_opponents_see_the_signals_as_sequences_too():
     recordings = Recordings(list(sequences_of()), 1000.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 60), WindowSpec(length_ms=60))
-    found = {one.words: one for one in baselines.signal_inputs(recordings, made, "all")}
+    found = {one.words: one for one in opponents.signal_inputs(recordings, made, "all")}
     assert [*found] == ["mean and deviation", "10 time bins", "power in 8 bands", "samples", "20 ms bins"]
     assert found["samples"].features.shape == (40, 60, 2)
     assert found["20 ms bins"].features.shape == (40, 3, 2)
     np.testing.assert_allclose(found["20 ms bins"].features[0, 1], recordings.signals[0][20:40].mean(axis=0))
-    (linear,) = baselines.signal_inputs(recordings, made, "linear")
+    (linear,) = opponents.signal_inputs(recordings, made, "linear")
     assert [*linear.families] == ["logistic regression"]
 
 
@@ -128,8 +127,8 @@ def test_what_only_time_tells_is_found_by_spectra_and_sequences(monkeypatch):
     made = cuts(np.full(40, 60), WindowSpec(length_ms=60))
     recordings = Recordings(list(sequences_of()), 1000.0, "mV", CONDITIONS)
     labels = np.arange(40) % 2
-    inputs = baselines.signal_inputs(recordings, made, "all")
-    told = {(row["classifier"], row["input"]): row for row in baselines.rows(inputs, labels, made)}
+    inputs = opponents.signal_inputs(recordings, made, "all")
+    told = {(row["classifier"], row["input"]): row for row in opponents.rows(inputs, labels, made)}
     assert told["logistic regression", "signals: power in 8 bands"]["accuracy_test"] == 1.0
     assert told["MiniRocket", "signals: samples"]["accuracy_test"] == 1.0
     assert told["logistic regression", "signals: mean and deviation"]["accuracy_test"] < 1.0
@@ -140,7 +139,7 @@ def test_events_of_a_sensor_are_its_signal():
     rasters = (np.random.default_rng(0).random((40, 60, 2)) < 0.2).astype(np.uint8)
     trains = from_rasters(rasters, 1000.0, ("ON a", "OFF a"), CONDITIONS)
     made = cuts(trains.trial_steps, WindowSpec(length_ms=60))
-    found = list(baselines.spike_inputs(trains, (0.0, 0.0), made, "all"))
+    found = list(opponents.spike_inputs(trains, (0.0, 0.0), made, "all"))
     assert [one.column for one in found] == [
         "events: counts", "events: 10 time bins", "events: steps", "events: 20 ms bins",
     ]  # fmt: skip
@@ -160,5 +159,5 @@ def test_bands_divide_all_frequencies_of_any_window(n_samples, n_bands):
 def test_short_windows_have_no_minirocket_and_it_is_said(capsys):
     recordings = Recordings([np.ones((8, 1))] * 40, 1000.0, "mV", CONDITIONS)
     made = cuts(np.full(40, 8), WindowSpec(length_ms=8))
-    assert "samples" not in [one.words for one in baselines.signal_inputs(recordings, made, "all")]
+    assert "samples" not in [one.words for one in opponents.signal_inputs(recordings, made, "all")]
     assert "no MiniRocket: windows of 8 samples are shorter than its kernels of 9" in capsys.readouterr().err

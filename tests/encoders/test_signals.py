@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.same_drive import SameDriveSpec, same_drive_table, threshold_gap
+from neurotact.encoders.signals import principal_frequency, signal_table
 from neurotact.neurons import lif_isi_steps
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import load
-from neurotact.studies.same_drive import SameDriveSpec, same_drive_table, threshold_gap
-from neurotact.studies.signals import principal_frequency, signal_table
 
 ENCODER = load(AfferentSpec, "sa1-ra1-lif")
 RATE_Hz = 2000.0

@@ -1,4 +1,4 @@
-"""The signals of a study before encoding: amplitude and principal frequency of each class and condition."""
+"""Signals before encoding: amplitude and principal frequency of each class and condition."""
 
 from collections.abc import Iterable
 from typing import Any

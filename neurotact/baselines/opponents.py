@@ -6,7 +6,7 @@ counts; on those of the others logistic regression. Each family is sized on vali
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,13 +21,14 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import Split
 from neurotact.data.windows import Windows
 from neurotact.encoders.afferents import taxels_of
+from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import paired
 from neurotact.metrics.flops import Cost, Moments, Standardise, cost
 from neurotact.metrics.signal_flops import Averaging, BandPowers, StandardisedSteps
-from neurotact.networks.ledger import encoding_cost
 from neurotact.progress import say
-from neurotact.studies.study import Opponents
 
+Opponents = Literal["none", "linear", "quick", "all"]
+"""Which opponents a study fits."""
 BINS = 10
 """Time bins of a window, in which spikes are counted and signals averaged."""
 BANDS = 8

@@ -1,0 +1,105 @@
+"""Rates and inter-spike intervals of the SA-I and RA-I populations, in windows or over a whole touch."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.windows import Windows
+from neurotact.errors import InputError
+from neurotact.metrics import isi_distributions, spike_trains
+from neurotact.metrics.spike_trains import Events
+
+
+def firing_of(trains: SpikeTrains, events: Events, trial_of: np.ndarray, columns: Sequence[str]) -> pd.DataFrame:
+    """Rates and mean intervals of both populations, a row per combination of `columns` in the order of the trials.
+
+    events: spikes of parts of trials; trial_of: the trial of each part, `(part,)`.
+    """
+    rates = spike_trains.rates_Hz(events, trains.sampling_rate_Hz)
+    isis = spike_trains.isis_ms(events, trains.sampling_rate_Hz)
+    rows = []
+    for _, group in trains.conditions.groupby(list(columns), sort=False):
+        chosen = np.isin(trial_of, group.index.to_numpy())
+        row: dict[str, Any] = group.iloc[0][list(columns)].to_dict()
+        for kind, is_kind in (("sa", trains.is_sa), ("ra", ~trains.is_sa)):
+            row[f"spikes_{kind}_per_s"] = rates[chosen][:, is_kind].sum(axis=1).mean()
+            these = isis.isi_ms[chosen[isis.trial] & is_kind[isis.afferent]]
+            row[f"isi_{kind}_ms"] = these.mean() if len(these) else float("nan")
+        total = row["spikes_total_per_s"] = row["spikes_sa_per_s"] + row["spikes_ra_per_s"]
+        row["sa_share"] = row["spikes_sa_per_s"] / total if total else float("nan")
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def windowed_spikes(trains: SpikeTrains, windows: Windows) -> Events:
+    """The spikes of each window, counted from its start: each window is a trial of the result."""
+    steps, units = [], []
+    for trial, start in zip(windows.trial.tolist(), windows.start.tolist(), strict=True):
+        inside = (trains.steps[trial] >= start) & (trains.steps[trial] < start + windows.n_steps)
+        steps.append(trains.steps[trial][inside] - start)
+        units.append(trains.units[trial][inside])
+    return spike_trains.events(steps, units, np.full(len(windows), windows.n_steps), len(trains.afferents))
+
+
+def touch_spikes(trains: SpikeTrains, start_ms: float) -> Events:
+    """The spikes from `start_ms` to the end of each trial; InputError for a trial that is shorter."""
+    rate_Hz = trains.sampling_rate_Hz
+    start = round(start_ms * 1e-3 * rate_Hz)
+    if start >= trains.trial_steps.min():
+        raise InputError(
+            f"window.start_ms: {start_ms:g} ms is past the end of trial {trains.trial_steps.argmin()}, "
+            f"which lasts {trains.trial_steps.min() / rate_Hz:.3f} s; lower it"
+        )
+    return spike_trains.events(
+        [steps[steps >= start] - start for steps in trains.steps],
+        [units[steps >= start] for steps, units in zip(trains.steps, trains.units, strict=True)],
+        trains.trial_steps - start,
+        len(trains.afferents),
+    )
+
+
+def measures(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> dict[tuple[str, str], float | None]:
+    """Measures of one population, means over trials, by name and unit; None if there is nothing to average.
+
+    spikes (per second, of the whole population), isi (mean of all intervals), isi_sd, isi_least, silent_share (of
+    trials without any spike), latency (of the population's first spike; of a silent trial, its whole length).
+    """
+    rate_Hz = trains.sampling_rate_Hz
+    found = spike_trains.isis_ms(touches, rate_Hz)
+    isi_ms = found.isi_ms[is_kind[found.afferent]]
+    first_ms = spike_trains.latencies_ms(touches, rate_Hz)[:, is_kind]
+    is_silent = np.isnan(first_ms).all(axis=1)
+    until_ms = 1e3 * touches.trial_steps / rate_Hz
+    latency_ms = np.where(is_silent, until_ms, np.where(np.isnan(first_ms), np.inf, first_ms).min(axis=1))
+    return {
+        ("spikes", "_per_s"): float(spike_trains.rates_Hz(touches, rate_Hz)[:, is_kind].sum(axis=1).mean()),
+        ("isi", "_ms"): float(isi_ms.mean()) if len(isi_ms) else None,
+        ("isi_sd", "_ms"): float(isi_ms.std()) if len(isi_ms) else None,
+        ("isi_least", "_ms"): float(isi_ms.min()) if len(isi_ms) else None,
+        ("silent_share", ""): float(is_silent.mean()),
+        ("latency", "_ms"): float(latency_ms.mean()),
+    }
+
+
+def isi_histograms(touches: Events, is_kind: np.ndarray, trains: SpikeTrains) -> tuple[np.ndarray, np.ndarray]:
+    """The intervals of one population, `(class, bin)`, and the bins' edges in ms.
+
+    The bins are the same for every encoder of these trials: from one step to the longest trial.
+    """
+    rate_Hz = trains.sampling_rate_Hz
+    edges_ms = (1e3 / rate_Hz) * isi_distributions.bin_edges(1, int(touches.trial_steps.max()))
+    found = spike_trains.isis_ms(touches, rate_Hz)
+    mine = is_kind[found.afferent]
+    labels = trains.labels[found.trial[mine]]
+    return isi_distributions.histograms(found.isi_ms[mine], labels, len(trains.classes), edges_ms), edges_ms
+
+
+def as_table(counts: np.ndarray, edges_ms: np.ndarray, classes: Sequence[str]) -> pd.DataFrame:
+    """One row per class and non-empty bin: the number of intervals, and their share of all intervals of the class."""
+    label, at = np.nonzero(counts)
+    n = counts[label, at]
+    columns = {"label": np.array(classes)[label], "isi_from_ms": edges_ms[at], "isi_to_ms": edges_ms[at + 1], "n": n}
+    return pd.DataFrame({**columns, "share": n / counts.sum(axis=1)[label]})

@@ -1,0 +1,49 @@
+"""What the runner needs of a kind of study: how its spec becomes cells, a cell arrays, and arrays a row."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import pandas as pd
+
+Files = dict[str, bytes]
+"""The files of a cell: the content of each, by its path in the cell's folder."""
+Results = Sequence[tuple[Any, dict[str, Any]]]
+"""Finished cells in the order of the sweep, each with the content of its result.json."""
+
+
+class AnyCell(Protocol):
+    """A cell of any study, with what its files require."""
+
+    def digest(self) -> str:
+        """The digest of everything that decides the cell's numbers: the name of its folder."""
+        ...
+
+    @property
+    def given(self) -> str:
+        """The input file of the cell in a run folder."""
+        ...
+
+
+class Kind(NamedTuple):
+    """A kind of study, as functions of modules, which other processes and machines can call.
+
+    cells: all cells of a study, in the order of its sweep.
+    prepare: writes the inputs that cells share into a run folder; called in a process, which then frees its memory.
+    check: raises InputError if a file that `prepare` wrote was changed.
+    load: the input of a cell from its file.
+    run: the files of a cell, from the cell, its input, the folder from which an interrupted search resumes, and whether
+        it tells how long a training takes.
+    tables: the tables of finished cells, by file name; the first is `results.csv`.
+    """
+
+    cells: Callable[[Any], Iterator[Any]]
+    prepare: Callable[[Path, Any, list[Any]], None]
+    check: Callable[[Path, Any, list[Any]], None]
+    load: Callable[[Path], Any]
+    run: Callable[[Any, Any, Path | None, bool], Files]
+    tables: Callable[[Path, Any, Results], Mapping[str, pd.DataFrame]]
+
+
+MapCells = Callable[[Kind, list[AnyCell], Path], Iterator[tuple[AnyCell, Files]]]
+"""Computes cells from their inputs in a run folder; yields each cell with its files as soon as it is finished."""

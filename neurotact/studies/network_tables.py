@@ -1,0 +1,52 @@
+"""The tables of the finished cells of a study of spiking networks, or of afferents alone."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from neurotact.studies import encoded
+from neurotact.studies.encoded import read_encoding
+from neurotact.studies.kind import Results
+from neurotact.studies.store import cell_folder
+from neurotact.studies.study import SOURCE, Cell, StudySpec, swept_columns, value_at
+
+
+def tables(folder: Path, study: StudySpec, results: Results) -> Mapping[str, pd.DataFrame]:
+    """The tables by file name; each is in the order of the sweep.
+
+    results.csv: of `results_table`. encoding.csv: firing under each condition, once for each encoder; swept keys of the
+    encoder and the simulation come last. With networks, the further tables that the study requests: their lines begin
+    with the swept values of their cell. Without networks, the intervals between spikes.
+    """
+    swept, rows = swept_columns(study), results_table(study, results)
+    found = {"results.csv": rows, "encoding.csv": _encoding_table(folder, results, swept)}
+    if study.network is None:
+        places = [cell_folder(folder, cell) for cell, _ in results]
+        return found | {encoded.ISI: encoded.isi_table(places, rows, swept)}
+    further: dict[str, list[dict[str, Any]]] = {}
+    for cell, result in results:
+        keys = {name: result["row"][name] for name in ("dataset", "t_ref_ra_ms", "t_ref_sa_ms", "hidden", "seed")}
+        keys |= {key: value_at(cell, key) for key in swept}
+        for name, lines in result.get("tables", {}).items():
+            further.setdefault(f"{name}.csv", []).extend({**keys, **line} for line in lines)
+    return found | {name: pd.DataFrame(lines) for name, lines in further.items()}
+
+
+def results_table(study: StudySpec, results: Results) -> pd.DataFrame:
+    """One row per cell; swept keys without their own column come last."""
+    swept = swept_columns(study)
+    return pd.DataFrame([{**result["row"], **{key: value_at(cell, key) for key in swept}} for cell, result in results])
+
+
+def _encoding_table(folder: Path, results: Results, swept: list[str]) -> pd.DataFrame:
+    keys = [key for key in swept if key.startswith(("encoder.", SOURCE))]
+    of_encoder: dict[str, Cell] = {}
+    for cell, _ in results:
+        of_encoder.setdefault(cell.given, cell)
+    parts = [
+        read_encoding((folder / given).with_suffix(".csv")).assign(**{key: value_at(cell, key) for key in keys})
+        for given, cell in of_encoder.items()
+    ]
+    return pd.concat(parts, ignore_index=True)
