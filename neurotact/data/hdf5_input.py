@@ -35,6 +35,8 @@ MOST_OBJECTS = 2**16 + 1
 FARTHEST = 2**62
 NEAR_BYTES = 2**16
 """Of an object's header, so many bytes are searched for an attribute."""
+REFERENCE = np.dtype([("length", "<u4"), ("heap", "<u8"), ("object", "<u4")])
+"""An element of variable length in a dataset (HDF5 File Format Specification, VIII.D): what it refers to in a heap."""
 STREAMED_RATIO = 50
 """Data read in pieces may exceed the limit on one input, but be at most this many times larger than its file."""
 CACHE_BYTES = 32_000_000
@@ -345,11 +347,14 @@ class Declared:
             raise ValueError(f"{name} has the shape {dataset.shape} where (trial,) is expected")
         if dataset.chunks is not None:
             self._check_chunks(dataset, name)
+        if dataset.dtype.hasobject:
+            self._check_lengths(dataset, name)
         return dataset
 
     def _check_chunks(self, dataset: h5py.Dataset, name: str) -> None:
         """Refuse chunks that are large, or that inflate to more than they declare."""
-        chunk_bytes = math.prod(dataset.chunks) * dataset.dtype.itemsize
+        element = REFERENCE if dataset.dtype.hasobject else dataset.dtype
+        chunk_bytes = math.prod(dataset.chunks) * element.itemsize
         across = math.prod(math.ceil(n / k) for n, k in zip(dataset.shape[1:], dataset.chunks[1:], strict=True))
         if chunk_bytes * across > CACHE_BYTES:
             raise InputError(
@@ -368,6 +373,39 @@ class Declared:
             dataset.id.chunk_iter(places.append)
             if not all(_inflates_within(dataset, place, chunk_bytes) for place in places):
                 raise InputError(f"{self.path}: {name} inflates to more than it declares; write it again")
+
+    def _check_lengths(self, dataset: h5py.Dataset, name: str) -> None:
+        """Refuse a text or row that is longer than its file: libhdf5 takes the memory before it looks for it."""
+        numbers = h5py.check_vlen_dtype(dataset.dtype)
+        item_bytes = numbers.itemsize if isinstance(numbers, np.dtype) else 1
+        for stored in self._stored(dataset):
+            lengths = np.frombuffer(stored, REFERENCE, count=len(stored) // REFERENCE.itemsize)["length"]
+            if len(lengths) and int(lengths.max()) * item_bytes > self._file_bytes:
+                raise OSError(f"the length of {name} is damaged")
+
+    def _stored(self, dataset: h5py.Dataset) -> Iterator[bytes]:
+        """What the file holds of a dataset of variable length: references to a heap, without filters."""
+        if dataset.chunks is None:
+            at = dataset.id.get_offset()
+            if at is not None:
+                with Path(self.path).open("rb") as file:
+                    file.seek(at)
+                    yield file.read(dataset.id.get_storage_size())
+            return
+        plan = dataset.id.get_create_plist()
+        filters = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
+        places: list[Any] = []
+        dataset.id.chunk_iter(places.append)
+        for place in places:
+            mask, content = dataset.id.read_direct_chunk(place.chunk_offset)
+            if h5py.h5z.FILTER_DEFLATE in filters and not mask:
+                content = zlib.decompress(content)
+            if h5py.h5z.FILTER_SHUFFLE in filters and not mask:
+                width = REFERENCE.itemsize
+                content = (
+                    np.frombuffer(content, np.uint8)[: len(content) // width * width].reshape(width, -1).T.tobytes()
+                )
+            yield content
 
     def _parts(self, dataset: h5py.Dataset) -> Iterator[np.ndarray]:
         """Its rows, in parts that fit in memory even if each row is as large as the whole file."""

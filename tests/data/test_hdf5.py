@@ -550,3 +550,43 @@ def test_a_text_that_is_longer_than_its_file_is_refused_before_it_is_read(tmp_pa
     (tmp_path / "spikes.h5").write_bytes(content)
     with pytest.raises(InputError, match=f"the length of {name} is damaged"):
         load_spikes(tmp_path / "spikes.h5")
+
+
+@pytest.mark.parametrize("stored", [{}, {"chunks": (2,)}, {"chunks": (2,), "compression": "gzip", "shuffle": True}])
+def test_a_row_that_is_longer_than_its_file_is_refused_before_it_is_read(tmp_path, stored):
+    """libhdf5 would take 16 GB for it."""
+    path = tmp_path / "rows.h5"
+    with h5py.File(path, "w") as file:
+        rows = file.create_dataset("rows", (3,), h5py.vlen_dtype(np.float64), **stored)
+        for index in range(3):
+            rows[index] = np.arange(5.0 + index)
+        if not stored:
+            at = rows.id.get_offset()
+        else:
+            rows.id.write_direct_chunk((0,), _damaged(rows.id.read_direct_chunk((0,))[1], stored))
+    if not stored:
+        content = bytearray(path.read_bytes())
+        content[at : at + 4] = (2**31).to_bytes(4, "little")
+        path.write_bytes(content)
+    with h5py.File(path, "r") as file, pytest.raises(OSError, match="the length of rows is damaged"):
+        hdf5_input.Declared(file, path).rows("rows", "f")
+
+
+def test_rows_of_variable_length_are_read_compressed_too(tmp_path):
+    path = tmp_path / "rows.h5"
+    with h5py.File(path, "w") as file:
+        stored = file.create_dataset("rows", (3,), h5py.vlen_dtype(np.float64), chunks=(2,), compression="gzip")
+        for index in range(3):
+            stored[index] = np.arange(5.0 + index)
+    with h5py.File(path, "r") as file:
+        rows = hdf5_input.Declared(file, path).rows("rows", "f")
+    assert [row.tolist() for row in rows] == [[*range(5 + index)] for index in range(3)]
+
+
+def _damaged(chunk: bytes, stored: dict) -> bytes:
+    """A chunk of references whose first has an impossible length."""
+    is_packed = "compression" in stored
+    cells = np.frombuffer(zlib.decompress(chunk) if is_packed else chunk, np.uint8)
+    cells = cells.reshape(16, -1).T.copy() if is_packed else cells.reshape(-1, 16).copy()
+    cells[0, :4] = np.frombuffer((2**31).to_bytes(4, "little"), np.uint8)
+    return zlib.compress(cells.T.tobytes()) if is_packed else cells.tobytes()
