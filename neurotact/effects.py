@@ -1,41 +1,17 @@
 """Parameters that have an effect only beside others: where one would change nothing, it is refused, not ignored.
 
-The command line and Python share the table `NEEDS`. A message names parameters as in Python, within `backquotes` in the
-table; `in_options` writes them as options.
+The command line and Python share the table `NEEDS`. A message names parameters as in Python, in backquotes; the command
+line writes them as options.
 """
 
-import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from neurotact.errors import InputError
 
-MARKED = re.compile(r"`(\w+)(?:=([^`]*))?`")
-ON_THE_COMMAND_LINE = {"length_ms": "--window-ms", "out": "-o", "exit_by": "--exit-by"}
-"""Options that are not called as their parameters."""
-
 
 class NoEffectError(InputError):
     """A parameter that is given and would change nothing."""
-
-    def __init__(self, marked: str) -> None:
-        super().__init__(marked.replace("`", ""))
-        self.marked = marked
-
-
-def in_options(marked: str) -> str:
-    """A message with its parameters as options.
-
-    >>> in_options("`rest_ms`: has no effect without `align='onset'`; give `contact=True`")
-    '--rest-ms: has no effect without --align onset; give --contact'
-    """
-
-    def option(match: re.Match[str]) -> str:
-        name, value = match[1], match[2]
-        written = ON_THE_COMMAND_LINE.get(name, "--" + name.strip("_").replace("_", "-"))
-        return written if value in (None, "True") else f"{written} {value.strip(chr(39))}"
-
-    return MARKED.sub(option, marked)
 
 
 def is_given(value: Any) -> bool:
@@ -75,7 +51,7 @@ OF_C = "variant weight_bits state_bits lsb name sampling_rate_Hz length_ms start
 WRITTEN = "out to prove recordings spikes force"
 OF_NIR = "plain lower_refractory network_only dt_s"
 SAMPLES = is_in("pipe", "serial port", "file")
-"""Kinds of `--from` of which samples are read as text or bytes; the others are recordings and a simulation."""
+"""Kinds of sources of which samples are read as text or bytes; the others are recordings and a simulation."""
 
 NEEDS = (
     # windows and split
@@ -103,13 +79,13 @@ NEEDS = (
     Need(OF_NIR, "to", is_in("nir"), "with `to='c'`; it belongs to `to='nir'`"),
     Need("recordings spikes", "ranges", bool, "where no recordings are read: only integers and `prove` need them"),
     # stream, live
-    Need("format lsb zero time_column", "source", SAMPLES, "with this `from`, which has a format of its own"),
-    Need("sampling_rate_Hz", "source", SAMPLES, "with this `from`, which has a sampling rate of its own"),
-    Need("baud", "source", is_in("serial port"), "without a serial port, as in `from='serial:/dev/ttyUSB0'`"),
-    Need("stall_s", "source", is_in("pipe", "serial port"), "with this `from`, which is never late"),
+    Need("format lsb zero time_column", "source", SAMPLES, "with this `source`, which has a format of its own"),
+    Need("sampling_rate_Hz", "source", SAMPLES, "with this `source`, which has a sampling rate of its own"),
+    Need("baud", "source", is_in("serial port"), "without a serial port, as in `source='serial:/dev/ttyUSB0'`"),
+    Need("stall_s", "source", is_in("pipe", "serial port"), "with this `source`, which is never late"),
     Need("speed", "source", is_in("recordings", "simulation"), "with a device, whose samples come at their own rate"),
-    Need("set", "source", is_in("simulation"), "without a simulated finger, as in `from='gratings'`"),
-    Need("loop", "source", is_in("recordings"), "without recordings, as in `from='FILE.h5'`"),
+    Need("settings", "source", is_in("simulation"), "without a simulated finger, as in `source='gratings'`"),
+    Need("loop", "source", is_in("recordings"), "without recordings, as in `source='FILE.h5'`"),
     Need("time_column", "format", is_in(None, "csv"), "without `format='csv'`: other frames have no time", OR_GIVE),
     Need("lsb zero", "format", is_in("int16"), "without `format='int16'`", OR_GIVE),
     # keys of a network
@@ -138,7 +114,7 @@ def check(**values: Any) -> None:
     >>> check(sops_weight=0.1, objective="accuracy-sops")
     >>> check(lsb=0.1, format="csv")
     Traceback (most recent call last):
-    neurotact.effects.NoEffectError: lsb: has no effect without format='int16'; give that, or leave it out
+    neurotact.effects.NoEffectError: `lsb`: has no effect without `format='int16'`; give that, or leave it out
     """
     found = voids(**values)
     for name in values:
@@ -152,11 +128,11 @@ def check_keys(given: Collection[str], every: Iterable[Mapping[str, str]], sourc
     every: for each place where the spec is used, its keys without an effect, as of `voids`; a key that has an effect in
     one of them is not refused.
 
-    >>> check_keys(["fold"], [voids(folds=None), voids(folds=5)], "--set")
+    >>> check_keys(["fold"], [voids(folds=None), voids(folds=5)], "study.toml")
     """
     common: dict[str, str] | None = None
     for found in every:
         common = {**found} if common is None else {key: why for key, why in common.items() if key in found}
     for key in given:
         if common and key in common:
-            raise InputError(f"{key}: {common[key].replace('`', '')} ({source})")
+            raise InputError(f"{key}: {common[key]} ({source})")

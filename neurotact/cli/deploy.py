@@ -13,6 +13,7 @@ from neurotact import api, effects
 from neurotact.cli.options import MOST_SEEDS, Force, HopMs, Json, MovedSpikes, OutFolder, RunFolder
 from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_table
+from neurotact.cli.words import as_typed, say
 from neurotact.data import hdf5
 from neurotact.deploy import c_export, fine_tuning, proving, sources, targets
 from neurotact.deploy.chain import chain_of
@@ -22,7 +23,7 @@ from neurotact.deploy.stream import Decision, Stream
 from neurotact.deploy.windows import QUIET_MS
 from neurotact.errors import INTERRUPTED, InputError
 from neurotact.networks import train_run, trained
-from neurotact.progress import printable, say
+from neurotact.progress import printable
 
 WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]
 StartMs = Annotated[
@@ -91,7 +92,7 @@ StallS = Annotated[
 
 def stream(
     run: RunFolder,
-    from_: Annotated[
+    source: Annotated[
         str, typer.Option("--from", help="- (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv or FILE.h5.")
     ] = "-",
     format_: Format = None,
@@ -102,7 +103,7 @@ def stream(
     time_column: TimeColumn = None,
     lsb: Lsb = None,
     zero: Zero = None,
-    window_ms: WindowMs = None,
+    length_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
@@ -121,30 +122,30 @@ def stream(
     """
     if rate not in ("fast", "real"):
         raise InputError(f"--rate {rate}: is unknown; choose one of fast, real")
-    kind = sources.kind_of(from_)
+    kind = sources.kind_of(source)
     effects.check(
         source=kind, format=format_, baud=baud, sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb,
         zero=zero, stall_s=stall_s,
     )  # fmt: skip
     is_recorded = kind == "recordings"
     if is_recorded:
-        with hdf5.open_recordings(from_) as stored:
+        with hdf5.open_recordings(source) as stored:
             sampling_rate_Hz, unit = stored.sampling_rate_Hz, unit or stored.unit
     chain = chain_of(
-        run, sampling_rate_Hz=sampling_rate_Hz, early_exit=not full_window, length_ms=window_ms, start_ms=start_ms,
+        run, sampling_rate_Hz=sampling_rate_Hz, early_exit=not full_window, length_ms=length_ms, start_ms=start_ms,
         hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
     )  # fmt: skip
     flow, noted = Stream(chain, unit=unit, hold_ms=hold_ms), Noted()
     block = max(1, round(0.01 * chain.sampling_rate_Hz))
     if is_recorded:
-        source = sources.recorded(Path(from_), chain.n_taxels, block)
+        samples = sources.recorded(Path(source), chain.n_taxels, block)
     else:
         layout = sources.Layout.of(format_, time_column, lsb, zero)
-        parser = layout.parser(from_, chain.n_taxels, chain.sampling_rate_Hz, noted)
-        source = sources.live(from_, parser, noted, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
+        parser = layout.parser(source, chain.n_taxels, chain.sampling_rate_Hz, noted)
+        samples = sources.live(source, parser, noted, stall_s or sources.STALL_S, baud=baud or sources.DEFAULT_BAUD)
     if rate == "real":
-        source = sources.at_its_rate(source, chain.sampling_rate_Hz, noted, block)
-    _run(flow, sources.decide(flow, source), noted, as_json=as_json)
+        samples = sources.at_its_rate(samples, chain.sampling_rate_Hz, noted, block)
+    _run(flow, sources.decide(flow, samples), noted, as_json=as_json)
 
 
 def _run(flow: Stream, decisions, noted: Noted, *, as_json: bool) -> None:
@@ -243,7 +244,7 @@ def export_command(
     spikes: MovedSpikes = None,
     name: Annotated[str | None, typer.Option(show_default="touch", help="Prefix of all names in C.")] = None,
     sampling_rate_Hz: RateHz = None,
-    window_ms: WindowMs = None,
+    length_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
@@ -283,7 +284,7 @@ def export_command(
     """
     of_c = {
         "variant": variant, "weight_bits": weight_bits, "state_bits": state_bits, "lsb": lsb, "name": name,
-        "sampling_rate_Hz": sampling_rate_Hz, "length_ms": window_ms, "start_ms": start_ms, "hop_ms": hop_ms,
+        "sampling_rate_Hz": sampling_rate_Hz, "length_ms": length_ms, "start_ms": start_ms, "hop_ms": hop_ms,
         "contact": contact, "quiet_ms": quiet_ms,
     }  # fmt: skip
     of_nir: dict[str, Any] = {
@@ -298,7 +299,7 @@ def export_command(
         print(targets.title(check))
         for row in found.itertuples(index=False):
             parts = filter(None, (f"{'fits' if row.fits else 'NOT'}  {row.what}: {row.here}", row.limit, row.cost))
-            print("; ".join(parts))
+            print(as_typed("; ".join(parts)))
         return
     if to is None or out is None:
         raise InputError("export: needs --to c (or nir) and -o, or --check TARGET")
@@ -324,6 +325,6 @@ def _export_nir(run: Path, out: Path, prove: int, recordings: Path | None, spike
     assert said is not None
     print(f"{out}: {len(execute.flat(made)[0])} nodes, steps of {said.dt_s:g} s, {said.form}")
     for difference in said.differences:
-        print(f"  differs: {difference}")
+        print(as_typed(f"  differs: {difference}"))
     if prove:
         print("\n".join(exchange.summary(exchange.proved(run, made, prove, recordings, spikes, say=say))))

@@ -28,6 +28,7 @@ from neurotact.cli.options import (
 )
 from neurotact.cli.options import Recordings as RecordingsFile
 from neurotact.cli.output import print_line, print_table
+from neurotact.cli.words import say
 from neurotact.data import encoded_from, hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.nwb_output import to_nwb
@@ -43,7 +44,7 @@ from neurotact.errors import InputError
 from neurotact.figures import raster as rasters
 from neurotact.figures.calibration import draw_calibration
 from neurotact.figures.style import save as save_figure
-from neurotact.progress import say, track
+from neurotact.progress import track
 
 COLUMNS = ["baseline", "polarity", "accuracy", "separation_sa", "separation_ra", "acausal", "chosen"]
 """The columns shown for alternatives."""
@@ -53,7 +54,7 @@ def calibrate(
     recordings: RecordingsFile,
     out: OutFile,
     encoder: EncoderOption = "sa1-ra1-lif",
-    set_: SetOption = None,
+    settings: SetOption = None,
     split_seed: Annotated[
         int | None,
         typer.Option(
@@ -94,7 +95,7 @@ def calibrate(
     began = perf_counter()
     _check_outputs([out, figure], force, [recordings, encoder])
     asked = split_table(split_seed, test_where, group, order, folds, fold)
-    rule, changes = CalibrationRule(), spec.parse_assignments(set_ or [])
+    rule, changes = CalibrationRule(), spec.parse_assignments(settings or [])
     start = spec.load(AfferentSpec, encoder, changes)
     fit, times = calibration.way_of(start, changes)
     if compare:
@@ -129,14 +130,14 @@ def encode(
     recordings: RecordingsFile,
     out: OutFile,
     encoder: EncoderOption = "sa1-ra1-lif",
-    set_: SetOption = None,
+    settings: SetOption = None,
     where: Where = None,
     leave_out: LeaveOut = None,
     force: Force = False,
 ) -> None:
     """Turn whole trials into the spikes of SA-I and RA-I afferents."""
     files.check_new(out, force=force, inputs=[recordings, encoder])
-    what = encoders.load(encoder, spec.parse_assignments(set_ or []))
+    what = encoders.load(encoder, spec.parse_assignments(settings or []))
     choice = choice_of(where, leave_out)
     with hdf5.open_recordings(recordings) as stored:
         data = chosen_trials(stored, choice, str(recordings))

@@ -27,6 +27,7 @@ from neurotact.cli.deploy import (
     Zero,
 )
 from neurotact.cli.options import RunFolder, SetOption
+from neurotact.cli.words import say
 from neurotact.data import hdf5
 from neurotact.data.digests import recorded_digest
 from neurotact.data.recordings import default_channels
@@ -40,14 +41,13 @@ from neurotact.live.messages import FASTEST, SLOWEST
 from neurotact.live.session import Session
 from neurotact.metrics.synops import SIDES, UNKNOWN
 from neurotact.networks import trained
-from neurotact.progress import say
 
 MOST_PORTS = 65_535
 
 
 def live(
     run: RunFolder,
-    from_: Annotated[
+    source: Annotated[
         str,
         typer.Option(
             "--from", help="FILE.h5, - (standard input), a device file, serial:/dev/ttyUSB0, FILE.csv, or gratings."
@@ -63,7 +63,7 @@ def live(
         ),
     ] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Repeat recordings from the start.")] = False,
-    set_: SetOption = None,
+    settings: SetOption = None,
     save_to: Annotated[
         Path | None, typer.Option("--save-to", file_okay=False, help="Folder for encoders saved from the page.")
     ] = None,
@@ -75,7 +75,7 @@ def live(
     time_column: TimeColumn = None,
     lsb: Lsb = None,
     zero: Zero = None,
-    window_ms: WindowMs = None,
+    length_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     contact: Contact = False,
@@ -92,24 +92,24 @@ def live(
     """
     server = _server_module()
     feed: Feed | None = None
-    kind = "simulation" if from_ in plugins.names("simulators") else kind_of(from_)
+    kind = "simulation" if source in plugins.names("simulators") else kind_of(source)
     effects.check(
-        source=kind, speed=speed, loop=loop, set=set_, format=format_, baud=baud, sampling_rate_Hz=sampling_rate_Hz,
-        time_column=time_column, lsb=lsb, zero=zero, stall_s=stall_s,
+        source=kind, speed=speed, loop=loop, settings=settings, format=format_, baud=baud,
+        sampling_rate_Hz=sampling_rate_Hz, time_column=time_column, lsb=lsb, zero=zero, stall_s=stall_s,
     )  # fmt: skip
     speed = 1.0 if speed is None else speed
     if kind == "recordings":
-        feed = Replay(from_, speed, loops=loop)
+        feed = Replay(source, speed, loops=loop)
     elif kind == "simulation":
-        feed = ByHand(from_, simulator(from_), spec.parse_assignments(set_ or []), speed)
+        feed = ByHand(source, simulator(source), spec.parse_assignments(settings or []), speed)
     chain = chain_of(
         run, sampling_rate_Hz=feed.sampling_rate_Hz if feed else sampling_rate_Hz, early_exit=not full_window,
-        length_ms=window_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
+        length_ms=length_ms, start_ms=start_ms, hop_ms=hop_ms, contact=contact, quiet_ms=quiet_ms,
     )  # fmt: skip
     if feed is None:
         layout = Layout.of(format_, time_column, lsb, zero)
         feed = Device(
-            from_, layout, default_channels(chain.n_taxels), chain.sampling_rate_Hz, unit or chain.encoder.unit,
+            source, layout, default_channels(chain.n_taxels), chain.sampling_rate_Hz, unit or chain.encoder.unit,
             stall_s=stall_s or STALL_S, baud=baud or DEFAULT_BAUD,
         )  # fmt: skip
     feed.unit = unit or feed.unit

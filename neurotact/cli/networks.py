@@ -51,11 +51,12 @@ from neurotact.cli.options import (
 )
 from neurotact.cli.outcome import print_json, print_outcome
 from neurotact.cli.output import print_line, print_table
+from neurotact.cli.words import say
 from neurotact.data import hdf5
 from neurotact.data.conditioning import acausal_note
 from neurotact.data.copies import copies_of
 from neurotact.data.trial_choice import chosen_trials
-from neurotact.data.window_choice import OPTIONS
+from neurotact.data.window_choice import ARGUMENTS
 from neurotact.errors import INTERRUPTED
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
@@ -72,7 +73,7 @@ from neurotact.networks import (
     trained,
 )
 from neurotact.networks.specs import RSNNSpec, given_keys
-from neurotact.progress import say, track
+from neurotact.progress import track
 from neurotact.tables import to_json, write_table
 
 SHOWN = ["label", "windows", "accuracy", "steps", "input_spikes", "hidden_spikes", "sops_total"]
@@ -90,8 +91,8 @@ def train_command(
     spikes: Spikes,
     out: OutFolder,
     network: Annotated[str, typer.Option(help="Name or path of a network spec.")] = "default",
-    set_: SetOption = None,
-    window_ms: WindowMs = None,
+    settings: SetOption = None,
+    length_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
@@ -116,7 +117,7 @@ def train_command(
     ] = 1,
     stratify: Stratify = None,
     split_seed: SplitSeed = None,
-    tolerance: Tolerance = 0.01,
+    exit_tolerance: Tolerance = 0.01,
     exit_by: ExitBy = "stability",
     seed: Seed = 0,
     device: DeviceOption = "cpu",
@@ -132,14 +133,14 @@ def train_command(
     continues and writes the same files. With --folds or --repeats, one network is trained per split, each in its own
     folder, and the mean is printed.
     """
-    changes = spec.parse_assignments(set_ or [])
+    changes = spec.parse_assignments(settings or [])
     what = spec.load(RSNNSpec, network, changes)
-    window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold)
     choice = choice_table(where, leave_out)
-    task = tasks.task_of("train", window, split, stratify, tolerance, exit_by, **choice)
+    task = tasks.task_of("train", window, split, stratify, exit_tolerance, exit_by, **choice)
     trains = tasks.load_spikes(spikes, task, tell=True)
-    task = tasks.with_suited_window(task, trains, OPTIONS)
+    task = tasks.with_suited_window(task, trains, ARGUMENTS)
     every_fold = folds is not None and fold is None
     options = {"seed": seed, "device": _device(device), "force": force, "resume": resume}
     options["given"] = given_keys(network, changes)
@@ -199,7 +200,7 @@ def tune(
         typer.Option(help="Name or path of a search space, in NNI's terms; if absent, around the network's choices."),
     ] = None,
     network: Annotated[str, typer.Option(help="Name or path of the network spec that the space changes.")] = "default",
-    set_: SetOption = None,
+    settings: SetOption = None,
     trials: Annotated[int, typer.Option(min=1, help="Number of networks to train.")] = 100,
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Random seed of the search.")] = 0,
     objective: Annotated[
@@ -229,7 +230,7 @@ def tune(
         int | None,
         typer.Option("--start-epoch", min=1, show_default="10", help="First epoch after which a trial may be stopped."),
     ] = None,
-    window_ms: WindowMs = None,
+    length_ms: WindowMs = None,
     start_ms: StartMs = None,
     hop_ms: HopMs = None,
     per_trial: PerTrial = None,
@@ -245,7 +246,7 @@ def tune(
     fold: Fold = None,
     stratify: Stratify = None,
     split_seed: SplitSeed = None,
-    tolerance: Tolerance = 0.01,
+    exit_tolerance: Tolerance = 0.01,
     exit_by: ExitBy = "stability",
     workers: WorkersOption = None,
     device: PopulationDevice = "cpu",
@@ -261,7 +262,7 @@ def tune(
     interrupted search continues when the same command is given again; with --resume it may ask for more trials.
     """
     effects.check(workers=workers, device=device)
-    settings = {
+    table = {
         "tuner": tuner,
         "trials": trials,
         "batch": batch,
@@ -272,15 +273,15 @@ def tune(
         "assessor": assessor,
         "start_epoch": start_epoch,
     }
-    window = window_table(window_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
+    window = window_table(length_ms, start_ms, hop_ms, per_trial, align, rest_ms, onset_deviations)
     split = split_table(split_seed, test_where, group, order, folds, fold)
-    task = tasks.task_of("tune", window, split, stratify, tolerance, exit_by, **choice_table(where, leave_out))
+    task = tasks.task_of("tune", window, split, stratify, exit_tolerance, exit_by, **choice_table(where, leave_out))
     trains = tasks.load_spikes(spikes, task, tell=True)
-    task = tasks.with_suited_window(task, trains, OPTIONS)
-    changes = spec.parse_assignments(set_ or [])
+    task = tasks.with_suited_window(task, trains, ARGUMENTS)
+    changes = spec.parse_assignments(settings or [])
     searched = spec.load(RSNNSpec, network, changes)
     source = "tune" if space is None else f"tune --space {space}"
-    asked = search.asked(source, space, searched, settings, trains, task, given_keys(network, changes))
+    asked = search.asked(source, space, searched, table, trains, task, given_keys(network, changes))
     problem = search.problem_of(trains, asked, searched, task, device)
     with files.locked(out):
         try:

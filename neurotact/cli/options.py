@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from neurotact import effects
+from neurotact.cli.words import say
 from neurotact.data.recordings import LABEL
 from neurotact.data.trial_choice import TrialChoice
-from neurotact.progress import say
 from neurotact.spec import parse_choice, parse_where
 
 SHORTEST_STEP_MS, SHORTEST_TOUCH_MS = 1.0, 5.0
@@ -223,13 +223,13 @@ def split_changes(
     return changes
 
 
-def say_if_seconds(window_ms: float | None) -> None:
+def say_if_seconds(length_ms: float | None) -> None:
     """Print a line on stderr for a window of a few milliseconds, which is likely meant in seconds.
 
     `data.windows` refuses a window of less than a step, with the same hint.
     """
-    if window_ms is not None and SHORTEST_STEP_MS <= window_ms < SHORTEST_TOUCH_MS:
-        say(f"--window-ms {window_ms:g}: a window of {window_ms:g} ms is shorter than a touch; is it meant in seconds?")
+    if length_ms is not None and SHORTEST_STEP_MS <= length_ms < SHORTEST_TOUCH_MS:
+        say(f"--window-ms {length_ms:g}: a window of {length_ms:g} ms is shorter than a touch; is it meant in seconds?")
 
 
 def window_table(

@@ -105,7 +105,7 @@ def import_folder(
     source: Source,
     out: OutFile,
     unit: SignalUnit,
-    sampling_rate_hz: RateOrStamps = None,
+    sampling_rate_Hz: RateOrStamps = None,
     levels: Annotated[
         str | None,
         typer.Option(
@@ -147,7 +147,7 @@ def import_folder(
         "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines, "array": array,
         "transpose": transpose,
     }  # fmt: skip
-    _save(folder.read(source, sampling_rate_hz, unit, naming=naming, layout=layout), out, choice)
+    _save(folder.read(source, sampling_rate_Hz, unit, naming=naming, layout=layout), out, choice)
 
 
 @app.command("table")
@@ -155,7 +155,7 @@ def import_table(
     source: Source,
     out: OutFile,
     unit: SignalUnit,
-    sampling_rate_hz: RateOrStamps = None,
+    sampling_rate_Hz: RateOrStamps = None,
     label: Annotated[
         str | None, typer.Option(help="The column of classes.", show_default="one named label, class, y or target")
     ] = None,
@@ -199,7 +199,7 @@ def import_table(
         "columns": columns or (), "time_column": time_column, "time_unit": time_unit, "max_gap_ms": max_gap_ms,
         "drop_repeats": drop_repeats, "decimal": decimal, "header_lines": header_lines,
     }  # fmt: skip
-    _save(sample_table.read(source, sampling_rate_hz, unit, spec), out)
+    _save(sample_table.read(source, sampling_rate_Hz, unit, spec), out)
 
 
 @app.command("arrays")
@@ -207,7 +207,7 @@ def import_arrays(
     source: Source,
     out: OutFile,
     unit: SignalUnit,
-    sampling_rate_hz: RateOfFile = None,
+    sampling_rate_Hz: RateOfFile = None,
     names: NamesOfArrays = None,
     axes: Axes = None,
     conditions: TrialTable = None,
@@ -222,14 +222,14 @@ def import_arrays(
     _check_import(source, out, force, conditions)
     choice = choice_of(where, leave_out)
     named = _names(names or [], [arrays.SIGNALS, *arrays.ALIASES])
-    _save(arrays.read(source, sampling_rate_hz, unit, names=named, axes=axes, conditions=conditions), out, choice)
+    _save(arrays.read(source, sampling_rate_Hz, unit, names=named, axes=axes, conditions=conditions), out, choice)
 
 
 @app.command("raster")
 def import_raster(
     source: Source,
     out: OutFile,
-    sampling_rate_hz: RateOfFile = None,
+    sampling_rate_Hz: RateOfFile = None,
     names: NamesOfArrays = None,
     axes: Axes = None,
     conditions: TrialTable = None,
@@ -253,7 +253,7 @@ def import_raster(
     _check_import(source, out, force, conditions)
     choice = choice_of(where, leave_out)
     found = raster.read(
-        source, sampling_rate_hz, names=_names(names or [], [arrays.SIGNALS, *arrays.ALIASES]), axes=axes,
+        source, sampling_rate_Hz, names=_names(names or [], [arrays.SIGNALS, *arrays.ALIASES]), axes=axes,
         conditions=conditions, naming={"levels": levels, "pattern": pattern},
         layout={"array": array, "transpose": transpose}, merge_events=merge_events,
     )  # fmt: skip
@@ -342,7 +342,7 @@ def import_nwb(
         str | None, typer.Option(help="Read this time series as recordings, one taxel per column, instead of spikes.")
     ] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of the series.", show_default="as the file says")] = None,
-    sampling_rate_hz: RateOrStamps = None,
+    sampling_rate_Hz: RateOrStamps = None,
     max_gap_ms: MaxGap = None,
     drop_repeats: DropRepeats = False,
     units: Annotated[
@@ -371,7 +371,7 @@ def import_nwb(
     choice = choice_of(where, leave_out)
     asked = {
         "trials": trials, "label": label, "step_ms": step_ms, "name": name, "series": series, "unit": unit,
-        "merge_events": merge_events, "unobserved": unobserved, "sampling_rate_Hz": sampling_rate_hz,
+        "merge_events": merge_events, "unobserved": unobserved, "sampling_rate_Hz": sampling_rate_Hz,
         "max_gap_ms": max_gap_ms, "drop_repeats": drop_repeats,
     }  # fmt: skip
     named = [each if "=" in each else f"name={each}" for each in units or []]

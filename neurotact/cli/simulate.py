@@ -14,9 +14,9 @@ app = new_app("Simulate an experiment.")
 
 
 def _command(name: str, experiment: Simulator) -> Callable[..., None]:
-    def run(out: OutFile, set_: SetOption = None, force: Force = False) -> None:
+    def run(out: OutFile, settings: SetOption = None, force: Force = False) -> None:
         files.check_new(out, force=force)
-        what: Any = experiment.build(spec.parse_assignments(set_ or []), f"simulate {name}")
+        what: Any = experiment.build(spec.parse_assignments(settings or []), f"simulate {name}")
         with track("simulate", what.n_trials) as advance:
             recordings = experiment.simulate(what, counting(advance))
         save_recordings(recordings, out)

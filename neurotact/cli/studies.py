@@ -28,8 +28,8 @@ from neurotact.cli.options import (
     split_changes,
 )  # fmt: skip
 from neurotact.cli.output import print_table
+from neurotact.cli.words import as_typed, say
 from neurotact.errors import INTERRUPTED
-from neurotact.progress import say
 from neurotact.report import report
 from neurotact.report.page import ANSWER
 from neurotact.studies import loading, runner
@@ -49,7 +49,7 @@ def study_run(
         Path | None,
         typer.Option(help="A file of recordings of your own, for own-recordings and ways-to-save."),
     ] = None,
-    window_ms: Annotated[
+    length_ms: Annotated[
         float | None,
         typer.Option("--window-ms", min=0, help="Length of the windows, as --set window.length_ms=300 gives it."),
     ] = None,
@@ -66,7 +66,7 @@ def study_run(
         int | None,
         typer.Option("--repeats", min=2, max=1000, help="Number of random splits; results are means over them."),
     ] = None,
-    set_: SetOption = None,
+    settings: SetOption = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     device: PopulationDevice = "cpu",
@@ -76,8 +76,8 @@ def study_run(
 
     With --folds or --repeats every network is trained for each split, and results are means over the splits.
     """
-    say_if_seconds(window_ms)
-    changes = spec.parse_assignments(set_ or []) | ({} if window_ms is None else {"window.length_ms": window_ms})
+    say_if_seconds(length_ms)
+    changes = spec.parse_assignments(settings or []) | ({} if length_ms is None else {"window.length_ms": length_ms})
     changes |= split_changes(test_where, group, order, folds, repeats)
     changes |= loading.choice_changes(**choice_table(where, leave_out))
     what = loading.resolve(name, changes, quick=quick, data=data)
@@ -127,7 +127,7 @@ def _print_report(page: Path, as_json: bool) -> None:
         return
     for one in found["answers"]:
         before = f"{one['dataset']}: " if len(found["answers"]) > 1 else ""
-        print(f"{before}{' '.join([one['headline'], *one['details']])}")
+        print(as_typed(f"{before}{' '.join([one['headline'], *one['details']])}"))
     for table in found.get("tables", []):
         print(table["caption"])
         print_table(pd.DataFrame(table["rows"], columns=table["columns"]), least_width=WIDE)

@@ -1,0 +1,117 @@
+"""Messages in the words of the command line.
+
+Below `cli`, a message names a parameter as in Python, in backquotes. Here it becomes the option of the command that was
+typed, whose parameters are named as those of `neurotact.api`; a call of `neurotact.api` becomes its command.
+"""
+
+import ast
+import re
+import shlex
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from typer.main import get_command
+
+from neurotact import progress
+from neurotact.cli.commands import app
+
+MARKED = re.compile(r"`([^`]+)`")
+COMMANDS = {
+    "read": "import",
+    "run_study": "study run",
+    "report_study": "study report",
+    "plot_raster": "raster",
+    "export_c": "export --to c",
+    "to_nir": "export --to nir",
+}
+"""Commands that are not called as their function; that of `read_x` is `import x`."""
+
+LEFT_OUT = "leave_out_units"
+"""Has no option of its own: it is `units` with `!=`."""
+
+
+def say(what: object) -> None:
+    """Print one line on stderr, in the words of the command that was typed."""
+    progress.say(as_typed(str(what)))
+
+
+def as_typed(message: str) -> str:
+    """A message in the words of the command that was typed."""
+    return in_options(message, options_of(sys.argv[1:])) if MARKED.search(message) else message
+
+
+def in_options(message: str, options: Mapping[str, str]) -> str:
+    """A message with its parameters as options, and its calls as commands.
+
+    options: the option of each parameter. What is neither a parameter nor a call stays as it is, with its backquotes.
+
+    >>> options = {"rest_ms": "--rest-ms", "align": "--align", "length_ms": "--window-ms", "settings": "--set"}
+    >>> in_options("`rest_ms`: has no effect without `align='onset', length_ms=300`; see `reset`", options)
+    '--rest-ms: has no effect without --align onset --window-ms 300; see `reset`'
+    >>> in_options("train with `settings={'hidden': 64}`; try `nt.calibrate(..., compare=True)` or `nt.tune`", options)
+    'train with --set hidden=64; try neurotact calibrate ... --compare or neurotact tune'
+    """
+    return MARKED.sub(lambda found: _typed(found[1], options) or found[0], message)
+
+
+def options_of(words: Iterable[str]) -> dict[str, str]:
+    """The option of each parameter of the command that these words begin; of an argument its name in capitals."""
+    command: Any = get_command(app)
+    for word in words:
+        if word in getattr(command, "commands", {}):
+            command = command.commands[word]
+    found = {
+        each.name.strip("_"): each.opts[0] if each.opts[0].startswith("-") else each.name.strip("_").upper()
+        for each in command.params
+    }
+    return found | ({LEFT_OUT: found["units"]} if "units" in found else {})
+
+
+def _typed(marked: str, options: Mapping[str, str]) -> str | None:
+    """Parameters or a call, as they are typed; None if they are not of the command line."""
+    function, bracket, inner = marked.partition("(") if marked.startswith("nt.") else ("", "(", f"{marked})")
+    try:
+        call = ast.parse(f"f({inner}" if bracket else "f()", mode="eval").body
+        assert isinstance(call, ast.Call)
+        given = [(ast.unparse(each), True) for each in call.args]
+        given += [(each.arg or "", ast.literal_eval(each.value)) for each in call.keywords]
+    except (AssertionError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+    words: list[str] = []
+    if function:
+        words = ["neurotact", *_command(function.removeprefix("nt.")).split()]
+        options = options_of(words[1:]) | {"...": "..."}
+    if not all(name in options for name, _ in given):
+        return None
+    words += [_option(options[name], value, "!=" if name == LEFT_OUT else "=") for name, value in given]
+    return " ".join(words)
+
+
+def _command(function: str) -> str:
+    """The command of a function of `neurotact.api`."""
+    return COMMANDS.get(function) or function.replace("read_", "import ").replace("_", "-")
+
+
+def _option(option: str, value: Any, sign: str) -> str:
+    """An option with its value; one for each key of a table and each item of a list."""
+    if value is True:
+        return option
+    if isinstance(value, Mapping):
+        return " ".join(f"{option} {_quoted(f'{key}{sign}{_text(each)}')}" for key, each in value.items())
+    return " ".join(f"{option} {_quoted(each)}" for each in (value if isinstance(value, list) else [value]))
+
+
+def _quoted(value: Any) -> str:
+    """A value as it is typed in a shell; `...` is a place for one.
+
+    >>> _quoted("trial,time"), _quoted("{label}.csv"), _quoted(0.5), _quoted(...)
+    ('trial,time', "'{label}.csv'", '0.5', '...')
+    """
+    return "..." if value is ... else shlex.quote(_text(value))
+
+
+def _text(value: Any) -> str:
+    if value is ...:
+        return "..."
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,75 @@
+"""Messages name parameters; the command line shows them as the options of the command that was typed."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+import neurotact
+from neurotact import api
+from neurotact.cli import words
+from neurotact.cli.commands import app
+
+PACKAGE = Path(neurotact.__file__).parent
+OTHERS = {"published", "honest", "paper", "skipped", "accuracy_class_means", "task", "X"}
+"""Names in backquotes that are no parameters: ways of protocols, and the place of a name."""
+
+
+def commands(group=None, before: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    group = group or get_command(app)
+    for name in group.commands:
+        inner = group.commands[name]
+        yield from commands(inner, (*before, name)) if hasattr(inner, "commands") else [(*before, name)]
+
+
+PARAMETERS = {name for command in commands() for name in words.options_of(command)}
+
+
+def messages(path: Path) -> Iterator[str]:
+    """The texts of a module that are no docstrings, with `X` in place of values."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            yield "".join(str(part.value) if isinstance(part, ast.Constant) else "X" for part in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs | parts:
+            yield node.value
+
+
+def test_a_name_in_backquotes_is_a_parameter_of_a_command():
+    for path in sorted(PACKAGE.rglob("*.py")):
+        if path.is_relative_to(PACKAGE / "cli") or path == PACKAGE / "report" / "details.py":
+            continue
+        marked = [mark for message in messages(path) for mark in words.MARKED.findall(message)]
+        for mark in marked:
+            call = re.match(r"nt\.(\w+)", mark)
+            if call:
+                assert call[1] in {*vars(api), "to_nir"}, f"{path}: {mark}"
+            else:
+                name = re.match(r"\w+", mark)
+                assert name, f"{path}: {mark}"
+                assert name[0] in PARAMETERS | OTHERS | {words.LEFT_OUT}, f"{path}: {mark}"
+
+
+@pytest.mark.parametrize(
+    ("command", "message", "typed"),
+    [
+        ("import folder", "give `sampling_rate_Hz`, or `time_column`", "give --sampling-rate-Hz, or --time-column"),
+        ("import arrays", "use `axes='trial,time'`", "use --axes trial,time"),
+        ("import arrays", "with `names={'label': ...}`", "with --names label=..."),
+        ("import nwb", "with `leave_out_units={'name': 'unit 3'}`", "with --units 'name!=unit 3'"),
+        ("import folder", "pass `decimal=','` or points", "pass --decimal , or points"),
+        ("train", "a longer window (`length_ms`)", "a longer window (--window-ms)"),
+        ("train", "`settings={'hidden': 64}`, `force=True`", "--set hidden=64, --force"),
+        ("export", "again: `nt.train(..., settings={'reset': 'hard'})`", "again: neurotact train ... --set reset=hard"),
+        ("encode", "`hidden`: no `option here`, nor `nt.train(`", "`hidden`: no `option here`, nor `nt.train(`"),
+        ("stream", "`source='a b.csv'`, `run`", "--from 'a b.csv', RUN"),
+    ],
+)  # fmt: skip
+def test_a_message_is_shown_as_it_is_typed(command, message, typed, monkeypatch):
+    monkeypatch.setattr("sys.argv", ["neurotact", "--quiet", *command.split(), "file"])
+    assert words.as_typed(message) == typed
