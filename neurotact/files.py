@@ -130,9 +130,9 @@ def check_new(path: str | Path, *, force: bool = False, inputs: Iterable[str | P
         return
     for given in inputs:
         if given is not None and os.path.exists(given) and path.samefile(given):
-            raise InputError(f"{path}: is an input of this command; choose another output with -o")
+            raise InputError(f"{path}: is an input of this command; choose another output")
     if not force:
-        raise InputError(f"{path}: already exists; choose another output or pass --force to replace it")
+        raise InputError(f"{path}: already exists; choose another output or pass `force=True` to replace it")
 
 
 def sweep(folder: str | Path) -> None:
@@ -162,7 +162,7 @@ def locked(folder: str | Path) -> Iterator[None]:
     folder = Path(folder)
     path = folder / LOCK
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder with -o")
+        raise InputError(f"{folder}: is a file; name a folder")
     made = [place for place in (folder, *folder.parents) if not place.exists()]
     with _writable(path):
         folder.mkdir(parents=True, exist_ok=True)

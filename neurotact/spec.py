@@ -297,15 +297,15 @@ def parse_assignments(assignments: list[str]) -> dict[str, Any]:
     for assignment in assignments:
         key, equals, text = assignment.partition("=")
         if not equals or not key.strip():
-            raise InputError(f"--set {assignment}: must read KEY=VALUE, as in sa1.t_ref_ms=5")
-        parsed[key.strip()] = _plain(_value_of(text, assignment), "--set", key.strip())
+            raise InputError(f"`settings` {assignment}: must read KEY=VALUE, as in sa1.t_ref_ms=5")
+        parsed[key.strip()] = _plain(_value_of(text, assignment), "`settings`", key.strip())
     return parsed
 
 
 def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
     """`["speed=300,450", "subject=ann"]` as the values of each condition; one that is named twice has both values.
 
-    >>> parse_where(["speed=300,450", "subject=ann", "subject=bob"], "--test-where")
+    >>> parse_where(["speed=300,450", "subject=ann", "subject=bob"], "`test_where`")
     {'speed': [300, 450], 'subject': ['ann', 'bob']}
     """
     found: dict[str, list[Any]] = {}
@@ -322,11 +322,11 @@ def parse_where(assignments: list[str], option: str) -> dict[str, list[Any]]:
 
 
 def parse_choice(
-    where: list[str], leave_out: list[str], classes: str, options: tuple[str, str] = ("--where", "--leave-out")
+    where: list[str], leave_out: list[str], classes: str, options: tuple[str, str] = ("`where`", "`leave_out`")
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The conditions of `--where` and of `--leave-out`; CONDITION!=VALUE in one is CONDITION=VALUE in the other.
+    """The conditions of the trials to keep and to leave out; CONDITION!=VALUE in one is CONDITION=VALUE in the other.
 
-    classes: the condition that `--leave-out` means by a value alone. options: their names, for messages.
+    classes: the condition that a value alone means among those to leave out. options: the parameters, for messages.
 
     >>> parse_choice(["speed=300", "material!=wood"], ["rest,moving"], "label")
     ({'speed': [300]}, {'material': ['wood'], 'label': ['rest', 'moving']})
@@ -342,7 +342,7 @@ def parse_choice(
     return found
 
 
-def _value_of(text: str, assignment: str, option: str = "--set") -> Any:
+def _value_of(text: str, assignment: str, option: str = "`settings`") -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -385,7 +385,7 @@ def _toml_key(key: str) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """A value as `--set` and files take it.
+    """A value as assignments and files take it.
 
     >>> toml_value([1.5, "x", True])
     '[1.5, "x", true]'

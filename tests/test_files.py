@@ -208,7 +208,7 @@ def test_a_file_or_a_folder_is_either(tmp_path):
 
 def test_an_output_that_exists_is_refused_and_force_replaces_it(tmp_path):
     write_text(tmp_path / "a.h5", "")
-    with pytest.raises(InputError, match=r"a\.h5: already exists; .*--force"):
+    with pytest.raises(InputError, match=r"a\.h5: already exists; .*`force=True`"):
         check_new(tmp_path / "a.h5")
     check_new(tmp_path / "a.h5", force=True)
     check_new(tmp_path / "b.h5")

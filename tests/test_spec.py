@@ -105,7 +105,7 @@ def test_numbers_and_nestings_that_nothing_can_take_are_refused(tmp_path, text):
         read(tmp_path / "mine.toml")
     assert EXTREME[text] in str(refusal.value)
     assert "mine.toml" in str(refusal.value)
-    with pytest.raises(InputError, match=r"^(a[.:]|--set a=)") as refusal:
+    with pytest.raises(InputError, match=r"^(a[.:]|`settings` a=)") as refusal:
         parse_assignments([text.replace(" ", "", 2)])
     assert len(str(refusal.value)) < 300
 

@@ -40,14 +40,14 @@ def find(spikes: str | Path, trains: SpikeTrains, trials: np.ndarray, given: str
     )
     if not places:
         what = f"'{named}', from which {spikes} was encoded," if named else f"the file from which {spikes} was encoded"
-        raise AbsentError(f"{what} is neither beside it nor in the current folder; name it with --recordings")
+        raise AbsentError(f"{what} is neither beside it nor in the current folder; name it with `recordings`")
     for place, found in _fitting(places, trains, trials, must_open=given is not None):
         if found is not None:
             return EncodedFrom(place, found)
     shown = " and ".join(map(str, places))
     other = "the one that does" if given is not None else "the file that was encoded"
     raise InputError(
-        f"{shown}: does not hold the recordings that {spikes} was encoded from; name {other} with --recordings"
+        f"{shown}: does not hold the recordings that {spikes} was encoded from; name {other} with `recordings`"
     )
 
 

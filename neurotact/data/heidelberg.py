@@ -89,7 +89,7 @@ def _check_options(spec: EventSpec, path: str | Path) -> None:
     given = {"polarity": spec.polarity != "separate", "polarities": spec.polarities, "sensor": spec.sensor}
     wrong = next((name for name, value in given.items() if value), None)
     if wrong is not None:
-        raise InputError(f"{path}: the Heidelberg layout has units, neither polarities nor a grid; drop --{wrong}")
+        raise InputError(f"{path}: the Heidelberg layout has units, neither polarities nor a grid; drop `{wrong}`")
 
 
 def _in_order(row: np.ndarray, units: np.ndarray, spec: EventSpec) -> InOrder:

@@ -103,7 +103,7 @@ def from_neo(
     rate_Hz, is_own = _clock(block, segments, step_ms)
     afferents = _afferents(segments)
     keep = observed_trials(
-        _observed(segments, afferents, 1 / rate_Hz), afferents, unobserved, "block", option="unobserved='{}'",
+        _observed(segments, afferents, 1 / rate_Hz), afferents, unobserved, "block",
         fix="give all spike trains of a segment the same t_start and t_stop, if {} was observed throughout",
     )  # fmt: skip
     segments, conditions = _chosen(segments, conditions, keep)
@@ -121,7 +121,7 @@ def from_neo(
         ),
         len(places),
     )
-    say_merged(found, 1 / rate_Hz, "block", accept=merge_events, step="step_ms", flag="merge_events=True")
+    say_merged(found, 1 / rate_Hz, "block", accept=merge_events, step="`step_ms`")
     told = [[str(segment.annotations.get(key, "")) for segment in segments] for key in (DIGEST, TOUCH)]
     return from_trials(
         (each._replace(digest=digest, touch=touch) for each, digest, touch in zip(found.trials, *told, strict=True)),

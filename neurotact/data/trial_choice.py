@@ -139,7 +139,7 @@ class Words(NamedTuple):
     nouns: tuple[str, str]
 
 
-TRIALS = Words("--where", "--leave-out", NOUNS)
+TRIALS = Words("`where`", "`leave_out`", NOUNS)
 EVERY = TrialChoice()
 """No choice: every trial is kept."""
 

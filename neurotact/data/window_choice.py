@@ -49,8 +49,8 @@ class Timing(NamedTuple):
 class Words(NamedTuple):
     """How the user writes the keys of a window.
 
-    length, start: its length and its start in ms. onset: the alignment to the onset. each: one window per trial from
-    the onset on, with a place for the length of the rest in ms.
+    length: its length. start: its start, with a place for it. onset: the alignment to the onset. each: one
+    window per trial from the onset on, with a place for the length of the rest in ms.
     """
 
     length: str
@@ -59,12 +59,11 @@ class Words(NamedTuple):
     each: str
 
 
-OPTIONS = Words("--window-ms", "--start-ms ", "--align onset", "--align onset --per-trial 1 --rest-ms {:g}")
-ARGUMENTS = Words("length_ms", "start_ms=", "align='onset'", "align='onset', per_trial=1, onset={{'rest_ms': {:g}}}")
-"""The words of the command line, and of Python."""
+ARGUMENTS = Words("`length_ms`", "`start_ms={}`", "`align='onset'`", "`align='onset', per_trial=1, rest_ms={:g}`")
+"""The parameters of functions that cut windows."""
 
 
-def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = OPTIONS) -> WindowSpec:
+def suited_window(spikes: SpikeTrains, window: WindowSpec, words: Words = ARGUMENTS) -> WindowSpec:
     """The windows of spike trains, chosen where they are not given; the choice is logged.
 
     window: the fields that it was made with are given. Without a length, the others are those of `choose`. With a
@@ -130,7 +129,7 @@ def on_late_onsets(spikes: SpikeTrains, timing: Timing, window: WindowSpec, word
         )
 
 
-def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = OPTIONS) -> tuple[dict[str, Any], list[str]]:
+def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = ARGUMENTS) -> tuple[dict[str, Any], list[str]]:
     """The keys of a window that are not given, and the rule in words.
 
     Windows start where the touch begins. A window is as long as the shortest trial from there on, rounded down to whole
@@ -169,7 +168,7 @@ def choose(timing: Timing, given: Mapping[str, Any] = {}, words: Words = OPTIONS
         table["start_ms"] = start_ms
         notes.append(
             f"Windows start {start_ms:g} ms after the start of a trial: before, trials differ much less from one "
-            f"another than later, as if nothing was touched; change it with {words.start}0."
+            f"another than later, as if nothing was touched; change it with {words.start.format(0)}."
         )
     hop_ms = given.get("hop_ms", length_ms)
     covered_ms = length_ms + (per_trial - 1) * min(hop_ms, length_ms)
@@ -227,7 +226,7 @@ def _on_coverage(
         else:
             yield (
                 f"Only the first {covered_ms:,.0f} ms of the median trial, {median_ms:,.0f} ms, are used; if its touch "
-                f"comes later, give a longer {words.length}, {words.start}MS or {words.onset}."
+                f"comes later, give a longer {words.length}, {words.start.format('...')} or {words.onset}."
             )
 
 
@@ -238,5 +237,5 @@ def _on_rest(timing: Timing, window: WindowSpec, words: Words) -> Iterator[str]:
     if window.length_ms <= touch_ms and fits:
         yield (
             f"The touch seems to begin {touch_ms:g} ms after the start of a trial, and windows before it hold only "
-            f"rest; to leave them out, give {words.start}{touch_ms:g}."
+            f"rest; to leave them out, give {words.start.format(f'{touch_ms:g}')}."
         )

@@ -111,7 +111,9 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
 def paths(folder: Path, name: str) -> list[Path]:
     """The files that `write` writes; InputError for a name that is not valid in C or is reserved."""
     if not (name.isidentifier() and name.isascii()) or name in RESERVED:
-        raise InputError(f"--name {name}: must be a C name (letters, digits, underscores), not {' or '.join(RESERVED)}")
+        raise InputError(
+            f"`name={name!r}`: must be a C name (letters, digits, underscores), not {' or '.join(RESERVED)}"
+        )
     return [folder / file.format(name) for _, file in EXPORTED]
 
 

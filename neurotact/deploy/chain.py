@@ -156,9 +156,7 @@ def _input_rate(encoder: AfferentSpec, clock_Hz: float, given_Hz: float | None) 
             "encoder that it was trained with"
         )
     if given_Hz is None:
-        raise InputError(
-            "sampling_rate_Hz: the encoder resamples, so the rate of the samples must be given (--sampling-rate-Hz)"
-        )
+        raise InputError("`sampling_rate_Hz`: the encoder resamples, so the rate of the samples must be given")
     conditioned_length(1, given_Hz, resampled_Hz)  # refuses a rate that is too low for the clock
     if given_Hz > MOST_SAMPLES_A_STEP * resampled_Hz:
         raise InputError(

@@ -128,7 +128,7 @@ def run(
     if not 0 <= epochs <= 100_000:
         raise InputError(f"epochs: must be from 0 to 100000; got {epochs}")
     if folder.exists() and source.exists() and folder.samefile(source):
-        raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder with -o")
+        raise InputError(f"{folder}: is the run that is to be fine-tuned; choose another folder")
     with files.locked(folder):
         train_run.check_place(folder, force=force)
         restored = trained.restore(source, spikes=spikes)

@@ -185,7 +185,7 @@ class Frames:
     def take(self, data: bytes) -> Iterator[Arrived]:
         """The samples that these bytes complete."""
         if not self.n_good and data and not self.left and _is_text(data):
-            raise InputError(f"{self.where}: has text where {self.kind.name} frames are expected; pass --format csv")
+            raise InputError(f"{self.where}: has text where {self.kind.name} frames are expected; pass `format='csv'`")
         data = self.left + data
         size = self.kind.itemsize * self.n_taxels
         whole = len(data) // size * size
@@ -261,9 +261,9 @@ class Layout(NamedTuple):
     def parser(self, where: str, n_taxels: int, rate_Hz: float, noted: Noted) -> Rows | Frames:
         """The parser of the format; InputError for an unknown format or unit."""
         if self.format not in FORMATS:
-            raise InputError(f"--format {self.format}: is unknown; choose one of {', '.join(FORMATS)}")
+            raise InputError(f"`format={self.format!r}`: is unknown; choose one of {', '.join(FORMATS)}")
         if self.time_column is not None and self.time_column not in UNIT_S:
-            raise InputError(f"--time-column {self.time_column}: is unknown; choose one of {', '.join(UNIT_S)}")
+            raise InputError(f"`time_column={self.time_column!r}`: is unknown; choose one of {', '.join(UNIT_S)}")
         self._check_digits()
         if self.format != "csv":
             return Frames(where, n_taxels, self.format, noted, self.lsb, self.zero)
@@ -274,7 +274,7 @@ class Layout(NamedTuple):
         """InputError for digits of which a signal is not finite."""
         if not abs(self.lsb) * 2**15 + abs(self.zero) <= FLOAT32_MAX:
             raise InputError(
-                f"--lsb {self.lsb:g}, --zero {self.zero:g}: zero + lsb * x is beyond float32; give smaller numbers"
+                f"`lsb={self.lsb:g}`, `zero={self.zero:g}`: zero + lsb * x is beyond float32; give smaller numbers"
             )
 
 
@@ -417,7 +417,7 @@ def _serial_port(path: str, baud: int) -> Any:
     except (serial.SerialException, OSError, ValueError) as error:
         number = getattr(error, "errno", None)
         reason = error if number is None else os.strerror(number)
-        raise InputError(f"{path}: cannot be read ({reason}); check the port, its rights and --baud") from error
+        raise InputError(f"{path}: cannot be read ({reason}); check the port, its rights and `baud`") from error
     return port
 
 

@@ -239,6 +239,6 @@ Placed(values=[10], lost=1, restarts=False)]
                 return
         raise InputError(
             f"{self._where}: the time stamps advance by {step * self._unit_s:.3g} s a row, but samples come every "
-            f"{1 / self._rate_Hz:.3g} s; give the unit of the stamps with --time-column, and the rate of the samples "
-            "with --sampling-rate-Hz"
+            f"{1 / self._rate_Hz:.3g} s; give the unit of the stamps with `time_column`, and the rate of the samples "
+            "with `sampling_rate_Hz`"
         )

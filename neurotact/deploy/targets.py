@@ -55,7 +55,7 @@ def check(network: RSNN, encoder: Mapping[str, Any] | None, rule: ExitRule, targ
     ['membrane', 'reset', 'decay of the current', 'decay of the membrane']
     """
     if target not in CHECKS:
-        raise InputError(f"--check {target}: is unknown; {nearest(target, [*CHECKS])}")
+        raise InputError(f"`check={target!r}`: is unknown; {nearest(target, [*CHECKS])}")
     rows = list(CHECKS[target](Asked(network, encoder, rule)))
     return pd.DataFrame(
         [row._replace(cost="" if row.fits else row.cost) for row in rows], columns=list(Finding._fields)
@@ -70,15 +70,27 @@ def title(target: str) -> str:
 def _xylo(asked: Asked) -> Iterator[Finding]:
     network, spec = asked.network, asked.network.spec
     yield _at_most("inputs", network.n_inputs, 16, "fewer taxels, or one population of afferents")
-    yield _at_most("hidden neurons", spec.hidden, 1000, "train a smaller network: --set hidden=1000")
-    yield _at_most("classes", network.n_classes, 8, "several chips, or a tree of networks of 8 classes each")
-    yield _is("membrane", spec.membrane, "immediate", "train again with --set membrane=immediate")
-    yield _is(
-        "reset", spec.reset, "subtract", "train again with --set reset=subtract; a neuron may then spike again at once"
+    yield _at_most(
+        "hidden neurons", spec.hidden, 1000, "train a smaller network: `nt.train(..., settings={'hidden': 1000})`"
     )
-    yield _fixed_thresholds(network, "train again with --set threshold_adaptation=0")
-    yield _is("readout", spec.readout, "count", "train again with --set readout=count")
-    yield _is("recurrent delay", str(spec.recurrent_delay_steps), "0", "train again with --set recurrent_delay_steps=0")
+    yield _at_most("classes", network.n_classes, 8, "several chips, or a tree of networks of 8 classes each")
+    yield _is(
+        "membrane", spec.membrane, "immediate", "train again: `nt.train(..., settings={'membrane': 'immediate'})`"
+    )
+    yield _is(
+        "reset",
+        spec.reset,
+        "subtract",
+        "train again: `nt.train(..., settings={'reset': 'subtract'})`; a neuron may then spike again at once",
+    )
+    yield _fixed_thresholds(network, "train again: `nt.train(..., settings={'threshold_adaptation': 0})`")
+    yield _is("readout", spec.readout, "count", "train again: `nt.train(..., settings={'readout': 'count'})`")
+    yield _is(
+        "recurrent delay",
+        str(spec.recurrent_delay_steps),
+        "0",
+        "train again: `nt.train(..., settings={'recurrent_delay_steps': 0})`",
+    )
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):
         yield _shift(name, tau_ms, network.sampling_rate_Hz)
     yield from _weights(network, 8)
@@ -92,11 +104,23 @@ def _loihi(asked: Asked) -> Iterator[Finding]:
     network, spec = asked.network, asked.network.spec
     yield _at_most("neurons", spec.hidden + network.n_classes, 1024, "use more than one core")
     yield _is(
-        "membrane", spec.membrane, "immediate", "train again with --set membrane=immediate, or microcode on Loihi 2"
+        "membrane",
+        spec.membrane,
+        "immediate",
+        "train again: `nt.train(..., settings={'membrane': 'immediate'})`, or microcode on Loihi 2",
     )
-    yield _is("reset", spec.reset, "hard", "train again with --set reset=hard, or microcode on Loihi 2")
-    yield _fixed_thresholds(network, "train again with --set threshold_adaptation=0, or microcode on Loihi 2")
-    yield _is("readout", spec.readout, "count", "train again with --set readout=count, or microcode on Loihi 2")
+    yield _is(
+        "reset", spec.reset, "hard", "train again: `nt.train(..., settings={'reset': 'hard'})`, or microcode on Loihi 2"
+    )
+    yield _fixed_thresholds(
+        network, "train again: `nt.train(..., settings={'threshold_adaptation': 0})`, or microcode on Loihi 2"
+    )
+    yield _is(
+        "readout",
+        spec.readout,
+        "count",
+        "train again: `nt.train(..., settings={'readout': 'count'})`, or microcode on Loihi 2",
+    )
     delay = spec.recurrent_delay_steps if spec.recurrent else 0
     yield _is("recurrent delay", str(delay), "0", "a projection with delays, or train again without a recurrent delay")
     for name, tau_ms in (("current", spec.tau_syn_ms), ("membrane", spec.tau_mem_ms)):

@@ -19,7 +19,7 @@ POLARITIES: tuple[Polarity, ...] = ("rising", "falling", "both")
 """The drive of SA-I: the signal's rise above the baseline, its fall below, or both (rectified)."""
 COMPARED: dict[str, str] = dict.fromkeys(
     ("conditioning.baseline", "conditioning.rectify"),
-    "--compare tries all of them and would ignore a given value; leave out one of the two",
+    "`compare` tries all of them and would ignore a given value; leave out one of the two",
 )
 """Keys of an encoder that a comparison decides."""
 COARSE = {"candidates": 12, "step": 1.25**2, "trials_per_class": 24, "shuffles": 4}

@@ -227,7 +227,7 @@ def _on_baseline(accuracy: Mapping[Baseline, float], best: Baseline) -> str:
     if np.isnan(accuracy[best]):
         return (
             f"conditioning.baseline = '{best}' is chosen without a comparison: a class has one training trial, so none "
-            "can be held out for testing; add trials of it, or choose with --set encoder.conditioning.baseline"
+            "can be held out for testing; add trials of it, or set conditioning.baseline"
         )
     accuracies = [f"{baseline} {100 * reached:.0f} %" for baseline, reached in accuracy.items()]
     accuracies += [f"{baseline} cannot be calibrated" for baseline in PAST if baseline not in accuracy]

@@ -62,7 +62,7 @@ def complaint(table: pd.DataFrame, rest_ms: float = REST_MS, baseline: Baseline 
         off = "subtract a baseline (conditioning.baseline=start)"
         remedy = f"if trials begin in contact this is touch; else {off if baseline == 'none' else SMOOTH}"
     else:
-        remedy = f"leave these taxels out (import --columns), {SMOOTH} or lower the gain"
+        remedy = f"leave these taxels out (`columns` of an import), {SMOOTH} or lower the gain"
     return f"fire in the first {rest_ms:g} ms of trials nearly as much as afterwards: {some(shown, 4)}; {remedy}"
 
 

@@ -83,9 +83,9 @@ class ByHand(Paced):
 
     def __init__(self, name: str, simulator: Simulator, changes: Mapping[str, Any], speed: float) -> None:
         if simulator.by_hand is None:
-            raise InputError(f"--from {name}: this simulator has no finger to control; choose gratings")
+            raise InputError(f"`source={name!r}`: this simulator has no finger to control; choose gratings")
         self.name, self.speed = name, speed
-        self._finger, self._spec = simulator.by_hand, simulator.build(changes, f"live --from {name}")
+        self._finger, self._spec = simulator.by_hand, simulator.build(changes, f"live {name}")
         self.values = self._finger.checked(self._spec, {})
         first = self._touch(0)
         self.sampling_rate_Hz, self.unit, self.taxels = first.sampling_rate_Hz, first.unit, first.channels

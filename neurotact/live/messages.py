@@ -53,7 +53,7 @@ class Compare(_Message):
 
 
 class Save(_Message):
-    """Save the encoder under a name, in the folder of --save-to."""
+    """Save the encoder under a name, in the folder of `save_to`."""
 
     kind: Literal["save"]
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$")

@@ -235,6 +235,6 @@ def _bound(port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         raise InputError(
-            f"--port {port}: cannot be used ({error.strerror}); choose another, or leave --port out for any"
+            f"`port={port}`: cannot be used ({error.strerror}); choose another, or leave `port` out for any"
         ) from error
     return listening

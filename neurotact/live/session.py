@@ -67,7 +67,7 @@ class Session:
     ) -> None:
         if len(feed.taxels) != chain.n_taxels:
             raise InputError(
-                f"--from {feed.name}: has {len(feed.taxels)} taxels but the chain has {chain.n_taxels}; give the "
+                f"`source={feed.name!r}`: has {len(feed.taxels)} taxels but the chain has {chain.n_taxels}; give the "
                 "taxels that the network was trained on"
             )
         self.feed, self.run_name, self.afferents, self.save_to = feed, run, afferents, save_to
@@ -262,7 +262,7 @@ class Session:
 
     def _move(self, message: messages.Move) -> None:
         if not isinstance(self.feed, ByHand):
-            raise InputError(f"{self.feed.name}: has no finger to control; start with --from gratings")
+            raise InputError(f"{self.feed.name}: has no finger to control; start with `source='gratings'`")
         self.feed.move(message.values)
 
     def _speed(self, message: messages.Speed) -> None:
@@ -291,7 +291,7 @@ class Session:
 
     def _save(self, message: messages.Save) -> dict[str, Any]:
         if self.save_to is None:
-            raise InputError("saving is off; start neurotact live with --save-to FOLDER")
+            raise InputError("saving is off; give a folder with `save_to`")
         path = self.save_to / f"{message.name}.toml"
         if os.path.lexists(path):
             raise InputError(f"{path}: already exists; choose another name")

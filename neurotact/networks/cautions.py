@@ -27,8 +27,8 @@ def not_learned(accuracy: float, low: float, guess: float, command: Command = "t
     if low <= guess:
         yield (
             f"an accuracy of {100 * accuracy:.1f} % is not clearly above chance ({100 * guess:.1f} %); "
-            f"{_again(command) or 'give'} more trials, a longer window (--window-ms), or an encoder for this sensor "
-            "(neurotact calibrate)"
+            f"{_again(command) or 'give'} more trials, a longer window (`length_ms`), or an encoder for this sensor "
+            "(`nt.calibrate`)"
         )
 
 
@@ -41,10 +41,10 @@ def worse_than_baseline(
     """
     if found.verdict == "worse":
         is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
-        last = {"train": "neurotact tune", "tune": "more trials (--trials)", "fine-tune": "neurotact tune"}[command]
+        last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
         remedies = [
-            *(["--network default"] if spec.input_deviation is None else []),
-            *([f"more hidden neurons (--set hidden={2 * spec.hidden})"] if is_larger_possible else []),
+            *(["`network='default'`"] if spec.input_deviation is None else []),
+            *([f"more hidden neurons (`settings={{'hidden': {2 * spec.hidden}}}`)"] if is_larger_possible else []),
             last,
         ]
         yield (
@@ -81,7 +81,7 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
     >>> print(*few_test_trials({"felt": 1, "silk": 9}, by_day))
     class 'felt' has 1 test trial: its accuracy is 0 or 100 %, and one trial is 10.0 points of all 10; record more
     >>> [words.rpartition("; ")[2] for words in few_test_trials({"felt": 1}, SplitSpec())]
-    ['record more, or test every trial once with --folds 5']
+    ['record more, or test every trial once with `folds=5`']
     """
     few = {name: n for name, n in per_class.items() if n < FEW_PER_CLASS}
     total = sum(per_class.values())
@@ -97,7 +97,7 @@ def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Com
         f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
     )
     is_random = not (split.test_where or split.order or split.folds)
-    every_fold = "--folds 5" if command == "train" else "neurotact train --folds 5"
+    every_fold = "`folds=5`" if command == "train" else "`nt.train(..., folds=5)`"
     remedy = f"record more, or test every trial once with {every_fold}" if is_random else "record more"
     yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
 
@@ -122,12 +122,13 @@ def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Com
     If the learning rates fall to 0, all epochs always run: no caution.
 
     >>> print(*training(pd.DataFrame({"epoch": [1, 2], "train_loss": [2.0, np.inf]}), TrainingSpec(), "network."))
-    the loss became infinite; lower the learning rate (--set network.training.learning_rate=0.0005)
+    the loss became infinite; lower the learning rate (`settings={'network.training.learning_rate': 0.0005}`)
     """
     losses = log["train_loss"].to_numpy(float)
     if not len(losses):
         return
-    rate = f"learning rate (--set {keys}{spec.lower_rate})"
+    key, _, value = spec.lower_rate.partition("=")
+    rate = f"learning rate (`settings={{'{keys}{key}': {value}}}`)"
     lower = f"{_again(command)} a lower {rate}" if _again(command) else f"lower the {rate}"
     if not np.isfinite(losses).all():
         yield f"the loss became infinite; {lower}"

@@ -76,7 +76,8 @@ def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -
     difference = first_difference(trains.encoder, trains.afferents, restored.encoder, trained_on)
     if difference and not allow_other:
         raise InputError(
-            f"spikes: {difference}; encode the recordings as in training, or pass --allow-other-encoder if you mean it"
+            f"spikes: {difference}; encode the recordings as in training, or pass `allow_other_encoder=True` "
+            "if you mean it"
         )
     if difference:
         warnings.warn(f"spikes: {difference}; accuracy and SOPs are those of another encoder", stacklevel=3)

@@ -34,7 +34,7 @@ def device_of(name: str, dtype: torch.dtype = torch.float64) -> torch.device:
         return torch.device(name)
     except (RuntimeError, AssertionError, TypeError) as error:
         why = str(error).splitlines()[0]
-        raise InputError(f"--device {name}: torch cannot use it here ({why}); try cpu") from error
+        raise InputError(f"`device={name!r}`: torch cannot use it here ({why}); try cpu") from error
 
 
 def kind_of(name: str) -> str:

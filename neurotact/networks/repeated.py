@@ -34,7 +34,7 @@ def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
     """
     n_folds = task.split.folds if every_fold else None
     if repeats > 1 and task.split.order:
-        raise InputError("--repeats: the test trials of --order are the same for every seed; drop it")
+        raise InputError("`repeats`: the test trials of `order` are the same for every seed; drop it")
     found = {}
     for seed in range(task.split.seed, task.split.seed + repeats):
         for fold in range(n_folds) if n_folds else [task.split.fold]:
@@ -57,14 +57,16 @@ def run(
 ) -> Repeated:
     """Train one network for each task in its own folder below `folder`, and write the table of all.
 
-    options: of `train_run.run`; with `resume`, finished trainings are not repeated.
+    options: of `train_run.run`; with `resume=True`, finished trainings are not repeated.
     """
     with files.locked(folder):
         single = [name for name in train_run.LEFT if (folder / name).exists()]
         if single:
             raise InputError(f"{folder}: holds a single training; choose another folder")
         if not (force or resume) and (folder / TABLE).exists():
-            raise InputError(f"{folder / TABLE}: already exists; choose another folder, or pass --force or --resume")
+            raise InputError(
+                f"{folder / TABLE}: already exists; choose another folder, or pass `force=True` or `resume=True`"
+            )
         rows = []
         for name, task in tasks.items():
             subfolder = folder / name

@@ -351,7 +351,7 @@ def _claim(folder: Path, problem: Problem, *, resume: bool) -> None:
         if before > now:
             raise InputError(f"{folder}: holds this search with {before} trials; ask for {before} trials or more")
         if not resume:
-            raise InputError(f"{folder}: holds this search with {before} trials; pass --resume to go on to {now}")
+            raise InputError(f"{folder}: holds this search with {before} trials; pass `resume=True` to go on to {now}")
     files.write_json(path, content)
 
 

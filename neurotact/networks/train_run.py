@@ -87,7 +87,7 @@ def run(
     Raises Interrupted, and InputError for a folder that is not empty, or that holds another training.
     """
     if force and resume:
-        raise InputError("--force, --resume: give one of them; --force starts again and --resume continues")
+        raise InputError("`force`, `resume`: give one of them; `force` starts again and `resume` continues")
     with files.locked(folder):
         check_place(folder, force=force, resume=resume)
         trains = tasks.load_spikes(spikes, task)
@@ -201,10 +201,12 @@ def check_place(folder: Path, *, force: bool, resume: bool = False) -> None:
         raise InputError(f"{folder}: holds no training to resume; choose another folder")
     if CHECKPOINT in found:
         raise InputError(
-            f"{folder}: holds a training that was interrupted; pass --resume to continue, or --force to start again"
+            f"{folder}: holds a training that was interrupted; pass `resume=True` to continue, or `force=True` to "
+            "start again"
         )
     raise InputError(
-        f"{folder}: already exists and is not empty; choose another folder, or pass --force to replace a training there"
+        f"{folder}: already exists and is not empty; choose another folder, or pass `force=True` to replace a "
+        "training there"
     )
 
 
@@ -219,14 +221,16 @@ def _check_same(folder: Path, asked: Asked) -> None:
     try:
         before = build(Asked, table, source=str(path))
     except InputError as error:
-        raise InputError(f"{path}: is damaged ({error}); start again with --force") from error
+        raise InputError(f"{path}: is damaged ({error}); start again with `force=True`") from error
     if before.spikes_sha256 != asked.spikes_sha256:
         raise InputError(
             f"{folder}: was started with other spikes, or the file has changed since ({before.spikes}, relative to the "
-            "folder); give that file, or start again with --force"
+            "folder); give that file, or start again with `force=True`"
         )
     for key, was, now in _differences(before.settings(), asked.settings()):
-        raise InputError(f"{folder}: was started with {key} = {was}, not {now}; give that, or start again with --force")
+        raise InputError(
+            f"{folder}: was started with {key} = {was}, not {now}; give that, or start again with `force=True`"
+        )
     versions_before = {name: before.versions.get(name, "not recorded") for name in NUMBERS}
     other = [f"{name} {was}" for name, was in versions_before.items() if was != asked.versions[name]]
     if other:

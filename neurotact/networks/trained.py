@@ -160,7 +160,7 @@ def load_spikes_of(restored: Restored) -> SpikeTrains:
     if not os.path.isfile(restored.spikes_path):
         raise InputError(
             f"{restored.spikes_path}: the spikes that the network was trained on are neither there nor in the current "
-            "folder; name them with --spikes"
+            "folder; name them with `spikes`"
         )
     return load_spikes(restored.spikes_path, restored.task)
 
@@ -171,5 +171,5 @@ def check_trials(restored: Restored, trains: SpikeTrains) -> None:
     if known is not None and provenance_of(trains, trials_of(trains, restored.task)).trials != known.trials:
         raise InputError(
             f"{restored.spikes_path}: no longer contains the trials that the network was trained on; name the file "
-            "that does with --spikes, or train it again"
+            "that does with `spikes`, or train it again"
         )

@@ -21,7 +21,7 @@ from neurotact.networks.specs import RSNNSpec
 from neurotact.networks.training import STATE, Checkpoint, Epoch
 
 SHA256 = "sha256"
-FIX = "start again with --force"
+FIX = "start again with `force=True`"
 PARTS = {"weights": "weights", "best": "best_weights", "adam": "optimiser"}
 """Prefixes of tensor names, and the field of `Checkpoint` that holds these tensors."""
 

@@ -385,12 +385,12 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     encoding, network = of_signals.accuracy - of_spikes.accuracy, of_spikes.accuracy - used
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
-        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at neurotact calibrate --compare, at other windows "
-        "(--window-ms, --set window.align=onset) and at more afferents per taxel (--set "
-        "encoder=sa1-ra1-lif-graded)": encoding,
+        f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at `nt.calibrate(..., compare=True)`, at other "
+        "windows (window.length_ms, window.align = onset) and at more afferents per taxel (encoder = "
+        "sa1-ra1-lif-graded)": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
         f"{percent(used)} by the best network); record more trials, or run the "
-        "whole study if this is --quick": network,
+        "whole study if this is a quick one": network,
     }
     yield from (words for words, loss in lost.items() if loss > 1 / found.trials.test)
 

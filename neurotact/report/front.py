@@ -310,7 +310,7 @@ def _of_encoding(found: Answer, trains: SpikeTrains | None, place: str) -> Itera
         return
     yield (
         f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {rate_Hz:g} "
-        "steps per second, for any number of spikes; --set encoding_in=sensor leaves them out."
+        "steps per second, for any number of spikes; encoding_in = sensor leaves them out."
     )
 
 
@@ -440,8 +440,8 @@ def beware(
             lines += [before + line for line in few]
     if study.baselines == "quick":
         lines.append(
-            "the strongest opponents on many sets, MiniRocket and a GRU, are not fitted in this first look; leave "
-            "--quick out for a verdict"
+            "the strongest opponents on many sets, MiniRocket and a GRU, are not fitted in this first look; run "
+            "the whole study for a verdict"
         )
     if trains is not None:
         lines += cautions.copies(len(copies_of(trains).trials), len(trains))

@@ -42,9 +42,7 @@ class Front(NamedTuple):
     table: Table
 
 
-FIRST_LOOK = (
-    "this is a first look (--quick), with fewer settings and seeds; leave --quick out for an answer to build on"
-)
+FIRST_LOOK = "this is a first look, with fewer settings and seeds; run the whole study for an answer to build on"
 LOG_FROM = 30.0
 """Costs that differ by more than this factor stand on a logarithmic axis."""
 

@@ -37,7 +37,7 @@ TURNS = 3
 SOURCES = ("simulate", "read", "file")
 WORDS = Words(
     "--window-ms",
-    "--set window.start_ms=",
+    "--set window.start_ms={}",
     "--set window.align=onset",
     "--set window.align=onset --set window.per_trial=1 --set window.onset.rest_ms={:g}",
 )

@@ -114,7 +114,7 @@ def test_absent_recordings_are_named_with_the_option(here):
     (here / "data" / "touch.h5").unlink()
     with pytest.raises(AbsentError, match=r"^'\.\./data/touch\.h5', from which out/spikes\.h5 was encoded, is neither"):
         found("out/spikes.h5")
-    with pytest.raises(InputError, match="neither beside it nor in the current folder; name it with --recordings"):
+    with pytest.raises(InputError, match="neither beside it nor in the current folder; name it with `recordings`"):
         nt.export_c("run", "chain")
     with pytest.raises(InputError, match=r"data/touch\.h5: there is no such file"):
         found("out/spikes.h5", "data/touch.h5")
@@ -151,7 +151,7 @@ def test_an_export_from_any_folder_is_the_same(here, monkeypatch):
 def test_the_spikes_of_a_run_are_those_of_its_training_wherever_they_are(here, monkeypatch):
     assert trained.restore("run").spikes_path == Path("run/../out/spikes.h5")
     shutil.move(here / "out", here / "run" / "out")  # beside the network: not where it names them
-    with pytest.raises(InputError, match=r"run/\.\./out/spikes\.h5: the spikes .* name them with --spikes"):
+    with pytest.raises(InputError, match=r"run/\.\./out/spikes\.h5: the spikes .* name them with `spikes`"):
         nt.fine_tune("run", "tuned", epochs=1)
     nt.fine_tune("run", "tuned", epochs=1, spikes="run/out/spikes.h5")
     nt.export_c("run", "chain", spikes="run/out/spikes.h5", recordings="data/touch.h5")

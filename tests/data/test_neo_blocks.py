@@ -151,7 +151,7 @@ def test_segments_that_a_unit_does_not_observe_whole_are_left_out(caplog):
     assert not caplog.messages
     late = recorded([[(1.0, 2.0), (1.2, 2.0)], whole[0]])
     with pytest.raises(
-        InputError, match=r"1 of 2 trials would be left out.*the same t_start.*unobserved='leave-out', or"
+        InputError, match=r"1 of 2 trials would be left out.*the same t_start.*`unobserved='leave-out'`, or"
     ):
         nt.from_neo(late)
     assert nt.from_neo(late, unobserved="leave-out").conditions["label"].tolist() == ["silk"]

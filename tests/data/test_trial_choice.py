@@ -85,14 +85,14 @@ def test_a_choice_made_in_two_parts_is_the_choice():
 @pytest.mark.parametrize(
     ("where", "leave_out", "message"),
     [
-        (["sped=300"], [], r"t\.h5: --where: there is no condition 'sped'; did you mean 'speed'\?"),
-        (["speed=300,310"], [], r"t\.h5: --where: no trial has speed = 310; speed is 300, 450"),
-        ([], ["label=sillk"], r"--leave-out: no trial has label = sillk; did you mean 'silk'\? label is felt, "),
-        ([], ["rst"], r"--leave-out: no trial has label = rst; did you mean 'rest'\?"),
+        (["sped=300"], [], r"t\.h5: `where`: there is no condition 'sped'; did you mean 'speed'\?"),
+        (["speed=300,310"], [], r"t\.h5: `where`: no trial has speed = 310; speed is 300, 450"),
+        ([], ["label=sillk"], r"`leave_out`: no trial has label = sillk; did you mean 'silk'\? label is felt, "),
+        ([], ["rst"], r"`leave_out`: no trial has label = rst; did you mean 'rest'\?"),
         (["speed=300"], ["speed=300"], r"no trial is left of 24 \(speed = 300 without speed = 300\)"),
-        (["speed"], [], "--where speed: must read CONDITION=VALUE"),
-        (["speed>=300"], [], "--where speed>=300: must read CONDITION=VALUE, as in speed=450 or speed=300,450"),
-        (["speed!="], [], "--where speed=: must read CONDITION=VALUE"),
+        (["speed"], [], "`where` speed: must read CONDITION=VALUE"),
+        (["speed>=300"], [], "`where` speed>=300: must read CONDITION=VALUE, as in speed=450 or speed=300,450"),
+        (["speed!="], [], "`where` speed=: must read CONDITION=VALUE"),
     ],
 )  # fmt: skip
 def test_what_no_trial_has_is_refused_with_what_they_have(where, leave_out, message):
@@ -244,7 +244,7 @@ def test_a_study_of_ways_to_save_uses_the_chosen_trials(place):
     cell = next(iter(loading.protocol_study.cells(mine)))
     arrays = module.load(cell.built().data)
     assert sorted(set(arrays["labels"].tolist())) == ["felt", "silk"]
-    with pytest.raises(InputError, match=r"--where, --leave-out: ways-to-save\.toml makes or reads its own recordings"):
+    with pytest.raises(InputError, match=r"`where`, `leave_out`: ways-to-save\.toml makes or reads its own recordings"):
         loading.resolve("ways-to-save", changes)
 
 

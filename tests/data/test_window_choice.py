@@ -162,7 +162,7 @@ def test_a_given_length_starts_with_the_trial_and_the_rest_is_named(caplog):
     touch_ms = np.floor(1e3 * timing_of(trains).touch_s)
     assert record.getMessage() == (
         f"The touch seems to begin {touch_ms:g} ms after the start of a trial, and windows before it hold only rest; "
-        f"to leave them out, give start_ms={touch_ms:g}."
+        f"to leave them out, give `start_ms={touch_ms:g}`."
     )
 
 
@@ -195,7 +195,7 @@ def test_touches_that_begin_at_different_times_are_named_with_the_remedy(latest,
         suited_window(trains, WindowSpec())
     said = [line for line in caplog.messages if line.startswith("Touches begin at different times")]
     assert len(said) == is_named
-    assert all("try --align onset --per-trial 1 --rest-ms " in line for line in said)
+    assert all("try `align='onset', per_trial=1, rest_ms=" in line for line in said)
 
 
 def test_a_given_start_needs_no_note_on_onsets(caplog):

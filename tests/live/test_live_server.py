@@ -125,7 +125,7 @@ def test_it_listens_on_loopback_alone(up):
 
 
 def test_a_port_that_is_taken_is_refused(up):
-    with pytest.raises(InputError, match=f"--port {up.port}: cannot be used"):
+    with pytest.raises(InputError, match=f"`port={up.port}`: cannot be used"):
         Server(up.session, up.port)
 
 

@@ -35,9 +35,9 @@ def test_a_network_that_stays_behind_is_named(low, high, verdict, expected):
 
 
 @pytest.mark.parametrize(("given", "expected"), [
-    ({"hidden": 30}, "try --network default or more hidden neurons (--set hidden=60) or neurotact tune"),
-    ({"hidden": 128, "input_deviation": 1.0}, "try more hidden neurons (--set hidden=256) or neurotact tune"),
-    ({"hidden": 600, "input_deviation": 1.0}, "; try neurotact tune"),
+    ({"hidden": 30}, "try `network='default'` or more hidden neurons (`settings={'hidden': 60}`) or `nt.tune`"),
+    ({"hidden": 128, "input_deviation": 1.0}, "try more hidden neurons (`settings={'hidden': 256}`) or `nt.tune`"),
+    ({"hidden": 600, "input_deviation": 1.0}, "; try `nt.tune`"),
 ])  # fmt: skip
 def test_the_remedy_for_a_network_behind_a_classifier_changes_this_network(given, expected):
     one = compared(0.6, 0.8)
@@ -54,12 +54,13 @@ def test_a_remedy_names_only_what_its_command_has():
     """A search does not advise a search, and what is fine-tuned is trained again."""
     one = compared(0.1, 0.4)
     (line,) = cautions.worse_than_baseline(one, RSNNSpec(hidden=30), "tune")
-    assert line.endswith("try --network default or more hidden neurons (--set hidden=60) or more trials (--trials)")
+    remedies = "`network='default'` or more hidden neurons (`settings={'hidden': 60}`) or more trials (`trials`)"
+    assert line.endswith(f"try {remedies}")
     (line,) = cautions.worse_than_baseline(one, RSNNSpec(hidden=30), "tune", ["hidden", "tau_syn_ms"])
-    assert line.endswith("try --network default or more trials (--trials)")
+    assert line.endswith("try `network='default'` or more trials (`trials`)")
     split = SplitSpec()
     (line,) = cautions.few_test_trials({"felt": 1}, split, "tune")
-    assert line.endswith("with neurotact train --folds 5")
+    assert line.endswith("with `nt.train(..., folds=5)`")
     diverged = log([2.0, 0.5, 2.1])
     again = [
         *cautions.not_learned(0.3, 0.1, 0.4, "fine-tune"),
@@ -69,7 +70,7 @@ def test_a_remedy_names_only_what_its_command_has():
     assert len(again) == 3
     assert all("; train the run again with " in line for line in again)
     (line,) = cautions.few_test_trials({"felt": 1}, split, "fine-tune")
-    assert line.endswith("with neurotact train --folds 5")
+    assert line.endswith("with `nt.train(..., folds=5)`")
 
 
 @pytest.mark.parametrize(
@@ -95,7 +96,7 @@ def test_a_class_with_few_test_trials_is_named(per_class, expected):
 )  # fmt: skip
 def test_folds_are_named_where_test_trials_are_drawn_at_random(split, helps):
     (found,) = cautions.few_test_trials({"felt": 4, "silk": 20}, SplitSpec.model_validate(split))
-    assert found.endswith("--folds 5") == helps
+    assert found.endswith("`folds=5`") == helps
 
 
 def test_an_exit_chosen_on_few_trials_is_named():

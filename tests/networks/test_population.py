@@ -174,6 +174,6 @@ def test_a_search_records_the_kind_of_its_device(name, kind):
 
 @pytest.mark.parametrize("name", ["cuda:99", "tpuu", "meta"])
 def test_a_device_that_torch_cannot_use_is_refused_in_a_line(name):
-    with pytest.raises(InputError, match=f"--device {name}: torch cannot use it here") as caught:
+    with pytest.raises(InputError, match=f"`device={name!r}`: torch cannot use it here") as caught:
         population.device_of(name)
     assert "\n" not in str(caught.value)

@@ -56,7 +56,7 @@ def test_what_is_done_is_not_done_again(spikes, tmp_path):
 
 
 def test_seeds_that_would_test_the_same_trials_are_refused():
-    with pytest.raises(InputError, match=r"--repeats: the test trials of --order are the same"):
+    with pytest.raises(InputError, match=r"`repeats`: the test trials of `order` are the same"):
         repeated.tasks_of(task_of(order="trial"), every_fold=False, repeats=2)
     # Each seed validates on another condition that training leaves out.
     seeds = repeated.tasks_of(task_of(test_where={"speed": 450}), every_fold=False, repeats=2)

@@ -251,7 +251,7 @@ def test_a_search_goes_on_with_more_trials_as_if_all_had_been_asked_for_at_once(
 
 
 def test_more_trials_are_refused_unless_they_are_asked_for_and_fewer_always(trains, whole, journal):
-    with pytest.raises(InputError, match=f"holds this search with {TRIALS} trials; pass --resume to go on to 11$"):
+    with pytest.raises(InputError, match=f"holds this search with {TRIALS} trials; pass `resume=True` to go on to 11$"):
         run(trains, whole, trials=TRIALS + 1)
     what = problem(trains, trials=TRIALS - 1)
     with pytest.raises(InputError, match=f"holds this search with {TRIALS} trials; ask for {TRIALS} trials or more$"):

@@ -172,7 +172,7 @@ def test_a_training_that_is_done_is_left_alone(monkeypatch, spikes, whole, folde
     assert run(spikes, folder, NETWORK, TASK) is not None
     monkeypatch.setattr(fitting, "fit", None)
     assert run(spikes, folder, NETWORK, TASK, resume=True) is None
-    with pytest.raises(InputError, match=r"already exists and is not empty; .*--force"):
+    with pytest.raises(InputError, match=r"already exists and is not empty; .*`force=True`"):
         run(spikes, folder, NETWORK, TASK)
     assert contents(folder) == whole
 
@@ -206,7 +206,7 @@ def test_other_settings_are_refused_by_name(monkeypatch, spikes, whole, folder, 
         interrupt(monkeypatch, 2, spikes, folder)
     before = contents(folder)
     asked = {"network": NETWORK, "task": TASK, **changes}
-    with pytest.raises(InputError, match=f"was started with {expected}; give that, or start again with --force"):
+    with pytest.raises(InputError, match=f"was started with {expected}; give that, or start again with `force=True`"):
         run(spikes, folder, **asked, resume=True)
     assert contents(folder) == before
 
@@ -248,7 +248,7 @@ def test_other_versions_are_told(monkeypatch, spikes, whole, folder):
 def test_an_interrupted_training_is_not_begun_again_unasked(monkeypatch, spikes, folder):
     interrupt(monkeypatch, 2, spikes, folder)
     before = contents(folder)
-    with pytest.raises(InputError, match="was interrupted; pass --resume to continue, or --force to start again"):
+    with pytest.raises(InputError, match="pass `resume=True` to continue, or `force=True` to start again"):
         run(spikes, folder, NETWORK, TASK)
     assert contents(folder) == before
 
@@ -288,7 +288,7 @@ def test_force_replaces_nothing_until_an_epoch_is_over(monkeypatch, spikes, whol
 def test_a_refused_training_makes_no_folder(tmp_path, spikes):
     with pytest.raises(InputError, match="shorten the window"):
         run(spikes, tmp_path / "a" / "b", NETWORK, tasks.Task(window={"length_ms": 1e6}))
-    with pytest.raises(InputError, match="--force, --resume: give one of them"):
+    with pytest.raises(InputError, match="`force`, `resume`: give one of them"):
         run(spikes, tmp_path / "a" / "b", NETWORK, TASK, force=True, resume=True)
     assert not list(tmp_path.iterdir())
 
@@ -339,7 +339,7 @@ def test_a_damaged_folder_is_refused_and_begun_again_with_force(monkeypatch, spi
     interrupt(monkeypatch, 2, spikes, folder)
     damage(folder, what)
     name = ASKED if what.startswith("asked") else CHECKPOINT
-    with pytest.raises(InputError, match=f"{name}: .*; start again with --force$") as refusal:
+    with pytest.raises(InputError, match=f"{name}: .*; start again with `force=True`$") as refusal:
         run(spikes, folder, NETWORK, TASK, resume=True)
     assert "\n" not in str(refusal.value)
     assert run(spikes, folder, NETWORK, TASK, force=True) is not None

@@ -382,7 +382,7 @@ def test_spikes_of_another_encoder_are_refused_unless_they_are_meant(made):
     slower = {**ENCODER, "sa1": {"gain": 3.2, "t_ref_ms": 5.0}}
     other = replace(trains, encoder=slower)
     told = r"sa1\.t_ref_ms is 5\.0 but was 1\.0 in training"
-    with pytest.raises(InputError, match=f"spikes: {told}; encode .* or pass --allow-other-encoder"):
+    with pytest.raises(InputError, match=f"spikes: {told}; encode .* or pass `allow_other_encoder=True`"):
         infer(restored, other)
     with pytest.warns(UserWarning, match=told):
         table = infer(restored, other, allow_other_encoder=True)

@@ -55,7 +55,7 @@ def test_a_checkpoint_fits_the_optimiser_that_left_it(tmp_path, checkpoint):
 
 def test_another_training_is_refused(tmp_path, checkpoint):
     save(checkpoint, tmp_path / "c", "one")
-    with pytest.raises(InputError, match=r"of another training.*--force"):
+    with pytest.raises(InputError, match=r"of another training.*`force=True`"):
         load(tmp_path / "c", NET, "two")
 
 
@@ -81,7 +81,7 @@ def test_no_byte_can_be_changed_or_lost_unseen(tmp_path, checkpoint, data):
     if refusal is None:
         assert content[at : at + 1].isspace()  # a space of the header, for another
     else:
-        assert refusal.endswith("; start again with --force")
+        assert refusal.endswith("; start again with `force=True`")
 
 
 def forged(path, tensors) -> None:
@@ -139,7 +139,7 @@ def test_a_checkpoint_of_another_network_is_refused(tmp_path, checkpoint):
 @pytest.mark.parametrize("content", [b"", b"{", b"\x80\x04not a tensor", bytes(8), b"\xff" * 64])
 def test_what_is_no_safetensors_file_is_refused(tmp_path, content):
     (tmp_path / "c").write_bytes(content)
-    with pytest.raises(InputError, match=r"is damaged .*start again with --force"):
+    with pytest.raises(InputError, match=r"is damaged .*start again with `force=True`"):
         load(tmp_path / "c", NET, "one")
 
 

@@ -114,7 +114,7 @@ def test_frames_are_the_same_however_the_bytes_come(cuts, kind):
 
 
 def test_text_given_for_frames_is_refused():
-    with pytest.raises(InputError, match="pass --format csv"):
+    with pytest.raises(InputError, match="pass `format='csv'`"):
         list(Frames("-", 2, "float32", Noted()).take(b"1.25,3.5\n1.5,2.5\n"))
 
 
@@ -212,7 +212,7 @@ def test_a_source_that_was_under_way_begins_with_a_whole_row():
 
 @pytest.mark.parametrize(
     ("layout", "message"),
-    [(Layout("wav"), "--format wav: is unknown"), (Layout(time_column="h"), "--time-column h: is unknown")],
+    [(Layout("wav"), "`format='wav'`: is unknown"), (Layout(time_column="h"), "`time_column='h'`: is unknown")],
 )
 def test_a_layout_that_is_unknown_is_refused(layout, message):
     with pytest.raises(InputError, match=message):

@@ -258,7 +258,7 @@ def test_each_kind_of_fault_is_said_once_as_it_happens(capsys):
 )
 @pytest.mark.parametrize("n", [60, 900])
 def test_stamps_of_another_rate_are_refused(unit_s, step, words, n):
-    with pytest.raises(InputError, match=f"pipe: the time stamps advance by {words} a row.*0.001 s.*--time-column"):
+    with pytest.raises(InputError, match=f"pipe: the time stamps advance by {words} a row.*0.001 s.*`time_column`"):
         taken(ramp(n, 0.0, step), unit_s=unit_s)
 
 

@@ -88,7 +88,7 @@ def read(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".")
     names = [name for name in table.names if name]
     its_label = label or called(names, LABELS)
     if its_label not in names:
-        hint = f"{nearest(label, names)}" if label else f"name it with --label, of {some(names)}"
+        hint = f"{nearest(label, names)}" if label else f"name it with `label`, of {some(names)}"
         raise InputError(f"{path}: there is no column of classes called {label or LABEL}; {hint}")
     begin, end = _named(BEGIN, names), _named(END, names) or _named(DURATION, names)
     if begin is None or end is None:

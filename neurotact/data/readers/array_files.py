@@ -139,10 +139,10 @@ def sampling_rate_of(said: Mapping[str, float], given_hz: float | None, where: s
             log.warning("%s: says %s, but %g Hz is given and used", where, some(others, 2), given_hz)
         return float(given_hz)
     if not said:
-        raise InputError(f"{where}: the sampling rate is not known; give --sampling-rate-Hz, or save it as fs")
+        raise InputError(f"{where}: the sampling rate is not known; give `sampling_rate_Hz`, or save it as fs")
     different = {rate_hz: f"{name} = {rate_hz:g}" for name, rate_hz in said.items()}
     if len(different) > 1:
-        raise InputError(f"{where}: says {some([*different.values()], 2)}; give the rate with --sampling-rate-Hz")
+        raise InputError(f"{where}: says {some([*different.values()], 2)}; give the rate with `sampling_rate_Hz`")
     name, rate_hz = next(iter(said.items()))
     check_sampling_rate(rate_hz, f"{where}: {name}")
     log.warning("%s: the sampling rate is %g Hz, as %s says", where, rate_hz, name)

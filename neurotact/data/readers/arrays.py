@@ -26,7 +26,7 @@ ALIASES = {
 """Names of the arrays; the signals are the only array with three or four axes, or the only cell array of matrices."""
 CLASSES = ".npy"
 """The suffix of a file with the class of each trial alone."""
-FIXES = doubts.Fixes("save the array without it", axes="use --axes")
+FIXES = doubts.Fixes("save the array without it", axes="use `axes`")
 
 log = logging.getLogger("neurotact")
 
@@ -142,11 +142,11 @@ def _signals_at(file: ArrayFile, named: str | None, axes: str | None) -> str:
     matrix = next((name for name, shape in file.shapes.items() if len(shape) == 2), None)
     fix = "save the signals as one array with three axes"
     if found:
-        fix = "name one with --names signals=..."
+        fix = "name one with `names={'signals': ...}`"
     elif matrix is not None:
         fix = (
-            f"{fix}; '{matrix}' is read as the signals of one taxel with --axes trial,time, but features of each trial "
-            "have no time to encode"
+            f"{fix}; '{matrix}' is read as the signals of one taxel with `axes='trial,time'`, but features of "
+            "each trial have no time to encode"
         )
     raise InputError(f"{file.path}: holds {len(found)} arrays with the axes trial, time and taxel ({shown}); {fix}")
 
@@ -209,7 +209,7 @@ def _check_trial_axis(file: ArrayFile, labels: Sequence[str], signals: str, orde
             meant = [TRIAL if place == places[0] else TIME if place == time else TAXEL for place in range(len(shape))]
             raise InputError(
                 f"{file.path}: '{label}' has {shape[places[0]]} values, as many as axis {places[0] + 1} of '{signals}' "
-                f"{shape} is long; if these are the trials, use --axes {','.join(meant)}"
+                f"{shape} is long; if these are the trials, use `axes='{','.join(meant)}'`"
             )
 
 
@@ -222,14 +222,14 @@ def _conditions(
     if label_at is None and LABEL not in given:
         known = ", ".join(of_trials) or "none has one value per trial"
         raise InputError(
-            f"{file.path}: no array is called label ({known}); name the class with --names label=..., or give a table "
-            "that has it with --conditions"
+            f"{file.path}: no array is called label ({known}); name the class with `names={{'label': ...}}`, or give a "
+            "table that has it with `conditions`"
         )
     table: dict[str, Any] = {} if label_at is None else {LABEL: labels_of(file.values(label_at))}
     table |= {column: file.values(name) for column, name in columns.items() if column not in table}
     shared = [name for name in given if name in table]
     if shared:
-        raise InputError(f"{file.path}: '{shared[0]}' is an array here and a column of --conditions; drop one of them")
+        raise InputError(f"{file.path}: '{shared[0]}' is an array here and a column of `conditions`; drop one of them")
     if twice:
         log.warning("%s: not used, as another array of its name is: %s", file.path, some(twice))
     table |= given

@@ -66,8 +66,8 @@ def _usual(shape: Sequence[int], where: str) -> tuple[str, ...]:
     ]  # fmt: skip
     if len(fitting) != 1:
         raise InputError(
-            f"{where} has the shape {tuple(shape)}, of which no axis is clearly the time; give --axes "
-            f"{','.join(GRID)} or --axes {','.join(TIME_LAST)}"
+            f"{where} has the shape {tuple(shape)}, of which no axis is clearly the time; give "
+            f"`axes='{','.join(GRID)}'` or `axes='{','.join(TIME_LAST)}'`"
         )
     return fitting[0]
 
@@ -104,7 +104,8 @@ def stacked_cells(
     order = LAYOUTS[0] if is_one_taxel else order_of(axes, (1, *cells[0].shape), where)
     if order[0] != TRIAL:
         raise InputError(
-            f"{where} is a cell array with a trial in each cell; begin --axes with trial, as in trial,time,taxel"
+            f"{where} is a cell array with a trial in each cell; begin `axes` with trial, as in "
+            "`axes='trial,time,taxel'`"
         )
     found: list[np.ndarray] = []
     grids: list[Grid | None] = []
@@ -115,7 +116,7 @@ def stacked_cells(
             )
         signal, grid = stacked(cell[None], order)
         if found and (signal.shape[2] != found[0].shape[1] or grid != grids[0]):
-            other = "" if axes else "; if its axes are taxel and time, use --axes trial,taxel,time"
+            other = "" if axes else "; if its axes are taxel and time, use `axes='trial,taxel,time'`"
             raise InputError(
                 f"{where}, cell {number}, has {signal.shape[2]} taxels where the first has {found[0].shape[1]}{other}"
             )

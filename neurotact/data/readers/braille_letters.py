@@ -66,7 +66,7 @@ def read(
     ([0, 2], ['ON taxel3', 'OFF taxel12'])
     """
     if not (math.isfinite(step_ms) and step_ms > 0):
-        raise InputError(f"--step-ms: must be a positive number; got {step_ms}")
+        raise InputError(f"`step_ms`: must be a positive number; got {step_ms}")
     if length_ms is not None and not (math.isfinite(length_ms) and length_ms >= step_ms):
         raise InputError(f"length_ms: must be one step of {step_ms:g} ms or more; got {length_ms}")
     path = Path(path)

@@ -114,7 +114,7 @@ def seconds_of(cells: Iterable[str], where: str, column: str, first_line: int, u
     [3599.0, 3600.0]
     """
     if unit not in (None, "s"):
-        raise InputError(f"{where}: column {column} holds times of day, which are in seconds; leave --time-unit out")
+        raise InputError(f"{where}: column {column} holds times of day, which are in seconds; leave `time_unit` out")
     seconds = array("d")
     days, last, before = -1, None, 0.0
     for line, cell in enumerate(cells, first_line):
@@ -273,7 +273,7 @@ def _check_ascends(time_s: np.ndarray, rows: _Rows, where: str, max_gap_ms: floa
         raise InputError(
             f"{where}: {rows.name} {rows.lines[at + 1]} comes {1e3 * intervals[at]:.4g} ms after the {rows.name} "
             f"before it, where {1e3 * usual:.4g} ms is usual{_set_by_an_hour(intervals[at])}; cut the file there, or "
-            "allow such gaps with --max-gap-ms"
+            "allow such gaps with `max_gap_ms`"
         )
 
 
@@ -302,7 +302,7 @@ def _not_spread(uneven: Uneven | None, keep: np.ndarray, rows: _Rows, given_Hz: 
     """Why rows that share stamps are not spread, and what to do."""
     n_rows = len(keep)
     if len(rows.lines) == 1:
-        return f"holds a single time in {n_rows:,} rows, and a sampling rate needs two; give --sampling-rate-Hz"
+        return f"holds a single time in {n_rows:,} rows, and a sampling rate needs two; give `sampling_rate_Hz`"
     why = "and two time stamps do not tell the sampling rate"
     if uneven is not None:
         line = uneven.row + rows.lines[0]
@@ -310,13 +310,13 @@ def _not_spread(uneven: Uneven | None, keep: np.ndarray, rows: _Rows, given_Hz: 
             f"too unevenly to be spread: {uneven.n_rows} within {uneven.lasts_s:.4g} s from {rows.name} {line} on, "
             f"where {uneven.usual:.3g} are usual"
         )
-    fix = "give --sampling-rate-Hz if the samples are regular"
+    fix = "give `sampling_rate_Hz` if the samples are regular"
     if given_Hz is not None:
         why = f"{why}; they do not last as long as at {given_Hz:g} Hz"
-        fix = "correct or leave out --sampling-rate-Hz"
+        fix = "correct or leave out `sampling_rate_Hz`"
     return (
         f"{int((~keep).sum()):,} of {n_rows:,} rows have the time stamp of the row before them, {why}; {fix}, or drop "
-        "them with --drop-repeats"
+        "them with `drop_repeats=True`"
     )
 
 

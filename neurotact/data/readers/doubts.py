@@ -71,7 +71,7 @@ def doubts(recordings: Recordings, fixes: Fixes, *, rate_is_given: bool = True) 
     >>> import pandas as pd
     >>> raster = (np.random.default_rng(0).random((2, 90, 3)) < 0.3).astype(float)
     >>> taps = Recordings(raster, 1000.0, "mV", pd.DataFrame({"label": ["tap", "rub"]}))
-    >>> print(*doubts(taps, Fixes("use --columns")))
+    >>> print(*doubts(taps, Fixes("use `columns`")))
     every sample is 0 or 1, as of a raster; neurotact import raster reads spikes, of arrays or of a folder of files
     """
     values = _values_of(recordings.signals)
@@ -188,7 +188,7 @@ def _of_rate(recordings: Recordings) -> Iterator[str]:
     rate_Hz, median_s = recordings.sampling_rate_Hz, float(np.median(recordings.lengths)) / recordings.sampling_rate_Hz
     if not SLOWEST_HZ <= rate_Hz <= FASTEST_HZ:
         slow = "slow" if rate_Hz < SLOWEST_HZ else "fast"
-        yield f"{rate_Hz:g} Hz is {slow} for touch; check --sampling-rate-Hz, which is in samples per second"
+        yield f"{rate_Hz:g} Hz is {slow} for touch; check `sampling_rate_Hz`, which is in samples per second"
     elif not SHORTEST_S <= median_s <= LONGEST_S and recordings.lengths.max() > 1:
         long = "short" if median_s < SHORTEST_S else "long"
         yield f"the median trial lasts {median_s:.3g} s at {rate_Hz:g} Hz, which is {long} for touch; check the rate"

@@ -61,27 +61,31 @@ def read(
     asked = build(EventSpec, spec or {}, "import events")
     names = dict(names or {})
     if {POLARITY, POPULATION} <= names.keys():
-        raise InputError(f"--names {POLARITY} and {POPULATION}: are the same; give one of them")
+        raise InputError(f"`names`: {POLARITY} and {POPULATION} are the same; give one of them")
     path = existing(path, "file or folder")
     if path.is_dir():
         wrong = next((what for what in (LABEL, "trial") if what in names), None)
         if wrong is not None:
             raise InputError(
-                f"{path}: each file is a trial, and its place or name gives the class (--levels, --pattern or "
-                f"--conditions); drop --names {wrong}"
+                f"{path}: each file is a trial, and its place or name gives the class (`levels`, `pattern` or "
+                f"`conditions`); drop `names={{{wrong!r}: ...}}`"
             )
         named = build(NamingSpec, naming or {}, "import events")
         return _to_trains(_of_folder(path, asked, names, named), asked, path)
     if naming and any(naming.values()):
-        raise InputError(f"{path}: is one file; --levels, --pattern and --conditions are for a folder")
+        raise InputError(f"{path}: is one file; `levels`, `pattern` and `conditions` are for a folder")
     if path.suffix.lower() in HDF5_FILES:
         if names:
-            raise InputError(f"{path}: the Heidelberg layout has names of its own; drop --names {next(iter(names))}")
+            raise InputError(
+                f"{path}: the Heidelberg layout has names of its own; drop `names={{{next(iter(names))!r}: ...}}`"
+            )
         _check_content(path, HDF5)
         return heidelberg.load(path, asked)
     events = _of_file(path, asked, names)
     if LABEL not in events.conditions:
-        raise InputError(f"{path}: no column is called label, the class of each trial; name it with --names label=...")
+        raise InputError(
+            f"{path}: no column is called label, the class of each trial; name it with `names={{'label': ...}}`"
+        )
     return _to_trains(events, asked, path)
 
 
@@ -89,7 +93,7 @@ def _to_trains(events: Events, spec: EventSpec, path: Path) -> SpikeTrains:
     if events.ignored:
         log.warning(
             "%s: not used, because the value changes within a trial: %s; if one of them is the polarity, name it with "
-            "--names polarity=...",
+            "`names={'polarity': ...}`",
             path, ", ".join(events.ignored),
         )  # fmt: skip
     if events.other:
@@ -172,7 +176,8 @@ def _of_columns(
     if time_name is None or (roles["channel"] is None and not is_grid):
         absent = "time" if time_name is None else "channel"
         raise InputError(
-            f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with --names {absent}=..."
+            f"{path}: no column is called {absent} ({', '.join(list(columns)[:12])}); name it with "
+            f"`names={{{absent!r}: ...}}`"
         )
     unit = spec.time_unit or unit_in(time_name) or ("us" if is_grid else usual)
     if columns[time_name].ndim != 1:
@@ -207,7 +212,9 @@ def _place(what: str, columns: Mapping[str, np.ndarray], names: Mapping[str, str
     if word in names:
         name = names[word]
         if name and name not in columns:
-            raise InputError(f"{path}: --names {word}: there is no '{name[:40]}'; {nearest(name, list(columns))}")
+            raise InputError(
+                f"{path}: `names={{{word!r}: ...}}`: there is no '{name[:40]}'; {nearest(name, list(columns))}"
+            )
         return name or None
     free = [name for name in columns if name not in names.values()]
     plain = {name: without_unit(name.lower().removeprefix("events_").removeprefix("event_")) for name in free}
@@ -242,7 +249,7 @@ def _trials(
     }
     if found[LABEL] is not None and found[LABEL] not in constant:
         raise InputError(
-            f"{path}: '{found[LABEL]}' changes within a trial; give each trial one class, or --names trial=..."
+            f"{path}: '{found[LABEL]}' changes within a trial; give each trial one class, or `names={{'trial': ...}}`"
         )
     return trial, _conditions(constant, found[LABEL], path) if found[LABEL] is not None else pd.DataFrame(
         index=range(len(values))
@@ -253,7 +260,7 @@ def _conditions(columns: Mapping[str, np.ndarray], label: str | None, path: Path
     if label is None or label not in columns:
         raise InputError(
             f"{path}: no value per trial is called label ({', '.join(columns) or 'there is none'}); name the class "
-            "with --names label=..."
+            "with `names={'label': ...}`"
         )
     table = pd.DataFrame({LABEL: [str(value) for value in columns[label].tolist()]})
     for name, values in columns.items():
@@ -308,7 +315,9 @@ def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, names: Mappin
     """Structured arrays with the fields t, p, x and y (or one address), one per trial, by the key in the file."""
     wrong = next((what for what in (LABEL, "trial") if names.get(what)), None)
     if wrong is not None:
-        raise InputError(f"{path}: each structured array is a trial, and its key the class; drop --names {wrong}")
+        raise InputError(
+            f"{path}: each structured array is a trial, and its key the class; drop `names={{{wrong!r}: ...}}`"
+        )
     parts, places = [], []
     for key, array in arrays.items():
         fields = {name: array[name] for name in array.dtype.names or ()}

@@ -159,18 +159,20 @@ def _populations(events: Events, spec: EventSpec, source: str) -> _Named | None:
     """The population of each event; numeric polarities get the names of the spec."""
     if events.population is None:
         if spec.polarity != "separate":
-            raise InputError(f"{source}: holds no polarity, so --polarity {spec.polarity} selects nothing; drop it")
+            raise InputError(f"{source}: holds no polarity, so `polarity={spec.polarity!r}` selects nothing; drop it")
         if spec.polarities:
-            raise InputError(f"{source}: holds no polarity, so --polarities names nothing; drop it")
+            raise InputError(f"{source}: holds no polarity, so `polarities` names nothing; drop it")
         return None
     if spec.polarity != "separate" and spec.polarities:
-        raise InputError(f"{source}: --polarity {spec.polarity} makes one population without a name; drop --polarities")
+        raise InputError(
+            f"{source}: `polarity={spec.polarity!r}` makes one population without a name; drop `polarities`"
+        )
     if spec.polarity == "merge":
         return None
     is_named = events.population.dtype.kind not in "iufb"
     found = _named(events.population, spec, source) if is_named else _numbered(events.population, spec, source)
     if spec.polarity != "separate" and len(found.names) != 2:
-        raise InputError(f"{source}: has {len(found.names)} populations, not two polarities; drop --polarity")
+        raise InputError(f"{source}: has {len(found.names)} populations, not two polarities; drop `polarity`")
     return found
 
 
@@ -181,7 +183,7 @@ def _named(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
     if wrong:
         raise InputError(f"{source}: the population {wrong[0]!r} is not a single word; rename it")
     if spec.polarities:
-        raise InputError(f"{source}: its populations have names ({some(names)}); drop --polarities")
+        raise InputError(f"{source}: its populations have names ({some(names)}); drop `polarities`")
     return _Named(index, names)
 
 
@@ -195,22 +197,22 @@ def _numbered(population: np.ndarray, spec: EventSpec, source: str) -> _Named:
     if len(expected) != len(names):
         raise InputError(
             f"{source}: has {len(expected)} polarities ({', '.join(map(str, expected[:5]))}) but "
-            f"{len(names)} names for them; name each with --polarities"
+            f"{len(names)} names for them; name each with `polarities`"
         )
     return _Named(np.searchsorted(expected, values)[index], names)
 
 
 def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
     if spec.sensor:
-        raise InputError(f"{source}: has channels, not places x and y on a grid; drop --sensor, or give --n-channels")
+        raise InputError(f"{source}: has channels, not places x and y on a grid; drop `sensor`, or give `n_channels`")
     if channel.dtype.kind not in "iu":
         if spec.n_channels:
-            raise InputError(f"{source}: its channels have names, not numbers; name them all with --channels instead")
+            raise InputError(f"{source}: its channels have names, not numbers; name them all with `channels` instead")
         values, index = np.unique(channel, return_inverse=True)
         names = tuple(str(value) for value in values)
         if spec.channels and set(names) - set(spec.channels):
             raise InputError(
-                f"{source}: the channel '{sorted(set(names) - set(spec.channels))[0]}' is not in --channels"
+                f"{source}: the channel '{sorted(set(names) - set(spec.channels))[0]}' is not in `channels`"
             )
         wanted = spec.channels or names
         place = np.array([wanted.index(name) for name in names], np.int64)
@@ -223,12 +225,12 @@ def _channels(channel: np.ndarray, spec: EventSpec, source: str) -> _Named:
 def channel_names(n_found: int, spec: EventSpec, source: str) -> tuple[str, ...]:
     """Names of numbered channels; the highest with an event is `n_found - 1`."""
     if spec.n_channels and spec.channels:
-        raise InputError(f"{source}: --channels says how many channels there are; drop --n-channels")
+        raise InputError(f"{source}: `channels` says how many channels there are; drop `n_channels`")
     n_channels = spec.n_channels or len(spec.channels) or n_found
     if n_found > n_channels:
         raise InputError(
             f"{source}: channel {n_found - 1} has events, but there are {n_channels} channels, 0 to {n_channels - 1}; "
-            "give as many names in --channels, or another --n-channels"
+            "give as many names in `channels`, or another `n_channels`"
         )
     if n_channels > MOST_AFFERENTS:
         raise InputError(f"{source}: has {n_channels} channels, more than {MOST_AFFERENTS}; use fewer")
@@ -238,14 +240,14 @@ def channel_names(n_found: int, spec: EventSpec, source: str) -> tuple[str, ...]
 def _grid(places: np.ndarray, spec: EventSpec, source: str) -> _Named:
     """The channels of a grid, row by row, with names such as `x3y5`."""
     if spec.channels or spec.n_channels:
-        wrong = "--channels" if spec.channels else "--n-channels"
-        raise InputError(f"{source}: its channels are places x and y on a grid; drop {wrong}, --sensor gives its size")
+        wrong = "`channels`" if spec.channels else "`n_channels`"
+        raise InputError(f"{source}: its channels are places x and y on a grid; drop {wrong}, `sensor` gives its size")
     x, y = places % ROW, places // ROW
     width, height = map(int, spec.sensor.split("x")) if spec.sensor else (int(x.max()) + 1, int(y.max()) + 1)
     if x.max() >= width or y.max() >= height or width * height > MOST_AFFERENTS:
         raise InputError(
-            f"{source}: events come from a grid of {x.max() + 1}x{y.max() + 1}, but --sensor is {width}x{height} and "
-            f"the limit is {MOST_AFFERENTS} channels; give another --sensor"
+            f"{source}: events come from a grid of {x.max() + 1}x{y.max() + 1}, but `sensor` is {width}x{height} and "
+            f"the limit is {MOST_AFFERENTS} channels; give another `sensor`"
         )
     return _Named(y * width + x, tuple(f"x{column}y{row}" for row in range(height) for column in range(width)))
 
@@ -263,12 +265,12 @@ def _afferents(populations: _Named | None, channels: _Named, source: str) -> tup
 def check_range(first_s: float, last_s: float, spec: EventSpec, source: str) -> None:
     """Refuse times of events that no clock holds."""
     if first_s < 0:
-        raise InputError(f"{source}: an event is at {first_s:g} s, before zero; pass --origin first")
+        raise InputError(f"{source}: an event is at {first_s:g} s, before zero; pass `origin='first'`")
     end_s = last_s if spec.duration_ms is None else 1e-3 * spec.duration_ms
     if max(last_s, end_s) * 1e3 / spec.step_ms >= LONGEST_STEPS:
         raise InputError(
-            f"{source}: an event at {last_s:g} s is beyond any clock of {spec.step_ms:g} ms; give --time-unit, or "
-            "--origin first if times count from long before"
+            f"{source}: an event at {last_s:g} s is beyond any clock of {spec.step_ms:g} ms; give `time_unit`, or "
+            "`origin='first'` if times count from long before"
         )
 
 
@@ -312,16 +314,14 @@ def on_clock(trials: Iterable[tuple[np.ndarray, np.ndarray, int]], n_afferents: 
 def say_lost(found: OnClock, spec: EventSpec, source: str) -> None:
     """Say how many events are left out or merged; InputError if more are merged than `spec` accepts."""
     if found.n_late:
-        log.warning("%s: %d of %d events are after --duration-ms and left out", source, found.n_late, found.n_events)
+        log.warning("%s: %d of %d events are after `duration_ms` and left out", source, found.n_late, found.n_events)
     say_merged(found, 1e-3 * spec.step_ms, source, accept=spec.merge_events)
 
 
-def say_merged(
-    found: OnClock, step_s: float, source: str, *, accept: bool, step: str = "--step-ms", flag: str = "--merge-events"
-) -> None:
+def say_merged(found: OnClock, step_s: float, source: str, *, accept: bool, step: str = "`step_ms`") -> None:
     """Say how many events are merged; InputError if they are more than `MOST_MERGED`, unless `accept`.
 
-    step, flag: what sets the clock, and what accepts more.
+    step: what sets the clock.
     """
     if not found.n_merged:
         return
@@ -330,7 +330,7 @@ def say_merged(
     what = f"{source}: {found.n_merged} of {n_events} events ({100 * share:.3g} %) share a step of {1e3 * step_s:g} ms"
     if share > MOST_MERGED and not accept:
         unit = "check the unit of the times, " if share > 0.5 else ""
-        fix = f"{unit}give a shorter {step}, or make one spike of them with {flag}"
+        fix = f"{unit}give a shorter {step}, or make one spike of them with `merge_events=True`"
         raise InputError(f"{what} and a channel with another and would be lost; {fix}")
     log.warning("%s and a channel with another and are one spike with it", what)
 

@@ -85,7 +85,7 @@ def read(
         found, rates_hz = _read(path, files[row], table, find_time=sampling_rate_Hz is None or not table.columns)
         said_hz |= {f"{files[row]}: {name}": rate_hz for name, rate_hz in rates_hz.items()}
         if sampling_rate_Hz is None and found[0].table.time is None and not rates_hz:
-            raise InputError(f"{folder}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
+            raise InputError(f"{folder}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
         read += found
         row_of += [row] * len(found)
         n_bytes += sum(each.table.signal.nbytes for each in found)
@@ -93,7 +93,7 @@ def read(
     if said_hz and (sampling_rate_Hz is not None or read[0].table.time is None):
         sampling_rate_Hz = sampling_rate_of(said_hz, sampling_rate_Hz, str(folder))
     if table.time_unit is not None and all(each.table.time is None for each in read):
-        raise InputError(f"{folder}: --time-unit: the samples have no time stamps; leave it out")
+        raise InputError(f"{folder}: `time_unit`: the samples have no time stamps; leave it out")
     _warn_of_axes(read, table, folder)
     for note, noted in _noted(read).items():
         log.warning("%s: %s%s", folder, note, "" if len(noted) == len(read) else f" ({some(noted)})")
@@ -119,16 +119,16 @@ def _read(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tupl
     """The trials of a file, and the sampling rates that it says."""
     if path.suffix.lower() in TEXTS:
         if layout.array is not None or layout.transpose:
-            raise InputError(f"{path}: --array and --transpose are for NPZ and MATLAB files; leave them out")
+            raise InputError(f"{path}: `array` and `transpose` are for NPZ and MATLAB files; leave them out")
         return [Read(str(path), file, read_table(path, layout, find_time=find_time))], {}
     if path.suffix.lower() == tdms.SUFFIX:
         if layout.transpose:
-            raise InputError(f"{path}: --transpose is for NPZ and MATLAB files; leave it out")
+            raise InputError(f"{path}: `transpose` is for NPZ and MATLAB files; leave it out")
         _check_no_text(path, layout)
         groups = tdms.read_groups(path, layout, find_time=find_time)
         return [Read(f"{path}:{name}", f"{file}:{name}", group) for name, group in groups.items()], {}
     if layout.columns:
-        raise InputError(f"{path}: --columns is for CSV files and TDMS; save the chosen columns, or as CSV")
+        raise InputError(f"{path}: `columns` is for CSV files and TDMS; save the chosen columns, or as CSV")
     _check_no_text(path, layout)
     return _of_arrays(path, file, layout, find_time=find_time)
 
@@ -137,7 +137,7 @@ def _check_no_text(path: Path, layout: LayoutSpec) -> None:
     """Refuse what only the reading of text needs."""
     for key in ("decimal", "header_lines"):
         if getattr(layout, key) != LayoutSpec.model_fields[key].default:
-            raise InputError(f"{path}: --{key.replace('_', '-')} is for text files; leave it out")
+            raise InputError(f"{path}: `{key}` is for text files; leave it out")
 
 
 def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) -> tuple[list[Read], dict[str, float]]:
@@ -163,7 +163,7 @@ def _of_arrays(path: Path, file: str, layout: LayoutSpec, *, find_time: bool) ->
             raise InputError(
                 f"{path}: '{key}' has {len(each)} samples and '{stamps_at[0]}' {len(time)} time stamps; give each "
                 "sample one"
-                f"{'' if layout.transpose else ', or use --transpose'}"
+                f"{'' if layout.transpose else ', or use `transpose=True`'}"
             )
     trials = [Read(f"{path}:{key}", f"{file}:{key}", Table((), each, time, 0, unit)) for key, each in signals.items()]
     return trials, rates_hz
@@ -174,7 +174,7 @@ def _signals(arrays: Mapping[str, np.ndarray], path: Path, *, transpose: bool) -
     signals = {key: as_signal(array, f"{path}, key '{key}'") for key, array in arrays.items()}
     if len({each.shape[0 if transpose else 1] for each in signals.values()}) > 1:
         held = ", ".join(f"{key} {each.shape}" for key, each in signals.items())
-        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with --array")
+        raise InputError(f"{path}: holds arrays of different numbers of taxels ({held[:100]}); name one with `array`")
     return {key: each.T for key, each in signals.items()} if transpose else signals
 
 
@@ -229,7 +229,7 @@ def _matrices(file: ArrayFile, chosen: str | None) -> dict[str, np.ndarray]:
     """
     if file.others and chosen is None:
         raise InputError(
-            f"{file.path}: '{file.others[0][:40]}' is neither numbers nor text; name the matrix of samples with --array"
+            f"{file.path}: '{file.others[0][:40]}' is neither numbers nor text; name the matrix of samples with `array`"
         )
     held = {name: np.asarray(file.read(name)) for name in file.shapes}
     is_matlab = file.path.suffix.lower() == MATLAB
@@ -254,7 +254,7 @@ def _warn_of_axes(read: Sequence[Read], layout: LayoutSpec, folder: Path) -> Non
     shapes = [each.table.signal.shape for each in read if each.table.first_line == 0]  # arrays have no lines
     if shapes and all(taxels > samples for samples, taxels in shapes):
         samples, taxels = shapes[0]
-        fix = "leave out --transpose" if layout.transpose else "use --transpose"
+        fix = "leave out `transpose`" if layout.transpose else "use `transpose=True`"
         log.warning(
             "%s: arrays of %d taxels, %d samples each; if it is the other way round, %s", folder, taxels, samples, fix
         )
@@ -299,10 +299,10 @@ def _no_recordings(folder: Path, others: Sequence[Path]) -> InputError:
 def _check_label_folders(folder: Path, found: Sequence[Path], ignored: Sequence[Path], pattern: str | None) -> None:
     labels = {place.name for place in folder.iterdir() if place.is_dir() and not is_hidden(place.name)}
     if not labels:
-        lacks = "" if pattern is None else f", and --pattern {pattern} no {{label}}"
+        lacks = "" if pattern is None else f", and `pattern={pattern!r}` no {{label}}"
         raise InputError(
             f"{folder}: holds no sub-folder{lacks}; put the files of each class in a sub-folder named by its label, or "
-            "give the label with --pattern, as in '{label}_{number}.csv', or --conditions"
+            "give the label with `pattern='{label}_{number}.csv'` or the like, or `conditions`"
         )
     for inside in found:
         if len(inside.parts) == 1:

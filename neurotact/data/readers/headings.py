@@ -187,7 +187,7 @@ def _in_one_column(usual: UsualRow, above: Sequence[_Line], path: Path) -> Usual
     """The usual row if its comma is a decimal one, in a file of one column that has a name."""
     cell = ",".join(usual.cells)
     if not above or "," in above[-1].text or not DECIMAL_COMMA.fullmatch(cell):
-        raise InputError(f"{path}: has commas between its columns, so there are no decimal commas; drop --decimal")
+        raise InputError(f"{path}: has commas between its columns, so there are no decimal commas; drop `decimal`")
     return UsualRow("\t", (cell,), (True,))
 
 
@@ -230,7 +230,9 @@ def _check_others(head: _Head, usual: UsualRow, samples: _Line, option: str, pat
             "that was cut off; remove the line"
         )
     n_lines = samples.number - 1
-    skip = f"skip the lines above the samples with {option} {n_lines}" if option else "remove the lines above the names"
+    skip = (
+        f"skip the lines above the samples with `{option}={n_lines}`" if option else "remove the lines above the names"
+    )
     line, row = apart[-1]
     if len(apart) == 1 and not head.names and (len(row) > 1 or usual.n_columns == 2):
         raise InputError(
@@ -247,6 +249,6 @@ def _hint(usual: UsualRow, n_names: int) -> str:
     if usual.separator == BLANKS:
         return " (names that contain blanks need quotes, or commas between columns)"
     if usual.separator == "," and usual.n_columns == 2 * n_names:
-        commas = "pass --decimal ," if n_names == 1 else "put ; between columns and pass --decimal ,"
+        commas = "pass `decimal=','`" if n_names == 1 else "put ; between columns and pass `decimal=','`"
         return f" (if these are decimal commas, {commas})"
     return ""

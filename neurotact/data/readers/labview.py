@@ -53,7 +53,7 @@ def measurement(text: str, path: Path, decimal: Decimal) -> TextTable:
     head = _head(text, path)
     mark = head.first("Decimal_Separator", ".")
     if mark not in (".", ",") or (decimal == "," and mark == "."):
-        raise InputError(f"{path}: names {mark!r} as its decimal separator; leave --decimal out")
+        raise InputError(f"{path}: names {mark!r} as its decimal separator; leave `decimal` out")
     if head.first("X_Dimension", "Time") != "Time":
         raise InputError(f"{path}: its X values are of {head.first('X_Dimension', '')[:20]!r}, no times; save samples")
     names = head.names[:-1] if head.names[-1] == COMMENT else head.names

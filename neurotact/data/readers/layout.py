@@ -27,7 +27,7 @@ INDEX = re.compile(r"(Unnamed: 0(\.\d+)?)?")
 LIKE_NUMBER = re.compile(rf"\W*\d|({NOT_FINITE.pattern})$", re.IGNORECASE)
 """The beginning of a cell that may be meant as a number."""
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}", re.ASCII)
-CHOICE = ", or choose other columns with --columns"
+CHOICE = ", or choose other columns with `columns`"
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
@@ -92,7 +92,7 @@ def read_table(path: Path, layout: LayoutSpec, *, find_time: bool = True) -> Tab
     `headings.open_table`. Columns without a single number are no taxels, and are left out. Raises InputError, which
     names the file, the line and column, and the fix.
     """
-    table = open_table(path, layout.decimal, layout.header_lines, option="--header-lines", choice=CHOICE)
+    table = open_table(path, layout.decimal, layout.header_lines, option="header_lines", choice=CHOICE)
     table.check_has_rows()
     if not table.names:
         _check_not_numbered(table)
@@ -205,7 +205,7 @@ def _columns_of(table: TextTable, layout: LayoutSpec, find_time: bool) -> _Colum
         named = f" ('{names[second][:40]}')" if names else ""
         raise InputError(
             f"{path}: column {second + 1}{named} looks like time stamps but is not the time column; choose the taxels "
-            "with --columns, or remove the column"
+            "with `columns`, or remove the column"
         )
     left_out = [] if chosen else [names[place] for place in headers if place not in (time, rest)]
     notes = (f"the header of the ROS message is no taxel: {some(left_out)}",) if left_out else ()
@@ -230,16 +230,16 @@ def chosen_places(
     Raises InputError for a column that is named twice.
     """
     used = [place for those in others.values() for place in those]
-    chosen = [place for asked in columns for place in _places(asked, names, len(first), "--columns", path)]
+    chosen = [place for asked in columns for place in _places(asked, names, len(first), "`columns`", path)]
     time = rest = None
     if time_column is not None:
         parts = split_stamps.apart(time_column, names)
-        time, rest = [*(_places(part, names, len(first), "--time-column", path)[0] for part in parts), None][:2]
+        time, rest = [*(_places(part, names, len(first), "`time_column`", path)[0] for part in parts), None][:2]
     elif find_time:
         time, rest = _stamps_at(names, first, [*used, *chosen])
     named = [*chosen, *(place for place in (time, rest) if place is not None)]
     if len({*named}) < len(named) or {*named} & {*used}:
-        *options, last = ("--columns", "--time-column", *others)
+        *options, last = ("`columns`", "`time_column`", *others)
         raise InputError(f"{path}: {', '.join(options)} and {last} name a column twice; name each once")
     return chosen, time, rest
 
@@ -276,7 +276,7 @@ def check_rises(time: np.ndarray, name: str, path: Path) -> None:
     if len(time) > 1 and (np.diff(time) < 0).mean() > FALLING:
         raise InputError(
             f"{path}: column '{name[:40]}' is named like time stamps, but its values fall; choose the taxels with "
-            "--columns, or the time with --time-column"
+            "`columns`, or the time with `time_column`"
         )
 
 
@@ -287,7 +287,7 @@ def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, pat
     ends = next(((asked[:at], asked[at + 1 :]) for at, mark in enumerate(asked) if mark == "-"
                  and asked[:at] in names and asked[at + 1 :] in names), None)  # fmt: skip
     match = RANGE.fullmatch(asked)
-    if ends is not None and option == "--columns":
+    if ends is not None and option == "`columns`":
         first, last = (names.index(end) for end in ends)
         return list(range(min(first, last), max(first, last) + 1))
     if match is None:
@@ -295,10 +295,10 @@ def _places(asked: str, names: tuple[str, ...], n_columns: int, option: str, pat
         raise InputError(f"{path}: {option}: there is no column '{asked[:40]}'; {hint}")
     first = int(match[1])
     last = int(match[2] or first)
-    if not 1 <= first <= last <= n_columns or (option == "--time-column" and last > first):
+    if not 1 <= first <= last <= n_columns or (option == "`time_column`" and last > first):
         raise InputError(
-            f"{path}: {option} {asked}: this file has {n_columns} columns, numbered from 1; name columns that it has, "
-            "or move it away if it is from another sensor"
+            f"{path}: {option}: {asked} is not there, since this file has {n_columns} columns, numbered from 1; name "
+            "columns that it has, or move it away if it is from another sensor"
         )
     return list(range(first - 1, last))
 

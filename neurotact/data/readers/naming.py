@@ -86,7 +86,7 @@ def conditions_of(files: Sequence[str], naming: NamingSpec, folder: Path) -> pd.
     if LABEL not in found:
         known = ", ".join(map(str, found.columns))
         raise InputError(
-            f"{folder}: no condition is called label (the class); add it with --levels, --pattern or --conditions "
+            f"{folder}: no condition is called label (the class); add it with `levels`, `pattern` or `conditions` "
             f"(found: {known})"
         )
     for name in found.columns.drop(LABEL):
@@ -111,7 +111,7 @@ def _of_levels(file: str, levels: Sequence[str], folder: Path) -> dict[str, str]
     above = PurePosixPath(file).parts[:-1]
     if len(above) < len(levels):
         raise InputError(
-            f"{folder / file}: is {len(above)} sub-folders deep, but --levels names {len(levels)} "
+            f"{folder / file}: is {len(above)} sub-folders deep, but `levels` names {len(levels)} "
             f"({', '.join(levels)}); move it, or name fewer levels"
         )
     found = {}

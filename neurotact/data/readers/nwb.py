@@ -130,13 +130,13 @@ def read(
         "units": bool(asked.choice_of_units),
     }  # fmt: skip
     of_series = {
-        "unit": asked.unit, "sampling-rate-Hz": asked.sampling_rate_Hz, "max_gap_ms": asked.max_gap_ms,
+        "unit": asked.unit, "sampling_rate_Hz": asked.sampling_rate_Hz, "max_gap_ms": asked.max_gap_ms,
         "drop_repeats": asked.drop_repeats,
     }  # fmt: skip
     wrong = next((name for name, value in (of_series if asked.series is None else of_units).items() if value), None)
     if wrong is not None:
         what = "a time series" if asked.series is None else "spikes of units"
-        raise InputError(f"{path}: --{wrong.replace('_', '-')} is for {what}; drop it")
+        raise InputError(f"{path}: `{wrong}` is for {what}; drop it")
     with reading(path, "NWB", "the program that made it") as file:
         declared = Declared(file, path)
         trials = _trials(declared, asked, choice)
@@ -153,7 +153,7 @@ def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
     path, place = declared.path, f"intervals/{spec.trials}"
     if not declared.holds(place):
         there = named(declared.group("intervals")) if declared.holds("intervals") else "there is no table"
-        raise InputError(f"{path}: holds no {place} ({there}); name the table of trials with --trials")
+        raise InputError(f"{path}: holds no {place} ({there}); name the table of trials with `trials`")
     start_s, stop_s = (declared.numbers(f"{place}/{name}").astype(float) for name in ("start_time", "stop_time"))
     if len(start_s) != len(stop_s) or not len(start_s):
         raise InputError(f"{path}: {place} has {len(start_s)} starts and {len(stop_s)} stops; give one each per trial")
@@ -161,11 +161,11 @@ def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
     if spec.label not in found:
         raise InputError(
             f"{path}: no column of {place} is called {spec.label} ({', '.join(found) or 'it has no other columns'}); "
-            "name the class with --label"
+            "name the class with `label`"
         )
     labels = found.pop(spec.label)
     if found.pop(LABEL, None) is not None:
-        log.warning("%s: not used, since --label names another: the column %s", path, LABEL)
+        log.warning("%s: not used, since `label` names another: the column %s", path, LABEL)
     conditions = pd.DataFrame({LABEL: [str(label) for label in np.asarray(labels, object).tolist()], **found})
     told = (declared.texts(f"{place}/{key}") if declared.holds(f"{place}/{key}") else [] for key in (DIGEST, TOUCH))
     choice = choice.with_label(spec.label)
@@ -177,7 +177,7 @@ def _trials(declared: Declared, spec: NWBSpec, choice: TrialChoice) -> _Trials:
         at = wrong[0]
         raise InputError(
             f"{path}: trial {at} lasts from {start_s[at]:g} s to {stop_s[at]:g} s; correct it, or leave it out with "
-            "--leave-out"
+            "`leave_out`"
         )
     names = (each if len(each) == len(start_s) else [] for each in told)
     return _Trials(start_s, stop_s, conditions, *names).chosen(keep)
@@ -190,7 +190,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     path = declared.path
     if not declared.holds("units/spike_times"):
         raise InputError(
-            f"{path}: holds no spike times of units; name a time series with --series ({_of_series(declared)})"
+            f"{path}: holds no spike times of units; name a time series with `series` ({_of_series(declared)})"
         )
     stamps = declared.numbers("units/spike_times")
     afferents = unit_names(declared, spec.name)
@@ -208,7 +208,7 @@ def _spikes(declared: Declared, trials: _Trials, spec: NWBSpec) -> SpikeTrains:
     rate_Hz = own_Hz if spec.step_ms is None else 1e3 / spec.step_ms
     longest = float((trials.stop_s - trials.start_s).max()) * rate_Hz
     if longest > LONGEST_STEPS:
-        raise InputError(f"{path}: a trial has {longest:g} steps of {1e3 / rate_Hz:g} ms; give a longer --step-ms")
+        raise InputError(f"{path}: a trial has {longest:g} steps of {1e3 / rate_Hz:g} ms; give a longer `step_ms`")
     times_s = trials.start_s, trials.stop_s
     trials = trials.chosen(observed_by_units(declared, *times_s, kept, afferents, 1 / rate_Hz, spec.unobserved))
     order = np.argsort(stamps, kind="stable")
@@ -286,7 +286,7 @@ def _recordings(declared: Declared, trials: _Trials, spec: NWBSpec) -> Recording
     factor, offset = _conversion(declared, place, 1 if data.ndim == 1 else data.shape[1])
     cuts, rate_Hz, time_s = _cuts(declared, place, len(data), trials)
     if rate_Hz is not None and spec.sampling_rate_Hz is not None:
-        raise InputError(f"{path}: --sampling-rate-Hz: {place} says its rate, {rate_Hz:g} Hz; leave it out")
+        raise InputError(f"{path}: `sampling_rate_Hz`: {place} says its rate, {rate_Hz:g} Hz; leave it out")
     n_samples = sum(stop - start for start, stop in cuts)
     check_size(f"{path}: the trials of {place}", 8 * n_samples * math.prod(data.shape[1:]))
     channels, read = electrodes_of(declared, place, 1 if data.ndim == 1 else data.shape[1]), []

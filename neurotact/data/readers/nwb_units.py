@@ -16,7 +16,7 @@ from neurotact.errors import InputError
 AFFERENT = "afferent"
 """The column of units with the names of afferents."""
 SPIKE_TIMES, OBSERVED, INVALID = "units/spike_times", "units/obs_intervals", "intervals/invalid_times"
-UNITS = Words("--units", "--units", ("unit", "column"))
+UNITS = Words("`units`", "`units`", ("unit", "column"))
 
 
 def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
@@ -32,7 +32,7 @@ def unit_names(declared: Declared, column: str) -> tuple[str, ...]:
         names = tuple(f"unit{each}" for each in ids)
     twice = next((name for name in names if names.count(name) > 1), None) if len(set(names)) < len(names) else None
     if twice is not None:
-        raise InputError(f"{path}: two units are called '{twice[:40]}'; name units by another column (--name)")
+        raise InputError(f"{path}: two units are called '{twice[:40]}'; name units by another column (`name`)")
     return names
 
 
@@ -94,14 +94,14 @@ def observed_by_units(
                 observed[unit] = within(start_s, stop_s, intervals_s, step_s)
     return observed_trials(
         observed, names, asked, str(declared.path), invalid=_invalid(declared, start_s, stop_s, step_s),
-        fix="leave units out with --units 'name!={}'", option="--unobserved {}",
+        fix="leave units out with `leave_out_units={{'name': '{}'}}`",
     )  # fmt: skip
 
 
 def valid_trials(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, asked: Unobserved | None) -> np.ndarray:
     """Which trials of a time series have no invalid times, `(trial,)`; its samples are observed."""
     observed, invalid = np.ones((0, len(start_s)), bool), _invalid(declared, start_s, stop_s, SLACK)
-    return observed_trials(observed, (), asked, str(declared.path), fix="", option="--unobserved {}", invalid=invalid)
+    return observed_trials(observed, (), asked, str(declared.path), fix="", invalid=invalid)
 
 
 def _invalid(declared: Declared, start_s: np.ndarray, stop_s: np.ndarray, step_s: float) -> np.ndarray:

@@ -57,14 +57,14 @@ def _joined(intervals_s: np.ndarray, slack_s: float) -> np.ndarray:
 
 
 def observed_trials(
-    observed: np.ndarray, names: Sequence[str], asked: Unobserved | None, where: str, *, fix: str, option: str,
+    observed: np.ndarray, names: Sequence[str], asked: Unobserved | None, where: str, *, fix: str,
     invalid: np.ndarray | None = None,
 ) -> np.ndarray:  # fmt: skip
     """Which trials are kept, `(trial,)`: those that every unit observes whole, without invalid times, with a line.
 
     observed: `(unit, trial)`. names: of the units. invalid: trials that touch invalid times, `(trial,)`.
     asked: leave out any number of trials, or read them as silent; when None, at most `MOST_UNOBSERVED` of them are left
-    out. where: begins messages. fix: how units are left out, in words, with the place of a name; option: of `asked`.
+    out. where: begins messages. fix: how units are left out, in words, with the place of a name.
 
     Raises InputError if more trials would be left out, and if none is left.
     """
@@ -82,8 +82,8 @@ def observed_trials(
         return np.ones(n_trials, bool)
     if lost.all() or (lost.mean() > MOST_UNOBSERVED and asked is None):
         fixes = [fix.format(names[int(observed.sum(axis=1).argmin())])] if partial.any() else []
-        fixes += [] if lost.all() else [f"leave these trials out with {option.format('leave-out')}"]
-        fixes += [f"read what was not observed as silent with {option.format('silent')}"]
+        fixes += [] if lost.all() else ["leave these trials out with `unobserved='leave-out'`"]
+        fixes += ["read what was not observed as silent with `unobserved='silent'`"]
         raise InputError(
             f"{which} would be left out, more than {100 * MOST_UNOBSERVED:g} %: {why}; {', or '.join(fixes)}"
         )

@@ -47,7 +47,7 @@ def read(
     naming, layout = ({key: value for key, value in (given or {}).items() if value} for given in (naming, layout))
     if existing(path, "file or folder").is_dir():
         if names or axes:
-            raise InputError(f"{path}: --names and --axes are for one file with all trials; leave them out")
+            raise InputError(f"{path}: `names` and `axes` are for one file with all trials; leave them out")
         table = {} if conditions is None else {"table": str(conditions)}
         found = folder.read(path, sampling_rate_Hz, UNIT, naming=naming | table, layout=layout, is_raster=True)
         named = () if found.channels[0] == "taxel1" else found.channels
@@ -55,7 +55,7 @@ def read(
             found.signals, found.sampling_rate_Hz, named, found.conditions, str(path), merge_events=merge_events
         )
     if naming or layout:
-        raise InputError(f"{path}: --{next(iter(naming | layout))} is for a folder with a file per trial; leave it out")
+        raise InputError(f"{path}: `{next(iter(naming | layout))}` is for a folder with a file per trial; leave it out")
     loaded = arrays.load(path, sampling_rate_Hz, names, axes, conditions)
     return trains_of(
         loaded.signals,

@@ -60,16 +60,16 @@ def read(
     path = existing(path)
     asked = build(TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
-    table = named_table(path, asked.decimal, asked.header_lines, option="--header-lines", choice=CHOICE)
+    table = named_table(path, asked.decimal, asked.header_lines, option="header_lines", choice=CHOICE)
     for note in table.notes:
         log.warning("%s: %s", path, note)
     names = [*table.names]
     roles = _roles(names, table.first_row, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
     roles = roles._replace(first_line=table.first_line)
     if sampling_rate_Hz is None and roles.time is None:
-        raise InputError(f"{path}: the sampling rate is not known; give --sampling-rate-Hz, or --time-column")
+        raise InputError(f"{path}: the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`")
     if asked.time_unit is not None and roles.time is None and asked.annotations is None:
-        raise InputError(f"{path}: --time-unit: the samples have no time stamps; leave it out")
+        raise InputError(f"{path}: `time_unit`: the samples have no time stamps; leave it out")
     columns = columns_of(table, {roles.label, *roles.trial} & {*names})
     if roles.time is not None and roles.rest is None:
         its_unit = asked.time_unit or unit_of(table, names.index(roles.time), columns[roles.time])
@@ -136,17 +136,17 @@ def _roles(names: list[str], first: Sequence[str], asked: TableSpec, *, find_tim
     label = asked.label or called(names, ALIASES[LABEL])
     found = called(names, TRIALS)
     trial = asked.trial or ((found,) if found else ())
-    for role, each in (("--label", (label,) if label else ()), ("--trial", trial)):
+    for role, each in (("`label`", (label,) if label else ()), ("`trial`", trial)):
         for name in each:
             if name not in names:
                 raise InputError(f"{path}: {role}: there is no column '{name[:40]}'; {nearest(name, names)}")
     shown = ", ".join(names[:12])
     if label is None:
-        raise InputError(f"{path}: no column is called label ({shown}); name the class of a trial with --label")
+        raise InputError(f"{path}: no column is called label ({shown}); name the class of a trial with `label`")
     if not trial and not asked.segments:
         raise InputError(
-            f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with --trial, as in "
-            f"--trial subject,repetition, or take each stretch of one '{label}' as a trial with --segments"
+            f"{path}: no column is called trial ({shown}); name the columns that tell trials apart with `trial`, as in "
+            f"`trial='subject,repetition'`, or take each stretch of one '{label}' as a trial with `segments=True`"
             f"{'' if any(map(TIME_COLUMN.match, names)) else f'; {FEATURES}'}"
         )
     return _with_taxels(names, first, asked, label, trial, find_time=find_time, path=path)
@@ -160,7 +160,7 @@ def _with_taxels(
     chosen, time, rest = chosen_places(
         asked.columns, asked.time_column, tuple(names), first, path, find_time=find_time,
         others={
-            "--label": [names.index(label)] if label else [], "--trial": [names.index(name) for name in trial],
+            "`label`": [names.index(label)] if label else [], "`trial`": [names.index(name) for name in trial],
         },
     )  # fmt: skip
     stamps = [None if place is None else names[place] for place in (time, rest)]
@@ -180,17 +180,17 @@ def _parted(
     ignored = [name for name in changing if name not in taxels]
     commas = [name for name in (*ignored, *taxels) if DECIMAL_COMMA.fullmatch(str(columns[name][0]))]
     if commas:
-        raise InputError(f"{path}: column {commas[0]} has decimal commas; pass --decimal , or write decimal points")
+        raise InputError(f"{path}: column {commas[0]} has decimal commas; pass `decimal=','` or write decimal points")
     for name in [name for name in ignored if columns[name].dtype.kind == "U"]:
         if np.mean([bool(NUMBER.fullmatch(cell)) for cell in columns[name].tolist()]) > FAULTS:
             finite_called(table, name, columns)  # says which cell is no number
     if not taxels:
-        raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with --columns")
+        raise InputError(f"{path}: no column of numbers changes within a trial; name the taxels with `columns`")
     constant = [name for name in constant if name not in trials.conditions]
     if constant and not roles.taxels:
         log.warning(
             "%s: constant within each trial, so conditions and not taxels: %s; to change that, name the taxels with "
-            "--columns",
+            "`columns`",
             path, some(constant),
         )  # fmt: skip
     if ignored:

@@ -19,7 +19,7 @@ RATES_DIFFER = 0.1
 OTHER_UNIT = 100.0
 """If the given rate and that of the time stamps differ by this factor, the unit of the stamps is wrong."""
 
-OF_COLUMNS = doubts.Fixes("select the taxels with --columns", "give --time-column, or ")
+OF_COLUMNS = doubts.Fixes("select the taxels with `columns`", "give `time_column`, or ")
 """What mends a wrong column."""
 
 log = logging.getLogger("neurotact")
@@ -69,7 +69,7 @@ def recordings(
         for each in read
     ]
     if max_gap_ms is not None and all(trial.stamps is None for trial in trials):
-        raise InputError(f"{where}: --max-gap-ms: the samples have no time stamps; leave it out")
+        raise InputError(f"{where}: `max_gap_ms`: the samples have no time stamps; leave it out")
     repeats.say_dropped(_stamps_of(trials), drop_repeats, where)
     rate_Hz, signals = _on_one_clock(trials, sampling_rate_Hz, where)
     found = Recordings(signals, rate_Hz, unit, conditions, channels, source)
@@ -89,8 +89,8 @@ def _unit_of_time(tables: Sequence[Table], given_Hz: float | None, where: str) -
         return "s"
     said = [f"{each.unit} (trials of {each.trial_s:.3g} s at {each.rate_Hz:.4g} Hz)" for each in found]
     if len(found) > 1:
-        raise InputError(f"{where}: the time stamps may be in {' or '.join(said)}; give their unit with --time-unit")
-    log.warning("%s: the time stamps are taken as %s; if that is wrong, give their unit with --time-unit", where, *said)
+        raise InputError(f"{where}: the time stamps may be in {' or '.join(said)}; give their unit with `time_unit`")
+    log.warning("%s: the time stamps are taken as %s; if that is wrong, give their unit with `time_unit`", where, *said)
     return found[0].unit
 
 
@@ -175,19 +175,19 @@ def _check_unit(found_Hz: float, given_Hz: float | None, median_s: float, where:
     if given_Hz is not None:
         if not 1 / OTHER_UNIT < found_Hz / given_Hz < OTHER_UNIT:
             raise InputError(
-                f"{where}: the time stamps give {found_Hz:.3g} Hz and --sampling-rate-Hz says {given_Hz:g} Hz; give "
-                "the unit of the stamps with --time-unit (s, ms, us, ns), or leave --sampling-rate-Hz out"
+                f"{where}: the time stamps give {found_Hz:.3g} Hz and `sampling_rate_Hz` says {given_Hz:g} Hz; give "
+                "the unit of the stamps with `time_unit` (s, ms, us, ns), or leave `sampling_rate_Hz` out"
             )
     elif found_Hz < clock.SLOWEST_HZ:
         log.warning(
             "%s: the time stamps give %.3g Hz, which is slow for touch; if their unit is another, give it with "
-            "--time-unit",
+            "`time_unit`",
             where, found_Hz,
         )  # fmt: skip
     elif median_s < clock.SHORTEST_S:
         log.warning(
             "%s: the time stamps give %.4g Hz and a median trial of %.3g ms, which is short for touch; if their unit "
-            "is another, give it with --time-unit",
+            "is another, give it with `time_unit`",
             where, found_Hz, 1e3 * median_s,
         )  # fmt: skip
 

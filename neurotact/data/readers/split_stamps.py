@@ -53,19 +53,19 @@ def joined(
     """
     row = "line" if first_line else "sample"
     if unit is not None:
-        raise InputError(f"{where}: --time-unit: seconds and {name} together are in seconds; leave it out")
+        raise InputError(f"{where}: `time_unit`: seconds and {name} together are in seconds; leave it out")
     unit = _unit_of(name, rest)
     wrong = np.flatnonzero((rest < 0) | (rest * UNIT_S[unit] >= 1))
     if len(wrong):
         raise InputError(
             f"{where}: {row} {wrong[0] + first_line}: {name} is {rest[wrong[0]]:.12g} {unit}, not the rest of a "
-            "second; name the time stamps with --time-column"
+            "second; name the time stamps with `time_column`"
         )
     broken = np.flatnonzero(seconds != np.floor(seconds))
     if len(broken):
         raise InputError(
             f"{where}: {row} {broken[0] + first_line}: the seconds are {seconds[broken[0]]:.12g}, not whole, so that "
-            f"{name} is no rest of them; name the time stamps with --time-column"
+            f"{name} is no rest of them; name the time stamps with `time_column`"
         )
     return seconds + rest * UNIT_S[unit]
 

@@ -62,7 +62,7 @@ class TableSpec(Spec):
     @model_validator(mode="after")
     def _has_one_source_of_trials(self) -> "TableSpec":
         if self.annotations is not None and (self.segments or self.trial):
-            raise ValueError("--annotations says where trials begin and end; leave out --segments and --trial")
+            raise ValueError("`annotations` says where trials begin and end; leave out `segments` and `trial`")
         return self
 
     @property
@@ -157,16 +157,16 @@ def _trials(columns: Mapping[str, np.ndarray], roles: Roles, path: Path) -> Tria
         name, line = " ".join(firsts.iloc[again[0]]), begin[again[0]] + roles.first_line
         raise InputError(
             f"{path}: trial {name[:40]} begins again at line {line}; if trials are numbered "
-            f"anew for each class or subject, name all columns that tell them apart, as in --trial "
-            f"{roles.label},{','.join(roles.trial)}; else sort the rows by trial"
+            f"anew for each class or subject, name all columns that tell them apart, as in "
+            f"`trial='{roles.label},{','.join(roles.trial)}'`; else sort the rows by trial"
         )
     names = [f"trial {' '.join(row)}" for row in firsts.itertuples(index=False)]
     trials = Trials(begin, end, names, _conditions(columns, roles, begin))
     if not trials.are_constant(columns[roles.label]):
         raise InputError(
             f"{path}: '{roles.label}' changes within a trial; give each trial one class, name all columns that tell "
-            f"trials apart, as in --trial {roles.label},{','.join(roles.trial)}, or take each stretch of one class as "
-            "a trial with --segments"
+            f"trials apart, as in `trial='{roles.label},{','.join(roles.trial)}'`, or take each stretch of one class "
+            "as a trial with `segments=True`"
         )
     return trials
 

@@ -317,7 +317,7 @@ def _fault(table: TextTable, place: int, cell: str) -> str:
     if NUMBER.fullmatch(_with_point(cell, table.decimal)):
         return f"{at} {cell[:20]}, more than float32 holds; use another unit"
     if table.decimal == "." and DECIMAL_COMMA.fullmatch(cell):
-        return " has decimal commas; pass --decimal , or write decimal points"
+        return " has decimal commas; pass `decimal=','` or write decimal points"
     if THOUSANDS.fullmatch(cell):
         return f"{at} {cell[:20]!r}, with separators of thousands; write numbers without them"
     if table.decimal == "," and NUMBER.fullmatch(cell):

@@ -144,7 +144,7 @@ def _table(group: _Group, layout: LayoutSpec, path: Path, name: str, *, find_tim
     lengths = {each: len(channels[each]) for each in [*taxels, *stamps_at]}
     if len(set(lengths.values())) > 1:
         shown = some([f"{each} {length}" for each, length in lengths.items()])
-        raise InputError(f"{where}: has channels of different lengths ({shown}); choose the taxels with --columns")
+        raise InputError(f"{where}: has channels of different lengths ({shown}); choose the taxels with `columns`")
     signal = as_signal(np.stack([channels[each] for each in taxels], axis=1), where)
     notes = (f"holds no number, so no taxel: {some(group.others)}",) if group.others and not chosen else ()
     its = Table(tuple(taxels), signal, None, 0, layout.time_unit, notes)
@@ -159,5 +159,5 @@ def _table(group: _Group, layout: LayoutSpec, path: Path, name: str, *, find_tim
     if not find_time or len(intervals_s) < len(taxels):
         return its
     if max(intervals_s) - min(intervals_s) > SAME * max(intervals_s):
-        raise InputError(f"{where}: has channels of different intervals; choose taxels of one with --columns")
+        raise InputError(f"{where}: has channels of different intervals; choose taxels of one with `columns`")
     return its._replace(time=np.arange(len(signal)) * intervals_s[0], time_unit="s")

@@ -115,7 +115,7 @@ def _by_snntorch(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[
         raise InputError(f"snntorch: its import cannot be loaded ({error}); pip install nirtorch") from error
     written = _loadable(graph, "snntorch")
     if written is not None and not np.isclose(written.dt_s, STEP_OF_SNNTORCH_S):
-        raise InputError("snntorch: uses steps of 1e-4 s for any file; write it with dt_s=1e-4 (--dt-s 1e-4)")
+        raise InputError("snntorch: uses steps of 1e-4 s for any file; write it with `dt_s=1e-4`")
     with redirect_stdout(StringIO()):  # it prints its progress
         model = import_from_nir(graph)
     return _stepped(model, inputs, layers)
@@ -136,7 +136,7 @@ def _loadable(graph: Any, simulator: str) -> Note | None:
     kinds = {type(node).__name__ for node in graph.nodes.values()}
     unknown = kinds - {"Input", "Output", "Linear", "CubaLIF", "LIF", "NIRGraph"}
     if unknown:
-        raise InputError(f"{simulator}: has no {sorted(unknown)[0]}; write the plain form (--plain)")
+        raise InputError(f"{simulator}: has no {sorted(unknown)[0]}; write the plain form, `plain=True`")
     return of(graph, "graph")
 
 

@@ -30,7 +30,7 @@ def write(graph: Any, path: str | Path, *, force: bool = False) -> None:
 def read(path: str | Path) -> Any:
     """The graph in a file; InputError, in one line, for a file that is damaged, hostile or has unknown nodes."""
     package = nir()
-    with reading(path, "NIR", "neurotact export --to nir, or what wrote it") as file:
+    with reading(path, "NIR", "`nt.to_nir`, or what wrote it") as file:
         declared = Declared(file, path)
         table = _graph(declared, "node", 0, [MOST_NODES])
         try:

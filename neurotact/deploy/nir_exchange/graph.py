@@ -70,7 +70,7 @@ def _differences(network: RSNN, silent: dict[str, int] | None, *, plain: bool, l
     found = layers.differences(network) if plain else []
     if silent is not None and not lowered and any(silent.values()):
         steps = " and ".join(f"{n} steps of {name}" for name, n in silent.items())
-        found.append(f"afferents have no refractory period ({steps}); --lower-refractory adds them as nodes")
+        found.append(f"afferents have no refractory period ({steps}); `lower_refractory=True` adds them as nodes")
     return found
 
 

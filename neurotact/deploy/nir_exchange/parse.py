@@ -90,7 +90,7 @@ def _from_neurotact(graph: Any, written: Note, source: str, backend: Backend) ->
     if written.form != "exact":
         raise InputError(
             f"{source}: is the plain form of a network, with {len(written.differences)} differences from it; read "
-            "a file without --plain, or remove the note 'neurotact' from its metadata to read the plain network"
+            "a file without `plain`, or remove the note 'neurotact' from its metadata to read the plain network"
         )
     spec = build(RSNNSpec, written.network, source=f"{source}, network")
     nodes, _ = flat(graph)

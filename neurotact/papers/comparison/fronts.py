@@ -172,11 +172,11 @@ def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
         return
     learned = _not_learned(base)
     if learned:
-        yield f"{learned}; give more trials, or windows that contain the touch (--window-ms, --set window.align=onset)"
+        yield f"{learned}; give more trials, or windows that contain the touch (window.length_ms, window.align = onset)"
     seeds = base["seed"].nunique()
     if seeds < ENOUGH_SEEDS:
         reason = "one seed, so there is no interval" if seeds == 1 else f"{seeds} seeds, so intervals are wide"
-        yield f"{reason}: another split may reverse the answer; give --repeats {ENOUGH_SEEDS} or more"
+        yield f"{reason}: another split may reverse the answer; give `repeats={ENOUGH_SEEDS}` or more"
     if "least_test_trials" in base and base["least_test_trials"].min() < FEW_PER_CLASS:
         least, trials = int(base["least_test_trials"].min()), int(base["test_trials"].min())
         yield (

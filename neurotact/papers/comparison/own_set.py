@@ -57,8 +57,8 @@ class Touches(NamedTuple):
 def own(path: Path, given: Mapping[str, Any]) -> Own:
     """The study of a file in place of its sets; see `studies.protocol.ProtocolModule`.
 
-    Keys that begin with `window.` and `conditioning.`, `split.group`, the choice of trials (`--where`, `--leave-out`)
-    and the seeds of splits (`--repeats`) apply to the file's set. Raises InputError for a file without trials of two
+    Keys that begin with `window.` and `conditioning.`, `split.group`, the choice of trials (`where`, `leave_out`)
+    and the seeds of splits (`repeats`) apply to the file's set. Raises InputError for a file without trials of two
     classes, for windows that do not fit into a trial, for trials that some seed cannot split, and for another choice of
     test trials.
     """
@@ -97,11 +97,11 @@ def _with_swept_seeds(given: Mapping[str, Any]) -> dict[str, Any]:
     wrong = [key for key in given if key.removeprefix("sweep.").startswith("split") and key != SPLITS]
     if wrong:
         raise InputError(
-            f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, and --order, --folds and "
-            "--test-where do not apply; give --group or --repeats, or leave it out"
+            f"{wrong[0]}: this study draws its test trials at random, 15 % for each seed, and `order`, `folds` and "
+            "`test_where` do not apply; give `group` or `repeats`, or leave it out"
         )
     if SPLITS in given and "seed" in given:
-        raise InputError("--repeats: each seed has its own split, and seed is also given; give only one of them")
+        raise InputError("`repeats`: each seed has its own split, and seed is also given; give only one of them")
     found = {key: value for key, value in given.items() if key not in (SPLITS, "seed")}
     if "seed" in given:
         found[SEED] = [given["seed"]]
@@ -156,7 +156,7 @@ def _check(touches: Touches, chosen: SetSpec, seeds: Any) -> None:
     missing = [name for name in chosen.group if name not in touches.conditions]
     if missing:
         raise InputError(
-            f"--group: there is no condition '{missing[0]}'; known: {', '.join(map(str, touches.conditions.columns))}"
+            f"`group`: there is no condition '{missing[0]}'; known: {', '.join(map(str, touches.conditions.columns))}"
         )
     conditions = touches.conditions[[LABEL]].astype(str)
     if chosen.group:

@@ -64,7 +64,7 @@ class SetSpec(Spec):
     def _has_one_source_as_recorded(self) -> "SetSpec":
         has_source = [self.simulate is not None, self.read is not None, self.content is not None]
         if sum(has_source) != 1 or (self.simulate is None and self.path is None):
-            raise ValueError("give simulate, or read with its path; --data names a file of your own")
+            raise ValueError("give simulate, or read with its path; `data` names a file of your own")
         if self.conditioning.offset is not None or self.conditioning.scale is not None:
             raise ValueError("conditioning: offset and scale are fitted on the training trials; leave them out")
         return self

@@ -97,7 +97,7 @@ def folds_of(protocol: Literal["paper", "honest"], data: TouchData, arrays: Arra
     if "persons" not in arrays:
         raise InputError(
             f"{data.recordings}: has no condition 'person', which is needed to keep each person on one side; "
-            "run with --set protocol=paper"
+            "set protocol = paper"
         )
     return folds_by_person(arrays["persons"], seed=seed)
 

@@ -54,7 +54,7 @@ def test_classes_may_be_numbers_and_the_usual_names_are_known(tmp_path, caplog):
     assert found.channels == ("taxel1", "taxel2", "taxel3")
     assert not caplog.messages
     nt.read_arrays(write(tmp_path / "a.npz", X=SIGNALS.transpose(0, 2, 1), y=CLASSES), 100, "mV")
-    assert "has 9 taxels of 3 samples each; if it is the other way round, use --axes" in caplog.text
+    assert "has 9 taxels of 3 samples each; if it is the other way round, use `axes`" in caplog.text
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5"])
@@ -131,7 +131,7 @@ def test_a_grid_is_read_in_any_order_of_axes_that_is_named(tmp_path, axes):
 def test_a_grid_whose_time_is_not_clear_must_name_it(tmp_path):
     for shape in ((4, 6, 8, 10), (4, 10, 8, 6), (4, 8, 8, 8), (4, 9, 2, 8)):
         path = write(tmp_path / "a.npz", X=np.ones(shape), y=CLASSES)
-        refused("no axis is clearly the time; give --axes trial,time,row,column or --axes trial,row,column,time",
+        refused("no axis is clearly the time; give `axes='trial,time,row,column'` or `axes='trial,row,column,time'`",
                 path, 100, "V")  # fmt: skip
     assert nt.read_arrays(path, 100, "V", axes="trial,time,row,column").lengths.tolist() == [9] * 4
 
@@ -159,9 +159,9 @@ def test_the_sampling_rate_of_the_file_is_used_and_a_contradiction_named(tmp_pat
 
 
 def test_a_rate_that_is_not_known_or_said_twice_is_asked_for(tmp_path):
-    refused("the sampling rate is not known; give --sampling-rate-Hz, or save it as fs",
+    refused("the sampling rate is not known; give `sampling_rate_Hz`, or save it as fs",
             write(tmp_path / "a.npz", X=SIGNALS, y=CLASSES), None, "V")  # fmt: skip
-    refused("says fs = 250, Fs = 100; give the rate with --sampling-rate-Hz",
+    refused("says fs = 250, Fs = 100; give the rate with `sampling_rate_Hz`",
             write(tmp_path / "a.npz", X=SIGNALS, y=CLASSES, fs=250, Fs=100), None, "V")  # fmt: skip
     refused("fs: sampling_rate_Hz must be a positive number; got 0.0",
             write(tmp_path / "a.npz", X=SIGNALS, y=CLASSES, fs=0), None, "V")  # fmt: skip
@@ -177,15 +177,16 @@ def test_an_npy_file_has_its_classes_in_a_file_beside_it(tmp_path):
     np.save(tmp_path / "press.npy", SIGNALS)
     np.save(tmp_path / "y.npy", np.array([1.0, 0.0, 1.0, 0.0]))
     (tmp_path / "trials.csv").write_text("class,force_N\nrub,3\ntap,3\nrub,6\ntap,6\n")
-    refused("no array is called label (none has one value per trial); name the class with --names label=..., or give a "
-            "table that has it with --conditions", tmp_path / "press.npy", 100, "V")  # fmt: skip
+    refused("no array is called label (none has one value per trial); name the class with "
+            "`names={'label': ...}`, or give a table that has it with `conditions`",
+            tmp_path / "press.npy", 100, "V")  # fmt: skip
     found = nt.read_arrays(tmp_path / "press.npy", 100, "V", conditions=tmp_path / "y.npy")
     np.testing.assert_array_equal(found.signals, SIGNALS)
     assert found.conditions["label"].tolist() == ["1", "0", "1", "0"]
     found = nt.read_arrays(tmp_path / "press.npy", 100, "V", conditions=tmp_path / "trials.csv")
     assert found.conditions.to_dict("list") == {"label": CLASSES, "force_N": [3, 3, 6, 6]}
     np.savez(tmp_path / "a.npz", X=SIGNALS, label=CLASSES)
-    refused("'label' is an array here and a column of --conditions; drop one of them", tmp_path / "a.npz", 100, "V",
+    refused("'label' is an array here and a column of `conditions`; drop one of them", tmp_path / "a.npz", 100, "V",
             conditions=tmp_path / "trials.csv")  # fmt: skip
     (tmp_path / "trials.csv").write_text("class,force_N\nrub,3\ntap,3\n")
     refused("trials.csv: has 2 rows, but ", tmp_path / "press.npy", 100, "V", conditions=tmp_path / "trials.csv")
@@ -198,13 +199,13 @@ def test_an_npy_file_has_its_classes_in_a_file_beside_it(tmp_path):
 def test_trials_on_another_axis_are_told_by_the_number_of_classes(tmp_path):
     """MATLAB's habit: the trial is the last axis."""
     path = write(tmp_path / "a.npz", X=SIGNALS.transpose(1, 2, 0), y=CLASSES)
-    refused("'y' has 4 values, as many as axis 3 of 'X' (9, 3, 4) is long; if these are the trials, use --axes "
-            "time,taxel,trial", path, 100, "V")  # fmt: skip
+    refused("'y' has 4 values, as many as axis 3 of 'X' (9, 3, 4) is long; if these are the trials, use "
+            "`axes='time,taxel,trial'`", path, 100, "V")  # fmt: skip
     np.testing.assert_array_equal(nt.read_arrays(path, 100, "V", axes="time,taxel,trial").signals, SIGNALS)
 
 
 def test_a_matrix_is_one_taxel_or_features(tmp_path):
     path = write(tmp_path / "a.npz", X=SIGNALS[..., 0], y=CLASSES)
-    refused("'X' is read as the signals of one taxel with --axes trial,time, but features of each trial have no time",
+    refused("'X' is read as the signals of one taxel with `axes='trial,time'`, but features of each trial have no time",
             path, 100, "V")  # fmt: skip
     np.testing.assert_array_equal(nt.read_arrays(path, 100, "V", axes="trial,time").signals, SIGNALS[..., :1])

@@ -184,7 +184,7 @@ def test_a_repack_that_does_not_fit_is_refused(folder, change, words):
 
 @pytest.mark.parametrize("step_ms", [0.0, -1.0, float("nan"), float("inf")])
 def test_an_impossible_clock_is_refused(folder, step_ms):
-    with pytest.raises(InputError, match="--step-ms: must be a positive number"):
+    with pytest.raises(InputError, match="`step_ms`: must be a positive number"):
         read(written(folder, maker.dumps(GOOD)), step_ms)
 
 

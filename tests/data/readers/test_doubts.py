@@ -10,7 +10,7 @@ import neurotact as nt
 from neurotact.data.readers.doubts import Fixes, doubts
 from neurotact.data.recordings import Recordings
 
-FIXES = Fixes("drop it", "or name the time, ", "use --axes")
+FIXES = Fixes("drop it", "or name the time, ", "use `axes`")
 RNG = np.random.default_rng(5)
 
 
@@ -58,7 +58,7 @@ CASES = {
         Recordings(RNG.normal(size=(40, 1, 20)), 100.0, "V", ["a", "b"] * 20), "every trial has one sample, as ",
     ),
     "axes": (Recordings(RNG.normal(size=(4, 8, 60)), 100.0, "V", ["a", "b"] * 2), "has 60 taxels of 8 samples each; "),
-    "kHz": (touches(n_samples=600, rate_Hz=0.5), "0.5 Hz is slow for touch; check --sampling-rate-Hz"),
+    "kHz": (touches(n_samples=600, rate_Hz=0.5), "0.5 Hz is slow for touch; check `sampling_rate_Hz`"),
     "ns": (touches(rate_Hz=1e9), "1e+09 Hz is fast for touch"),
     "a short trial": (touches(rate_Hz=50_000.0), "the median trial lasts 0.0012 s at 50000 Hz, which is short"),
     "a long trial": (touches(n_samples=9000, rate_Hz=10.0), "the median trial lasts 900 s at 10 Hz, which is long"),
@@ -147,7 +147,7 @@ def test_a_row_per_touch_is_no_continuous_recording(tmp_path, caplog):
     by_class, shuffled = np.arange(60), np.random.default_rng(1).permutation(60)
     path = features(tmp_path / "a.csv", by_class)
     with pytest.raises(
-        nt.InputError, match=r"as a trial with --segments; if each row is a touch of its own \(features"
+        nt.InputError, match=r"as a trial with `segments=True`; if each row is a touch of its own \(features"
     ):
         nt.read_table(path, unit="V")
     nt.read_table(path, 100, "V", segments=True)

@@ -200,18 +200,18 @@ OPTIONS = [
     ("polarities", {"polarities": "down,up"}, {}, {}, (*COLUMNS, *GRIDS), HDF5_SAYS),
     ("polarities", {"polarities": "down,up", "polarity": "on"}, {}, {}, (), "without a name; drop|" + HDF5_SAYS),
     ("polarities", {"polarities": "a,b,c"}, {}, {}, (), "has 2 polarities .* but 3 names|" + HDF5_SAYS),
-    ("channels", {"channels": "l,m,r"}, {}, {}, (*COLUMNS, "h5"), "places x and y on a grid; drop --channels"),
-    ("n_channels", {"n_channels": 5}, {}, {}, (*COLUMNS, "h5"), "places x and y on a grid; drop --n-channels"),
-    ("n_channels", {"n_channels": 3, "channels": "l,m,r"}, {}, {}, (), "drop --(n-)?channels"),
-    ("sensor", {"sensor": "4x2"}, {}, {}, GRIDS, "drop --sensor"),
+    ("channels", {"channels": "l,m,r"}, {}, {}, (*COLUMNS, "h5"), "places x and y on a grid; drop `channels`"),
+    ("n_channels", {"n_channels": 5}, {}, {}, (*COLUMNS, "h5"), "places x and y on a grid; drop `n_channels`"),
+    ("n_channels", {"n_channels": 3, "channels": "l,m,r"}, {}, {}, (), "drop `(n_)?channels`"),
+    ("sensor", {"sensor": "4x2"}, {}, {}, GRIDS, "drop `sensor`"),
     ("names", {}, {"time": "later_us"}, {}, (*COLUMNS, *GRIDS), HDF5_SAYS),
     ("names", {}, {"channel": "other"}, {}, (*COLUMNS, *GRIDS), HDF5_SAYS),
     ("names", {}, {"polarity": "other"}, {}, (), "has 3 polarities|" + HDF5_SAYS),
     ("names", {"polarities": "a,b,c"}, {"population": "other"}, {}, (*COLUMNS, *GRIDS), HDF5_SAYS),
-    ("names", {}, {"polarity": "nowhere"}, {}, (), "--names polarity: there is no 'nowhere'|" + HDF5_SAYS),
+    ("names", {}, {"polarity": "nowhere"}, {}, (), "`names={'polarity': ...}`: there is no 'nowhere'|" + HDF5_SAYS),
     ("names", {}, {"polarity": "edge", "population": "edge"}, {}, (), "are the same; give one of them"),
-    ("names", {}, {"label": "kind_of"}, {}, ("csv", "npz"), "drop --names label"),
-    ("names", {}, {"trial": "block"}, {}, ("csv",), "must hold 0 to 1|drop --names trial"),
+    ("names", {}, {"label": "kind_of"}, {}, ("csv", "npz"), "drop `names={'label': ...}`"),
+    ("names", {}, {"trial": "block"}, {}, ("csv",), "must hold 0 to 1|drop `names={'trial': ...}`"),
     ("levels", {}, {}, {"levels": "cloth", "pattern": "F{label}"}, FOLDERS, "are for a folder"),
     ("pattern", {}, {}, {"pattern": "F{force}"}, FOLDERS, "are for a folder"),
     ("conditions", {}, {}, {"table": "..."}, FOLDERS, "are for a folder"),
@@ -288,7 +288,7 @@ def test_polarities_of_three_values_can_be_merged(tmp_path):
     rows = pd.DataFrame({"time": [0.1, 0.2, 0.3], "channel": 0, "p": [-1, 0, 1], "label": "a"})
     rows.to_csv(tmp_path / "e.csv", index=False)
     assert nt.read_events(tmp_path / "e.csv", {"polarity": "merge"}).afferents == ("channel0",)
-    with pytest.raises(InputError, match=r"has 3 populations, not two polarities; drop --polarity"):
+    with pytest.raises(InputError, match=r"has 3 populations, not two polarities; drop `polarity`"):
         nt.read_events(tmp_path / "e.csv", {"polarity": "on"})
 
 
@@ -303,8 +303,8 @@ def test_options_of_spikes_are_refused_with_a_series(tmp_path, option):
     source, out = str(tmp_path / "a.nwb"), str(tmp_path / "o.h5")
     refused = CliRunner().invoke(app, ["import", "nwb", source, "-o", out, "--series", "force", *option]).exception
     assert isinstance(refused, InputError)
-    assert f"{option[0]} is for spikes of units; drop it" in str(refused)
-    with pytest.raises(InputError, match="--unit is for a time series"):
+    assert f"`{option[0].strip('-').replace('-', '_')}` is for spikes of units; drop it" in str(refused)
+    with pytest.raises(InputError, match="`unit` is for a time series"):
         nt.read_nwb(source, {"unit": "V"})
 
 
@@ -323,7 +323,7 @@ def test_events_that_become_one_spike_are_counted_and_beyond_one_percent_refused
     assert caplog.messages == [f"{few}: 2 of 200 events (1 %) share a step of 1 ms and a channel with another and are "
                                "one spike with it"]  # fmt: skip
     many = of_times(tmp_path, sorted([*range(197), 5.25, 7.5, 9.5]))
-    with pytest.raises(InputError, match=r"3 of 200 events \(1\.5 %\) .* shorter --step-ms, .* --merge-events"):
+    with pytest.raises(InputError, match=r"3 of 200 events \(1\.5 %\) .* shorter `step_ms`, .* `merge_events=True`"):
         nt.read_events(many)
     with pytest.raises(InputError, match=r"check the unit of the times"):
         nt.read_events(many, {"time_unit": "us"})
@@ -354,7 +354,7 @@ def test_the_command_merges_with_a_flag(tmp_path):
 def test_events_after_the_given_length_are_counted(tmp_path, caplog):
     path = of_times(tmp_path, [0, 1, 2, 30, 30.5])
     assert nt.read_events(path, {"duration_ms": 20}).trial_steps.tolist() == [20]
-    assert caplog.messages == [f"{path}: 2 of 5 events are after --duration-ms and left out"]
+    assert caplog.messages == [f"{path}: 2 of 5 events are after `duration_ms` and left out"]
 
 
 def test_stamps_that_go_back_and_counters_that_begin_again_are_named(tmp_path, caplog):
@@ -375,7 +375,7 @@ def test_stamps_that_go_back_and_counters_that_begin_again_are_named(tmp_path, c
     [
         (np.array([0.0, np.nan, np.nan]), r"event 1 of 'time' is 'nan', not a number, and so are 1 more; drop these"),
         (np.array([0.0, np.inf]), r"event 1 of 'time' is 'inf', not a number; drop the event"),
-        (np.array([-0.001, 0.0]), r"an event is at -0.001 s, before zero; pass --origin first"),
+        (np.array([-0.001, 0.0]), r"an event is at -0.001 s, before zero; pass `origin='first'`"),
         (np.array([0, 5], "m8[us]"), r"'time' holds timedelta64\[us\], not numbers"),
     ],
 )

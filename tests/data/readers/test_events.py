@@ -166,7 +166,7 @@ def test_structured_arrays_of_a_grid(tmp_path):
     assert [found.afferents[unit] for unit in found.units[1]] == ["ON x0y1", "OFF x0y0"]
     assert found.steps[0].tolist() == [0, 3]
     assert len(found.afferents) == 12
-    with pytest.raises(InputError, match=r"a grid of 3x2, but --sensor is 2x2"):
+    with pytest.raises(InputError, match=r"a grid of 3x2, but `sensor` is 2x2"):
         nt.read_events(tmp_path, {"origin": "first", "sensor": "2x2"})
 
 
@@ -195,7 +195,7 @@ def test_a_pickle_is_never_opened(tmp_path):
         ("0,0.1,2\n0,0.2,1\n", {}, "line 1 holds a row, but must name the columns"),
         ("trial,time,channel,label\n0,x,2,a\n", {}, r"event 0 of 'time' is 'x', not a number"),
         ("trial,time,channel,label\n0,nan,2,a\n", {}, "not a number|is nan"),
-        ("trial,time,channel,label\n0,-1,2,a\n", {}, "before zero; pass --origin first"),
+        ("trial,time,channel,label\n0,-1,2,a\n", {}, "before zero; pass `origin='first'`"),
         ("trial,time,channel,label\n0,1,-2,a\n", {}, "channel -2 is negative"),
         ("trial,time,channel,label\n0,1,2,a\n0,2,2,b\n", {}, "'label' changes within a trial"),
         ("trial,time,channel,label\n0,1e12,2,a\n", {}, "beyond any clock of 1 ms"),

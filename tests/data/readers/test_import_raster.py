@@ -100,9 +100,9 @@ def test_a_folder_holds_a_raster_per_trial(tmp_path, caplog):
     turned = nt.read_raster(tmp_path / "in", 1000, transpose=True, pattern="{trial}.npy")
     assert [each.tolist() for each in turned.steps] == [each.tolist() for each in found.steps]
     assert turned.conditions["trial"].tolist() == [1, 3, 0, 2]
-    refused("--names and --axes are for one file with all trials", tmp_path / "in", 1000, axes="trial,time,taxel")
+    refused("`names` and `axes` are for one file with all trials", tmp_path / "in", 1000, axes="trial,time,taxel")
     np.savez(tmp_path / "a.npz", X=RASTER, y=CLASSES)
-    refused("--pattern is for a folder with a file per trial", tmp_path / "a.npz", 1000, pattern="{label}.npz")
+    refused("`pattern` is for a folder with a file per trial", tmp_path / "a.npz", 1000, pattern="{label}.npz")
 
 
 def test_counts_are_one_spike_and_said(tmp_path, caplog):
@@ -117,7 +117,7 @@ def test_counts_are_one_spike_and_said(tmp_path, caplog):
     np.savez(tmp_path / "a.npz", X=3 * RASTER, y=CLASSES)
     lost = 2 * int(RASTER.sum())
     refused(f"{lost} of {3 * int(RASTER.sum())} events (66.7 %) share a step of 1 ms", tmp_path / "a.npz", 1000)
-    refused("--merge-events", tmp_path / "a.npz", 1000)
+    refused("`merge_events=True`", tmp_path / "a.npz", 1000)
     np.testing.assert_array_equal(dense(nt.read_raster(tmp_path / "a.npz", 1000, merge_events=True)), RASTER)
 
 

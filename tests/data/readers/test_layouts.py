@@ -82,7 +82,7 @@ def test_rounded_stamps_are_regular(caplog):
         (
             [0, 1, 2, 8, 9],
             None,
-            r"line 5 comes 6000 ms after the line before it, where 1000 ms is usual; .*--max-gap-ms",
+            r"line 5 comes 6000 ms after the line before it, where 1000 ms is usual; .*`max_gap_ms`",
         ),
         ([0, 1, 2, 5, 6], 2500.0, "line 5 comes 3000 ms"),
         ([0, 1, 3, 2, 4], None, "line 5 is earlier than the line before it"),
@@ -178,7 +178,7 @@ def test_a_column_that_never_changes_is_named(tmp_path, caplog):
     write(tmp_path / "felt" / "a.csv", "p,board_C,q\n1,31.2,3\n2,31.2,3\n")
     write(tmp_path / "silk" / "b.csv", "p,board_C,q\n1,31.2,4\n2,31.2,4\n")
     nt.read_folder(tmp_path, 100, "mV")
-    assert "every sample has the same value in board_C; select the taxels with --columns" in caplog.text
+    assert "every sample has the same value in board_C; select the taxels with `columns`" in caplog.text
     caplog.clear()
     nt.read_folder(tmp_path, 100, "mV", columns="p,q")
     assert "same value" not in caplog.text
@@ -195,7 +195,7 @@ def test_a_column_that_rises_throughout_every_trial_is_named(tmp_path, caplog):
     write(tmp_path / "felt" / "a.csv", counted(20, 19))
     write(tmp_path / "silk" / "b.csv", counted(30, 29))
     nt.read_folder(tmp_path, 100, "mV")
-    expected = "taxel1 rises throughout every trial, as time stamps or a counter do; give --time-column"
+    expected = "taxel1 rises throughout every trial, as time stamps or a counter do; give `time_column`"
     assert expected in caplog.text
     for text in (counted(30, 27), counted(19, 18)):
         write(tmp_path / "silk" / "b.csv", text)
@@ -285,7 +285,7 @@ def test_seconds_since_the_first_day_are_those_of_the_calendar(steps_us, is_date
 
 def test_without_a_rate_or_time_stamps_the_rate_is_asked_for(tmp_path):
     write(tmp_path / "felt" / "a.csv", "q,p\n0.00,1\n0.01,2\n")
-    with pytest.raises(InputError, match="the sampling rate is not known; give --sampling-rate-Hz, or --time-column"):
+    with pytest.raises(InputError, match="the sampling rate is not known; give `sampling_rate_Hz`, or `time_column`"):
         nt.read_folder(tmp_path, unit="mV")
 
 
@@ -319,18 +319,18 @@ def test_the_unit_of_stamps_of_touch_is_found_or_asked_for(unit, rate_Hz, n_samp
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("1;2,5\n", {}, "line 1 has decimal commas; pass --decimal ,"),
+        ("1;2,5\n", {}, "line 1 has decimal commas; pass `decimal=','`"),
         ("1,2\n", {"decimal": ","}, "has commas between its columns"),
         ("1,5;2.5\n", {"decimal": ","}, "line 1 holds a point, but commas are decimal"),
         (
             "a,b\n1,2\n",
             {"columns": "3"},
-            "--columns 3: this file has 2 columns, numbered from 1; name columns that it has, or move it away",
+            "`columns`: 3 is not there, since this file has 2 columns, numbered from 1; name columns that it has",
         ),
-        ("a,b\n1,2\n", {"columns": "left"}, r"--columns: there is no column 'left'; known: a, b"),
-        ("a,b\n1,2\n", {"columns": "a-c"}, "--columns: there is no column 'a-c'"),
-        ("a,b\n1,2\n", {"time_column": "a-b"}, "--time-column: there is no column 'a-b'"),
-        ("a,b\n1,2\n", {"columns": "1,a"}, "--columns and --time-column name a column twice"),
+        ("a,b\n1,2\n", {"columns": "left"}, r"`columns`: there is no column 'left'; known: a, b"),
+        ("a,b\n1,2\n", {"columns": "a-c"}, "`columns`: there is no column 'a-c'"),
+        ("a,b\n1,2\n", {"time_column": "a-b"}, "`time_column`: there is no column 'a-b'"),
+        ("a,b\n1,2\n", {"columns": "1,a"}, "`columns` and `time_column` name a column twice"),
         ("a\n1\n2\n", {"time_column": "a"}, "has no column besides the time"),
         ("t,a\n0,x\n1,2\n", {"time_column": "t"}, r"line 2, column 2 \(a\) is 'x', not a number"),
         ("a,b,\n1,2,\n1,,\n", {}, r"line 3, column 2 \(b\) is empty"),
@@ -360,14 +360,14 @@ def test_a_naming_that_cannot_be_is_refused(table, message):
 
 def test_folders_less_deep_than_the_levels_are_named(tmp_path):
     write(tmp_path / "felt" / "a.csv", "1,2\n")
-    with pytest.raises(InputError, match=r"a\.csv: is 1 sub-folders deep, but --levels names 2 \(label, speed\)"):
+    with pytest.raises(InputError, match=r"a\.csv: is 1 sub-folders deep, but `levels` names 2 \(label, speed\)"):
         nt.read_folder(tmp_path, 100, "mV", levels="label,speed")
 
 
 def test_time_stamps_in_another_unit_than_said_are_named(tmp_path, caplog):
     for name in ("felt", "silk"):
         write(tmp_path / name / "a.csv", stamps("timestamp", range(4_277_465, 4_278_025, 28)))
-    with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and --sampling-rate-Hz says 35\.6 Hz; give the unit"):
+    with pytest.raises(InputError, match=r"stamps give 0\.0357 Hz and `sampling_rate_Hz` says 35\.6 Hz; give the unit"):
         nt.read_folder(tmp_path, 35.6, "count", time_unit="s")
     assert nt.read_folder(tmp_path, 35.6, "count", time_unit="ms").sampling_rate_Hz == 35.6
     assert "--time-unit" not in caplog.text
@@ -444,14 +444,14 @@ def test_an_array_of_another_length_is_no_stamps(tmp_path):
     ("arrays", "options", "message"),
     [
         ({"touch": np.ones((9, 3)), "clock": np.arange(8.0)}, {}, "'touch' has 9 samples and 'clock' 8 time stamps"),
-        ({"touch": np.ones((3, 9)), "clock": np.arange(9.0)}, {}, "give each sample one, or use --transpose"),
+        ({"touch": np.ones((3, 9)), "clock": np.arange(9.0)}, {}, "give each sample one, or use `transpose=True`"),
         ({"touch": np.ones((9, 3))}, {}, "holds no array 'clock'; known: touch"),
         ({"clock": np.arange(9.0)}, {}, "holds no array but the time stamps; save the samples too"),
         ({"touch": np.ones((9, 3)), "clock": np.ones((9, 3))}, {}, "must hold one number per sample as time stamps"),
         ({"touch": np.ones((9, 3)), "clock": np.full(9, np.nan)}, {}, "time stamp 0 is not finite"),
         ({"touch": np.ones((3, 3)), "clock": [0.0, 0.2, 0.1]}, {}, "sample 2 is earlier than the sample before it"),
         ({"touch": np.ones((9, 3))}, {"time_column": None}, "the sampling rate is not known"),
-        ({"touch": np.ones((9, 3))}, {"columns": "1"}, "--columns is for CSV files"),
+        ({"touch": np.ones((9, 3))}, {"columns": "1"}, "`columns` is for CSV files"),
     ],
 )
 def test_wrong_arrays_of_stamps_are_refused(tmp_path, arrays, options, message):

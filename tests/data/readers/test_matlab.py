@@ -149,7 +149,7 @@ def test_a_folder_holds_a_file_a_trial(tmp_path, version):
     one = nt.read_folder(tmp_path, 100, "count", array="force")
     assert one.signals[0].shape == (9, 1)
     refused(
-        "'rig' is neither numbers nor text; name the matrix of samples with --array", nt.read_folder, tmp_path, 100, "V"
+        "'rig' is neither numbers nor text; name the matrix of samples with `array`", nt.read_folder, tmp_path, 100, "V"
     )
     refused("holds no array 'presure'; did you mean 'pressure'", nt.read_folder, tmp_path, 100, "V", array="presure")
 
@@ -157,15 +157,15 @@ def test_a_folder_holds_a_file_a_trial(tmp_path, version):
 def test_arrays_of_different_taxels_are_not_all_trials(tmp_path):
     (tmp_path / "felt").mkdir()
     save(tmp_path / "felt" / "a.mat", "7", pressure=SIGNALS[0].T, force=np.ones(9))
-    refused("(pressure (3, 9), force (9, 1)); name one with --array", nt.read_folder, tmp_path, 100, "V")
-    refused("name one with --array", nt.read_folder, tmp_path, 100, "V", transpose=True)
+    refused("(pressure (3, 9), force (9, 1)); name one with `array`", nt.read_folder, tmp_path, 100, "V")
+    refused("name one with `array`", nt.read_folder, tmp_path, 100, "V", transpose=True)
 
 
 @pytest.mark.parametrize("option", [{"array": "pressure"}, {"transpose": True}])
 def test_options_of_arrays_are_refused_for_text(tmp_path, option):
     (tmp_path / "felt").mkdir()
     (tmp_path / "felt" / "a.csv").write_text("1,2\n3,4\n")
-    refused("--array and --transpose are for NPZ and MATLAB files", nt.read_folder, tmp_path, 100, "V", **option)
+    refused("`array` and `transpose` are for NPZ and MATLAB files", nt.read_folder, tmp_path, 100, "V", **option)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".mat"])
@@ -175,7 +175,7 @@ def test_arrays_may_be_the_other_way_round(tmp_path, suffix, caplog):
     write(tmp_path / "felt" / f"a{suffix}", data=SIGNALS[0].T)
     found = nt.read_folder(tmp_path, 100, "count")
     assert found.signals[0].shape == (3, 9)
-    assert "arrays of 9 taxels, 3 samples each; if it is the other way round, use --transpose" in caplog.text
+    assert "arrays of 9 taxels, 3 samples each; if it is the other way round, use `transpose=True`" in caplog.text
     caplog.clear()
     np.testing.assert_array_equal(nt.read_folder(tmp_path, 100, "count", transpose=True).signals[0], SIGNALS[0])
     assert not caplog.messages
@@ -253,7 +253,7 @@ def test_a_cell_array_holds_a_trial_in_each_cell(tmp_path, version, caplog):
     assert found.sampling_rate_Hz == 250.0
     assert "the sampling rate is 250 Hz, as Fs says" in caplog.text
     turned = save_cells(tmp_path / "b.mat", version, [cell.T for cell in RAGGED], y=labels)
-    refused("cell 2, has 7 taxels where the first has 9; if its axes are taxel and time, use --axes trial,taxel,time",
+    refused("cell 2, has 7 taxels where the first has 9; if its axes are taxel and time, use `axes='trial,taxel,time'`",
             nt.read_arrays, turned, 250, "V")  # fmt: skip
     back = nt.read_arrays(turned, 250, "V", axes="trial,taxel,time")
     assert [signal.shape for signal in back.signals] == [(9, 3), (7, 3), (8, 3)]

@@ -266,7 +266,7 @@ def test_samples_that_were_written_twice_are_dropped_if_asked_for(tmp_path):
     path = stamped_at(tmp_path / "a.nwb", twice * 0.1, np.random.default_rng(0).normal(size=80)[twice])
     asked = {"label": "cloth", "series": "touch"}
     with pytest.raises(
-        InputError, match=r"60 of 120 rows repeat the row before them with its time stamp .*--drop-repeats"
+        InputError, match=r"60 of 120 rows repeat the row before them with its time stamp .*`drop_repeats=True`"
     ):
         nt.read_nwb(path, asked)
     for options, expected in (({"drop_repeats": True}, [30, 30]), ({"sampling_rate_Hz": 20.0}, [60, 60])):
@@ -278,11 +278,11 @@ def test_samples_that_were_written_twice_are_dropped_if_asked_for(tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"series": "touch", "sampling_rate_Hz": 10.0}, "--sampling-rate-Hz: acquisition/touch says its rate, 1000 Hz"),
-        ({"series": "touch", "drop_repeats": True}, "--drop-repeats: the samples have no time stamps; leave it out"),
-        ({"series": "touch", "max_gap_ms": 3.0}, "--max-gap-ms: the samples have no time stamps; leave it out"),
-        ({"drop_repeats": True}, "--drop-repeats is for a time series; drop it"),
-        ({"sampling_rate_Hz": 9.0}, "--sampling-rate-Hz is for a time series; drop it"),
+        ({"series": "touch", "sampling_rate_Hz": 10.0}, "`sampling_rate_Hz`: acquisition/touch says its rate, 1000 Hz"),
+        ({"series": "touch", "drop_repeats": True}, "`drop_repeats`: the samples have no time stamps; leave it out"),
+        ({"series": "touch", "max_gap_ms": 3.0}, "`max_gap_ms`: the samples have no time stamps; leave it out"),
+        ({"drop_repeats": True}, "`drop_repeats` is for a time series; drop it"),
+        ({"sampling_rate_Hz": 9.0}, "`sampling_rate_Hz` is for a time series; drop it"),
     ],
 )
 def test_options_of_stamps_without_stamps_are_refused(tmp_path, settings, message):
@@ -307,7 +307,7 @@ def test_options_of_stamps_without_stamps_are_refused(tmp_path, settings, messag
         ({}, {"trials": "epochs"}, r"no intervals/epochs \(there is trials\)"),
         ({"intervals__trials__stop_time": [0.0, 1.6]}, {}, "trial 0 lasts from 0 s to 0 s"),
         ({"intervals__trials__stop_time": [1.0]}, {}, "2 starts and 1 stops"),
-        ({"intervals__trials__stop_time": [1e12, 2.0]}, {}, "give a longer --step-ms"),
+        ({"intervals__trials__stop_time": [1e12, 2.0]}, {}, "give a longer `step_ms`"),
         ({}, {"step_ms": -1}, "step_ms: must be > 0"),
         ({}, {"series": "skin"}, r"no time series is called 'skin' \(there is acquisition/touch\)"),
         ({"intervals__trials__stop_time": [0.1, 9.0]}, {"series": "touch"}, "trial 1 lasts .* has no samples"),

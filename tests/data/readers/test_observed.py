@@ -97,8 +97,8 @@ def test_more_than_a_tenth_is_refused_with_the_units_to_leave_out(tmp_path, capl
         read(path)
     assert str(refusal.value) == (
         f"{path}: 20 of 20 trials would be left out, more than 10 %: 20 are not observed whole by unit1 (observes 3 of "
-        "20), unit3 (observes 5 of 20), of which 2 observe fewer than half; leave units out with --units "
-        "'name!=unit1', or read what was not observed as silent with --unobserved silent"
+        "20), unit3 (observes 5 of 20), of which 2 observe fewer than half; leave units out with "
+        "`leave_out_units={'name': 'unit1'}`, or read what was not observed as silent with `unobserved='silent'`"
     )
     assert len(read(path, leave_out_units={"name": ["unit1", "unit3"]})) == N_TRIALS
     assert "2 of 4 units are kept: without name = unit1 or unit3" in caplog.text
@@ -109,7 +109,7 @@ def test_more_than_a_tenth_is_refused_with_the_units_to_leave_out(tmp_path, capl
         in caplog.text
     )
     part = session(tmp_path / "b.nwb", (WHOLE, [[0.0, 30.5]], WHOLE, WHOLE))
-    with pytest.raises(InputError, match="leave these trials out with --unobserved leave-out, or read what was not"):
+    with pytest.raises(InputError, match="leave these trials out with `unobserved='leave-out'`, or read what was not"):
         read(part)
     assert len(read(part, unobserved="leave-out")) == 15
     late = session(tmp_path / "c.nwb", ([[19.0, 99.0]],) * 4)  # of the trials that are asked for, all are observed
@@ -147,12 +147,12 @@ def test_units_are_chosen_by_their_columns_and_those_of_their_electrodes(tmp_pat
         assert mine.tolist() == its[units >= 2].tolist()
     assert "2 of 4 units are kept: location = S1 without name = unit0" in caplog.text
     with pytest.raises(
-        InputError, match=r"--units: no unit has quality = god; did you mean 'good'\? quality is good, noi"
+        InputError, match=r"`units`: no unit has quality = god; did you mean 'good'\? quality is good, noi"
     ):
         read(path, units={"quality": "god"})
-    with pytest.raises(InputError, match="--units: there is no column 'qualty'; did you mean 'quality'"):
+    with pytest.raises(InputError, match="`units`: there is no column 'qualty'; did you mean 'quality'"):
         read(path, units={"qualty": "good"})
-    with pytest.raises(InputError, match="--units is for spikes of units; drop it"):
+    with pytest.raises(InputError, match="`units` is for spikes of units; drop it"):
         nt.read_nwb(path, {"label": "cloth", "series": "touch", "units": {"quality": "good"}})
     words = ["import", "nwb", str(path), "--label", "cloth", "--step-ms", "10", "--units", "quality=good"]
     words += ["--units", "name!=unit0", "--where", "cloth=silk", "--where", "phase=late", "-o", str(tmp_path / "a.h5")]

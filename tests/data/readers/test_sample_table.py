@@ -85,30 +85,36 @@ def test_columns_that_are_no_taxels_are_named(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("trial,a\n1,2\n", {}, r"no column is called label \(trial, a\); name the class of a trial with --label"),
-        ("label,a\nx,2\n", {}, r"no column is called trial \(label, a\); .* subject,repetition, or .* --segments"),
-        ("trial,label,a\n1,x,2\n1,y,3\n", {}, "'label' changes within a trial; .* --trial label,trial, or .*segments"),
+        ("trial,a\n1,2\n", {}, r"no column is called label \(trial, a\); name the class of a trial with `label`"),
+        (
+            "label,a\nx,2\n", {},
+            r"no column is called trial \(label, a\); .* `trial='subject,repetition'`, or .* `segments=True`",
+        ),
+        (
+            "trial,label,a\n1,x,2\n1,y,3\n", {},
+            "'label' changes within a trial; .* `trial='label,trial'`, or .*segments",
+        ),
         (
             "trial,label,a\n1,x,2\n1,x,3\n2,x,1\n2,x,2\n1,y,3\n", {},
-            "trial 1 begins again at line 6; if trials are numbered anew .* as in --trial label,trial; else sort",
+            "trial 1 begins again at line 6; if trials are numbered anew .* as in `trial='label,trial'`; else sort",
         ),
         ("trial,label,a\n1,x,2\n1,x,oops\n", {"columns": "a"}, r"line 3, column 3 \(a\) is 'oops', not a number"),
         ("trial,label,a\n1,x,2\n1,x,inf\n", {}, r"line 3, column 3 \(a\) is inf; repair the gap, or choose other"),
         ("trial,label,a\n1,x,2\n1,x,2\n", {}, "no column of numbers changes within a trial; name the taxels"),
-        ("trial,label,a\n1,x,2\n", {"label": "lable"}, "--label: there is no column 'lable'; did you mean 'label'"),
-        ("trial,label,a\n1,x,2\n", {"trial": "subject"}, "--trial: there is no column 'subject'"),
+        ("trial,label,a\n1,x,2\n", {"label": "lable"}, "`label`: there is no column 'lable'; did you mean 'label'"),
+        ("trial,label,a\n1,x,2\n", {"trial": "subject"}, "`trial`: there is no column 'subject'"),
         ("trial,label,a\n1,x,2\n", {"columns": "a,label"}, "name a column twice; name each once"),
         ("trial,label,a\n1,x,2\n1,x,3\n", {"sampling_rate_Hz": None}, "the sampling rate is not known; give"),
         ("trial,label,T,a\n1,x,21,3\n1,x,20,4\n", {"sampling_rate_Hz": None}, "'T' is named like time stamps, but"),
         ("1,x,2\n1,x,3\n", {}, "line 1 holds a row, but must name the columns, as in trial,time_s,label"),
         ("trial,label,a\n", {}, "holds no row below its header"),
-        ("trial;label;a\n1;x;0,5\n1;x;2\n", {}, "column a has decimal commas; pass --decimal ,"),
+        ("trial;label;a\n1;x;0,5\n1;x;2\n", {}, "column a has decimal commas; pass `decimal=','`"),
         ("trial,label,a\n1,x,2\n", {"decimal": ","}, "has commas between its columns, so there are no decimal commas"),
         ("trial,label,a\n1,x,2,5\n", {}, "line 2 has 4 columns where 3 are expected, the names in line 1; name each"),
-        ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "y"}, "--leave-out: no trial has label = y; label is"),
+        ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "y"}, "`leave_out`: no trial has label = y; label is"),
         ("label,a\nx,2\nx,3\n", {"segments": True, "leave_out": "x"}, r"no trial is left of 1 \(without label = x\)"),
         ("label,a\nx,2\ny,3\n,4\n,5\n", {"segments": True}, "no trial has two samples of one class"),
-        ("label,a\nx,2\nx,3\n", {"segments": True, "annotations": "m.csv"}, "leave out --segments and --trial"),
+        ("label,a\nx,2\nx,3\n", {"segments": True, "annotations": "m.csv"}, "leave out `segments` and `trial`"),
     ],
 )  # fmt: skip
 def test_a_table_that_cannot_be_read_is_named(tmp_path, text, options, message):
@@ -249,7 +255,7 @@ def test_annotations_may_count_from_the_first_sample_and_overlap_with_a_warning(
 @pytest.mark.parametrize(
     ("marks", "message"),
     [
-        ("begin,end\n0,1\n", "there is no column of classes called label; name it with --label, of begin, end"),
+        ("begin,end\n0,1\n", "there is no column of classes called label; name it with `label`, of begin, end"),
         ("begin,label\n0,x\n", r"no column is called end or duration \(begin, label\); rename the columns"),
         ("end,label\n1,x\n", "no column is called begin"),
         ("begin,end,label\n0.05,0.02,x\n", "line 2 ends before it begins"),

@@ -87,7 +87,7 @@ def test_a_lost_batch_is_named_and_not_hidden_in_the_rate():
     arrives_s = np.delete(np.arange(100.0), 50) + np.random.default_rng(0).uniform(0, 0.2, 99)
     assert isinstance(shared_stamps.spread(np.repeat(arrives_s, 8) - arrives_s[0], 1e-9), Uneven)
     with pytest.raises(
-        InputError, match=r"where 1\d\.?\d* are usual; give --sampling-rate-Hz if the samples are regular"
+        InputError, match=r"where 1\d\.?\d* are usual; give `sampling_rate_Hz` if the samples are regular"
     ):
         stamps_of(np.repeat(arrives_s, 8))
 
@@ -99,7 +99,7 @@ def test_uneven_bursts_are_samples_of_the_given_rate_if_they_last_as_long():
     found = stamps_of(BURSTS, given_Hz=12.0)
     assert found.keep.all()
     assert found.interval_s == pytest.approx(1 / 12)
-    with pytest.raises(InputError, match=r"do not last as long as at 100 Hz; correct or leave out --sampling-rate-Hz"):
+    with pytest.raises(InputError, match=r"do not last as long as at 100 Hz; correct or leave out `sampling_rate_Hz`"):
         stamps_of(BURSTS, given_Hz=100.0)
     assert stamps_of(BURSTS, drop_repeats=True).n_dropped == len(BURSTS) - 6
 
@@ -165,7 +165,9 @@ def test_no_import_drops_more_than_a_twentieth_of_the_rows_unasked(tmp_path, cap
     )
     twice = np.repeat(np.arange(200), 2)
     many = folder_of(tmp_path / "many", (np.arange(200) * 10.0)[twice], values(200)[twice])
-    with pytest.raises(InputError, match=r"many: 800 of 1,600 rows repeat the row before them .* with --drop-repeats"):
+    with pytest.raises(
+        InputError, match=r"many: 800 of 1,600 rows repeat the row before them .* with `drop_repeats=True`"
+    ):
         nt.read_folder(many, unit="mV")
     assert nt.read_folder(many, unit="mV", drop_repeats=True).lengths.tolist() == [200] * 4
     assert nt.read_folder(many, 200, "mV").lengths.tolist() == [400] * 4, "each row is a sample of its own"
@@ -178,7 +180,7 @@ def test_spread_rows_are_counted_once(tmp_path, caplog):
     assert touches.sampling_rate_Hz == 10
     (said,) = caplog.messages
     assert "seconds: 1,024 of 1,144 rows have the time stamp of the row before them (in 4 of 4 trials); all are" in said
-    assert "at 10 Hz; if that is wrong, give --sampling-rate-Hz or --drop-repeats" in said
+    assert "at 10 Hz; if that is wrong, give `sampling_rate_Hz` or `drop_repeats=True`" in said
 
 
 def test_single_precision_stamps_of_an_array_keep_their_samples(tmp_path, caplog):
@@ -210,7 +212,7 @@ def test_short_trials_take_the_rate_of_longer_ones(tmp_path):
 def test_one_stamp_for_all_rows_needs_the_rate(tmp_path):
     place = folder_of(tmp_path, np.full(50, 1.7e9), values(50), column="time_s")
     with pytest.raises(
-        InputError, match="holds a single time in 50 rows, and a sampling rate needs two; give --sampling"
+        InputError, match="holds a single time in 50 rows, and a sampling rate needs two; give `sampling_rate_Hz`"
     ):
         nt.read_folder(place, unit="mV")
     assert nt.read_folder(place, 100, "mV").lengths.tolist() == [50] * 4
@@ -219,7 +221,7 @@ def test_one_stamp_for_all_rows_needs_the_rate(tmp_path):
 @pytest.mark.parametrize(("option", "value"), [("drop_repeats", True), ("max_gap_ms", 50.0)])
 def test_an_option_of_stamps_without_stamps_is_refused(tmp_path, option, value):
     place = folder_of(tmp_path, values(50)[:, 0], values(50), column="shear")
-    option_in_words = f"--{option.replace('_', '-')}"
+    option_in_words = f"`{option}`"
     with pytest.raises(InputError, match=f"{option_in_words}: the samples have no time stamps"):
         nt.read_folder(place, 100, "mV", **{option: value})
 
@@ -227,7 +229,7 @@ def test_an_option_of_stamps_without_stamps_is_refused(tmp_path, option, value):
 def test_drop_repeats_without_repeats_is_refused(tmp_path):
     place = folder_of(tmp_path, np.arange(50) * 10.0, values(50))
     with pytest.raises(
-        InputError, match="--drop-repeats: no row has the time stamp of the row before it; leave it out"
+        InputError, match="`drop_repeats`: no row has the time stamp of the row before it; leave it out"
     ):
         nt.read_folder(place, unit="mV", drop_repeats=True)
 

@@ -112,7 +112,7 @@ def test_channels_of_a_group_are_joined():
         ("sec,nanosec,p\n", "7,1000000000,1\n8,0,2\n", {}, "line 2: nanosec is 1000000000 ns, not the rest of a"),
         ("sec,nanosec,p\n", "7,-1,1\n8,0,2\n", {}, "line 2: nanosec is -1 ns, not the rest of a second; name the time"),
         ("sec,msec,p\n", "0.5,500,1\n0.7,700,2\n", {}, r"line 2: the seconds are 0\.5, not whole, so that msec"),
-        ("sec,nanosec,p\n", "7,0,1\n8,0,2\n", {"time_unit": "ms"}, "--time-unit: seconds and nanosec together are in"),
+        ("sec,nanosec,p\n", "7,0,1\n8,0,2\n", {"time_unit": "ms"}, "`time_unit`: seconds and nanosec together are in"),
         ("sec,nanosec,p\n", "7,0,1\n8,0,2\n", {"time_column": "sec,nanos"}, "there is no column 'nanos'; did you mean"),
         ("sec,nanosec,p\n", "7,0,1\n8,0,2\n", {"time_column": "sec,sec"}, "name a column twice; name each once"),
         ("time,sec,nanosec,p\n", "0,7,0,1\n1,8,0,2\n", {}, r"column 2 \('sec'\) looks like time stamps but is not the"),

@@ -133,11 +133,11 @@ SAID: dict[str, tuple[str | bytes, str]] = {
 """Files of `TOUCH`, and what is said of them."""
 REFUSED: dict[str, tuple[str | bytes, str]] = {
     "decimal commas": (
-        "t;left\n0,00;1,0\n0,01;2,0\n", "line 2 has decimal commas; pass --decimal , or write decimal points",
+        "t;left\n0,00;1,0\n0,01;2,0\n", "line 2 has decimal commas; pass `decimal=','` or write decimal points",
     ),
-    "decimal commas between blanks": ("t left\n0,00 1,0\n0,01 2,0\n", "line 2 has decimal commas; pass --decimal ,"),
-    "decimal commas in one column": ("force\n0,5\n0,6\n", "if these are decimal commas, pass --decimal ,)"),
-    "decimal commas and others": ("t,left\n0,00,1,0\n", "put ; between columns and pass --decimal ,)"),
+    "decimal commas between blanks": ("t left\n0,00 1,0\n0,01 2,0\n", "line 2 has decimal commas; pass `decimal=','`"),
+    "decimal commas in one column": ("force\n0,5\n0,6\n", "if these are decimal commas, pass `decimal=','`)"),
+    "decimal commas and others": ("t,left\n0,00,1,0\n", "put ; between columns and pass `decimal=','`)"),
     "thousands": (
         't,left\n0,"1,234.5"\n', "(left) is '1,234.5', with separators of thousands; write numbers without them",
     ),
@@ -158,17 +158,17 @@ REFUSED: dict[str, tuple[str | bytes, str]] = {
     "what a board says first": (
         "Booting...\nReady\n" + rows(),
         "lines 1 to 2 are no sample and no name of a column, 'Booting...'; skip the lines above the samples with "
-        "--header-lines 2",
+        "`header_lines=2`",
     ),
     "prose": (
         "Recorded, by Bob\nt,left,right\n" + rows(),
         "line 1 is no sample and no name of a column, 'Recorded, by Bob'; skip the lines above the samples with "
-        "--header-lines 2",
+        "`header_lines=2`",
     ),
     "keys and values": (
         "Sensor,A\nRate,100\n\nt,left,right\n" + rows(),
         "lines 1 to 2 are no sample and no name of a column, 'Sensor,A'; skip the lines above the samples with "
-        "--header-lines 4",
+        "`header_lines=4`",
     ),
     "fewer names": ("t,left\n" + rows(), "line 2 has 3 columns where 2 are expected, the names in line 1; name each"),
     "names with blanks": ("Time (s) Left Right\n" + rows(" "), "names that contain blanks need quotes, or commas"),

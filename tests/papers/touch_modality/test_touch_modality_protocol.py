@@ -77,7 +77,7 @@ def test_a_recording_file_gives_what_the_simulation_gives(loaded, tmp_path):
     arrays = protocol.load(TouchData(recordings=str(tmp_path / "unknown.h5")))
     assert "persons" not in arrays
     unnamed = TouchData(recordings="unknown.h5")
-    with pytest.raises(InputError, match=r"unknown\.h5: has no condition 'person'.*run with --set protocol=paper"):
+    with pytest.raises(InputError, match=r"unknown\.h5: has no condition 'person'.*set protocol = paper"):
         folds_of("honest", unnamed, arrays, 0)
 
 
