@@ -48,8 +48,6 @@ OPTIONS_ALLOWED = {
     "papers/stiffness/beside_real.py": "has a command line of its own",
     "papers/texture/calibration.py": "has a command line of its own",
 }
-NOT_YET = ("studies",)
-"""Rooms whose messages still name options."""
 
 each_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
 
@@ -163,7 +161,7 @@ def texts(path: Path) -> Iterator[str]:
 def test_only_the_command_line_names_an_option(path):
     """A message names the parameter, in backquotes; the command line turns it into the option (`cli.words`)."""
     name = path.relative_to(PACKAGE).as_posix()
-    if part_of(path) in ("cli", *NOT_YET) or name in OPTIONS_ALLOWED:
+    if part_of(path) == "cli" or name in OPTIONS_ALLOWED:
         return
     found = [text for text in texts(path) if OPTION.search(TYPED.sub("", OTHER_PROGRAMS.sub("", text)))]
     assert not found

@@ -216,8 +216,8 @@ def _check_same(folder: Path, asked: Asked) -> None:
     try:
         table = read(path)
     except InputError as error:
-        raise InputError(f"{path}: is damaged ({error}); start again with --force") from error
-    table = unsaved(table, f"{folder}: holds a training", "start again with --force")
+        raise InputError(f"{path}: is damaged ({error}); start again with `force=True`") from error
+    table = unsaved(table, f"{folder}: holds a training", "start again with `force=True`")
     try:
         before = build(Asked, table, source=str(path))
     except InputError as error:

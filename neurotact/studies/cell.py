@@ -82,8 +82,9 @@ class LongTraining:
         minutes = seconds / (epoch.epoch - before) * most / 60
         if minutes > LONG_MIN:
             say(
-                f"a network takes up to {minutes:.0f} min ({most} epochs); fewer taxels, shorter windows (--window-ms) "
-                f"or fewer epochs (--set network.training.epochs={max(1, most // 4)}) take less"
+                f"a network takes up to {minutes:.0f} min ({most} epochs); fewer taxels, shorter windows "
+                f"(window.length_ms) or fewer epochs (`settings={{'network.training.epochs': {max(1, most // 4)}}}`) take "
+                "less"
             )
 
 

@@ -38,7 +38,7 @@ def cluster(address: str) -> Iterator[MapCells]:
     try:
         import distributed
     except ImportError as error:
-        raise InputError("--scheduler needs Dask; install it with pip install 'neurotact[dask]'") from error
+        raise InputError("`scheduler`: needs Dask; install it with pip install 'neurotact[dask]'") from error
     for name in ("distributed", "distributed.client"):  # the errors raised here say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
     asyncio.run(_reach(address))
@@ -49,10 +49,10 @@ def cluster(address: str) -> Iterator[MapCells]:
             client.run(_check_worker, versions())
         except TimeoutError as error:
             start = f"start some with dask worker {address} --nworkers -1 --nthreads 1"
-            raise InputError(f"--scheduler {address}: no worker joined it within {REACH_S:g} s; {start}") from error
+            raise InputError(f"`scheduler={address!r}`: no worker joined it within {REACH_S:g} s; {start}") from error
         except (ImportError, AttributeError) as error:
             raise InputError(
-                f"--scheduler {address}: a worker lacks something ({first_line(error)}); {SAME}"
+                f"`scheduler={address!r}`: a worker lacks something ({first_line(error)}); {SAME}"
             ) from error
         yield partial(_map_cells, client, address)
 
@@ -81,10 +81,10 @@ async def _reach(address: str) -> None:
         answering = await connect(address, timeout=REACH_S, **Security().get_connection_args("client"))
         await answering.close()
     except ValueError as error:
-        raise InputError(f"--scheduler {address}: {error}; give an address such as tcp://host:8786") from error
+        raise InputError(f"`scheduler={address!r}`: {error}; give an address such as tcp://host:8786") from error
     except OSError as error:
         raise InputError(
-            f"--scheduler {address}: no scheduler answered there within {REACH_S:g} s; "
+            f"`scheduler={address!r}`: no scheduler answered there within {REACH_S:g} s; "
             "start one with dask scheduler, and give the address that it prints"
         ) from error
 
@@ -103,9 +103,9 @@ def _map_cells(
         except KilledWorker as error:
             why = f"several workers were lost while they computed cell {cell.digest()}"
             look = "look in their logs for the cause, such as too little memory"
-            raise InputError(f"--scheduler {address}: {why}; {look}, {go_on}") from error
+            raise InputError(f"`scheduler={address!r}`: {why}; {look}, {go_on}") from error
         except CancelledError as error:
-            raise InputError(f"--scheduler {address}: the scheduler was lost; start it again, {go_on}") from error
+            raise InputError(f"`scheduler={address!r}`: the scheduler was lost; start it again, {go_on}") from error
         except InputError:
             raise
         except Exception:

@@ -28,7 +28,7 @@ def on_device(name: str) -> Iterator[MapCells]:
     def map_cells(kind: Kind, todo: list[AnyCell], folder: Path) -> Iterator[tuple[AnyCell, Files]]:
         known = [cell for cell in todo if isinstance(cell, Cell)]
         if len(known) < len(todo):
-            raise InputError(f"--device {name}: this study's protocol trains no spiking networks; leave --device out")
+            raise InputError(f"`device={name!r}`: this study's protocol trains no spiking networks; leave `device` out")
         together = [cell for cell in known if cell.network is not None and cell.search is None]
         yield from _trained_together(kind, together, folder, device)
         for cell in known:

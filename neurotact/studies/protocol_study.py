@@ -117,7 +117,7 @@ def resolve(
         changes = {**with_data, **(own_quick if quick else {}), **changes}
     changes = {key.removeprefix("parameters."): value for key, value in changes.items()}
     if data is None and {*suited.CHOICE} & {*changes}:
-        raise InputError(f"--where, --leave-out: {path.name} makes or reads its own recordings; leave them out")
+        raise InputError(f"`where`, `leave_out`: {path.name} makes or reads its own recordings; leave them out")
     if data is not None:
         changes, table["notes"] = _own(table, path, data, changes)
     table |= {"first_look": True} if quick else {}
@@ -142,7 +142,7 @@ def _own(table: Mapping[str, Any], path: Path, data: str | Path, given: Mapping[
     """The changes of a study's protocol for a file of the user."""
     make = optional(module_of(str(table["protocol"])), "own")
     if make is None:
-        raise InputError(f"--data: {path.name} makes or reads its own recordings; leave --data out")
+        raise InputError(f"`data`: {path.name} makes or reads its own recordings; leave `data` out")
     return make(suited.file_of(data), given)
 
 

@@ -356,7 +356,7 @@ def _suited(
     """
     if study.dataset.file is None:
         raise InputError(
-            f"{path}: '{suited.AUTO}' is chosen from a file of recordings; name one with --data or dataset.file"
+            f"{path}: '{suited.AUTO}' is chosen from a file of recordings; name one with `data` or dataset.file"
         )
     clock_Hz = study.encoder.conditioning.resample_Hz
     recorded = suited.look(expand(study.dataset.file), clock_Hz, study.dataset.choice)

@@ -36,10 +36,10 @@ TURNS = 3
 """Values of a tested condition that validation leaves out at most, one after the other."""
 SOURCES = ("simulate", "read", "file")
 WORDS = Words(
-    "--window-ms",
-    "--set window.start_ms={}",
-    "--set window.align=onset",
-    "--set window.align=onset --set window.per_trial=1 --set window.onset.rest_ms={:g}",
+    "window.length_ms",
+    "`settings={{'window.start_ms': {}}}`",
+    "`settings={'window.align': 'onset'}`",
+    "`settings={{'window.align': 'onset', 'window.per_trial': 1, 'window.onset.rest_ms': {:g}}}`",
 )
 """How the keys of a window are given to a study."""
 WINDOW, SEED = "window.", "sweep.seed"
@@ -106,12 +106,12 @@ def with_file(table: dict[str, Any], data: str | Path | None, path: Path) -> dic
     named = [key for key in SOURCES if dataset.get(key) is not None]
     if data is not None:
         if named:
-            raise InputError(f"--data: {path.name} names its own recordings (dataset.{named[0]}); leave --data out")
+            raise InputError(f"`data`: {path.name} names its own recordings (dataset.{named[0]}); leave `data` out")
         return {**table, "dataset": {**dataset, "file": str(file_of(data))}}
     if not named:
         raise InputError(
-            f"{path.stem}: names no recordings; give a file with --data touches.h5 (in Python, data='touches.h5'); "
-            "neurotact import folder makes one from your files"
+            f"{path.stem}: names no recordings; give a file with `data='touches.h5'`; "
+            "`nt.read_folder` makes one from your files"
         )
     return table
 
@@ -136,7 +136,7 @@ def suit(
 def file_of(data: str | Path) -> Path:
     """The absolute path of the file that `--data` names; InputError if it does not exist."""
     if not os.path.isfile(data):  # as of `files.existing`: a name may be too long
-        raise InputError(f"--data {data}: there is no such file; neurotact import folder makes one from your files")
+        raise InputError(f"`data={str(data)!r}`: there is no such file; `nt.read_folder` makes one from your files")
     return Path(data).absolute()
 
 
@@ -157,8 +157,8 @@ def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = 
     """
     if hdf5.kind_of(path) != "recordings":
         raise InputError(
-            f"{path}: holds spikes, but this study encodes recordings; for spikes, neurotact train and then "
-            "neurotact infer --early-exit report the accuracy of a network, and its SOPs and ms per decision"
+            f"{path}: holds spikes, but this study encodes recordings; for spikes, `nt.train` and then "
+            "`nt.infer(..., early_exit=True)` report the accuracy of a network, and its SOPs and ms per decision"
         )
     with hdf5.open_recordings(path) as every:
         stored = chosen_trials(every, choice, str(path), tell=False)
@@ -174,7 +174,7 @@ def look(path: str | Path, clock_Hz: float | None = None, choice: TrialChoice = 
 
 def window(timing: Timing, given: Mapping[str, Any] = {}) -> tuple[dict[str, Any], list[str]]:
     """The window of a study, as `data.window_choice.choose`; given: dotted keys such as `window.length_ms`."""
-    asked = build(_Given, {"window": override({}, _of_window(given))}, source="--set").window
+    asked = build(_Given, {"window": override({}, _of_window(given))}, source="`settings`").window
     return choose(timing, {key: getattr(asked, key) for key in asked.model_fields_set}, WORDS)
 
 
@@ -214,7 +214,7 @@ def _with_seeds(
         return {**table, "sweep": sweep}, note
     note = (
         f"Split: {FOLDS} folds with one random seed each, so that each of the {n_trials} trials is tested once; for "
-        "one split with three seeds: --set sweep.seed=[0,1,2]."
+        "one split with three seeds: `settings={'sweep.seed': [0, 1, 2]}`."
     )
     sweep |= {"split.fold": [*range(FOLDS)], "seed": [0]}
     return {**table, "split": {"folds": FOLDS}, "sweep": sweep}, note

@@ -63,7 +63,7 @@ def unswept(sweep: dict[str, Any], overrides: Mapping[str, Any], path: Path) -> 
     for key, value in overrides.items():
         joint = [axis for axis in sweep if JOIN in axis and key in axis.split(JOIN)]
         if joint:
-            raise InputError(f"--set {key}: is swept as '{joint[0]}'; set that sweep in a copy of {path.name} instead")
+            raise InputError(f"`settings`: {key} is swept as '{joint[0]}'; set that sweep in a copy of {path.name}")
         if key.startswith("sweep."):
             sweep[key.removeprefix("sweep.")] = value
         elif key in sweep:

@@ -82,7 +82,7 @@ def made(times_by_trial, t_start=0.0, t_stop=0.02, names=None, **annotations):
 def test_another_s_block_is_put_on_a_clock_by_hand():
     """Two spikes within a millisecond are one; the last stands at the end of its train, and so in the last step."""
     block = made([[[5.0, 5.0032, 5.0039], [5.02]], [[], [5.0101]]], 5.0, 5.02, depth_mm=2)
-    with pytest.raises(InputError, match=r"block: 1 of 5 events \(20 %\) .* step_ms, .* merge_events=True"):
+    with pytest.raises(InputError, match=r"block: 1 of 5 events \(20 %\) .* `step_ms`, .* `merge_events=True`"):
         nt.from_neo(block, label="cloth")
     found = nt.from_neo(block, label="cloth", merge_events=True)
     assert (found.afferents, found.sampling_rate_Hz, found.encoder) == (("unit0", "unit1"), 1000.0, {})

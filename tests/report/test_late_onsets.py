@@ -1,5 +1,6 @@
 """The report of a study on touches that begin at different times names the options that follow each onset."""
 
+import ast
 import json
 import re
 
@@ -10,7 +11,6 @@ import pytest
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.report import report
-from neurotact.spec import parse_assignments
 from neurotact.studies import loading, runner
 
 SMALL = {
@@ -20,7 +20,7 @@ SMALL = {
     "sweep.encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1]],
     "network.training.epochs": 1,
 }
-OPTION = re.compile(r"--set (\S+)")
+SETTINGS = re.compile(r"`settings=(\{.+\})`")
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_a_study_of_late_touches_names_options_that_its_spec_takes(squeezes, tmp
     report.write(tmp_path / "run")
     cautions = json.loads((tmp_path / "run" / "answer.json").read_text())["cautions"]
     (line,) = [line for line in cautions if line.startswith("Touches begin at different times, in ")]
-    named = parse_assignments(OPTION.findall(line.rstrip(".")))
+    named = ast.literal_eval(SETTINGS.findall(line)[0])
     window = loading.resolve("own-recordings", SMALL | named, data=squeezes).window
     assert (window.align, window.per_trial) == ("onset", 1)
     assert 0 < window.onset.rest_ms < 1000

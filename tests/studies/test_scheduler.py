@@ -226,7 +226,7 @@ def kill_one_in_a_cell(address: str, started: dict[str, subprocess.Popen], kille
 def test_an_address_without_a_scheduler_is_named(tmp_path, monkeypatch, address, expected):
     pytest.importorskip("distributed", reason=WITHOUT_DASK)
     monkeypatch.setattr(cluster, "REACH_S", 0.5)
-    with pytest.raises(InputError, match=f"--scheduler {address}: ") as refusal:
+    with pytest.raises(InputError, match=f"`scheduler='{address}'`: ") as refusal:
         runner.run(study.resolve(TINY), tmp_path / "run", scheduler=address)
     assert expected in str(refusal.value)
     assert not (tmp_path / "run").exists()

@@ -30,10 +30,10 @@ def test_keys_of_a_window_are_dotted_and_their_times_numbers():
     given = {"window.length_ms": 300.0, "sweep.seed": [1]}
     table, notes = suited.window(timing, given)
     assert table == {"length_ms": 300.0, "per_trial": 4, "start_ms": 440.0}
-    assert notes[1].endswith("change it with --set window.start_ms=0.")
+    assert notes[1].endswith("change it with `settings={'window.start_ms': 0}`.")
     for key in ("length_ms", "start_ms", "hop_ms"):
         for wrong in ("long", True, -1.0, float("nan")):
-            with pytest.raises(InputError, match=rf"^window\.{key}: must be .*; got .* \(--set\)"):
+            with pytest.raises(InputError, match=rf"^window\.{key}: must be .*; got .* \(`settings`\)"):
                 suited.window(timing, {f"window.{key}": wrong})
 
 
@@ -42,9 +42,7 @@ def test_a_file_of_spikes_is_refused_with_what_takes_it(tmp_path):
     hdf5.save_spikes(
         nt.encode(Recordings(signals, 2000.0, "mV", pd.DataFrame({"label": ["a", "b"]}))), tmp_path / "s.h5"
     )
-    with pytest.raises(
-        InputError, match=r"s\.h5: holds spikes, .* neurotact train and then neurotact infer --early-exit"
-    ):
+    with pytest.raises(InputError, match=r"s\.h5: holds spikes, .* `nt.train` and then `nt.infer"):
         loading.resolve("own-recordings", data=tmp_path / "s.h5")
 
 
@@ -138,8 +136,8 @@ def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_pat
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
-        ("own-recordings", None, "own-recordings: names no recordings; give a file with --data"),
-        ("own-recordings", "away.h5", "--data away.h5: there is no such file"),
+        ("own-recordings", None, "own-recordings: names no recordings; give a file with `data="),
+        ("own-recordings", "away.h5", "`data='away.h5'`: there is no such file"),
         ("own-recordings", "x" * 300, "there is no such file"),
         ("refractory-period", "touches.h5", r"names its own recordings \(dataset.simulate\)"),
         ("contact-materials", "touches.h5", "makes or reads its own recordings"),
