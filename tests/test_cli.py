@@ -17,7 +17,7 @@ import torch
 from typer.main import get_command
 
 from neurotact import __version__, cli, files, plugins, spec
-from neurotact.cli import encoding, options, studies
+from neurotact.cli import commands, encoding, options, studies
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
@@ -664,7 +664,7 @@ def test_an_output_never_replaces_an_input(refused, made, tmp_path, monkeypatch,
     Path("in/felt").mkdir(parents=True)
     Path("in/felt/a.csv").write_text("left,right\n1,2\n3,4\n5,6\n")
     before = {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()}
-    refused((*words, "--force"), "is an input of this command; choose another output with -o")
+    refused((*words, "--force"), "is an input of this command; choose another output")
     assert {path: path.read_bytes() for path in Path().rglob("*") if path.is_file()} == before
 
 
@@ -1115,4 +1115,4 @@ def test_info_says_when_the_touch_begins(neurotact, tmp_path):
 
 @pytest.mark.parametrize("name", cli.COMMANDS)
 def test_a_command_and_the_list_of_commands_say_the_same(name):
-    assert " ".join(cli._load(name).help.split("\n\n")[0].split()) == cli.COMMANDS[name].help
+    assert " ".join(commands._load(name).help.split("\n\n")[0].split()) == cli.COMMANDS[name].help

@@ -83,8 +83,8 @@ class LongTraining:
         if minutes > LONG_MIN:
             say(
                 f"a network takes up to {minutes:.0f} min ({most} epochs); fewer taxels, shorter windows "
-                f"(window.length_ms) or fewer epochs (`settings={{'network.training.epochs': {max(1, most // 4)}}}`) take "
-                "less"
+                "(window.length_ms) or fewer epochs "
+                f"(`settings={{'network.training.epochs': {max(1, most // 4)}}}`) take less"
             )
 
 
