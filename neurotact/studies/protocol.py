@@ -71,7 +71,7 @@ class View(NamedTuple):
 
 
 class Own(NamedTuple):
-    """The changes of a protocol for the file that `--data` names.
+    """The changes of a protocol for the file that `data` names.
 
     changes: dotted keys of the study, such as `data.set` and `sweep.seed`; they replace all given keys.
     notes: what was chosen for the recordings, in words.
@@ -117,7 +117,7 @@ class ProtocolModule(Protocol):
     `cautions(results) -> list[str]`: what limits these answers, each with its remedy.
     `tables(results) -> dict[str, Listed]`: a table for each answer by its setting (`View.apart`, in words), which
     replaces the table of the best of each kind and is printed.
-    `own(path, given) -> Own`: the changes for a file that `--data` names; without it `--data` is refused. path:
+    `own(path, given) -> Own`: the changes for a file that `data` names; without it `data` is refused. path:
     absolute, of a file that exists. given: the dotted keys that are set, including `[with_data]` of the study file. It
     raises InputError if the file or a key is wrong.
     """

@@ -1,6 +1,6 @@
 """A protocol study: a spec that names the system of a paper, its parameters, and its sweep; its cells.
 
-A study file may contain a table `[with_data]`: dotted keys that are set if `--data` names a file. It may have its own
+A study file may contain a table `[with_data]`: dotted keys that are set if `data` names a file. It may have its own
 `title` and `about`, and a table `[with_data.quick]` in place of `[quick]`.
 """
 
@@ -41,7 +41,7 @@ class ProtocolStudy(Spec):
     notes: tuple[str, ...] = ()
     """As of `StudySpec`."""
     first_look: bool = False
-    """Whether this is a smaller sweep of the same kind (`--quick`)."""
+    """Whether this is a smaller sweep of the same kind (`quick`)."""
     as_shipped: bool = False
     """As of `StudySpec`."""
 

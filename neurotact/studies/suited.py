@@ -96,7 +96,7 @@ def placed(table: Any, path: Path) -> Any:
 
 
 def with_file(table: dict[str, Any], data: str | Path | None, path: Path) -> dict[str, Any]:
-    """The table of a study with the file of recordings that `--data` names; path: of the study file, for messages.
+    """The table of a study with the file of recordings that `data` names; path: of the study file, for messages.
 
     Raises InputError if `data` is missing, or is given although the study names its own recordings.
     """
@@ -134,7 +134,7 @@ def suit(
 
 
 def file_of(data: str | Path) -> Path:
-    """The absolute path of the file that `--data` names; InputError if it does not exist."""
+    """The absolute path of the file that `data` names; InputError if it does not exist."""
     if not os.path.isfile(data):  # as of `files.existing`: a name may be too long
         raise InputError(f"`data={str(data)!r}`: there is no such file; `nt.read_folder` makes one from your files")
     return Path(data).absolute()
