@@ -378,7 +378,7 @@ WAYS = {
                 "--max-sops": "--max-sops 10",
                 "--tuner": "--tuner random",
                 "--batch": "--batch 1 | --trials 24",
-                "--assessor": "--assessor none | --batch 1 --trials 8 --start-epoch 1",
+                "--assessor": "--assessor none | --batch 1 --trials 24",
                 "--start-epoch": "--start-epoch 1 | --batch 1 --trials 8",
             },
             NO_NETWORK
@@ -746,7 +746,7 @@ def cases(kind: str) -> list[Any]:
     ]
 
 
-@pytest.mark.filterwarnings("ignore:spikes.*another encoder:UserWarning")
+@pytest.mark.filterwarnings("default::UserWarning")
 @pytest.mark.parametrize(("way", "option", "words"), cases("changes"))
 def test_an_option_changes_what_is_printed_or_written(way, option, words, runner):
     if ".nwb" in way.words:

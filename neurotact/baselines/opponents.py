@@ -173,8 +173,7 @@ def spike_inputs(
         return
     for words, n_sequence, of_sequences in _sequences_of("steps", cuts.length_ms, n_steps):
         sequences = counted(rasters, n_sequence).astype(np.float32)
-        spent = made + cost(StandardisedSteps(n_sequence, n_afferents), signal_ms=cuts.length_ms)
-        yield Input(source, words, pair, sequences, spent, of_sequences)
+        yield Input(source, words, pair, sequences, made + cost(signal_ms=cuts.length_ms), of_sequences)
 
 
 def rows(
@@ -204,8 +203,14 @@ def rows(
 
 
 def _sides(one: Input, labels: np.ndarray, cuts: Cuts) -> Sides:
-    """The input of each side; features and channels are standardised on training windows."""
+    """The input of each side; features and channels are standardised on training windows, sequences of events are not.
+
+    A channel of rare events, divided by its deviation, would be loudest where it tells least: a GRU on Braille letters
+    has 72 % with and 79 % without.
+    """
     if one.features.ndim == 3:
+        if one.source == EVENTS:
+            return Sides(*(one.features[side] for side in cuts.sides), *(labels[side] for side in cuts.sides))
         return families.standardised(one.features, labels, cuts.sides)
     scaler = StandardScaler().fit(one.features[cuts.sides[0]])
     return Sides(*(scaler.transform(one.features[side]) for side in cuts.sides), *(labels[side] for side in cuts.sides))

@@ -180,7 +180,7 @@ def _print_repeated(out: Path, found: repeated.Repeated, *, as_json: bool) -> No
     if as_json:
         print(to_json(found.table))
         return
-    print_table(found.table[["folder", "accuracy_validation", "accuracy_test", "linear", "sops_total", "exit_steps"]])
+    print_table(found.table[["folder", "accuracy_validation", "accuracy_test", "baseline", "sops_total", "exit_steps"]])
     print(f"{out / repeated.TABLE}: {repeated.line(found)}")
 
 

@@ -485,14 +485,22 @@ def test_the_command_exports_proves_and_says_what_differs(tmp_path):
     nt.save(recordings, tmp_path / "gratings.h5")
     nt.save(nt.encode(recordings, encoder), tmp_path / "spikes.h5")
     nt.train(tmp_path / "spikes.h5", tmp_path / "run", "rsnn", {"hidden": 6, "training.epochs": 1}, length_ms=100)
-    arguments = ["export", str(tmp_path / "run"), "--to", "nir", "--recordings", str(tmp_path / "gratings.h5")]
+    arguments = ["export", str(tmp_path / "run"), "--to", "nir"]
 
     def said(*more: str) -> str:
         done = CliRunner().invoke(app, [*arguments, *more])
         assert done.exit_code == 0, done.output
         return done.output
 
-    lowered = said("-o", str(tmp_path / "a.nir"), "--lower-refractory", "--prove", "1")
+    lowered = said(
+        "-o",
+        str(tmp_path / "a.nir"),
+        "--lower-refractory",
+        "--prove",
+        "1",
+        "--recordings",
+        str(tmp_path / "gratings.h5"),
+    )
     for layer in ("afferents", "hidden", "readout"):
         assert f"graph, {layer}: equal" in lowered
     plain = said("-o", str(tmp_path / "b.nir"), "--plain", "--network-only")

@@ -522,5 +522,5 @@ def test_it_costs_two_macs_a_neuron_and_step_and_a_state_a_neuron():
 
 
 def test_snntorch_has_no_such_neuron():
-    with pytest.raises(InputError, match=r"threshold_adaptation: snnTorch.*train with threshold_adaptation = 0"):
+    with pytest.raises(InputError, match=r"adaptive thresholds: snnTorch.*train with threshold_adaptation = 0"):
         to_snntorch(RSNN(3, 2, hidden=4, membrane="immediate", sampling_rate_Hz=400.0, **ADAPTING))

@@ -34,7 +34,7 @@ def folder(tmp_path_factory):
 
 def words(folder, out, *more):
     """A search of the default network over windows of 10 steps."""
-    few = ("--trials", "5", "--batch", "4", "--seed", "3", "--tuner", "random", "--workers", "1")
+    few = ("--trials", "5", "--batch", "4", "--seed", "3", "--tuner", "random")
     window = ("--window-ms", "5", "--start-ms", "100", "--per-trial", "1")
     where = (str(folder / "spikes.h5"), "-o", str(out), "--space", str(folder / "space.toml"))
     return ["neurotact", "tune", *where, *few, *window, "--set", "training.epochs=2", *more]

@@ -3,7 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+from neurotact.cli import app
 from neurotact.data import hdf5
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
@@ -14,6 +16,7 @@ from neurotact.networks import repeated, trained
 from neurotact.networks.specs import RSNNSpec, TrainingSpec
 from neurotact.networks.tasks import Task
 
+COMMAND = "--network rsnn --set hidden=4 --set training.epochs=1 --window-ms 60"
 SMALL = RSNNSpec(hidden=4, training=TrainingSpec(epochs=1))
 
 
@@ -61,3 +64,11 @@ def test_seeds_that_would_test_the_same_trials_are_refused():
     # Each seed validates on another condition that training leaves out.
     seeds = repeated.tasks_of(task_of(test_where={"speed": 450}), every_fold=False, repeats=2)
     assert [task.split.seed for task in seeds.values()] == [0, 1]
+
+
+def test_the_command_prints_a_row_of_each_training_and_the_mean(spikes):
+    words = ["train", str(spikes), "-o", str(spikes.parent / "run"), "--repeats", "2", *COMMAND.split()]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "baseline" in done.output
+    assert "over 2 splits" in done.output

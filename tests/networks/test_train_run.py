@@ -122,7 +122,7 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
     saved = json.loads(left["network.json"])["spec"]
     assert saved["readout"] == "integrator"
     assert saved["tau_mem_ms"] == 2.0
-    assert "recipe" not in saved
+    assert saved["recipe"] is None
     assert read(folder / ASKED)["network"] == saved
 
     again = new_folder(spikes)

@@ -76,6 +76,12 @@ def trains_of(*pairs, **changes) -> SpikeTrains:
     return replace(from_rasters(np.stack(rasters), 1000.0, NAMES, table, ENCODER, trial_digests=digests), **changes)
 
 
+def untrained(*_, **__):
+    """A course that asks for nothing."""
+    return Training(EPOCHS, EPOCHS[0])
+    yield
+
+
 def fitted(rule=RULE, best=0) -> Trained:
     return Trained(wired(), Training(EPOCHS, EPOCHS[best]), rule)
 
@@ -180,7 +186,7 @@ def test_training_windows_judge_a_steady_rule_too():
 @pytest.mark.parametrize(("choice", "patience"), [("least", 1), ("steady", 10)])
 def test_a_fit_chooses_as_the_task_says(monkeypatch, choice, patience):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(fitting, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
+    monkeypatch.setattr(fitting, "course", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice)
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
@@ -193,11 +199,11 @@ def test_a_fit_takes_the_tasks_tolerance_and_its_validation_trials(monkeypatch, 
     trains = trains_of((STEADY, 0), (STEADY, 1), *VALIDATION, (STEADY, 0), (STEADY, 0))
     seen = []
 
-    def untrained(network, training, validation, **_):
+    def watched(network, training, validation, **_):
         seen.extend([training.labels.tolist(), validation.labels.tolist()])
-        return Training(EPOCHS, EPOCHS[0])
+        return untrained()
 
-    monkeypatch.setattr(fitting, "train", untrained)
+    monkeypatch.setattr(fitting, "course", watched)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     split = Split(np.array([0, 1]), np.array([2, 3, 4, 5]), np.array([6, 7]))
     task = Task(window={"length_ms": N_STEPS}, exit_tolerance=tolerance)
@@ -357,7 +363,7 @@ def test_a_margin_is_saved_and_stops_where_the_network_says(tmp_path):
 @pytest.mark.parametrize("choice", ["least", "steady"])
 def test_a_fit_exits_by_a_margin_where_the_task_says_so(monkeypatch, choice):
     trains = trains_of(*VALIDATION, (STEADY, 0), (STEADY, 1), (STEADY, 0))
-    monkeypatch.setattr(fitting, "train", lambda *_, **__: Training(EPOCHS, EPOCHS[0]))
+    monkeypatch.setattr(fitting, "course", untrained)
     monkeypatch.setattr(fitting, "new_network", lambda *_, **__: (wired(), torch.Generator()))
     task = Task(window={"length_ms": N_STEPS}, exit_choice=choice, exit_by="margin")
     split = Split(np.arange(4), np.array([4]), np.array([5, 6]))
