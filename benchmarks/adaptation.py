@@ -8,8 +8,8 @@ import time
 
 import torch
 
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
 
 RATE_Hz, STEPS, BATCH, TURNS = 2000.0, 300, 128, 40
 

@@ -19,9 +19,9 @@ from side_by_side import machine, versions
 
 from neurotact.backend import Backend, native
 from neurotact.errors import InputError
-from neurotact.networks import population
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.training import Course, Examples, Training, alone, course
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.training import population
+from neurotact.networks.training.training import Course, Examples, Training, alone, course
 
 N_INPUTS, N_CLASSES, RATE_Hz, DENSITY = 16, 8, 2000.0, 0.12
 

@@ -14,8 +14,8 @@ import torch
 from side_by_side import Row, Runner, best_of, missing, parse, publish
 from torch.nn import functional
 
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
 
 ALPHA, BETA, SCALE = 0.9, 0.95, 10.0
 PACKAGES = ("torch", "numpy", "snntorch", "spikingjelly", "norse", "jax", "jaxlib")

@@ -13,8 +13,8 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from neurotact.figures.style import INK, RC, new_figure, save
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
 
 RATE_Hz = 2000.0
 STEP_ms = 1e3 / RATE_Hz

@@ -24,7 +24,7 @@ from neurotact.backend import Backend
 from neurotact.deploy import c_export, formats
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders import afferents, specs
-from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.exit.early_exit import ExitRule
 
 TIMER = """
 #define _POSIX_C_SOURCE 199309L

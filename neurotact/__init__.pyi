@@ -36,11 +36,11 @@ from .encoders.afferents import AfferentSpec as AfferentSpec
 from .encoders.firing import FiringWarning as FiringWarning
 from .encoders.transformer import SpikeEncoder as SpikeEncoder
 from .errors import InputError as InputError
-from .networks.classifier import SpikingClassifier as SpikingClassifier
-from .networks.rsnn import RSNN as RSNN
-from .networks.snntorch_exchange import from_snntorch as from_snntorch
-from .networks.snntorch_exchange import to_snntorch as to_snntorch
-from .networks.specs import RSNNSpec as RSNNSpec
-from .networks.specs import TrainingSpec as TrainingSpec
+from .networks.definition.rsnn import RSNN as RSNN
+from .networks.definition.snntorch_exchange import from_snntorch as from_snntorch
+from .networks.definition.snntorch_exchange import to_snntorch as to_snntorch
+from .networks.definition.specs import RSNNSpec as RSNNSpec
+from .networks.definition.specs import TrainingSpec as TrainingSpec
+from .networks.use.classifier import SpikingClassifier as SpikingClassifier
 
 __version__: str

@@ -30,10 +30,12 @@ from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.figures.raster import draw_raster, existing_trial
 from neurotact.figures.search import save_found
-from neurotact.networks import checkpoint, inference, search, search_tables, tasks, train_run, trained
-from neurotact.networks.outcome import summary_of
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec, given_keys
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec, given_keys
+from neurotact.networks.search import search, search_tables
+from neurotact.networks.training import checkpoint, tasks, train_run, trained
+from neurotact.networks.training.outcome import summary_of
+from neurotact.networks.use import inference
 from neurotact.report import report
 from neurotact.studies import loading, runner
 

@@ -314,7 +314,7 @@ def cuba_lif_step(
     `spike` maps U - threshold to what is transmitted, with its surrogate gradient; the reset acts where
     U > threshold, whatever is transmitted. With `adaptation` U - k A takes the place of U in both.
 
-    >>> from neurotact.networks.surrogate import FastSigmoid
+    >>> from neurotact.networks.definition.surrogate import FastSigmoid
     >>> state = cuba_lif_start(1, 1, torch.zeros(1))
     >>> sent = []
     >>> for drive in (1.5, 0.0, 0.0):

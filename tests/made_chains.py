@@ -11,11 +11,11 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.networks import fitting, trained
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Task
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import fitting, trained
+from neurotact.networks.training.tasks import Task
 from neurotact.spec import override
 
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from neurotact import backend
-from neurotact.networks import native
+from neurotact.networks.definition import native
 
 WIDE = "avx512" in native.isas()
 ASK = "import runpy, sys; sys.argv = ['neurotact', '--version']\n"

@@ -21,7 +21,7 @@ from neurotact.cli import commands, encoding, options, studies
 from neurotact.data.hdf5 import load_recordings, load_spikes, save_recordings
 from neurotact.data.recordings import Recordings
 from neurotact.data.splits import SplitSpec
-from neurotact.networks import fitting, trained
+from neurotact.networks.training import fitting, trained
 
 ROOT = Path(__file__).parents[1]
 RATE_Hz = 1000.0
@@ -382,7 +382,7 @@ SLOWER = [pytest.param(module, marks=pytest.mark.slow) for module in ("typer", "
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@pytest.mark.parametrize("module", ["neurotact.cli", "torch._C", "neurotact.networks.trained", *SLOWER])
+@pytest.mark.parametrize("module", ["neurotact.cli", "torch._C", "neurotact.networks.training.trained", *SLOWER])
 def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED_BY_IMPORT.format(module=module)],

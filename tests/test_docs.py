@@ -28,8 +28,8 @@ from neurotact.cli import COMMANDS
 from neurotact.data import spikes as spike_trains
 from neurotact.data.sources import simulator
 from neurotact.encoders.specs import MODELS
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tuning import SearchSpec
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search.tuning import SearchSpec
 from neurotact.studies.claims import Claim
 from neurotact.studies.protocol_study import ProtocolStudy
 from neurotact.studies.study import StudySpec

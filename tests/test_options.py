@@ -22,7 +22,7 @@ from typer.main import get_group
 
 import neurotact as nt
 from neurotact import cli
-from neurotact.networks.specs import given_keys
+from neurotact.networks.definition.specs import given_keys
 from neurotact.studies import loading, study
 
 ROOT = Path(__file__).parents[1]

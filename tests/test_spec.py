@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.spec import (
     LARGEST,
     SMALLEST,

@@ -15,9 +15,9 @@ from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import afferent_names
-from neurotact.networks import tuning
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import tuning
 from neurotact.studies import loading, study
 
 ROOT = Path(__file__).parents[1]

@@ -24,10 +24,11 @@ from neurotact.data.recordings import Recordings
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.networks import recipe, tuning
-from neurotact.networks.recipe import Seen
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.recipe import Seen
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import tuning
 from neurotact.studies import loading, runner, study
 from neurotact.studies.protocol import module_of
 

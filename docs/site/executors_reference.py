@@ -1,6 +1,6 @@
 """The table of executors as Markdown."""
 
-from neurotact.networks import executors
+from neurotact.networks.definition import executors
 
 
 def page() -> str:

@@ -13,8 +13,8 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.data.sources import simulator
 from neurotact.encoders import specs as encoders
 from neurotact.figures import columns
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tuning import SearchSpec
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search.tuning import SearchSpec
 from neurotact.spec import Spec, to_toml
 from neurotact.studies.claims import Claim
 from neurotact.studies.protocol_study import ProtocolStudy

@@ -22,7 +22,7 @@ from neurotact.deploy.sources import Noted
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.deploy.windows import QUIET_MS
 from neurotact.errors import INTERRUPTED, InputError
-from neurotact.networks import train_run, trained
+from neurotact.networks.training import train_run, trained
 from neurotact.progress import printable
 
 WindowMs = Annotated[float | None, typer.Option("--window-ms", help="Length of a window; as in training when absent.")]

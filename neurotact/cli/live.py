@@ -40,7 +40,7 @@ from neurotact.live.feeds import ByHand, Device, Feed, Replay
 from neurotact.live.messages import FASTEST, SLOWEST
 from neurotact.live.session import Session
 from neurotact.metrics.synops import SIDES, UNKNOWN
-from neurotact.networks import trained
+from neurotact.networks.training import trained
 
 MOST_PORTS = 65_535
 

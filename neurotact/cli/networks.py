@@ -60,19 +60,10 @@ from neurotact.data.window_choice import ARGUMENTS
 from neurotact.errors import INTERRUPTED
 from neurotact.figures.search import save_found
 from neurotact.metrics import synops
-from neurotact.networks import (
-    cautions,
-    inference,
-    ledger,
-    population,
-    repeated,
-    search,
-    search_journal,
-    tasks,
-    train_run,
-    trained,
-)
-from neurotact.networks.specs import RSNNSpec, given_keys
+from neurotact.networks.definition.specs import RSNNSpec, given_keys
+from neurotact.networks.search import journal, search
+from neurotact.networks.training import cautions, population, repeated, tasks, train_run, trained
+from neurotact.networks.use import inference, ledger
 from neurotact.progress import track
 from neurotact.tables import to_json, write_table
 
@@ -292,7 +283,7 @@ def tune(
         except KeyboardInterrupt:
             say(f"interrupted; the same command continues in {out}")
             sys.exit(INTERRUPTED)
-    best = search_journal.best_of(found)
+    best = journal.best_of(found)
     if as_json:
         print_json(outcome)
     else:
@@ -300,7 +291,7 @@ def tune(
             f"trial {best.id} of {len(found)} is the best; {timing.seconds:.1f} s, proposals {timing.proposals:.1f} s"
         )
         if problem.search.first is not None:
-            print(search_journal.beside_given(found))
+            print(journal.beside_given(found))
         print_outcome(outcome)
         print(f"its settings: {out / 'best.toml'}; every trial: {out / 'trials.csv'}; figure: {out / 'search.png'}")
         _print_next(out / "best", spikes)

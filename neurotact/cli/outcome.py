@@ -3,8 +3,8 @@
 import pandas as pd
 
 from neurotact.cli.output import print_line
-from neurotact.networks import comparison
-from neurotact.networks.outcome import Outcome, summary_of
+from neurotact.networks.training import comparison
+from neurotact.networks.training.outcome import Outcome, summary_of
 from neurotact.tables import to_json
 
 

@@ -18,7 +18,7 @@ from neurotact.deploy import integer
 from neurotact.deploy.chain import LARGEST, Chain
 from neurotact.deploy.formats import Formats, Integrator
 from neurotact.errors import InputError
-from neurotact.networks.executors import require
+from neurotact.networks.definition.executors import require
 from neurotact.progress import printable
 
 MOST_STEPS, MOST_COUNT = 2**31 - 1, 2**32 - 1

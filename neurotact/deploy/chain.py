@@ -12,10 +12,10 @@ from neurotact.deploy.windows import WindowPlan
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import MODELS, EncoderSpec
 from neurotact.errors import InputError
-from neurotact.networks import trained
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.executors import Subject, require
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import trained
 from neurotact.spec import build
 
 PAIR = 2

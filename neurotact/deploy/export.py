@@ -9,7 +9,7 @@ from neurotact.data import encoded_from, hdf5
 from neurotact.deploy import fine_tuning, formats
 from neurotact.deploy.chain import Chain, chain_of
 from neurotact.deploy.formats import Formats, Ranges, Steps
-from neurotact.networks import tasks, trained
+from neurotact.networks.training import tasks, trained
 
 WEIGHT_BITS = 8
 """Default of a network that was not fine-tuned for other bits."""

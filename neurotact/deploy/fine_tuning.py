@@ -20,13 +20,13 @@ from neurotact.data.windows import steps_of
 from neurotact.deploy import formats
 from neurotact.deploy.formats import Layers, Steps
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, fitting, tasks, train_run, trained
-from neurotact.networks.outcome import Outcome, outcome_of
-from neurotact.networks.rounding import Grid, seen_rounded
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.tasks import Sides
-from neurotact.networks.trained import Restored
-from neurotact.networks.training import Epoch, Examples, Training, best_of, evaluate, train
+from neurotact.networks.definition.rounding import Grid, seen_rounded
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.training import checkpoint, fitting, tasks, train_run, trained
+from neurotact.networks.training.outcome import Outcome, outcome_of
+from neurotact.networks.training.tasks import Sides
+from neurotact.networks.training.trained import Restored
+from neurotact.networks.training.training import Epoch, Examples, Training, best_of, evaluate, train
 from neurotact.progress import track
 from neurotact.spec import Spec, build
 

@@ -16,9 +16,9 @@ from torch import Tensor
 from neurotact.data.causal import Conditioner
 from neurotact.deploy.chain import Chain
 from neurotact.errors import InputError
-from neurotact.networks import reference
-from neurotact.networks.executors import Subject, require
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition import reference
+from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.rsnn import RSNN
 from neurotact.neurons import LIF, cuba_lif_start
 
 FRACTION = 12

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from neurotact.deploy.formats import FRACTION, Formats, FrontEnd, Integrator, Layer, Weight
-from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.neurons import CubaLIF
 
 MOST_HEARD = 2**32

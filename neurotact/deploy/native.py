@@ -14,8 +14,8 @@ from neurotact.deploy.chain import Chain
 from neurotact.deploy.running import Running
 from neurotact.deploy.windows import Opening
 from neurotact.encoders.afferents import EncoderState
-from neurotact.networks import native as networks
-from neurotact.networks.early_exit import Leader
+from neurotact.networks.definition import native as networks
+from neurotact.networks.exit.early_exit import Leader
 from neurotact.neurons import CubaLIFState, LIFState
 
 BASELINES = ("none", "first", "start", "running", "high-pass")

@@ -14,7 +14,7 @@ from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats
 from neurotact.deploy.proof import Spoken
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks.training import trained
 
 NAME = "touch"
 COUNTED = 5

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from neurotact.networks.early_exit import ExitRule, Leader
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import CubaLIFState, cuba_lif_start, cuba_lif_step, recurrent_spikes, transmitted_spikes
 
 

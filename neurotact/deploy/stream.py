@@ -26,8 +26,8 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import ExitRule
 
 MOST_STEPS_AT_ONCE = 10_000
 """Of the encoder's clock: longer blocks are processed in parts, so that a fine clock needs no more memory."""

@@ -23,7 +23,7 @@ from neurotact.deploy.windows import Opening
 from neurotact.encoders.afferents import EncoderState
 from neurotact.errors import InputError
 from neurotact.files import check_new, check_size, existing, read_bytes, whole
-from neurotact.networks.early_exit import Leader
+from neurotact.networks.exit.early_exit import Leader
 from neurotact.neurons import CubaLIFState, LIFState
 
 FIX = "save the state again"

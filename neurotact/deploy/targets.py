@@ -11,8 +11,8 @@ import pandas as pd
 
 from neurotact.data.conditioning import ACAUSAL
 from neurotact.errors import InputError, nearest
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import ExitRule
 
 SOURCES = {
     "xyloaudio2": "rockpool.ai/devices/xylo-overview.html (16 inputs, 1000 hidden and 8 output neurons, 8-bit "

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from neurotact.figures.style import INK, MUTED, add_legend, keep_within, new_figure, printed, save
-from neurotact.networks import search_importance, search_tables
-from neurotact.networks.search import Problem
-from neurotact.networks.search_importance import Importance
-from neurotact.networks.search_journal import Trial
+from neurotact.networks.search import importance, search_tables
+from neurotact.networks.search.importance import Importance
+from neurotact.networks.search.journal import Trial
+from neurotact.networks.search.search import Problem
 
 FINISHED, STOPPED, FAILED = "#0072B2", "#E69F00", "#D55E00"
 
@@ -23,7 +23,7 @@ def save_found(problem: Problem, trials: Sequence[Trial], folder: Path) -> None:
     search_tables.write_tables(problem, folder, trials)
     table = search_tables.trials_table(trials)
     front = search_tables.front_table(table) if problem.search.weighs_sops else None
-    found = search_importance.importance(table, list(problem.search.space))
+    found = importance.importance(table, list(problem.search.space))
     save(draw_search(table, found, front, search_tables.value_words(problem.search)), folder / "search.png")
 
 

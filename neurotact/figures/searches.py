@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from neurotact.figures.search import best_so_far
 from neurotact.figures.style import INK, PALE, add_legend, name_ticks, new_figure, printed, series_style
-from neurotact.networks.search_tables import by_rank
+from neurotact.networks.search.search_tables import by_rank
 
 MOST_BARS = 12
 """Number of bins for a hyperparameter with more values."""

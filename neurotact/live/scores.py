@@ -11,7 +11,7 @@ from neurotact.deploy.stream_state import Decision
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
 from neurotact.metrics.synops import TEST, TRAINING, UNKNOWN, UNSEEN, VALIDATION
-from neurotact.networks.ledger import SOPS, network_cost
+from neurotact.networks.use.ledger import SOPS, network_cost
 
 MOST_WINDOWS = 1_000
 """Default number of windows to compare before and after a change."""

@@ -30,7 +30,7 @@ from neurotact.live.feeds import TICK_S, ByHand, Feed, Replay
 from neurotact.live.frames import Audience, FrameBuilder, Mailbox
 from neurotact.live.scores import Scored, Scores
 from neurotact.metrics.synops import UNSEEN
-from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.exit.early_exit import ExitRule
 from neurotact.spec import build, override, to_toml
 
 FRAME_S = 1 / 60

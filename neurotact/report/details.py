@@ -14,9 +14,9 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.data.windows import Windows
 from neurotact.figures.encoding import Classes
-from neurotact.networks import checkpoint, tasks, trained
-from neurotact.networks.trained import LOG, Restored
-from neurotact.networks.training import Epoch, Examples
+from neurotact.networks.training import checkpoint, tasks, trained
+from neurotact.networks.training.trained import LOG, Restored
+from neurotact.networks.training.training import Epoch, Examples
 from neurotact.report import front
 from neurotact.report.tables import confusion, in_words, kept_epoch
 from neurotact.studies.store import cell_folder, result_of

@@ -19,8 +19,10 @@ from neurotact.errors import InputError
 from neurotact.metrics import paired, referee
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.shares import wilson_interval
-from neurotact.networks import cautions, ledger, recipe, tasks
-from neurotact.networks.trained import LOG
+from neurotact.networks.definition import recipe
+from neurotact.networks.training import cautions, tasks
+from neurotact.networks.training.trained import LOG
+from neurotact.networks.use import ledger
 from neurotact.report import answer as answers
 from neurotact.report.answer import Answer, Baseline, Decision, Network, Trials
 from neurotact.report.page import Table

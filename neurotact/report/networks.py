@@ -12,7 +12,7 @@ from neurotact.figures.encoding import Classes
 from neurotact.figures.style import Drawn
 from neurotact.files import write_json
 from neurotact.metrics import referee
-from neurotact.networks import ledger
+from neurotact.networks.use import ledger
 from neurotact.report import details, front, page, search, selection_steps
 from neurotact.report.encoding_drawings import encoding_drawings, name_classes
 from neurotact.report.extra_drawings import extra_drawings

@@ -8,9 +8,9 @@ import pandas as pd
 
 from neurotact.figures import searches as searches_figures
 from neurotact.figures.style import Drawn
-from neurotact.networks.search_journal import FINISHED, STOPPED
-from neurotact.networks.search_tables import by_rank
-from neurotact.networks.tuning import SearchSpec
+from neurotact.networks.search.journal import FINISHED, STOPPED
+from neurotact.networks.search.search_tables import by_rank
+from neurotact.networks.search.tuning import SearchSpec
 from neurotact.report.page import Table
 from neurotact.studies.cell import SEARCH
 from neurotact.studies.store import cell_folder

@@ -11,9 +11,9 @@ from neurotact.data.hdf5 import load_spikes
 from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.columns import in_unit, quantity
 from neurotact.figures.encoding import Classes
-from neurotact.networks import recipe
-from neurotact.networks.trained import LOG
-from neurotact.networks.training import Epoch, best_of
+from neurotact.networks.definition import recipe
+from neurotact.networks.training.trained import LOG
+from neurotact.networks.training.training import Epoch, best_of
 from neurotact.studies.store import cell_folder
 from neurotact.studies.study import SPLIT, Cell, StudySpec
 from neurotact.tables import read_table

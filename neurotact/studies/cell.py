@@ -9,22 +9,16 @@ from neurotact.data.copies import copies_of
 from neurotact.data.spikes import SpikeTrains
 from neurotact.files import DRAFT, scratch, whole, write_json
 from neurotact.metrics import paired
-from neurotact.networks import (
-    fitting,
-    measuring,
-    recipe,
-    search,
-    search_journal,
-    search_tables,
-    tasks,
-    trained,
-    truncated,
-)
-from neurotact.networks.conditions import by_condition
-from neurotact.networks.search_tables import as_cell
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Task
-from neurotact.networks.training import Epoch
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit import truncated
+from neurotact.networks.search import journal, search, search_tables
+from neurotact.networks.search.search_tables import as_cell
+from neurotact.networks.training import fitting, tasks, trained
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.training import Epoch
+from neurotact.networks.use import measuring
+from neurotact.networks.use.conditions import by_condition
 from neurotact.progress import say
 from neurotact.studies import encoded
 from neurotact.studies.kind import Files
@@ -172,7 +166,7 @@ def _search(cell: Cell, network: RSNNSpec, trains: SpikeTrains, task: Task, kept
     here = search.here(trains, task) if device == "cpu" else search.together(trains, task, device)
     trials, _ = search.search(problem, place, here)
     search_tables.write_tables(problem, place, trials)
-    best = search_journal.best_of(trials)
+    best = journal.best_of(trials)
     fitted, sides = search.train_best(problem, trains, best, device)
     row = {"trial": best.id, **{f"network.{key}": as_cell(value) for key, value in best.parameters.items()}}
     written = (path for path in sorted(place.iterdir()) if not path.name.startswith(DRAFT))

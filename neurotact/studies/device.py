@@ -11,9 +11,9 @@ from time import perf_counter
 import torch
 
 from neurotact.errors import InputError
-from neurotact.networks import fitting, population, tasks
-from neurotact.networks.fitting import Trained
-from neurotact.networks.training import Course
+from neurotact.networks.training import fitting, population, tasks
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.training import Course
 from neurotact.studies import cell as cells
 from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
 from neurotact.studies.store import cell_folder

@@ -13,7 +13,7 @@ from neurotact import effects, files
 from neurotact import spec as specs
 from neurotact.errors import InputError, some
 from neurotact.interrupt import stop_if_asked
-from neurotact.networks import population
+from neurotact.networks.training import population
 from neurotact.progress import say, track
 from neurotact.studies import selection, store
 from neurotact.studies.executors import executor

@@ -24,11 +24,12 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.same_drive import SameDriveSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError, nearest
-from neurotact.networks import recipe, tuning
-from neurotact.networks.seeds import drawn
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import ExitBy
-from neurotact.networks.tuning import SearchSpec
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.seeds import drawn
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import tuning
+from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.training.tasks import ExitBy
 from neurotact.spec import Spec
 from neurotact.studies import calibrated, suited, sweeps
 from neurotact.studies.claims import Claim

@@ -13,7 +13,7 @@ from neurotact.data import encoded_from, hdf5
 from neurotact.data.encoded_from import AbsentError, find
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks.training import trained
 from neurotact.studies import loading
 
 ALL = np.arange(24)

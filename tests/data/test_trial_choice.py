@@ -16,7 +16,7 @@ from neurotact.cli import app
 from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.deploy import export
 from neurotact.errors import InputError
-from neurotact.networks import trained
+from neurotact.networks.training import trained
 from neurotact.spec import parse_choice
 from neurotact.studies import loading, preparation
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from neurotact.backend import native
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, EncoderState, encode
 from neurotact.errors import InputError
-from neurotact.networks.native import isas, set_isa
+from neurotact.networks.definition.native import isas, set_isa
 
 pytestmark = pytest.mark.skipif(native is None, reason="the kernels are not compiled here")
 

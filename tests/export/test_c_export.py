@@ -12,7 +12,7 @@ from neurotact.deploy import c_export, proof
 from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.errors import InputError
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
 
 needs_compiler = pytest.mark.skipif(proof.missing("cc") is not None, reason=str(proof.missing("cc")))
 KINDS = {

@@ -23,12 +23,12 @@ from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import MODELS, EncoderSpec, load
 from neurotact.errors import InputError
-from neurotact.networks import population
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
-from neurotact.networks.snntorch_exchange import to_snntorch
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Batch
+from neurotact.networks.definition.executors import EXECUTORS, FEATURES, SETTINGS, Subject, require
+from neurotact.networks.definition.snntorch_exchange import to_snntorch
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import population
+from neurotact.networks.training.training import Batch
 
 TAXELS, CLASSES, RATE_Hz = 2, 3, 1000.0
 CONDITIONED = {

@@ -18,11 +18,11 @@ from neurotact.data.recordings import Recordings
 from neurotact.deploy import export, fine_tuning, formats
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, fitting, tasks, trained, training
-from neurotact.networks.rounding import Grid
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Task
-from neurotact.networks.training import Examples
+from neurotact.networks.definition.rounding import Grid
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import checkpoint, fitting, tasks, trained, training
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.training import Examples
 
 N = 40
 KINDS = {

@@ -20,7 +20,7 @@ from neurotact.deploy.nir_exchange.execute import Interpreter, flat
 from neurotact.deploy.nir_exchange.nodes import Clock
 from neurotact.encoders import afferents
 from neurotact.errors import InputError
-from neurotact.networks.early_exit import ExitRule
+from neurotact.networks.exit.early_exit import ExitRule
 
 nir = pytest.importorskip("nir")
 

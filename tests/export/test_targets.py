@@ -7,8 +7,8 @@ import torch
 
 from neurotact.deploy import targets
 from neurotact.errors import InputError
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 
 FITTING_TAU_ms = -1 / math.log(1 - 2.0**-4) / 2.0
 MADE_FOR_XYLO = {

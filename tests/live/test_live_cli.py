@@ -17,7 +17,7 @@ from neurotact import cli
 from neurotact.cli import live as cli_live
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.live.feeds import Replay
-from neurotact.networks import trained
+from neurotact.networks.training import trained
 
 
 @pytest.fixture(scope="module")

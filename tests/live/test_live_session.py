@@ -18,8 +18,8 @@ from neurotact.errors import InputError
 from neurotact.live import messages
 from neurotact.live.frames import EVENT, Audience, FrameBuilder, Mailbox
 from neurotact.live.scores import cost_nJ, summary
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.ledger import decision_ledger
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.use.ledger import decision_ledger
 from neurotact.spec import override
 
 

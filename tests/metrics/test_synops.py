@@ -4,8 +4,8 @@ import torch
 
 from neurotact.errors import InputError
 from neurotact.metrics.synops import COLUMNS, summary, synops, to_table
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
 
 # Trial 0: 2 afferents send 5 spikes, of 3 hidden neurons come 2, there are 4 readout neurons.
 #   input to hidden   5 spikes reach 3 neurons each   15

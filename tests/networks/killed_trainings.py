@@ -18,9 +18,9 @@ from pathlib import Path
 import torch._dynamo  # noqa: F401 - the first optimiser of each child would import it
 
 from neurotact.files import DRAFT, LOCK
-from neurotact.networks import train_run
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.tasks import Task
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import train_run
+from neurotact.networks.training.tasks import Task
 
 NETWORK = RSNNSpec(hidden=6, training=TrainingSpec(epochs=3, batch=8))
 TASK = Task(window={"length_ms": 40})

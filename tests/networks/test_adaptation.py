@@ -26,15 +26,18 @@ from test_reference import spikes as smooth_spikes
 
 from neurotact.errors import InputError
 from neurotact.metrics.flops import SpikingLayer, cost
-from neurotact.networks import checkpoint, ledger, native, reference, truncated
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.layer import cuba_lif_layer
-from neurotact.networks.recipe import Seen, resolve
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.snntorch_exchange import to_snntorch
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
-from neurotact.networks.training import Examples
+from neurotact.networks.definition import native, reference
+from neurotact.networks.definition.layer import cuba_lif_layer
+from neurotact.networks.definition.recipe import Seen, resolve
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.snntorch_exchange import to_snntorch
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.exit import truncated
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import checkpoint
+from neurotact.networks.training.training import Examples
+from neurotact.networks.use import ledger
 from neurotact.neurons import Adaptation, CubaLIF, Membrane, Reset
 from neurotact.spec import build
 

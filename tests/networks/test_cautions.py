@@ -5,9 +5,9 @@ import pandas as pd
 import pytest
 
 from neurotact.data.splits import SplitSpec
-from neurotact.networks import cautions
-from neurotact.networks.comparison import Comparison
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import cautions
+from neurotact.networks.training.comparison import Comparison
 
 
 def compared(low, high, verdict="worse", rival=0.9) -> Comparison:

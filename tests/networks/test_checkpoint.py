@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from snntorch import surrogate
 
 from neurotact.errors import InputError
-from neurotact.networks.checkpoint import KEYS, NETWORK, WEIGHTS, load, save
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.training.checkpoint import KEYS, NETWORK, WEIGHTS, load, save
 
 
 def network(seed: int = 0, dtype: torch.dtype = torch.float32, **spec) -> RSNN:

@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from neurotact.baselines import families
-from neurotact.networks import comparison
-from neurotact.networks.comparison import Trials, compare, costs, lines, opponents_of
-from neurotact.networks.tasks import Sides
-from neurotact.networks.training import Examples
+from neurotact.networks.training import comparison
+from neurotact.networks.training.comparison import Trials, compare, costs, lines, opponents_of
+from neurotact.networks.training.tasks import Sides
+from neurotact.networks.training.training import Examples
 
 
 def examples(labels: list[int], tells: bool, seed: int = 0) -> Examples:

@@ -9,7 +9,7 @@ import pytest
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import tasks, trained
+from neurotact.networks.training import tasks, trained
 from neurotact.report import report
 from neurotact.studies import runner, study
 from neurotact.studies.store import cell_folder

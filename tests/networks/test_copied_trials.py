@@ -12,9 +12,9 @@ from neurotact import cli
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import from_rasters
 from neurotact.errors import InputError
-from neurotact.networks import tasks, train_run
-from neurotact.networks.classifier import SpikingClassifier
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import tasks, train_run
+from neurotact.networks.use.classifier import SpikingClassifier
 
 NAMES = ("SA-I a", "SA-I b", "RA-I a", "RA-I b")
 NETWORK = RSNNSpec(hidden=5, training=TrainingSpec(epochs=2, batch=8, learning_rate=0.05))

@@ -5,8 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import (
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.exit_choice import (
     exits,
     largest_lead,
     least,
@@ -19,9 +22,6 @@ from neurotact.networks.exit_choice import (
     right_of,
     steady,
 )
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
 
 
 def least_rule(raster, true, tolerance: float = 0.0) -> ExitRule:

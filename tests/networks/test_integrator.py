@@ -9,11 +9,12 @@ from hypothesis import strategies as st
 
 from neurotact.errors import InputError
 from neurotact.metrics import synops
-from neurotact.networks import checkpoint, kernels
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import exits
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition import kernels
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.exit_choice import exits
+from neurotact.networks.training import checkpoint
 
 BACKENDS = ["reference", pytest.param("native", marks=pytest.mark.skipif(kernels.native is None, reason="no kernels"))]
 N_IN, CLASSES, STEPS = 5, 3, 40
@@ -163,7 +164,7 @@ def test_a_bias_alone_decides_a_silent_window_and_no_exit_comes_before_a_spike()
 def test_large_batches_are_inferred_in_parts_with_the_same_result(monkeypatch):
     net, rule = network(), ExitRule(4, from_first_spike=True)
     whole = net.infer(spikes(n_trials=9), rule)
-    monkeypatch.setattr("neurotact.networks.rsnn.RASTER_VALUES", 1)
+    monkeypatch.setattr("neurotact.networks.definition.rsnn.RASTER_VALUES", 1)
     for one, other in zip(whole, net.infer(spikes(n_trials=9), rule), strict=True):
         assert torch.equal(one, other)
 

@@ -7,8 +7,8 @@ from neurotact.data.conditioning import ConditioningSpec
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.cost import encoding_cost
 from neurotact.metrics import synops
-from neurotact.networks import ledger
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.use import ledger
 
 SMOOTHED = {"model": "lif", "conditioning": {"ema_cutoff_Hz": 30.0, "baseline": "none", "rectify": False}}
 

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from neurotact.errors import InputError
-from neurotact.networks import native, reference
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule, Leader
-from neurotact.networks.layer import cuba_lif_layer
-from neurotact.networks.rsnn import RSNN, Inference, Rasters
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
+from neurotact.networks.definition import native, reference
+from neurotact.networks.definition.layer import cuba_lif_layer
+from neurotact.networks.definition.rsnn import RSNN, Inference, Rasters
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
 from neurotact.neurons import CubaLIF, Membrane, Reset
 
 pytestmark = pytest.mark.skipif(native.native is None, reason="the kernels are not compiled here")

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from snntorch import surrogate
 
 from neurotact.errors import InputError
-from neurotact.networks import population
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Course, Examples, Training, alone, course
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import population
+from neurotact.networks.training.training import Course, Examples, Training, alone, course
 
 RATE_Hz = 400.0
 

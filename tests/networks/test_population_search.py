@@ -10,8 +10,8 @@ from neurotact import cli, spec
 from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks import search, search_journal
-from neurotact.networks.tuning import Proposal
+from neurotact.networks.search import journal, search
+from neurotact.networks.search.tuning import Proposal
 from neurotact.studies import preparation, study
 
 TINY = Path(__file__).parents[1] / "studies" / "tiny.toml"
@@ -49,7 +49,7 @@ def tuned(folder):
         with pytest.raises(SystemExit) as end:
             cli.main()
     assert end.value.code == 0
-    return out, (out / search_journal.JOURNAL).read_text().splitlines()
+    return out, (out / journal.JOURNAL).read_text().splitlines()
 
 
 def problem_in(out) -> search.Problem:
@@ -70,7 +70,7 @@ def test_the_journal_is_that_of_a_search_in_processes(folder, tuned, tmp_path):
     out, lines = tuned
     problem = problem_in(out).model_copy(update={"device": "cpu"})
     search.search(problem, tmp_path, search.here(hdf5.load_spikes(folder / "spikes.h5"), problem.task))
-    wanted = (tmp_path / search_journal.JOURNAL).read_text().splitlines()
+    wanted = (tmp_path / journal.JOURNAL).read_text().splitlines()
     assert len(lines) == 5
     for mine, theirs in zip(lines, wanted, strict=True):
         assert close(json.loads(mine), json.loads(theirs))
@@ -78,7 +78,7 @@ def test_the_journal_is_that_of_a_search_in_processes(folder, tuned, tmp_path):
 
 def test_the_best_network_is_the_one_that_the_search_saw(tuned):
     out, _ = tuned
-    best = search_journal.best_of(search_journal.read_journal(out / search_journal.JOURNAL))
+    best = journal.best_of(journal.read_journal(out / journal.JOURNAL))
     row = json.loads((out / "best" / "result.json").read_text())["row"]
     assert row["accuracy_validation"] == best.accuracy
     assert problem_in(out).device == DEVICE
@@ -87,11 +87,11 @@ def test_the_best_network_is_the_one_that_the_search_saw(tuned):
 def test_resumed_in_a_batch_the_journal_is_that_of_the_uninterrupted_search(folder, tuned, tmp_path):
     out, lines = tuned
     (tmp_path / "search.json").write_bytes((out / "search.json").read_bytes())
-    (tmp_path / search_journal.JOURNAL).write_text(lines[0] + "\n")
+    (tmp_path / journal.JOURNAL).write_text(lines[0] + "\n")
     problem = problem_in(out)
     with search.runner(problem, folder / "spikes.h5", 1, DEVICE) as run:
         search.search(problem, tmp_path, run)
-    found = (tmp_path / search_journal.JOURNAL).read_text().splitlines()
+    found = (tmp_path / journal.JOURNAL).read_text().splitlines()
     assert all(close(json.loads(mine), json.loads(theirs)) for mine, theirs in zip(found, lines, strict=True))
 
 
@@ -106,7 +106,7 @@ def test_a_trial_stops_where_the_median_says_so(folder, tuned):
     proposal = Proposal(0, {"hidden": 4, "training.batch": 4})
     with search.runner(problem, folder / "spikes.h5", 1, DEVICE) as run:
         (trial,) = run([search.Job(problem, proposal, Impatient())])  # pyright: ignore
-    assert (trial.outcome, len(trial.epochs)) == (search_journal.STOPPED, 1)
+    assert (trial.outcome, len(trial.epochs)) == (journal.STOPPED, 1)
     assert trial.accuracy == trial.epochs[-1]
 
 

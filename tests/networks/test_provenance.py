@@ -13,7 +13,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.splits import Split
 from neurotact.encoders import specs as encoders
 from neurotact.encoders.encoding import encode_recordings
-from neurotact.networks.provenance import Provenance, first_difference, provenance_of
+from neurotact.networks.training.provenance import Provenance, first_difference, provenance_of
 
 SPLIT = Split(np.array([0, 1, 2]), np.array([3]), np.array([4, 5]))
 AFFERENTS = ("SA-I taxel1", "RA-I taxel1")

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.networks import measuring
-from neurotact.networks.pruning import prune, pruned_stay_pruned, remaining_synops
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Examples, train
+from neurotact.networks.definition.pruning import prune, pruned_stay_pruned, remaining_synops
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training.training import Examples, train
+from neurotact.networks.use import measuring
 
 models = st.sampled_from(["rsnn", "snn"])
 readouts = st.sampled_from(["count", "integrator"])

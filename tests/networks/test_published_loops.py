@@ -11,10 +11,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from neurotact.networks import native
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
+from neurotact.networks.definition import native
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import Membrane, Reset
 
 N_IN, HIDDEN, CLASSES, STEPS, TRIALS = 6, 12, 4, 60, 16

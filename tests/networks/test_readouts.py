@@ -10,14 +10,16 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from neurotact.errors import InputError
-from neurotact.networks import checkpoint, kernels, native, truncated
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.exit_choice import exits, largest_lead, margin_exits, margins_up_to
-from neurotact.networks.fitting import exit_rule
-from neurotact.networks.readouts import Integration
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Examples, train
+from neurotact.networks.definition import kernels, native
+from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.exit import truncated
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.exit_choice import exits, largest_lead, margin_exits, margins_up_to
+from neurotact.networks.training import checkpoint
+from neurotact.networks.training.fitting import exit_rule
+from neurotact.networks.training.training import Examples, train
 from neurotact.neurons import Membrane
 from neurotact.spec import build
 

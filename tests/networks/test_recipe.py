@@ -8,10 +8,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurotact import spec as specs
-from neurotact.networks import recipe, tuning
-from neurotact.networks.recipe import Seen, choices, free_deviation, resolve, scale_readout, scale_weights, start
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.recipe import (
+    Seen,
+    choices,
+    free_deviation,
+    resolve,
+    scale_readout,
+    scale_weights,
+    start,
+)
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import tuning
 from neurotact.neurons import CubaLIF
 
 DEFAULT = RSNNSpec(recipe="default")

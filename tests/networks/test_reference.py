@@ -10,10 +10,10 @@ from snntorch import surrogate
 from torch import Tensor
 
 from neurotact.errors import InputError
-from neurotact.networks.reference import cuba_lif_layer
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
+from neurotact.networks.definition.reference import cuba_lif_layer
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
 from neurotact.neurons import CubaLIF, Membrane, Reset
 
 MEMBRANES, RESETS = get_args(Membrane), get_args(Reset)

@@ -12,9 +12,9 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import repeated, trained
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.tasks import Task
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import repeated, trained
+from neurotact.networks.training.tasks import Task
 
 COMMAND = "--network rsnn --set hidden=4 --set training.epochs=1 --window-ms 60"
 SMALL = RSNNSpec(hidden=4, training=TrainingSpec(epochs=1))

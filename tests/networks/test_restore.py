@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
-from neurotact.networks import fitting, tasks, trained
-from neurotact.networks.checkpoint import NETWORK
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import fitting, tasks, trained
+from neurotact.networks.training.checkpoint import NETWORK
 
 TASK = tasks.Task(window={"length_ms": 50.0})
 

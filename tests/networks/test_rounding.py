@@ -5,8 +5,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from neurotact.networks.rounding import Grid, SeenRounded, seen_rounded
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rounding import Grid, SeenRounded, seen_rounded
+from neurotact.networks.definition.rsnn import RSNN
 
 KINDS = [{}, {"model": "snn"}, {"readout": "integrator"}, {"membrane": "immediate", "learn": ("alpha", "threshold")}]
 

@@ -22,12 +22,15 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.search import draw_search
 from neurotact.files import read_json
-from neurotact.networks import measuring, recipe, search, search_importance, search_tables, tasks, trained, tuning
-from neurotact.networks.search_journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Task
-from neurotact.networks.training import Epoch, Training
-from neurotact.networks.tuning import Proposal, SearchSpec, load_space
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import importance, search, search_tables, tuning
+from neurotact.networks.search.journal import FAILED, FINISHED, JOURNAL, STOPPED, Trial, best_of, read_journal
+from neurotact.networks.search.tuning import Proposal, SearchSpec, load_space
+from neurotact.networks.training import tasks, trained
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.training import Epoch, Training
+from neurotact.networks.use import measuring
 from neurotact.studies import cell as cells
 from neurotact.studies import preparation, study
 
@@ -318,7 +321,7 @@ def made_table(n=60):
 
 
 def test_importance_finds_what_decides_the_value():
-    found = search_importance.importance(made_table(), ["a", "b", "c"])
+    found = importance.importance(made_table(), ["a", "b", "c"])
     assert found is not None
     assert found.drop["a"] > 1.0
     assert found.r2 > 0.95
@@ -327,14 +330,14 @@ def test_importance_finds_what_decides_the_value():
 
 
 def test_too_few_trials_tell_nothing_of_importance():
-    assert search_importance.importance(made_table(10), ["a", "b"]) is None
+    assert importance.importance(made_table(10), ["a", "b"]) is None
 
 
 def test_the_figure_shows_values_importance_and_front():
     table = made_table()
     table.loc[3, ["outcome", "value"]] = ["failed", float("nan")]
     table.loc[5, "outcome"] = "stopped"
-    figure = draw_search(table, search_importance.importance(table, ["a", "b", "c"]), search_tables.front_table(table))
+    figure = draw_search(table, importance.importance(table, ["a", "b", "c"]), search_tables.front_table(table))
     drawn = {artist.get_gid() for axes in figure.axes for artist in axes.get_children()}
     assert {"finished", "stopped", "failed", "best", "front"} <= drawn
     assert len(draw_search(table, None).axes) == 1
@@ -624,7 +627,7 @@ def test_what_no_key_decides_is_not_foreseen():
     rng = np.random.default_rng(0)
     keys = {"scale": rng.random(60), "rate": rng.random(60)}
     at_random, decided = (pd.DataFrame({**keys, "value": value}) for value in (rng.random(60), keys["scale"]))
-    nothing, found = (search_importance.importance(table, list(keys)) for table in (at_random, decided))
+    nothing, found = (importance.importance(table, list(keys)) for table in (at_random, decided))
     assert nothing is not None
     assert found is not None
     assert nothing.r2 < 0.1

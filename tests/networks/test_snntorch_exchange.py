@@ -7,10 +7,10 @@ from snntorch import surrogate
 from torch import nn
 
 from neurotact.errors import InputError
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.snntorch_exchange import from_snntorch, to_snntorch
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.surrogate import FastSigmoid
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.snntorch_exchange import from_snntorch, to_snntorch
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -21,11 +21,13 @@ import torch
 from neurotact.data.spikes import from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
-from neurotact.networks import conditions, fitting, measuring, tasks, truncated
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Examples
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit import truncated
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import fitting, tasks
+from neurotact.networks.training.training import Examples
+from neurotact.networks.use import conditions, measuring
 from neurotact.papers.comparison import spiking as spiking_family
 
 RATE_Hz, STEPS, HIDDEN, CLASSES = 1000.0, 10, 2, 3

@@ -23,9 +23,9 @@ from neurotact import cli, files, spec
 from neurotact.data.hdf5 import save_spikes
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.errors import InputError
-from neurotact.networks import fitting, tasks, train_run
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.train_run import ASKED, CHECKPOINT, LEFT, RESULT, Interrupted, run
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import fitting, tasks, train_run
+from neurotact.networks.training.train_run import ASKED, CHECKPOINT, LEFT, RESULT, Interrupted, run
 from neurotact.spec import override, read, to_toml
 
 ROOT = Path(__file__).parents[2]
@@ -418,9 +418,9 @@ def test_ctrl_c_says_how_to_go_on(monkeypatch, capsys, spikes, folder):
 TRAIN = """
 import sys
 from pathlib import Path
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks import train_run
-from neurotact.networks.tasks import Task
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training import train_run
+from neurotact.networks.training.tasks import Task
 train_run.SECONDS_BETWEEN = float(sys.argv[3])
 network = RSNNSpec(hidden=6, training=TrainingSpec(epochs=int(sys.argv[4]), patience=10**6, batch=4))
 try:

@@ -18,13 +18,14 @@ from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.splits import Split
 from neurotact.errors import InputError
 from neurotact.metrics.synops import summary
-from neurotact.networks import fitting, inference, measuring, tasks, trained
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.fitting import Trained
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Task
-from neurotact.networks.training import Epoch, Examples, Training
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import fitting, tasks, trained
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.training.training import Epoch, Examples, Training
+from neurotact.networks.use import inference, measuring
 
 N_STEPS = 30
 NAMES = ("SA-I taxel1", "RA-I taxel1")

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.networks.rsnn import RSNN, Counts
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import (
+from neurotact.networks.definition.rsnn import RSNN, Counts
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training.training import (
     Epoch,
     Examples,
     best_of,
@@ -182,7 +182,7 @@ def test_nothing_is_disturbed_by_nothing_and_the_asked_share_is_left_out():
 def test_training_windows_alone_are_disturbed(monkeypatch):
     seen = []
     monkeypatch.setattr(
-        "neurotact.networks.training.disturbed", lambda spikes, *rest: (seen.append(rest[:2]), spikes)[1]
+        "neurotact.networks.training.training.disturbed", lambda spikes, *rest: (seen.append(rest[:2]), spikes)[1]
     )
     fit(network(epochs=2, patience=2, input_dropout=0.2, input_jitter_ms=1.0))
     assert seen == 2 * 4 * [(0.2, 2)]
@@ -202,7 +202,8 @@ def test_an_integrator_hears_some_hidden_neurons_in_training_and_all_in_validati
     spec = TrainingSpec(epochs=1, batch=16, rate_penalty=0.0, readout_dropout=0.4)
     heard = []
     monkeypatch.setattr(
-        "neurotact.networks.training.partly_heard", lambda hidden, share, _: (heard.append(share), 0 * hidden)[1]
+        "neurotact.networks.training.training.partly_heard",
+        lambda hidden, share, _: (heard.append(share), 0 * hidden)[1],
     )
     told = {}
     for readout in ("integrator", "count"):
@@ -219,7 +220,7 @@ def test_gradients_that_explode_are_said(monkeypatch):
     net = network(epochs=1)
     with torch.no_grad():
         net.w_in *= 1e3
-    monkeypatch.setattr("neurotact.networks.training.EXPLODED", 0.0)
+    monkeypatch.setattr("neurotact.networks.training.training.EXPLODED", 0.0)
     with pytest.warns(UserWarning, match="gradients explode .* in epoch 1"):
         fit(net)
 

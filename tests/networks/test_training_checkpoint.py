@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from neurotact.errors import InputError
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.training import Checkpoint, Examples, train
-from neurotact.networks.training_checkpoint import SHA256, Net, _sha256, load, save
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.training.training import Checkpoint, Examples, train
+from neurotact.networks.training.training_checkpoint import SHA256, Net, _sha256, load, save
 
 NET = Net(RSNNSpec(hidden=5, learn=("beta",), training=TrainingSpec(epochs=4, batch=8)), 3, 2)
 

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import neurotact
 from neurotact import spec as specs
 from neurotact.errors import InputError
-from neurotact.networks import tuning
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tuning import MedianStop, SearchSpec, Tuner
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.search import tuning
+from neurotact.networks.search.tuning import MedianStop, SearchSpec, Tuner
 
 PACKAGE = Path(neurotact.__file__).parent
 IMPORTS = (ast.Import, ast.ImportFrom)

@@ -11,10 +11,10 @@ from neurotact.data import hdf5
 from neurotact.data.spikes import SpikeTrains, from_rasters
 from neurotact.data.splits import SplitSpec
 from neurotact.files import write_json, write_text
-from neurotact.networks import fitting, tasks, trained
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.training import Epoch, Training
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import fitting, tasks, trained
+from neurotact.networks.training.training import Epoch, Training
 from neurotact.studies import network_tables, runner, store, study
 from neurotact.studies.encoded import encoding_table
 from neurotact.studies.store import TIMING, cell_folder

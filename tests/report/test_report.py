@@ -17,9 +17,9 @@ from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 from neurotact.data.hdf5 import load_spikes
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import tasks, trained
-from neurotact.networks.specs import TrainingSpec
-from neurotact.networks.training import Epoch
+from neurotact.networks.definition.specs import TrainingSpec
+from neurotact.networks.training import tasks, trained
+from neurotact.networks.training.training import Epoch
 from neurotact.report import front, networks, tables
 from neurotact.report import page as pages
 from neurotact.report.details import SOPS_COLUMNS

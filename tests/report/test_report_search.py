@@ -8,9 +8,9 @@ from made_run import grating_conditions, make_run
 from test_report import Page, make_study
 
 from neurotact.figures import searches as searches_figures
-from neurotact.networks import search_tables
-from neurotact.networks.search_journal import Trial
-from neurotact.networks.tuning import SearchSpec
+from neurotact.networks.search import search_tables
+from neurotact.networks.search.journal import Trial
+from neurotact.networks.search.tuning import SearchSpec
 from neurotact.report import networks
 from neurotact.report import search as report_search
 from neurotact.studies import study

@@ -13,8 +13,8 @@ from neurotact.deploy.chain import chain_of
 from neurotact.deploy.stream import Stream
 from neurotact.encoders import specs
 from neurotact.errors import InputError
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import ExitRule
 
 CONDITIONINGS = (
     {},

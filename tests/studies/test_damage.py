@@ -20,7 +20,7 @@ from neurotact import files
 from neurotact.data import hdf5
 from neurotact.data.recordings import Recordings
 from neurotact.errors import InputError
-from neurotact.networks import search_journal
+from neurotact.networks.search import journal
 from neurotact.spec import shipped
 from neurotact.studies import loading, preparation, protocol, runner, store, study
 from neurotact.studies.store import cell_folder
@@ -448,7 +448,7 @@ def test_junk_inside_a_journal_is_one_sentence(tmp_path_factory, junk):
     path = tmp_path_factory.mktemp("journal") / "journal.jsonl"
     path.write_bytes(junk.replace(b"\n", b"") + b"\n" + json.dumps(LINE).encode() + b"\n")
     with pytest.raises(InputError, match="line 1 is damaged"):
-        search_journal.read_journal(path)
+        journal.read_journal(path)
 
 
 @given(st.sampled_from([name for name in LINE if name != "sops"]), JSON)
@@ -457,7 +457,7 @@ def test_a_journal_holds_what_a_search_leaves(tmp_path_factory, key, value):
     line = LINE | {"value": 0.5}
     path.write_text(json.dumps(line | {key: value}) + "\n" + json.dumps(line | {"id": 1}) + "\n")
     with suppress(InputError):
-        first, _ = search_journal.read_journal(path)
+        first, _ = journal.read_journal(path)
         assert 0 <= (first.accuracy or 0) <= 1
         assert all(0 <= epoch <= 1 for epoch in first.epochs)
 
@@ -475,7 +475,7 @@ def test_a_number_edited_in_the_journal_of_a_search_under_way_is_refused(run, wh
     cell = a_cell(run)
     for name in ("result.json", store.FILES):
         (cell / name).unlink()
-    path = cell / "search" / search_journal.JOURNAL
+    path = cell / "search" / journal.JOURNAL
     first, *others = path.read_text().splitlines()
     path.write_text("\n".join([json.dumps(DAMAGES[what](json.loads(first))), *others, ""]))
     with pytest.raises(InputError, match=r"journal\.jsonl: line 1 is damaged"):

@@ -18,8 +18,8 @@ from neurotact.data import hdf5
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.files import DRAFT, LOCK
-from neurotact.networks import repeated
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import repeated
 from neurotact.studies import preparation, runner, store, study
 
 HERE = Path(__file__).parent

@@ -2,7 +2,7 @@
 
 import pytest
 
-from neurotact.networks.training import Epoch
+from neurotact.networks.training.training import Epoch
 from neurotact.studies import cell
 from neurotact.studies.cell import LongTraining
 

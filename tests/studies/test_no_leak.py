@@ -18,8 +18,10 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.data.splits import split_conditions
 from neurotact.encoders import calibration
 from neurotact.encoders.gain_search import CalibrationRule
-from neurotact.networks import fitting, measuring, search_journal
-from neurotact.networks.tasks import Task
+from neurotact.networks.search import journal
+from neurotact.networks.training import fitting
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.use import measuring
 from neurotact.studies import cell, preparation, study
 from neurotact.studies.cell import SEARCH
 from neurotact.studies.study import Cell
@@ -133,7 +135,7 @@ def test_test_trials_decide_nothing_but_the_test(tmp_path):
         np.testing.assert_array_equal(plant[0].steps[trial], plain[0].steps[trial])
         np.testing.assert_array_equal(plant[0].units[trial], plain[0].units[trial])
     files = [plain[1], plant[1]]
-    for name in ("training.csv", f"{SEARCH}/{search_journal.JOURNAL}", f"{SEARCH}/best.toml", "weights.safetensors"):
+    for name in ("training.csv", f"{SEARCH}/{journal.JOURNAL}", f"{SEARCH}/best.toml", "weights.safetensors"):
         assert files[0][name] == files[1][name], name
     rows = [row_of(left) for left in files]
     decided = ["accuracy_validation", "exit_patience", "sops_validation", "trial", "network.forward_weight_scale"]

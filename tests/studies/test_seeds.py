@@ -12,10 +12,10 @@ from neurotact.data.contact import OnsetSpec
 from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.encoders.specs import load
-from neurotact.networks.seeds import drawn
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
-from neurotact.networks.tasks import Task
-from neurotact.networks.tuning import SearchSpec
+from neurotact.networks.definition.seeds import drawn
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.search.tuning import SearchSpec
+from neurotact.networks.training.tasks import Task
 from neurotact.studies import study
 from neurotact.studies.study import EarlyExitSpec
 

@@ -11,8 +11,8 @@ from neurotact.data.splits import SplitSpec
 from neurotact.data.windows import WindowSpec
 from neurotact.errors import InputError
 from neurotact.files import read_json
-from neurotact.networks import tasks
-from neurotact.networks.tasks import Task
+from neurotact.networks.training import tasks
+from neurotact.networks.training.tasks import Task
 from neurotact.studies import runner, store, study
 from neurotact.studies.preparation import dataset_of, load_dataset
 

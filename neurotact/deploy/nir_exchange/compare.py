@@ -16,7 +16,7 @@ from neurotact.deploy.nir_exchange.execute import Interpreter
 from neurotact.deploy.nir_exchange.note import Note, of
 from neurotact.encoders import afferents
 from neurotact.errors import InputError, nearest
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
 
 COLUMNS = (
     "simulator", "layer", "first_trial", "first_step", "first_neuron", "reference", "other", "spikes", "differing",

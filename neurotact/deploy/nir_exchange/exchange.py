@@ -16,11 +16,11 @@ from neurotact.encoders import afferents
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.networks import trained
-from neurotact.networks.early_exit import FULL_WINDOW
-from neurotact.networks.executors import Subject, require
-from neurotact.networks.kernels import Backend
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.executors import Subject, require
+from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW
+from neurotact.networks.training import trained
 
 
 def to_nir(

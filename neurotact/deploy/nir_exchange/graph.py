@@ -9,8 +9,8 @@ from neurotact.deploy.nir_exchange.nodes import Clock, graph
 from neurotact.deploy.nir_exchange.note import Note
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 
 
 def of(

@@ -20,7 +20,7 @@ import torch
 
 from neurotact.deploy.nir_exchange.nodes import FORCE, Clock, Edges, graph, linear, scale, threshold
 from neurotact.deploy.nir_exchange.package import nir
-from neurotact.networks.rsnn import RSNN
+from neurotact.networks.definition.rsnn import RSNN
 
 Layered = tuple[dict[str, Any], Edges]
 

@@ -16,12 +16,12 @@ from neurotact.deploy.nir_exchange.nodes import Clock
 from neurotact.deploy.nir_exchange.note import Note
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.networks.checkpoint import shapes_of
-from neurotact.networks.early_exit import ExitRule
-from neurotact.networks.kernels import Backend
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.snntorch_exchange import tau_ms
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.snntorch_exchange import tau_ms
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training.checkpoint import shapes_of
 from neurotact.spec import build
 
 CLOSE = 1e-9

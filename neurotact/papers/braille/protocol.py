@@ -22,10 +22,10 @@ from neurotact.data.sources import expand
 from neurotact.data.windows import Windows
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn, add_legend, new_figure, printed, series_style
-from neurotact.networks import measuring
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Examples, train
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training.training import Examples, train
+from neurotact.networks.use import measuring
 from neurotact.spec import Spec
 from neurotact.studies.protocol import Arrays, View, heads
 

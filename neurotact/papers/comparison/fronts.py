@@ -9,7 +9,7 @@ import pandas as pd
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.resampled import Interval, resampled_interval
 from neurotact.metrics.shares import wilson_interval
-from neurotact.networks.cautions import FEW_PER_CLASS
+from neurotact.networks.training.cautions import FEW_PER_CLASS
 from neurotact.studies.protocol import Listed
 
 NOTHING = "nothing saved"

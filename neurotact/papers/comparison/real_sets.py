@@ -23,7 +23,7 @@ from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.paired import Paired
 from neurotact.metrics.referee import Way
 from neurotact.metrics.resampled import resampled_p
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Bench, Setting, Sides, cut, fit, row_of
 from neurotact.papers.comparison.saving_figures import COLOURS, MARKS

@@ -13,8 +13,8 @@ from pydantic import Field
 
 from neurotact.errors import InputError, nearest
 from neurotact.figures.style import INK, Drawn, new_figure, printed
-from neurotact.networks import recipe
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, sets
 from neurotact.papers.comparison.saving import Setting, cut, fit, row_of
 from neurotact.papers.comparison.sets import WaysData

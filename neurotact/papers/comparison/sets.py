@@ -20,7 +20,7 @@ from neurotact.data.windows import Windows, WindowSpec
 from neurotact.encoders.afferents import AfferentSpec, AfferentType
 from neurotact.encoders.calibration import calibrate, calibrate_causally
 from neurotact.errors import InputError, nearest
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison.saving import Bench
 from neurotact.papers.comparison.skipped import left_out
 from neurotact.spec import Spec

@@ -15,12 +15,13 @@ from neurotact.encoders.calibration import calibrate
 from neurotact.encoders.cost import encoding_cost
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.metrics.flops import Cost
-from neurotact.networks import fitting, measuring
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.ledger import network_cost
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.training import Examples, train
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import fitting
+from neurotact.networks.training.training import Examples, train
+from neurotact.networks.use import measuring
+from neurotact.networks.use.ledger import network_cost
 from neurotact.studies.protocol import TaskData
 
 TRIED = (RSNNSpec(recipe="default", hidden=30), RSNNSpec(recipe="default", hidden=50))

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from neurotact.data.recordings import Recordings
 from neurotact.figures.style import Drawn
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import fronts, own_set, sets
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Bench, Fitted, Setting, measured, n_kept, taxels_of

@@ -25,8 +25,9 @@ from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.figures.style import Drawn
 from neurotact.metrics.flops import MovingAverage, cost
-from neurotact.networks import fitting, ledger, measuring, tasks
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import fitting, tasks
+from neurotact.networks.use import ledger, measuring
 from neurotact.papers.published_flops import SLFN, FeatureSet, preprocessing_flops, slfn_flops
 from neurotact.papers.stiffness import pvdf_hardness_figures
 from neurotact.papers.stiffness.moments import moments

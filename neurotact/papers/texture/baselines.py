@@ -34,9 +34,10 @@ from neurotact.metrics import spike_features
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
 from neurotact.metrics.spike_distances import van_rossum, victor_purpura
 from neurotact.metrics.spike_trains import Events, events_of_raster, spike_counts
-from neurotact.networks import fitting, ledger, measuring
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Task
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import fitting
+from neurotact.networks.training.tasks import Task
+from neurotact.networks.use import ledger, measuring
 from neurotact.papers.texture import baselines_figures as figures
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.spec import Spec

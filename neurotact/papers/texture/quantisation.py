@@ -39,13 +39,14 @@ from neurotact.figures.style import (
     series_style,
 )
 from neurotact.metrics import synops
-from neurotact.networks import fitting, measuring
-from neurotact.networks.early_exit import FULL_WINDOW, ExitRule
-from neurotact.networks.fitting import Trained
-from neurotact.networks.rounding import Grid
-from neurotact.networks.rsnn import RSNN
-from neurotact.networks.specs import RSNNSpec
-from neurotact.networks.tasks import Sides, Task
+from neurotact.networks.definition.rounding import Grid
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training import fitting
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.use import measuring
 from neurotact.papers.texture.simulator import SIMULATOR
 from neurotact.spec import Spec, build
 from neurotact.studies.protocol import Arrays, View, heads

@@ -15,7 +15,7 @@ from neurotact.cli import recordings as recordings_commands
 from neurotact.data.readers.events import Events, EventSpec, to_trains
 from neurotact.errors import InputError
 from neurotact.figures.raster import painted_populations
-from neurotact.networks.measuring import spikes_column
+from neurotact.networks.use.measuring import spikes_column
 
 N_TRIALS, N_CHANNELS = 6, 4
 DATA = Path(os.environ.get("NEUROTACT_DATA", "../shared/data"))

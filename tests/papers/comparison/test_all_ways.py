@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from neurotact.errors import InputError
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import families
 from neurotact.papers.comparison import protocol as all_ways
 from neurotact.papers.comparison import spiking as spiking_family

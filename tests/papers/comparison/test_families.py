@@ -6,7 +6,7 @@ import pytest
 from neurotact.baselines import families as generic
 from neurotact.data.splits import Split
 from neurotact.metrics import flops
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import families
 from neurotact.papers.comparison import spiking as spiking_family
 from neurotact.papers.comparison.tasks import level_spread_rate, split_groups

@@ -18,7 +18,7 @@ from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import from_rasters
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import sets
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Setting, cut

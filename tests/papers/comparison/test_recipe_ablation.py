@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from neurotact.errors import InputError
-from neurotact.networks import recipe
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import recipe_ablation as ablation
 from neurotact.papers.comparison.recipe_ablation import WHOLE, Parameters, answers, changes, draw_changes, variants
 from neurotact.spec import build

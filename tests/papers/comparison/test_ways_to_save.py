@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from neurotact.errors import InputError
-from neurotact.networks.recipe import Seen
-from neurotact.networks.specs import RSNNSpec
+from neurotact.networks.definition.recipe import Seen
+from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.papers.comparison import ways_to_save
 from neurotact.papers.comparison.fronts import NOTHING
 from neurotact.papers.comparison.saving import Setting, changed

@@ -6,7 +6,7 @@ import pytest
 
 from neurotact.data.sources import expand
 from neurotact.errors import InputError
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.papers.stiffness import pvdf_hardness as hardness
 from neurotact.studies import loading
 

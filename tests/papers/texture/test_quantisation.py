@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from neurotact.deploy import fine_tuning
-from neurotact.networks.training import Epoch
+from neurotact.networks.training.training import Epoch
 from neurotact.papers.texture import quantisation
 from neurotact.papers.texture.quantisation import FLOAT, Parameters, QuantisationData
 from neurotact.spec import build

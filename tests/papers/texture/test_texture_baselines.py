@@ -9,7 +9,7 @@ from neurotact.errors import InputError
 from neurotact.metrics import spike_features
 from neurotact.metrics.spike_distances import van_rossum
 from neurotact.metrics.spike_trains import spike_counts
-from neurotact.networks.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
 from neurotact.papers.texture import baselines as protocol
 from neurotact.papers.texture import baselines_figures as figures
 from neurotact.papers.texture.baselines import GratingSpikesSpec, Parameters

@@ -1,0 +1,250 @@
+"""What runs where: the features of a chain, the programs that execute it, and the one table of what each of them lacks.
+
+The reference in torch runs everything and defines what is right. Every other executor gives the same spikes and
+decisions, or refuses a feature with the sentence of this table. Tests, refusals and the page of executors are made from
+it, so that a new feature is entered here and nowhere else.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import torch
+
+from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.specs import EncoderSpec
+from neurotact.errors import InputError
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+
+
+class Subject(NamedTuple):
+    """What is to be executed: an encoder, unless spikes are the input, a network, and an exit rule."""
+
+    encoder: EncoderSpec | None
+    network: RSNN
+    rule: ExitRule = FULL_WINDOW
+
+    @property
+    def conditioning(self) -> ConditioningSpec:
+        """The conditioning of the encoder."""
+        return ConditioningSpec() if self.encoder is None else self.encoder.conditioning
+
+
+class Feature(NamedTuple):
+    """A feature of a chain.
+
+    part: `conditioning`, `encoder`, `network`, `readout` or `exit`. keys: the keys of a spec that set it, as a user
+    writes them. present: whether a subject has it. instead: what to do where it is refused.
+    """
+
+    part: str
+    keys: tuple[str, ...]
+    present: Callable[[Subject], bool]
+    instead: str
+
+
+class Executor(NamedTuple):
+    """A program that executes chains.
+
+    what: its name in sentences. parts: the parts of a chain that it executes; the others come before or after it.
+    lacks: for each feature that it refuses, the reason. is_equal: whether it spikes as the reference does; otherwise
+    what it writes names the differences.
+    """
+
+    what: str
+    parts: tuple[str, ...]
+    lacks: Mapping[str, str]
+    is_equal: bool = True
+
+
+def _lif(subject: Subject) -> AfferentSpec | None:
+    return subject.encoder if isinstance(subject.encoder, AfferentSpec) else None
+
+
+def _of_spec(key: str, *values: object) -> Callable[[Subject], bool]:
+    """Whether a key of the network's spec has one of these values."""
+    return lambda subject: getattr(subject.network.spec, key) in values
+
+
+def _has_grades(subject: Subject) -> bool:
+    lif = _lif(subject)
+    return lif is not None and (len(lif.sa1.grades) > 1 or len(lif.ra1.grades) > 1 or lif.sa1.opposite)
+
+
+CHAIN = ("conditioning", "encoder", "network", "readout", "exit")
+CAUSAL_INSTEAD = "encode and train with conditioning.baseline start, first, running, high-pass or none"
+LIF_INSTEAD = "encode and train with sa1-ra1-lif"
+FEATURES: dict[str, Feature] = {
+    "moving average": Feature(
+        "conditioning", ("ema_cutoff_Hz",), lambda s: s.conditioning.ema_cutoff_Hz is not None, "leave it out"
+    ),
+    "resampling": Feature(
+        "conditioning", ("resample_Hz",), lambda s: s.conditioning.resample_Hz is not None, "record at the clock"
+    ),
+    "baseline of the past": Feature(
+        "conditioning",
+        ("baseline", "start_ms", "high_pass_Hz"),
+        lambda s: s.conditioning.baseline not in (*ACAUSAL, "none"),
+        "leave it out",
+    ),
+    "baseline of the whole trial": Feature(
+        "conditioning", ("baseline",), lambda s: s.conditioning.baseline in ACAUSAL, CAUSAL_INSTEAD
+    ),
+    "standardisation": Feature(
+        "conditioning",
+        ("offset", "scale"),
+        lambda s: s.conditioning.offset is not None or s.conditioning.scale is not None,
+        "leave it out",
+    ),
+    "rectification": Feature("conditioning", ("rectify",), lambda s: s.conditioning.rectify, "leave it out"),
+    "LIF afferents": Feature(
+        "encoder",
+        ("model", "v_rest_mV", "v_reset_mV", "v_threshold_mV", "tau_mem_ms", "gain", "t_ref_ms"),
+        lambda s: _lif(s) is not None,
+        LIF_INSTEAD,
+    ),
+    "several afferents a taxel": Feature(
+        "encoder",
+        ("grades", "opposite"),
+        _has_grades,
+        "stream it or export it to NIR, or train without sa1.grades, sa1.opposite and ra1.grades",
+    ),
+    "Izhikevich afferents": Feature(
+        "encoder", ("model",), lambda s: s.encoder is not None and s.encoder.model == "izhikevich", LIF_INSTEAD
+    ),
+    "Poisson afferents": Feature(
+        "encoder", ("model",), lambda s: s.encoder is not None and s.encoder.model == "poisson", LIF_INSTEAD
+    ),
+    "recurrence": Feature(
+        "network", ("model", "recurrent_weight_scale"), _of_spec("model", "rsnn"), "train with model = 'snn'"
+    ),
+    "recurrent delay": Feature(
+        "network",
+        ("recurrent_delay_steps",),
+        lambda s: s.network.spec.recurrent and s.network.spec.recurrent_delay_steps > 0,
+        "train with recurrent_delay_steps = 0",
+    ),
+    "membrane eq4": Feature("network", ("membrane",), _of_spec("membrane", "eq4"), "train with another membrane"),
+    "membrane delayed": Feature(
+        "network", ("membrane",), _of_spec("membrane", "delayed"), "train with another membrane"
+    ),
+    "membrane immediate": Feature(
+        "network", ("membrane",), _of_spec("membrane", "immediate"), "train with another membrane"
+    ),
+    "reset zero": Feature("network", ("reset",), _of_spec("reset", "zero"), "train with another reset"),
+    "reset subtract": Feature("network", ("reset",), _of_spec("reset", "subtract"), "train with another reset"),
+    "reset hard": Feature("network", ("reset",), _of_spec("reset", "hard"), "train with reset = 'zero' or 'subtract'"),
+    "adaptive thresholds": Feature(
+        "network",
+        ("threshold_adaptation", "tau_adaptation_ms"),
+        lambda s: s.network.spec.threshold_adaptation > 0,
+        "train with threshold_adaptation = 0",
+    ),
+    "learned constants": Feature("network", ("learn",), lambda s: bool(s.network.spec.learn), "train with learn = []"),
+    "double precision": Feature("network", (), lambda s: s.network.w_in.dtype == torch.float64, "train it in float32"),
+    "readout count": Feature("readout", ("readout",), _of_spec("readout", "count"), "train with another readout"),
+    "readout integrator": Feature(
+        "readout",
+        ("readout",),
+        lambda s: s.network.spec.readout == "integrator" and s.network.spec.readout_leak_ms is None,
+        "train with another readout",
+    ),
+    "readout that leaks": Feature(
+        "readout",
+        ("readout", "readout_tau_ms"),
+        lambda s: s.network.spec.readout == "integrator" and s.network.spec.readout_leak_ms is not None,
+        "train with another readout",
+    ),
+    "readout max": Feature("readout", ("readout",), _of_spec("readout", "max"), "train with readout = 'integrator'"),
+    "exit by patience": Feature("exit", (), lambda s: s.rule.patience is not None, "decide at the end of a window"),
+    "exit by margin": Feature("exit", (), lambda s: s.rule.margin is not None, "decide at the end of a window"),
+}
+"""Every feature of a chain, in the order of its parts."""
+
+SETTINGS = frozenset({
+    "hidden", "tau_mem_ms", "tau_syn_ms", "surrogate_scale", "readout_surrogate_scale", "forward_weight_scale",
+    "input_deviation", "recipe", "training", "unit", "conditioning", "sa1", "ra1",
+})  # fmt: skip
+"""Keys of specs of networks, LIF afferents and conditioning that are sizes, constants or how a network is trained."""
+
+_STREAMED = {
+    "Izhikevich afferents": "a chain is deployed with LIF afferents",
+    "Poisson afferents": "a chain is deployed with LIF afferents",
+    "baseline of the whole trial": "a stream has not received the whole trial yet",
+    "double precision": "a chain is deployed in float32",
+}
+_IN_INTEGERS = {
+    "adaptive thresholds": "they have no integer form; export it in float32",
+    "readout that leaks": "a leak has no integer form; export it in float32",
+    "readout max": "a leak has no integer form; export it in float32",
+}
+_IN_C = {"several afferents a taxel": "C has one SA-I and one RA-I under each taxel"}
+_NOT_IN_NIR = {
+    "Izhikevich afferents": "it has no nodes for them; the network alone can be exported",
+    "Poisson afferents": "it has no nodes for them; the network alone can be exported",
+    "adaptive thresholds": "it has no neuron whose threshold adapts",
+}
+EXECUTORS: dict[str, Executor] = {
+    "reference": Executor("the reference", CHAIN, {}),
+    "native": Executor(
+        "the native kernels",
+        ("encoder", "network", "readout", "exit"),
+        {"Izhikevich afferents": "NumPy computes them", "Poisson afferents": "NumPy draws them"},
+    ),
+    "stream": Executor("a stream", CHAIN, _STREAMED),
+    "c-float": Executor("C in float32", CHAIN, {**_STREAMED, **_IN_C}),
+    "c-integer": Executor("C in integers", CHAIN, {**_STREAMED, **_IN_C, **_IN_INTEGERS}),
+    "nir": Executor(
+        "NIR",
+        ("encoder", "network", "readout"),
+        {**_NOT_IN_NIR, "readout max": "it has no node for a maximum over time, except in the plain form"},
+    ),
+    "nir-plain": Executor("plain NIR", ("encoder", "network", "readout"), _NOT_IN_NIR, is_equal=False),
+    "snntorch": Executor(
+        "snnTorch",
+        ("network", "readout"),
+        {
+            "reset hard": "its neurons have only 'zero' and 'subtract'",
+            "adaptive thresholds": "its Synaptic has fixed thresholds",
+            "double precision": "its spikes are float32",
+        },
+    ),
+    "population": Executor("a population", ("network", "readout"), {}),
+}
+"""Every program that executes chains, the reference first."""
+
+
+def require(executor: str, subject: Subject) -> None:
+    """InputError with the feature, the reason and what to do instead, for the first one that an executor lacks.
+
+    >>> network = RSNN(2, 3, sampling_rate_Hz=1000.0, hidden=4, reset="hard")
+    >>> require("snntorch", Subject(None, network))
+    Traceback (most recent call last):
+    neurotact.errors.InputError: reset hard: snnTorch does not run it: its neurons have only 'zero' and 'subtract'; ...
+    """
+    found = EXECUTORS[executor]
+    for name, reason in found.lacks.items():
+        feature = FEATURES[name]
+        if feature.part in found.parts and feature.present(subject):
+            raise InputError(f"{name}: {found.what} does not run it: {reason}; {feature.instead}")
+
+
+def table() -> list[tuple[str, ...]]:
+    """Rows for the page: a feature, its part, and for each executor `equal`, `differs`, `outside` or why not.
+
+    >>> table()[0][:3]
+    ('moving average', 'conditioning', 'equal')
+    """
+    return [
+        (name, feature.part, *(_cell(executor, name, feature) for executor in EXECUTORS.values()))
+        for name, feature in FEATURES.items()
+    ]
+
+
+def _cell(executor: Executor, name: str, feature: Feature) -> str:
+    if name in executor.lacks:
+        return f"no: {executor.lacks[name]}"
+    if feature.part not in executor.parts:
+        return "outside"
+    return "equal" if executor.is_equal else "differs"

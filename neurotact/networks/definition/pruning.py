@@ -1,0 +1,68 @@
+"""Magnitude pruning: the smallest weights of a trained network become 0, and their synapses need no operation."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.metrics.synops import Synops
+from neurotact.networks.definition.rsnn import RSNN
+
+BATCH = 1024
+
+
+@torch.no_grad()
+def prune(network: RSNN, share: float) -> None:
+    """Set a share of each weight matrix to 0, the smallest magnitudes first (Han et al. 2015, NeurIPS).
+
+    Among equal magnitudes, lower indices go first; an integrator's bias is not pruned. Raises InputError for a share
+    outside 0 to 1.
+
+    >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
+    >>> prune(net, 0.75)
+    >>> [int((weights == 0).sum()) for weights in net.weights]
+    [6, 12, 6]
+    """
+    if not 0 <= share <= 1:
+        raise InputError(f"share: is a share of the weights, from 0 to 1; got {share}")
+    for weights in network.weights:
+        smallest = weights.abs().flatten().argsort(stable=True)
+        weights.view(-1)[smallest[: round(share * weights.numel())]] = 0.0
+
+
+@contextmanager
+def pruned_stay_pruned(network: RSNN) -> Iterator[None]:
+    """In this context, weights that are 0 have no gradient: an optimiser that starts here leaves them at 0."""
+    handles: list[Any] = []
+    for weights in network.weights:
+        remains = weights.detach() != 0
+        handles.append(weights.register_hook(lambda gradient, remains=remains: gradient * remains))
+    try:
+        yield
+    finally:
+        for handle in handles:
+            handle.remove()
+
+
+@torch.no_grad()
+def remaining_synops(network: RSNN, spikes: Tensor) -> Synops:
+    """SOPs of whole windows `(window, time, afferent)`: a spike is one operation for each of its nonzero weights.
+
+    >>> net = RSNN(2, 2, hidden=4, sampling_rate_Hz=1000.0, generator=torch.Generator().manual_seed(0))
+    >>> spikes = torch.ones(1, 3, 2, dtype=torch.uint8)
+    >>> int(remaining_synops(net, spikes).input[0])
+    24
+    >>> prune(net, 0.5)
+    >>> int(remaining_synops(net, spikes).input[0])
+    12
+    """
+    device = network.w_in.device
+    hidden = torch.cat([network(part.to(device)).hidden for part in spikes.split(BATCH)])
+    inputs = spikes.sum(dim=1, dtype=torch.int64)
+    fans = [weights.detach().count_nonzero(dim=1).cpu().numpy() for weights in network.weights]
+    recurrent = fans[1] if network.w_rec is not None else 0 * fans[-1]
+    return synops.of_fans(inputs.cpu().numpy(), hidden.round().long().cpu().numpy(), fans[0], recurrent, fans[-1])

@@ -1,0 +1,298 @@
+"""The default training of a network: rules that depend only on the training windows, never on the data set.
+
+Time constants depend on the window, and learning rates on the weights; the rates fall to 0. Initial weights are scaled
+on the spikes, and the readout adds up hidden spikes. `resolve` writes the choices into the spec, where they can be
+read, changed and saved; given keys stay. `start` scales the initial weights and corrects a start that would not learn.
+"""
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact import spec as specs
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+from neurotact.networks.definition.specs import void_keys as of_network
+from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.neurons import CubaLIF, cuba_lif_start, cuba_lif_step
+
+BATCH, EPOCHS, LEAST_STEPS, MOST_STEPS = 32, 40, 3000, 10_000
+RECURRENT_STEPS = 300
+SPARSE = 5.0
+LOOKED_AT = 256
+"""Training windows on which weights are scaled, evenly spaced."""
+ATTEMPTS, EXPLODES, HALVINGS = 5, 1e3, 20
+"""Most redraws of silent neurons; largest factor of recurrence on a gradient; most halvings of recurrent weights."""
+NEVER = 1e30
+"""A threshold that no membrane reaches."""
+
+
+class Seen(NamedTuple):
+    """The properties of training windows that the rules use.
+
+    windows, steps, sampling_rate_Hz: number of training windows, their length in steps, and steps per second.
+    spikes: mean number per afferent and window.
+    """
+
+    windows: int
+    steps: int
+    sampling_rate_Hz: float
+    spikes: float
+
+    @classmethod
+    def of(cls, training: Tensor, sampling_rate_Hz: float) -> "Seen":
+        """Of the spikes of training windows, `(window, time, afferent)`.
+
+        >>> Seen.of(torch.ones(4, 10, 3), 1000.0)
+        Seen(windows=4, steps=10, sampling_rate_Hz=1000.0, spikes=10.0)
+        """
+        n_windows, n_steps, n_afferents = training.shape
+        return cls(n_windows, n_steps, sampling_rate_Hz, float(training.sum()) / max(1, n_windows * n_afferents))
+
+
+class Choice(NamedTuple):
+    """A key of a network's spec, its value, and the rule in a few words."""
+
+    key: str
+    value: Any
+    why: str
+
+
+def choices(seen: Seen) -> list[Choice]:
+    """The choices of the default recipe for training windows.
+
+    >>> {choice.key: choice.value for choice in choices(Seen(900, 1000, 1000.0, 50.0))}["tau_mem_ms"]
+    50.0
+    """
+    step_ms = 1e3 / seen.sampling_rate_Hz
+    window_ms = seen.steps * step_ms
+    batch = max(BATCH, math.ceil(seen.windows * EPOCHS / MOST_STEPS))
+    batches = math.ceil(seen.windows / batch)
+    epochs = max(EPOCHS, math.ceil(LEAST_STEPS / max(1, batches)))
+    recurrent, sparse = seen.steps <= RECURRENT_STEPS, seen.spikes < SPARSE
+    scarce = f"against overfitting, if an afferent sends fewer than {SPARSE:g} spikes per window"
+    return [
+        Choice(
+            "model",
+            "rsnn" if recurrent else "snn",
+            f"recurrent up to {RECURRENT_STEPS} steps; beyond, its gradients become too large",
+        ),
+        Choice("surrogate_scale", 20.0 if recurrent else 10.0, "steeper if recurrence multiplies gradients"),
+        Choice("readout", "integrator", "it adds up hidden spikes and does not spike"),
+        Choice("tau_mem_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, at least one step"),
+        Choice("tau_syn_ms", _short(max(window_ms / 20, step_ms)), "a twentieth of the window, at least one step"),
+        Choice("input_deviation", 1.0, "deviation of free membranes on the training windows, in thresholds"),
+        Choice("training.batch", batch, f"windows per step: {BATCH}, or more for at most {MOST_STEPS} steps"),
+        Choice("training.epochs", epochs, f"{EPOCHS}, or more for at least {LEAST_STEPS} steps"),
+        Choice("training.patience", epochs, "all epochs run, since the rates fall to 0"),
+        Choice("training.relative_learning_rate", 0.05, "in units of each matrix's standard deviation"),
+        Choice("training.schedule", "cosine", "the rates fall to 0"),
+        Choice("training.keep", "both", "of the best epoch on training and validation windows"),
+        Choice("training.rate_penalty", 0.0, "none"),
+        Choice("training.input_dropout", 0.1 if sparse else 0.0, f"share of input spikes left out; {scarce}"),
+        Choice("training.input_jitter_ms", _short(window_ms / 130) if sparse else 0.0, f"window / 130; {scarce}"),
+        Choice("training.readout_dropout", 0.2 if sparse else 0.0, f"share of hidden neurons left out; {scarce}"),
+    ]
+
+
+def space(spec: RSNNSpec, seen: Seen) -> dict[str, dict[str, Any]]:
+    """A search space around the choices of the recipe: for each key, the chosen value and others beside it.
+
+    spec: gives the size, around which others are tried. Keys that it gives are not searched, but for `hidden`.
+
+    >>> space(RSNNSpec(recipe="default", hidden=50), Seen(900, 1000, 1000.0, 50.0))["hidden"]
+    {'_type': 'choice', '_value': [20, 30, 50, 80]}
+    """
+    chosen, given = resolve(spec, seen), spec.model_dump(mode="json")
+    step_ms = 1e3 / seen.sampling_rate_Hz
+    values: dict[str, list[Any]] = {
+        "hidden": sorted({max(1, round(share * chosen.hidden)) for share in (0.4, 0.6, 1.0, 1.6)}),
+        "tau_mem_ms": _around(chosen.tau_mem_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
+        "tau_syn_ms": _around(chosen.tau_syn_ms, (0.25, 0.5, 1.0, 2.0, 4.0), step_ms),
+        "input_deviation": [0.5, 1.0, 2.0],
+        "surrogate_scale": _around(chosen.surrogate_scale, (0.5, 1.0, 2.0)),
+        "training.relative_learning_rate": [0.02, 0.05, 0.1],
+        "training.input_dropout": [0.0, 0.1, 0.2],
+        "training.readout_dropout": [0.0, 0.2, 0.4],
+    }
+    if chosen.recurrent:
+        values |= {"model": ["rsnn", "snn"], "training.rate_penalty": [0.0, 0.001, 0.01]}
+    known = {*given, *(f"training.{key}" for key in given.get("training", {}))} - {"hidden"}
+    return {key: {"_type": "choice", "_value": value} for key, value in values.items() if key not in known}
+
+
+def resolve(spec: RSNNSpec, seen: Seen) -> RSNNSpec:
+    """The spec with the choices of its recipe for training windows; given keys stay.
+
+    A spec without a recipe is returned unchanged.
+
+    >>> asked = RSNNSpec(recipe="default", tau_syn_ms=5.0)
+    >>> chosen = resolve(asked, Seen(900, 1000, 1000.0, 50.0))
+    >>> chosen.tau_mem_ms, chosen.tau_syn_ms, chosen.readout, chosen.recipe
+    (50.0, 5.0, 'integrator', None)
+    """
+    if spec.recipe is None:
+        return spec
+    chosen = {choice.key: choice.value for choice in choices(seen)}
+    given = spec.model_dump(mode="json", exclude={"recipe"})
+    training = given.pop("training", {})
+    table = specs.override(given, {key: value for key, value in chosen.items() if key not in given})
+    table["training"] = {**table.get("training", {}), **training}
+    return specs.build(RSNNSpec, table, source=f"recipe = '{spec.recipe}'")
+
+
+def void_keys(spec: RSNNSpec) -> dict[str, str]:
+    """The keys of a network that have no effect, and why; with a recipe those that have none in windows of any length.
+
+    >>> {*void_keys(RSNNSpec(recipe="default"))} - {*void_keys(RSNNSpec(recipe="default", model="rsnn"))}
+    set()
+    >>> "forward_weight_scale" in void_keys(RSNNSpec(recipe="default", model="snn"))
+    True
+    """
+    lengths = (1, 1 + RECURRENT_STEPS)
+    short, long = (of_network(resolve(spec, Seen(1, steps, 1000.0, 1.0))) for steps in lengths)
+    return {key: why for key, why in short.items() if key in long}
+
+
+def training_of(spec: RSNNSpec) -> TrainingSpec:
+    """The training keys that do not depend on the windows: `keep`, `schedule`.
+
+    >>> training_of(RSNNSpec(recipe="default")).keep, training_of(RSNNSpec()).keep
+    ('both', 'loss')
+    """
+    return resolve(spec, Seen(1, 1, 1000.0, 1.0)).training
+
+
+def described(asked: RSNNSpec, seen: Seen) -> Iterator[str]:
+    """The choices of a spec's recipe, one line per key, without given keys; nothing without a recipe."""
+    if asked.recipe is None:
+        return
+    given = asked.model_dump(mode="json")
+    known = {*given, *(f"training.{key}" for key in given.get("training", {}))}
+    for choice in choices(seen):
+        if choice.key not in known:
+            yield f"{choice.key} = {choice.value} ({choice.why})"
+
+
+def _around(value: float, factors: Sequence[float], least: float = 0.0) -> list[float]:
+    """Multiples of a chosen value, none below `least`, each once."""
+    return sorted({_short(max(factor * value, least)) for factor in factors})
+
+
+def _short(value: float) -> float:
+    """A number rounded to four digits."""
+    return float(f"{value:.4g}")
+
+
+def free_deviation(spikes: Tensor, weights: Tensor, neuron: CubaLIF, alpha: float, beta: float) -> Tensor:
+    """Standard deviation of each neuron's free membrane, over trials and time, `(neuron,)` in float64.
+
+    A free membrane neither fires nor resets. spikes: `(trial, time, afferent)`. weights: `(afferent, neuron)`.
+
+    >>> one = torch.tensor([[[0.0], [1.0]]])
+    >>> free_deviation(one, torch.tensor([[1.0, 3.0]]), CubaLIF("immediate"), 0.5, 0.5).tolist()
+    [0.5, 1.5]
+    """
+    n_trials, n_steps, _ = spikes.shape
+    weights = weights.double()
+    state = cuba_lif_start(n_trials, weights.shape[1], weights)
+    total, squares = torch.zeros_like(weights[0]), torch.zeros_like(weights[0])
+    for arriving in spikes.unbind(dim=1):
+        current = alpha * state.current + arriving.to(weights.dtype) @ weights
+        _, state = cuba_lif_step(neuron, current, state, beta, NEVER, FastSigmoid())
+        total += state.membrane.sum(dim=0)
+        squares += state.membrane.square().sum(dim=0)
+    n_values = max(1, n_trials * n_steps)
+    return (squares / n_values - (total / n_values).square()).clamp(min=0).sqrt()
+
+
+def start(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Scale the initial weights of a network with an `input_deviation`, and correct a start that would not learn.
+
+    spikes: of training windows. generator: redraws the weights of silent hidden neurons.
+    Warns of corrections.
+    """
+    if network.spec.input_deviation is None:
+        return
+    sample = spikes[:: max(1, math.ceil(len(spikes) / LOOKED_AT))].to(network.w_in.device)
+    scale_weights(network, sample)
+    if sample.any():
+        _redraw_silent(network, sample, generator)
+        _weaken_recurrence(network, sample)
+        scale_readout(network, sample)
+
+
+@torch.no_grad()
+def scale_weights(network: RSNN, spikes: Tensor) -> None:
+    """Scale each hidden neuron's input weights so that its free membrane deviates by `input_deviation` thresholds.
+
+    A neuron without input keeps its weights.
+    """
+    assert network.spec.input_deviation is not None
+    alpha, beta = float(network.alpha[0]), float(network.beta[0])
+    deviation = free_deviation(spikes.cpu(), network.w_in.cpu(), network.neuron, alpha, beta)
+    wanted = network.spec.input_deviation * float(network.threshold[0])
+    factor = torch.where(deviation > 0, wanted / deviation, 1.0)
+    network.w_in.mul_(factor.to(network.w_in))
+
+
+@torch.no_grad()
+def scale_readout(network: RSNN, spikes: Tensor) -> None:
+    """Scale an integrator's weights so that its classes deviate by 1 over the windows, on average."""
+    if network.bias is not None:
+        deviation = network(spikes).readout.std(dim=0, correction=0).mean()
+        if deviation > 0:
+            network.w_out /= deviation
+
+
+@torch.no_grad()
+def _redraw_silent(network: RSNN, spikes: Tensor, generator: torch.Generator) -> None:
+    """Redraw the input weights of hidden neurons that never spike, a few times at most."""
+    silent = ~network(spikes).hidden.any(dim=0)
+    redrawn = int(silent.sum())
+    for _ in range(ATTEMPTS):
+        if not silent.any():
+            break
+        drawn = torch.randn(network.w_in.shape, generator=generator).to(network.w_in)
+        network.w_in[:, silent] = drawn[:, silent]
+        scale_weights(network, spikes)
+        silent = ~network(spikes).hidden.any(dim=0)
+    if redrawn > len(silent) / 2:
+        warnings.warn(
+            f"training: {redrawn} of {len(silent)} hidden neurons were silent; their weights were redrawn, "
+            f"and {int(silent.sum())} are still silent",
+            stacklevel=2,
+        )
+
+
+def _weaken_recurrence(network: RSNN, spikes: Tensor) -> None:
+    """Halve the recurrent weights until gradients do not explode at the start."""
+    if network.w_rec is None:
+        return
+    recurrent = network.w_rec.detach().clone()
+    with torch.no_grad():
+        network.w_rec.zero_()
+    limit = EXPLODES * _gradient_norm(network, spikes)
+    with torch.no_grad():
+        network.w_rec.copy_(recurrent)
+    weights, halvings = network.w_rec, 0
+    while not _gradient_norm(network, spikes) <= limit and halvings < HALVINGS:
+        halvings += 1
+        with torch.no_grad():
+            weights.mul_(0.5)
+    if halvings:
+        warnings.warn(
+            f"training: gradients would explode; the initial recurrent weights are {2**halvings} times smaller",
+            stacklevel=2,
+        )
+
+
+def _gradient_norm(network: RSNN, spikes: Tensor) -> float:
+    """Norm of the gradient of the readout's variance over windows, by the input weights."""
+    readout = network(spikes[:BATCH]).readout
+    (gradient,) = torch.autograd.grad(readout.var(dim=0, correction=0).sum(), network.w_in)
+    return float(gradient.double().norm())

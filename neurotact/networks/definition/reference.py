@@ -1,0 +1,122 @@
+"""The definition of the networks: plain PyTorch over a time loop, any device, float32 or float64.
+
+Many networks of one shape run at once if weights and spikes have a leading axis of networks, and each other value one
+that broadcasts, `(network, 1, 1)`: see `population`.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact.networks.definition.readouts import Integration
+from neurotact.neurons import (
+    Adaptation,
+    CubaLIF,
+    CubaLIFState,
+    Decay,
+    SpikeFunction,
+    cuba_lif_start,
+    cuba_lif_step,
+    recurrent_spikes,
+)
+
+
+class Layer(NamedTuple):
+    """The neurons of a layer, as `cuba_lif_layer` takes them."""
+
+    alpha: Decay
+    beta: Decay
+    threshold: Decay
+    neuron: CubaLIF
+    spike: SpikeFunction
+    adaptation: Adaptation | None = None
+
+
+class Model(NamedTuple):
+    """All that a network computes with: layers, weights, and the integration of a readout that does not spike."""
+
+    hidden: Layer
+    readout: Layer
+    w_in: Tensor
+    w_rec: Tensor | None
+    w_out: Tensor
+    integration: Integration | None
+
+
+def counts(model: Model, spikes: Tensor, heard: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """Readout counts or values `(trial, class)` and hidden counts `(trial, hidden)` over a window.
+
+    heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
+    """
+    sent, _ = cuba_lif_layer(spikes.to(model.w_in.dtype), model.w_in, model.w_rec, **model.hidden._asdict())
+    hidden, integration = sent.sum(dim=-2), model.integration
+    if integration is None:
+        decided, _ = cuba_lif_layer(sent, model.w_out, None, **model.readout._asdict())
+        return decided.sum(dim=-2), hidden
+    if integration.leaks:
+        w_out = model.w_out if heard is None else model.w_out * heard[..., None]
+        values = integration.of(product(sent.double(), w_out.double()))
+    else:
+        values = product(hidden.double(), model.w_out.double()) + integration.level
+    return values.to(model.w_out.dtype), hidden
+
+
+def product(x: Tensor, w: Tensor) -> Tensor:
+    """`x w` of a network, or of each of many: x `(network, ..., presynaptic)`, w `(network, presynaptic, post...)`."""
+    return x @ w if w.ndim == 2 else torch.bmm(x.flatten(1, -2), w).unflatten(1, x.shape[1:-1])
+
+
+def cuba_lif_layer(
+    x: Tensor,
+    w: Tensor,
+    v: Tensor | None,
+    *,
+    alpha: Decay,
+    beta: Decay,
+    threshold: Decay,
+    neuron: CubaLIF,
+    spike: SpikeFunction,
+    adaptation: Adaptation | None = None,
+    state: CubaLIFState | None = None,
+    ordered: bool = False,
+) -> tuple[Tensor, CubaLIFState]:
+    """Run one layer over a window: `I[t+1] = alpha I[t] + x[t] w + s[t-d] v` (texture paper, Eq. 5, has d = 0).
+
+    x: spikes into the layer, `(trial, time, presynaptic)`, of the weights' float type.
+    w, v: weights `(presynaptic, postsynaptic)`; v is None without recurrence.
+    alpha, beta, threshold: numbers or tensors that broadcast over `(postsynaptic,)`.
+    neuron: membrane, reset and d, the recurrent delay. adaptation: of the thresholds; None: they are fixed.
+    ordered: add decay, then inputs, then recurrence in ascending order, as the native kernels do. The last
+        bits of a matrix product depend on the batch; these do not.
+
+    Returns the transmitted spikes `(trial, time, postsynaptic)` and the state after the last step.
+    """
+    shape = x.shape[:-2]
+    if state is None:
+        state = cuba_lif_start(shape, w.shape[-1], w)
+    transmitted = []
+    # unbind, not indexing: its gradient is one stack; an index per step would cost steps squared.
+    for arriving in (x if ordered else product(x, w)).unbind(dim=-2):
+        current, returning = alpha * state.current, recurrent_spikes(neuron, state)
+        if ordered:
+            current = _add_ascending(current, arriving, w)
+            current = current if v is None else _add_ascending(current, returning, v)
+        else:
+            current = current + arriving
+            current = current if v is None else _add_product(current, returning, v)
+        spikes, state = cuba_lif_step(neuron, current, state, beta, threshold, spike, adaptation)
+        transmitted.append(spikes)
+    if not transmitted:
+        return x.new_zeros(*shape, 0, w.shape[-1]), state
+    return torch.stack(transmitted, dim=-2), state
+
+
+def _add_product(total: Tensor, spikes: Tensor, weights: Tensor) -> Tensor:
+    return (torch.addmm if weights.ndim == 2 else torch.baddbmm)(total, spikes, weights)
+
+
+def _add_ascending(total: Tensor, spikes: Tensor, weights: Tensor) -> Tensor:
+    for j in range(weights.shape[0]):
+        total = total + spikes[:, j : j + 1] * weights[j]
+    return total

@@ -1,0 +1,332 @@
+"""The spiking network: one CUBA-LIF layer, recurrent or not, and a readout that spikes or adds up.
+
+Texture paper, Fig. 1c and Eqs. 4 to 7; initial weights from the Braille-reading study.
+
+A readout that does not spike adds up a bias and the weights of every hidden spike, with a leak or without one
+(`readouts.Integration`). It does so in float64, where sums of float32 weights are almost always exact: a decision
+depends neither on the order of the spikes nor on the size of a batch.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from neurotact.checks import at_least
+from neurotact.data.recordings import check_sampling_rate
+from neurotact.errors import InputError
+from neurotact.networks.definition import kernels, native, reference
+from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.definition.surrogate import FastSigmoid
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule, Leader
+from neurotact.neurons import Adaptation, CubaLIF, SpikeFunction, cuba_lif_start, decay_per_step
+from neurotact.spec import build, override
+
+RASTER_VALUES = 2**25
+"""Spikes and sums that the reference holds in memory for an integrator's early exit."""
+
+
+class Counts(NamedTuple):
+    """Spikes per window, differentiable: `readout` `(trial, class)` and `hidden` `(trial, hidden)`.
+
+    `readout` of an integrator is its value at the end of the window.
+    """
+
+    readout: Tensor
+    hidden: Tensor
+
+
+class Rasters(NamedTuple):
+    """Spikes per step: `hidden` `(trial, time, hidden)` and `readout` `(trial, time, class)`.
+
+    `readout` of an integrator is its input at each step, in float64; `RSNN.integration` adds it up.
+    """
+
+    hidden: Tensor
+    readout: Tensor
+
+
+class Inference(NamedTuple):
+    """The decisions of a network and their cost, one row per trial.
+
+    labels: index of the largest readout count or value, ties to the lowest, `(trial,)` int64.
+    steps: simulated steps, `(trial,)` int64.
+    input_spikes, hidden_spikes: spikes in those steps, summed over neurons, `(trial,)` int64.
+    readout: spikes of each readout neuron in those steps, `(trial, class)` int64; values of an integrator, float64.
+    """
+
+    labels: Tensor
+    steps: Tensor
+    input_spikes: Tensor
+    hidden_spikes: Tensor
+    readout: Tensor
+
+
+class RSNN(nn.Module):
+    """`n_inputs` afferents, `spec.hidden` hidden neurons, `n_classes` readout neurons.
+
+    Weights are `(presynaptic, postsynaptic)`: `w_in`, `w_rec`, `w_out`; a feed-forward network's `w_rec` is None.
+    `alpha`, `beta` and `threshold` hold one value for the hidden layer and one for the readout, which an integrator
+    does not use. An integrator has a `bias` `(class,)`; it is None if the readout spikes. Input spikes are
+    `(trial, time, afferent)` of any type with the values 0 and 1; `backend` chooses the implementation (see
+    `kernels.use_native`).
+
+    Give a complete spec, or its keys: `RSNN(16, 8, hidden=30, tau_mem_ms=40, sampling_rate_Hz=2000.0)`; keys that are
+    not given have the spec's defaults. InputError names an unknown key.
+
+    >>> net = RSNN(16, 8, hidden=20, sampling_rate_Hz=2000.0, generator=torch.Generator().manual_seed(0))
+    >>> net
+    RSNN(16 afferents, 20 hidden (recurrent), 8 classes, clock 2000 Hz, tau_mem 20 ms, tau_syn 10 ms, 880 weights)
+    >>> spikes = (torch.rand(4, 300, 16) < 0.1).to(torch.uint8)
+    >>> net(spikes).readout.shape
+    torch.Size([4, 8])
+    """
+
+    def __init__(
+        self,
+        n_inputs: int,
+        n_classes: int,
+        spec: RSNNSpec | None = None,
+        sampling_rate_Hz: float | None = None,
+        *,
+        backend: Backend = "auto",
+        generator: torch.Generator | None = None,
+        dtype: torch.dtype = torch.float32,
+        **keys: Any,
+    ) -> None:
+        super().__init__()
+        if sampling_rate_Hz is None:
+            raise InputError("sampling_rate_Hz: the time constants need a clock; pass RSNN(..., sampling_rate_Hz=2000)")
+        check_sampling_rate(sampling_rate_Hz, "RSNN")
+        for name, number in (("n_inputs", n_inputs), ("n_classes", n_classes)):
+            at_least(name, number, 1, whole=True)
+        table = {} if spec is None else spec.model_dump(mode="json")
+        self.spec = spec = build(RSNNSpec, override(table, keys), source="RSNN") if keys or spec is None else spec
+        self.sampling_rate_Hz = sampling_rate_Hz
+        self.backend: Backend = backend
+        self.neuron = CubaLIF(spec.membrane, spec.reset, spec.recurrent_delay_steps)
+        self.adaptation: Adaptation | None = None
+        if spec.threshold_adaptation:
+            decay = decay_per_step(spec.tau_adaptation_ms, sampling_rate_Hz)
+            self.adaptation = Adaptation(spec.threshold_adaptation, decay)
+        self.spike: SpikeFunction = FastSigmoid(spec.surrogate_scale)
+
+        def normal(rows: int, columns: int, deviation: float) -> nn.Parameter:
+            return nn.Parameter(torch.randn(rows, columns, generator=generator).to(dtype) * deviation)
+
+        forward, recurrent = spec.forward_weight_scale, spec.forward_weight_scale * spec.recurrent_weight_scale
+        self.w_in = normal(n_inputs, spec.hidden, forward / math.sqrt(n_inputs))
+        self.w_rec = normal(spec.hidden, spec.hidden, recurrent / math.sqrt(spec.hidden)) if spec.recurrent else None
+        self.w_out = normal(spec.hidden, n_classes, forward / math.sqrt(spec.hidden))
+        self.bias = nn.Parameter(torch.zeros(n_classes, dtype=dtype)) if spec.integrates else None
+        self.alpha = self._dynamics("alpha", decay_per_step(spec.tau_syn_ms, sampling_rate_Hz), dtype)
+        self.beta = self._dynamics("beta", decay_per_step(spec.tau_mem_ms, sampling_rate_Hz), dtype)
+        self.threshold = self._dynamics("threshold", 1.0, dtype)
+
+    def _dynamics(self, name: str, value: float, dtype: torch.dtype) -> nn.Parameter:
+        return nn.Parameter(torch.full((2,), value, dtype=dtype), requires_grad=name in self.spec.learn)
+
+    def __repr__(self) -> str:
+        kind = "recurrent" if self.spec.recurrent else "feed-forward"
+        n_weights = sum(weights.numel() for weights in self.weights)
+        adapts = ""
+        if self.adaptation is not None:
+            adapts = (
+                f"threshold_adaptation {self.spec.threshold_adaptation:g} over {self.spec.tau_adaptation_ms:g} ms, "
+            )
+        return (
+            f"RSNN({self.n_inputs} afferents, {self.spec.hidden} hidden ({kind}), {self.n_classes} classes, "
+            f"clock {self.sampling_rate_Hz:g} Hz, tau_mem {self.spec.tau_mem_ms:g} ms, "
+            f"tau_syn {self.spec.tau_syn_ms:g} ms, {adapts}{n_weights:,} weights)"
+        )
+
+    @property
+    def weights(self) -> list[nn.Parameter]:
+        """The weight matrices: input, recurrent (if any) and readout."""
+        return [weights for weights in (self.w_in, self.w_rec, self.w_out) if weights is not None]
+
+    @property
+    def n_inputs(self) -> int:
+        return self.w_in.shape[0]
+
+    @property
+    def n_classes(self) -> int:
+        return self.w_out.shape[1]
+
+    def adaptation_of(self, layer: int) -> Adaptation | None:
+        """How the thresholds of the hidden layer (0) adapt; those of the readout (1) do not."""
+        return self.adaptation if layer == 0 else None
+
+    def spike_of(self, layer: int) -> SpikeFunction:
+        """The spike function of the hidden layer (0) or of the readout (1), with its surrogate.
+
+        A `spike` that replaces the one of the spec is used for both.
+        """
+        readout_scale = self.spec.readout_surrogate_scale
+        if layer == 0 or readout_scale is None or self.spike != FastSigmoid(self.spec.surrogate_scale):
+            return self.spike
+        return FastSigmoid(readout_scale)
+
+    def layer(self, layer: int) -> reference.Layer:
+        """The neurons of the hidden layer (0) or of the readout (1)."""
+        dynamics = self.alpha[layer], self.beta[layer], self.threshold[layer]
+        return reference.Layer(*dynamics, self.neuron, self.spike_of(layer), self.adaptation_of(layer))
+
+    @property
+    def model(self) -> reference.Model:
+        """All that this network computes with."""
+        return reference.Model(self.layer(0), self.layer(1), self.w_in, self.w_rec, self.w_out, self.integration)
+
+    @property
+    def integration(self) -> Integration | None:
+        """How a readout that does not spike adds up its input; None if readout spikes are counted."""
+        if self.bias is None:
+            return None
+        return Integration(self.bias.to(torch.float64), self.readout_decay, self.spec.readout == "max")
+
+    @property
+    def readout_decay(self) -> float:
+        """The factor per step of what an integrator has added up; 1 without a leak."""
+        leak_ms = self.spec.readout_leak_ms
+        return 1.0 if leak_ms is None else decay_per_step(leak_ms, self.sampling_rate_Hz)
+
+    @property
+    def leaks(self) -> bool:
+        """Whether the readout is an integrator whose value depends on the times of spikes."""
+        return (integration := self.integration) is not None and integration.leaks
+
+    def forward(self, spikes: Tensor, heard: Tensor | None = None) -> Counts:
+        """Spike counts over the whole window, for training.
+
+        heard: factors of the input from each hidden neuron to an integrator that leaks, `(hidden,)`; by default all 1.
+        """
+        self._check(spikes)
+        if not self._native():
+            return Counts(*reference.counts(self.model, spikes, heard))
+        integration = self.integration
+        if integration is None:
+            return Counts(*native.rsnn_counts(spikes, self))
+        if not integration.leaks:
+            hidden = self._hidden_counts(spikes)
+            return Counts(self.sums(hidden), hidden)
+        w_out = self.w_out if heard is None else self.w_out * heard[:, None]
+        values, hidden = native.rsnn_counts(spikes, self, w_out)
+        return Counts(values + integration.level.to(values), hidden)
+
+    def _hidden_counts(self, spikes: Tensor) -> Tensor:
+        if self._native():
+            dynamics = (self.alpha[0], self.beta[0], self.threshold[0])
+            return native.layer_counts(
+                spikes, self.w_in, self.w_rec, *dynamics, self.neuron, self.spec.surrogate_scale, self.adaptation
+            )
+        return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
+
+    def sums(self, hidden: Tensor) -> Tensor:
+        """The values of an integrator without a leak at the end of a window, from the hidden neurons' counts."""
+        assert self.bias is not None
+        return (self.added(hidden) + self.bias.to(torch.float64)).to(self.w_out.dtype)
+
+    def simulate(self, spikes: Tensor, *, ordered: bool = False) -> Rasters:
+        """Every spike of every neuron; differentiable. `ordered`: by the reference, adding in the kernels' order."""
+        self._check(spikes)
+        if not ordered and self._native():
+            hidden = self._native_layer(spikes, self.w_in, self.w_rec, 0)
+            spiking = self.bias is None
+            return Rasters(hidden, self._native_layer(hidden, self.w_out, None, 1) if spiking else self.added(hidden))
+        hidden, _ = self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, ordered)
+        if self.bias is not None:
+            return Rasters(hidden, self.added(hidden))
+        readout, _ = self._layer(hidden, self.w_out, None, 1, ordered)
+        return Rasters(hidden, readout)
+
+    def added(self, hidden: Tensor) -> Tensor:
+        """The input of an integrator from hidden spikes or their counts, `(..., class)`."""
+        return hidden.double() @ self.w_out.double()
+
+    @torch.no_grad()
+    def infer(self, spikes: Tensor, rule: ExitRule = FULL_WINDOW) -> Inference:
+        """Decide each trial; `rule` stops its simulation.
+
+        For an integrator, the reference simulates full windows and ignores the steps after the exit.
+        """
+        self._check(spikes)
+        if self._native():
+            return Inference(*native.rsnn_infer(spikes, self, rule))
+        if (integration := self.integration) is not None:
+            n_values = spikes.shape[1] * (self.n_inputs + self.spec.hidden + self.n_classes)
+            parts = spikes.split(max(1, RASTER_VALUES // max(1, n_values)))
+            found = (self._infer_sums(part, rule, integration) for part in parts)
+            return Inference(*map(torch.cat, zip(*found, strict=True)))
+        return self._infer_by_steps(spikes, rule)
+
+    def _infer_sums(self, spikes: Tensor, rule: ExitRule, integration: Integration) -> Inference:
+        """The decisions of an integrator."""
+        n_trials, n_steps, _ = spikes.shape
+        steps = torch.full((n_trials,), n_steps, device=spikes.device)
+        if rule.never and not integration.leaks:
+            hidden = self._hidden_counts(spikes)
+            sums = self.added(hidden) + integration.level
+            n_input, n_hidden = (part.sum(dim=1).to(torch.int64) for part in (spikes.flatten(1), hidden))
+            return Inference(sums.argmax(dim=1), steps, n_input, n_hidden, sums)
+        hidden, gained = self.simulate(spikes)
+        leader = Leader.start(n_trials, self.n_classes, spikes.device, integration)
+        labels, sums, running = leader.counts.argmax(dim=1), leader.counts.clone(), steps > 0
+        for t in range(n_steps):
+            leader = leader.after(gained[:, t], integration)
+            stops = running & (leader.exits(rule) | (t + 1 == n_steps))
+            labels[stops], sums[stops], steps[stops] = leader.index[stops], leader.counts[stops], t + 1
+            running = running & ~stops
+        ran = torch.arange(n_steps, device=spikes.device) < steps[:, None]
+        n_input, n_hidden = ((part.sum(dim=2) * ran).sum(dim=1).to(torch.int64) for part in (spikes, hidden))
+        return Inference(labels, steps, n_input, n_hidden, sums)
+
+    def _infer_by_steps(self, spikes: Tensor, rule: ExitRule) -> Inference:
+        n_trials, n_steps, _ = spikes.shape
+        running = torch.arange(n_trials, device=spikes.device)
+        hidden = cuba_lif_start(n_trials, self.spec.hidden, self.w_in)
+        readout = cuba_lif_start(n_trials, self.n_classes, self.w_in)
+        leader = Leader.start(n_trials, self.n_classes, spikes.device)
+        labels, steps, n_input, n_hidden = (torch.zeros_like(running) for _ in range(4))
+        result = Inference(labels, steps, n_input, n_hidden, leader.counts.clone())
+        totals = torch.zeros(n_trials, 2, dtype=torch.int64, device=spikes.device)
+        for t in range(n_steps):
+            inputs = spikes[running, t : t + 1].to(self.w_in.dtype)
+            hidden_spikes, hidden = self._layer(inputs, self.w_in, self.w_rec, 0, False, hidden)
+            readout_spikes, readout = self._layer(hidden_spikes, self.w_out, None, 1, False, readout)
+            totals += torch.stack([inputs.sum(dim=(1, 2)), hidden_spikes.sum(dim=(1, 2))], dim=1).to(torch.int64)
+            leader = leader.after(readout_spikes[:, 0].to(torch.int64))
+            done = leader.exits(rule) if t + 1 < n_steps else torch.ones_like(leader.index, dtype=torch.bool)
+            if done.any():
+                at = running[done]
+                result.labels[at], result.steps[at] = leader.index[done], t + 1
+                result.input_spikes[at], result.hidden_spikes[at] = totals[done].unbind(dim=1)
+                result.readout[at] = leader.counts[done]
+                left = ~done
+                running, totals, leader = running[left], totals[left], leader.select(left)
+                hidden, readout = (type(state)(*(part[left] for part in state)) for state in (hidden, readout))
+            if running.numel() == 0:
+                break
+        return result
+
+    def _layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int, ordered: bool, state=None):
+        return reference.cuba_lif_layer(x, w, v, **self.layer(layer)._asdict(), state=state, ordered=ordered)
+
+    def _native_layer(self, x: Tensor, w: Tensor, v: Tensor | None, layer: int) -> Tensor:
+        dynamics = (self.alpha[layer], self.beta[layer], self.threshold[layer])
+        spike = self.spike_of(layer)
+        assert isinstance(spike, FastSigmoid)
+        return native.layer_spikes(x, w, v, *dynamics, self.neuron, float(spike.scale), self.adaptation_of(layer))
+
+    def _native(self) -> bool:
+        # The kernels have only the fast sigmoid; any other surrogate runs in the reference.
+        return self.spike == FastSigmoid(self.spec.surrogate_scale) and kernels.use_native(self.backend, self.w_in)
+
+    def _check(self, spikes: Tensor) -> None:
+        if spikes.ndim != 3 or spikes.shape[2] != self.n_inputs:
+            raise InputError(
+                f"spikes: have shape {tuple(spikes.shape)} where (trial, time, {self.n_inputs}) is expected; "
+                "train and run a network on the same afferents"
+            )

@@ -1,0 +1,62 @@
+"""Random seeds of a training, drawn from its settings: each network has its own, on any machine and in any order."""
+
+from typing import Any
+
+from neurotact.spec import Spec, digest
+
+FIRST = {
+    "AfferentSpec": {
+        "model", "unit", "v_rest_mV", "v_reset_mV", "v_threshold_mV", "tau_mem_ms", "conditioning", "sa1", "ra1",
+    },
+    "AfferentType": {"gain", "t_ref_ms"},
+    "ConditioningSpec": {"ema_cutoff_Hz", "resample_Hz", "baseline", "offset", "scale", "rectify"},
+    "EarlyExitSpec": {"tolerance"},
+    "IzhikevichSpec": {
+        "model", "unit", "a_per_ms", "b_per_ms", "c_mV", "d_mV_per_ms", "v_peak_mV", "euler_step_ms", "conditioning",
+        "sa1", "ra1",
+    },
+    "IzhikevichType": {"gain_mV_per_ms"},
+    "OnsetSpec": {"rest_ms", "bin_ms", "deviations"},
+    "PoissonSpec": {"model", "unit", "seed", "conditioning", "sa1", "ra1"},
+    "PoissonType": {"gain_Hz", "t_ref_ms"},
+    "RSNNSpec": {
+        "model", "hidden", "membrane", "reset", "tau_mem_ms", "tau_syn_ms", "surrogate_scale", "forward_weight_scale",
+        "recurrent_weight_scale", "learn", "training",
+    },
+    "SearchSpec": {
+        "space", "tuner", "trials", "batch", "seed", "objective", "sops_weight", "assessor", "start_epoch",
+    },
+    "SplitSpec": {"validation", "test", "seed"},
+    "Task": {"window", "split", "stratify", "subset", "training_windows", "exit_tolerance"},
+    "TrainingSpec": {"learning_rate", "batch", "epochs", "patience", "rate_penalty", "population_penalty"},
+    "WindowSpec": {"length_ms", "start_ms", "hop_ms", "per_trial"},
+}  # fmt: skip
+"""Keys of each kind of spec that always count. Any other key, also one that is added, counts if it is not at its
+default: so a new key changes no seed, and no number, of a network that does not use it."""
+
+
+def drawn(settings: Any) -> tuple[int, int]:
+    """The seeds of a network's initial weights and of the order of its trials; settings: specs, tables and lists.
+
+    >>> from neurotact.networks.definition.specs import RSNNSpec
+    >>> drawn([RSNNSpec(), 0]) == drawn([RSNNSpec(readout="count"), 0]) != drawn([RSNNSpec(readout="max"), 0])
+    True
+    """
+    content = digest(_counted(settings))
+    return int(content[:6], 16), int(content[6:], 16)
+
+
+def _counted(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _counted(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_counted(inner) for inner in value]
+    if not isinstance(value, Spec):
+        return value
+    table, fields = value.model_dump(mode="json"), type(value).model_fields
+    if table.get("recipe") is not None:  # such a spec is written with the given keys alone: all count
+        return table
+    first = FIRST.get(type(value).__name__, table)
+    kept = {key: getattr(value, key) for key in table}
+    kept = {key: inner for key, inner in kept.items() if key in first or inner != fields[key].default}
+    return {key: _counted(inner) if isinstance(inner, Spec) else table[key] for key, inner in kept.items()}

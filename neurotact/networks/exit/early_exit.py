@@ -1,0 +1,107 @@
+"""Early exit: stop a trial when its leading class is stable (texture paper, Algorithm 1), or leads by a margin."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact.errors import InputError
+from neurotact.networks.definition.readouts import Integration
+
+
+@dataclass(frozen=True)
+class ExitRule:
+    """Exit when the leading class is unchanged for `patience` + 1 consecutive steps, or when it leads by a `margin`.
+
+    The leading class has the largest count of readout spikes so far or, if the readout is an integrator, the largest
+    value.
+
+    patience: steps. from_first_spike: count from the first step at which the trial's readout changes (`validated`): its
+        first spike, or the first hidden spike that an integrator adds. Otherwise count from the first step, as in the
+        paper's Algorithm 1, where class 0 leads a silent readout.
+    margin: by how much the leading class exceeds every other class in count or value; it replaces the patience.
+    Without patience and margin no trial exits: the full window is simulated.
+    """
+
+    patience: int | None = None
+    from_first_spike: bool = False
+    margin: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.patience is not None and self.patience < 1:
+            raise InputError(f"patience: must be >= 1 step; got {self.patience}")
+        if self.margin is not None and not 0 < self.margin < math.inf:
+            raise InputError(f"margin: must be a positive number; got {self.margin}")
+        if self.patience is not None and self.margin is not None:
+            raise InputError("margin: replaces the patience; give one of the two")
+
+    @property
+    def never(self) -> bool:
+        """Whether no trial exits."""
+        return self.patience is None and self.margin is None
+
+
+FULL_WINDOW = ExitRule()
+
+
+class Leader(NamedTuple):
+    """Counts or values of the classes `(trial, class)`, the leading class, and for how many steps it has led.
+
+    `standing` is 0 before the first step, and 1 at the step where a class first leads. `heard`: whether the readout has
+    changed. `leaky`: y of an integrator that leaks, `(trial, class)`; else None.
+    """
+
+    counts: Tensor
+    index: Tensor
+    standing: Tensor
+    standing_since_spike: Tensor
+    heard: Tensor
+    leaky: Tensor | None = None
+
+    @staticmethod
+    def start(n_trials: int, n_classes: int, device: torch.device, integration: Integration | None = None) -> "Leader":
+        """Before the first step; without an `integration` spikes are counted from 0."""
+        zero = torch.zeros(n_trials, dtype=torch.int64, device=device)
+        leaky = None
+        if integration is None:
+            counts = zero[:, None].expand(n_trials, n_classes).clone()
+        else:
+            y, counts = integration.start(n_trials)
+            leaky = y if integration.leaks else None
+        return Leader(counts, zero, zero, zero, zero.to(torch.bool), leaky)
+
+    def after(self, gained: Tensor, integration: Integration | None = None) -> "Leader":
+        """The state one step later; `gained`: spikes, or the input of an integrator. Ties go to the lowest index."""
+        leaky = self.leaky
+        if integration is None or leaky is None:
+            counts = self.counts + gained
+        else:
+            leaky, counts = integration.after(gained, leaky, self.counts)
+        index = counts.argmax(dim=1)
+        same = index == self.index
+        standing = torch.where(same, self.standing + 1, 1)
+        changed = self.heard | gained.any(dim=1)
+        since = torch.where(same & changed, self.standing_since_spike + 1, changed.to(torch.int64))
+        return Leader(counts, index, standing, since, changed, leaky)
+
+    def lead(self) -> Tensor:
+        """By how much the leading class exceeds every other, `(trial,)` float64; infinite if there is no other."""
+        if self.counts.shape[1] < 2:
+            return torch.full(self.index.shape, math.inf, dtype=torch.float64, device=self.index.device)
+        first, second = self.counts.topk(2, dim=1).values.unbind(dim=1)
+        return (first - second).double()
+
+    def exits(self, rule: ExitRule) -> Tensor:
+        """Which trials stop now, `(trial,)` boolean."""
+        if rule.margin is not None:
+            reached = self.lead() >= rule.margin
+            return reached & self.heard if rule.from_first_spike else reached
+        if rule.patience is None:
+            return torch.zeros_like(self.index, dtype=torch.bool)
+        return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience
+
+    def select(self, keep: Tensor) -> "Leader":
+        """The state of some trials."""
+        return Leader(*(None if part is None else part[keep] for part in self))  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,139 @@
+"""Trained networks on less than their full window: truncated at a fixed time, or by early exit.
+
+The state of a network does not depend on later input: one simulation of full windows gives the decision, and its cost,
+at every step.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact.metrics import synops
+from neurotact.networks.definition.readouts import Integration
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.exit_choice import exits, oracle_exit
+from neurotact.networks.training.training import Examples
+
+AT_ONCE = 256
+"""Windows simulated together: rasters of all test windows of a second would take gigabytes."""
+
+
+class SimulatedWindows(NamedTuple):
+    """Simulated windows of a network.
+
+    readout: spikes, or the input of an integrator, `(window, time, class)`; integration: of an integrator, None if
+    spikes are counted; input, hidden: spikes of all neurons up to and including each step `(window, time)` int64;
+    labels: the true classes `(window,)`.
+    """
+
+    readout: Tensor
+    input: Tensor
+    hidden: Tensor
+    labels: Tensor
+    integration: Integration | None = None
+
+
+@torch.no_grad()
+def simulate_windows(network: RSNN, examples: Examples) -> SimulatedWindows:
+    """Simulate full windows and return the spikes of each layer."""
+    readout, inputs, hidden = [], [], []
+    for spikes in examples.spikes.split(AT_ONCE):
+        rasters = network.simulate(spikes.to(network.w_in.device))
+        readout.append(rasters.readout.cpu() if network.bias is not None else rasters.readout.cpu().to(torch.uint8))
+        inputs.append(_until(spikes))
+        hidden.append(_until(rasters.hidden.cpu()))
+    integration = None if network.integration is None else network.integration.detach().cpu()
+    return SimulatedWindows(torch.cat(readout), torch.cat(inputs), torch.cat(hidden), examples.labels, integration)
+
+
+def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) -> list[dict[str, Any]]:
+    """Accuracy and mean SOPs at each cut within the window; the counts at its last step decide.
+
+    Columns: cut_ms, accuracy_test, and sops_* as in results.csv.
+    """
+    rows = []
+    for cut_ms in cuts_ms:
+        n_steps = round(cut_ms * 1e-3 * network.sampling_rate_Hz)
+        if 1 <= n_steps <= heard.readout.shape[1]:
+            until = heard.readout[:, :n_steps]
+            chosen = (until.sum(dim=1) if heard.integration is None else heard.integration.of(until)).argmax(dim=1)
+            steps = torch.full_like(chosen, n_steps)
+            rows.append({"cut_ms": cut_ms, **_judged(network, heard, steps, chosen)})
+    return rows
+
+
+def exit_curve(
+    network: RSNN, test: SimulatedWindows, validation: SimulatedWindows, patiences: Sequence[int]
+) -> list[dict[str, Any]]:
+    """Accuracy, steps and mean SOPs on test windows over patience, in each mode of early exit.
+
+    Columns: mode (`validated`; `oracle`, the texture paper's Algorithm 1; `printed`, the same read to the letter),
+    patience in steps, accuracy_validation with the same patience,
+    accuracy_test, exit_steps, exit_steps_sd (deviation over windows), exit_steps_right (mean over windows with the
+    right label at exit), sops_* as in results.csv; compared with the full window, accuracy_lost, and the shares
+    steps_saved and sops_saved. A patience of the window's length never exits.
+    """
+    n_steps = test.readout.shape[1]
+    within = [patience for patience in patiences if patience <= n_steps]
+    (whole,) = cut_short(network, test, [1e3 * n_steps / network.sampling_rate_Hz])
+    rows = []
+    for mode, decide in (("validated", _validated), ("oracle", _oracle), ("printed", _printed)):
+        on_test, on_validation = decide(test, within), decide(validation, within)
+        for patience, (steps, chosen), (_, decided) in zip(within, on_test, on_validation, strict=True):
+            found = _judged(network, test, steps, chosen)
+            mean = float(steps.double().mean())
+            rows.append(
+                {
+                    "mode": mode,
+                    "patience": patience,
+                    "accuracy_validation": _share(decided == validation.labels),
+                    "exit_steps": mean,
+                    "exit_steps_sd": float(steps.double().std(correction=0)),
+                    "exit_steps_right": _mean_where(chosen == test.labels, steps),
+                    **found,
+                    "accuracy_lost": whole["accuracy_test"] - found["accuracy_test"],
+                    "steps_saved": 1.0 - mean / n_steps,
+                    "sops_saved": 1.0 - found["sops_total"] / max(whole["sops_total"], 1.0),
+                }
+            )
+    return rows
+
+
+def _validated(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """Steps and labels `(window,)` at each patience, counted from the first readout spike."""
+    found = exits(windows.readout, integration=windows.integration)
+    return [(found.steps[:, patience - 1], found.labels[:, patience - 1]) for patience in patiences]
+
+
+def _oracle(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """The same by the texture paper's Algorithm 1, which starts at each patience and knows the true labels."""
+    return [oracle_exit(windows.readout, windows.labels, patience, windows.integration)[:2] for patience in patiences]
+
+
+def _printed(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """The same by Algorithm 1 to the letter, whose count is never reset."""
+    labels, integration = windows.labels, windows.integration
+    return [oracle_exit(windows.readout, labels, p, integration, as_printed=True)[:2] for p in patiences]
+
+
+def _judged(network: RSNN, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+    """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
+    inputs, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (windows.input, windows.hidden))
+    cost = synops.of_network(network, inputs, hidden)
+    sops = {f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()}
+    return {"accuracy_test": _share(chosen == windows.labels), **sops}
+
+
+def _until(spikes: Tensor) -> Tensor:
+    """Spikes of all neurons up to and including each step, `(window, time)`."""
+    return spikes.sum(dim=2).to(torch.int64).cumsum(dim=1)
+
+
+def _mean_where(right: Tensor, steps: Tensor) -> float | None:
+    return float(steps[right].double().mean()) if right.any() else None
+
+
+def _share(right: Tensor) -> float:
+    return float(right.double().mean())

@@ -1,0 +1,400 @@
+"""Hyperparameter search: ask for networks to try, tell their results.
+
+NNI's own tuners (TPE, random, grid) and its median-stop assessor run in this process, without a server. One seed gives
+the same proposals every time: the spec sets the size of batches, and results are reported in the order of proposals.
+Spaces are written in NNI's terms, `_type` and `_value`; their keys are keys of the network.
+"""
+
+import logging
+import math
+import platform
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.util import find_spec
+from operator import attrgetter
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple
+
+from pydantic import Field, field_validator, model_validator
+
+from neurotact import spec as specs
+from neurotact.errors import InputError, nearest
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.spec import Spec
+
+SPACES = "networks/spaces"
+Space = Mapping[str, Mapping[str, Any]]
+ARGUMENTS = {
+    "choice": "a list of values, each once",
+    "randint": "[lower, upper): two whole numbers, the lower one first",
+    "uniform": "[low, high], low < high",
+    "quniform": "[low, high, q], low < high and q > 0",
+    "loguniform": "[low, high], 0 < low < high",
+    "qloguniform": "[low, high, q], 0 < low < high and q > 0",
+    "normal": "[mean, deviation], deviation > 0",
+    "qnormal": "[mean, deviation, q], deviation and q > 0",
+    "lognormal": "[mean, deviation] of the logarithm, deviation > 0",
+    "qlognormal": "[mean, deviation, q], mean and deviation of the logarithm, deviation and q > 0",
+}
+"""What `_value` contains for each `_type`."""
+LARGEST_LOGARITHM = math.log(specs.LARGEST)
+
+
+class SearchSpec(Spec):
+    """How hyperparameters are searched: `[search]` of a study, the options of `neurotact tune`."""
+
+    space: dict[str, dict[str, Any]]
+    """What is searched: a table of `_type` and `_value` for each key of the network."""
+    tuner: Literal["tpe", "random", "grid"] = "tpe"
+    """How the next trial is chosen: NNI's tree-structured Parzen estimator, at random, or every point of a grid."""
+    trials: int = Field(default=100, ge=1)
+    """Networks to train."""
+    batch: int = Field(default=8, ge=1)
+    """Trials that are proposed together, each without the others' results; proposals depend on it."""
+    seed: int = Field(default=0, ge=0, lt=2**32)
+    """Random seed of the proposals."""
+    objective: Literal["accuracy", "accuracy-sops"] = "accuracy"
+    """Validation accuracy, or this minus `sops_weight` times the decimal logarithm of the SOPs per window."""
+    sops_weight: float = Field(default=0.1, ge=0)
+    """With 0.1, half the SOPs are worth three points of accuracy."""
+    max_sops: float | None = Field(default=None, gt=0)
+    """Budget: mean SOPs per window. Any network within the budget has a higher value than any beyond it."""
+    assessor: Literal["median-stop", "none"] = "median-stop"
+    """median-stop ends a trial whose best epoch is below the median of the finished trials' mean so far."""
+    start_epoch: int = Field(default=10, ge=1)
+    """The first epoch after which a trial may be stopped."""
+    first: dict[str, Any] | None = None
+    """Values of the keys of the space for the first trial, such as those of the network as given; the tuner proposes
+    the others. If absent, it proposes all."""
+
+    @field_validator("space", mode="before")
+    @classmethod
+    def _is_a_space(cls, value: Any) -> Any:
+        return flatten(value) if isinstance(value, Mapping) else value
+
+    @field_validator("space")
+    @classmethod
+    def _has_arguments(cls, space: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        if not space:
+            raise ValueError("holds no key; name at least one, as in hidden = { _type = 'choice', _value = [20, 30] }")
+        for key, dimension in space.items():
+            complaint = _complaint(dimension)
+            if complaint:
+                raise ValueError(f"'{key}' {complaint}")
+        return space
+
+    @model_validator(mode="after")
+    def _begins_within_its_keys(self) -> "SearchSpec":
+        other = sorted({*(self.first or {})} - {*self.space})
+        if other:
+            raise ValueError(f"first: '{other[0]}' is not in the space; remove it, or search it")
+        return self
+
+    def value(self, accuracy: float, sops: float) -> float:
+        """What the tuner maximises.
+
+        >>> spec = SearchSpec(space={"hidden": {"_type": "choice", "_value": [20]}}, objective="accuracy-sops")
+        >>> round(spec.value(0.9, 1000.0), 6)
+        0.6
+        >>> round(spec.model_copy(update={"max_sops": 100.0}).value(0.9, 1000.0), 6)
+        -1.4
+        """
+        value = accuracy
+        if self.objective == "accuracy-sops":
+            value -= self.sops_weight * math.log10(max(sops, 1.0))
+        if self.max_sops is not None and sops > self.max_sops:
+            value -= 1 + math.log10(sops / self.max_sops)
+        return value
+
+    @property
+    def weighs_sops(self) -> bool:
+        """Whether SOPs count as well as accuracy; their Pareto front is then shown."""
+        return self.objective == "accuracy-sops" or self.max_sops is not None
+
+
+def load_space(name: str | Path) -> dict[str, dict[str, Any]]:
+    """The shipped space of this name, or the space at this path.
+
+    >>> load_space("texture")["training.batch"]
+    {'_type': 'choice', '_value': [64, 128]}
+    """
+    return flatten(specs.read(specs.find(SPACES, name)))
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables of a space as dotted keys: `[training.batch]` means `"training.batch"`.
+
+    >>> flatten({"training": {"batch": {"_type": "choice", "_value": [64]}}})
+    {'training.batch': {'_type': 'choice', '_value': [64]}}
+    """
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        is_table = isinstance(value, Mapping) and value and not any(inner.startswith("_") for inner in value)
+        flat |= flatten(value, f"{prefix}{key}.") if is_table else {prefix + key: value}
+    return flat
+
+
+def check(space: Space, network: RSNNSpec, source: str) -> None:
+    """Refuse a space that would propose a key or a value which `network` cannot have; InputError names both.
+
+    Every choice is tried; for a range, both ends and a point between.
+    """
+    for key, dimension in space.items():
+        for value in _samples(dimension):
+            try:
+                apply(network, {key: value}, source)
+            except InputError as error:
+                is_whole = "a whole number" in str(error) and dimension["_type"] not in ("choice", "randint")
+                hint = "; search whole numbers with quniform and q = 1" if is_whole else ""
+                raise InputError(f"{error}{hint}") from None
+
+
+def values_of(network: RSNNSpec, space: Space) -> dict[str, Any]:
+    """A network's own values of the keys of a space, without those that it does not have.
+
+    >>> values_of(RSNNSpec(hidden=40), {"hidden": {}, "training.batch": {}, "readout_tau_ms": {}})
+    {'hidden': 40, 'training.batch': 128}
+    """
+    found = {}
+    for key in space:
+        value = attrgetter(key)(network)
+        if value is not None:
+            found[key] = list(value) if isinstance(value, tuple) else value
+    return found
+
+
+def apply(network: RSNNSpec, parameters: Mapping[str, Any], source: str) -> RSNNSpec:
+    """`network` with dotted keys replaced.
+
+    >>> apply(RSNNSpec(), {"hidden": 50, "training.batch": 64}, "example").training.batch
+    64
+    """
+    return specs.build(RSNNSpec, specs.override(network.model_dump(mode="json"), parameters), source)
+
+
+class Proposal(NamedTuple):
+    """A trial to run: its number, counted from 0, and the network's keys that it changes."""
+
+    id: int
+    parameters: dict[str, Any]
+
+
+class MedianStop:
+    """NNI's median-stop rule, over the trials that have finished; it can be sent to another process.
+
+    >>> rule = MedianStop(start_epoch=2)
+    >>> rule.end(0, [0.6, 0.8], finished=True)
+    >>> rule.stops(1, [0.1]), rule.stops(1, [0.1, 0.2]), rule.stops(2, [0.1, 0.9])
+    (False, True, False)
+    """
+
+    def __init__(self, start_epoch: int) -> None:
+        self._start_epoch = start_epoch
+        self._assessor = _nni().MedianstopAssessor("maximize", start_epoch)
+
+    def stops(self, trial: int, values: Sequence[float]) -> bool:
+        """Whether the trial ends after these epochs."""
+        return self._assessor.assess_trial(trial, list(values)) is _nni().AssessResult.Bad
+
+    def end(self, trial: int, values: Sequence[float], *, finished: bool) -> None:
+        """Record the end of a trial; later trials are compared only with finished ones."""
+        if values:
+            self._assessor.assess_trial(trial, list(values))
+            self._assessor.trial_end(trial, finished)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"start_epoch": self._start_epoch, "assessor": vars(self._assessor)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(state["start_epoch"])
+        vars(self._assessor).update(state["assessor"])
+
+
+class Tuner:
+    """Proposes trials in batches; call `tell` or `fail` for each, in the order of ids, before the next batch.
+
+    >>> space = {"hidden": {"_type": "choice", "_value": [20, 30]}}
+    >>> tuner = Tuner(SearchSpec(space=space, trials=10, batch=1))
+    >>> while batch := tuner.ask():
+    ...     for trial in batch:
+    ...         tuner.tell(trial.id, value=trial.parameters["hidden"] / 100)
+    >>> tuner.asked  # and there is nothing more to try
+    2
+    """
+
+    def __init__(self, spec: SearchSpec) -> None:
+        self.spec = spec
+        self.asked = 0
+        self.median_stop = MedianStop(spec.start_epoch) if spec.assessor == "median-stop" else None
+        self._open: list[Proposal] = []
+        self._tuner = _tuner(spec)
+
+    def ask(self) -> list[Proposal]:
+        """The next batch; empty when all trials are used or the space holds no other point."""
+        if self._open:
+            raise InputError(f"trial {self._open[0].id}: has no result yet; tell or fail it before asking for more")
+        for number in range(self.asked, min(self.asked + self.spec.batch, self.spec.trials)):
+            if self._is_given(number):
+                self._open.append(Proposal(number, dict(self.spec.first or {})))
+                continue
+            try:
+                proposed = self._tuner.generate_parameters(number)
+            except _nni().NoMoreTrialError:
+                break
+            self._open.append(Proposal(number, {key: _tidy(self.spec.space[key], v) for key, v in proposed.items()}))
+        self.asked += len(self._open)
+        return list(self._open)
+
+    def tell(self, trial: int, value: float, epochs: Sequence[float] = (), *, stopped: bool = False) -> None:
+        """Report the `value` of a trial, the higher the better; `epochs`: what the median-stop rule saw of it.
+
+        Raises InputError if the value is not finite, or if it is not the turn of this trial.
+        """
+        if not math.isfinite(value):
+            raise InputError(f"trial {trial}: its value must be finite; got {value}; fail the trial instead")
+        parameters = self._close(trial, epochs, finished=not stopped)
+        if not self._is_given(trial):
+            self._tuner.receive_trial_result(trial, parameters, value)
+            self._tuner.trial_end(trial, True)
+
+    def fail(self, trial: int, epochs: Sequence[float] = ()) -> None:
+        """Report that a trial has no value; the tuner learns nothing from it."""
+        self._close(trial, epochs, finished=False)
+        if not self._is_given(trial):
+            self._tuner.trial_end(trial, False)
+
+    def _is_given(self, trial: int) -> bool:
+        """Whether a trial is the one that the spec gives; NNI, which did not propose it, cannot learn from it."""
+        return trial == 0 and self.spec.first is not None
+
+    def _close(self, trial: int, epochs: Sequence[float], *, finished: bool) -> dict[str, Any]:
+        if not self._open or self._open[0].id != trial:
+            turn = f"it is the turn of trial {self._open[0].id}" if self._open else "ask for trials first"
+            raise InputError(f"trial {trial}: cannot be reported now; {turn}")
+        if self.median_stop:
+            self.median_stop.end(trial, epochs, finished=finished)
+        return self._open.pop(0).parameters
+
+
+@cache
+def _nni() -> SimpleNamespace:
+    """The parts of NNI that are used, imported when a search starts, because this takes a second.
+
+    On import, NNI warns about its own dependencies, and its loggers print to stdout.
+    Raises InputError if it is not installed: it has no wheel for Linux aarch64 and macOS arm64.
+    """
+    if find_spec("nni") is None:
+        raise InputError(
+            "search: NNI is not installed (it has no wheel for this machine: "
+            f"{platform.system()} {platform.machine()}); search on Linux or Windows x86-64; everything else works here"
+        )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import nni
+        from nni.algorithms.hpo.gridsearch_tuner import GridSearchTuner
+        from nni.algorithms.hpo.medianstop_assessor import MedianstopAssessor
+        from nni.algorithms.hpo.random_tuner import RandomTuner
+        from nni.algorithms.hpo.tpe_tuner import TpeTuner
+        from nni.assessor import AssessResult
+    nni.silence_stdout()
+    for name in ("nni", "medianstop_Assessor"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    return SimpleNamespace(
+        AssessResult=AssessResult,
+        GridSearchTuner=GridSearchTuner,
+        MedianstopAssessor=MedianstopAssessor,
+        NoMoreTrialError=nni.NoMoreTrialError,
+        RandomTuner=RandomTuner,
+        TpeTuner=TpeTuner,
+    )
+
+
+def _tuner(spec: SearchSpec) -> Any:
+    """NNI's tuner, with its space."""
+    nni = _nni()
+    space = {key: dict(dimension) for key, dimension in spec.space.items()}
+    if spec.tuner == "tpe":
+        tuner = nni.TpeTuner("maximize", spec.seed)
+        space = {key: _ordered(dimension) for key, dimension in space.items()}
+    else:
+        tuner = nni.RandomTuner(spec.seed) if spec.tuner == "random" else nni.GridSearchTuner()
+    tuner.update_search_space(space)
+    return tuner
+
+
+def _ordered(dimension: dict[str, Any]) -> dict[str, Any]:
+    """A randint as a rounded range of numbers, which keeps its order; TPE treats a randint as unordered choices."""
+    if dimension["_type"] != "randint":
+        return dimension
+    lower, upper = dimension["_value"]
+    # Half a step on both sides gives the ends as much room as the numbers between them.
+    return {"_type": "quniform", "_value": [lower - 0.4999, upper - 1 + 0.4999, 1]}
+
+
+def _tidy(dimension: Mapping[str, Any], value: Any) -> Any:
+    """A proposed number without rounding errors: multiples of q rounded, whole numbers as integers.
+
+    >>> _tidy({"_type": "quniform", "_value": [0.1, 1, 0.1]}, 3 * 0.1)
+    0.3
+    """
+    kind, arguments = dimension["_type"], dimension["_value"]
+    if kind == "randint":
+        return round(min(max(value, arguments[0]), arguments[1] - 1))
+    if not kind.startswith("q"):
+        return value
+    neat = float(f"{value:.12g}")
+    return int(neat) if float(arguments[2]).is_integer() and neat.is_integer() else neat
+
+
+def _complaint(dimension: Mapping[str, Any]) -> str:
+    """What is wrong with a `_type` and its `_value`; empty if nothing is."""
+    if set(dimension) != {"_type", "_value"}:
+        return "must have _type and _value, and nothing else, as in { _type = 'choice', _value = [20, 30] }"
+    kind, arguments = dimension["_type"], dimension["_value"]
+    if not isinstance(kind, str) or kind not in ARGUMENTS:
+        return f"has the _type '{kind}', which NNI does not know; {nearest(str(kind), list(ARGUMENTS))}"
+    if not isinstance(arguments, (list, tuple)) or not _suits(kind, list(arguments)):
+        return f"has the _value {arguments!r}, but a {kind} needs {ARGUMENTS[kind]}"
+    return ""
+
+
+def _suits(kind: str, arguments: list[Any]) -> bool:
+    if kind == "choice":
+        is_once = all(value not in arguments[:place] for place, value in enumerate(arguments))
+        return bool(arguments) and is_once and not any(isinstance(value, Mapping) for value in arguments)
+    if len(arguments) != (3 if kind.startswith("q") else 2) or not all(map(_is_number, arguments)):
+        return False
+    first, second, *q = arguments
+    if kind == "randint":
+        return isinstance(first, int) and isinstance(second, int) and first < second
+    if any(step <= 0 for step in q):
+        return False
+    if "normal" in kind:
+        return second > 0 and ("log" not in kind or abs(first) <= LARGEST_LOGARITHM)
+    return first < second and (first > 0 or "log" not in kind)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _samples(dimension: Mapping[str, Any]) -> list[Any]:
+    """Every choice; for a range, its ends and a point between, as they would be proposed."""
+    kind, arguments = dimension["_type"], dimension["_value"]
+    if kind == "choice":
+        return list(arguments)
+    first, second = arguments[:2]
+    if kind == "randint":
+        return [first, second - 1]
+    if "normal" in kind:  # No ends: a draw that the network cannot have fails its trial.
+        points = [math.exp(first) if "log" in kind else first]
+    else:
+        points = [first, first + 0.3717 * (second - first), second]
+    if kind.startswith("q"):
+        q = arguments[2]
+        points = [round(point / q) * q for point in (*points, points[0] + q, points[0] + 2 * q)]
+        if "normal" not in kind:
+            points = [min(max(point, first), second) for point in points]
+    return [_tidy(dimension, point) for point in points]

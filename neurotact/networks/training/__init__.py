@@ -1,0 +1,1 @@
+"""From spikes to a trained network in a run folder."""

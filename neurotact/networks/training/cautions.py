@@ -1,0 +1,151 @@
+"""Cautions about a training or its test: one line each, with the fix."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.splits import SplitSpec
+from neurotact.networks.definition.specs import MOST_HIDDEN, RSNNSpec, TrainingSpec
+from neurotact.networks.training.comparison import Comparison
+
+Command = Literal["train", "tune", "fine-tune"]
+"""The command that an outcome is of: a remedy names only options that it has."""
+FEW_PER_CLASS = 5
+"""With fewer test trials, the accuracy of a class says little."""
+FEW_VALIDATION = 30
+"""With fewer validation trials, the choice of an early exit or an epoch depends on a handful of them."""
+
+
+def not_learned(accuracy: float, low: float, guess: float, command: Command = "train") -> Iterator[str]:
+    """low: lower end of the accuracy's interval. guess: the accuracy of guessing.
+
+    >>> list(not_learned(0.9, 0.8, 0.5))
+    []
+    """
+    if low <= guess:
+        yield (
+            f"an accuracy of {100 * accuracy:.1f} % is not clearly above chance ({100 * guess:.1f} %); "
+            f"{_again(command) or 'give'} more trials, a longer window (`length_ms`), or an encoder for this sensor "
+            "(`nt.calibrate`)"
+        )
+
+
+def worse_than_baseline(
+    found: Comparison, spec: RSNNSpec, command: Command = "train", searched: Collection[str] = ()
+) -> Iterator[str]:
+    """Whether a classifier on the same spikes is clearly better than the network of this spec.
+
+    searched: keys of the network that a search has chosen.
+    """
+    if found.verdict == "worse":
+        is_larger_possible = spec.hidden <= MOST_HIDDEN // 2 and "hidden" not in searched
+        last = {"train": "`nt.tune`", "tune": "more trials (`trials`)", "fine-tune": "`nt.tune`"}[command]
+        remedies = [
+            *(["`network='default'`"] if spec.input_deviation is None else []),
+            *([f"more hidden neurons (`settings={{'hidden': {2 * spec.hidden}}}`)"] if is_larger_possible else []),
+            last,
+        ]
+        yield (
+            f"{found.rival} of the same spikes is better, {100 * found.rival_accuracy:.1f} % "
+            f"against {100 * found.accuracy:.1f} %; {_again(command) or 'try'} {' or '.join(remedies)}"
+        )
+
+
+def copies(n_copies: int, n_trials: int) -> Iterator[str]:
+    """n_copies: trials that are copies of others, among `n_trials`.
+
+    >>> print(*copies(1, 20))
+    1 of 20 trials is a copy of another one (neurotact info); copies are on one side, and intervals count them once
+    """
+    if n_copies:
+        what = "is a copy of another one" if n_copies == 1 else "are copies of others"
+        yield (
+            f"{n_copies} of {n_trials} trials {what} (neurotact info); copies are on one side, and intervals count "
+            "them once"
+        )
+
+
+def _again(command: Command) -> str:
+    """What changes a network that is only fine-tuned: its training. Empty for the others, whose options change it."""
+    return "train the run again with" if command == "fine-tune" else ""
+
+
+def few_test_trials(per_class: Mapping[str, int], split: SplitSpec, command: Command = "train") -> Iterator[str]:
+    """per_class: test trials of each class. split: the one that chose them.
+
+    >>> by_day = SplitSpec(order="day")
+    >>> print(*few_test_trials({"felt": 3, "silk": 12}, by_day))
+    class 'felt' has 3 test trials: one of them is 33.3 points of its accuracy, and 6.7 points of all 15; record more
+    >>> print(*few_test_trials({"felt": 1, "silk": 9}, by_day))
+    class 'felt' has 1 test trial: its accuracy is 0 or 100 %, and one trial is 10.0 points of all 10; record more
+    >>> [words.rpartition("; ")[2] for words in few_test_trials({"felt": 1}, SplitSpec())]
+    ['record more, or test every trial once with `folds=5`']
+    """
+    few = {name: n for name, n in per_class.items() if n < FEW_PER_CLASS}
+    total = sum(per_class.values())
+    if not few or not total:
+        return
+    fewest = min(few, key=lambda name: few[name])
+    n = few[fewest]
+    own = {0: "one trial is", 1: "its accuracy is 0 or 100 %, and one trial is"}
+    share = own.get(n, f"one of them is {100 / max(n, 1):.1f} points of its accuracy, and")
+    all_of = f"{share} {100 / total:.1f} points of all {total}"
+    trials = f"{n} test trial{'' if n == 1 else 's'}"
+    others = (
+        f"{len(few)} of {len(per_class)} classes have fewer than {FEW_PER_CLASS} test trials; " if len(few) > 1 else ""
+    )
+    is_random = not (split.test_where or split.order or split.folds)
+    every_fold = "`folds=5`" if command == "train" else "`nt.train(..., folds=5)`"
+    remedy = f"record more, or test every trial once with {every_fold}" if is_random else "record more"
+    yield f"{others}class '{fewest}' has {trials}: {all_of}; {remedy}"
+
+
+def few_for_exit(n_validation: int, tolerance: float) -> Iterator[str]:
+    """n_validation: validation trials. tolerance: accuracy that early exit may lose on them.
+
+    >>> print(*few_for_exit(20, 0.01))
+    early exit was chosen on 20 validation trials; one is 5 points, and 1 may be lost; record more, or test it again
+    """
+    if 0 < n_validation < FEW_VALIDATION:
+        yield (
+            f"early exit was chosen on {n_validation} validation trials; one is {100 / n_validation:.3g} points, "
+            f"and {100 * tolerance:.3g} may be lost; record more, or test it again"
+        )
+
+
+def training(log: pd.DataFrame, spec: TrainingSpec, keys: str = "", command: Command = "train") -> Iterator[str]:
+    """Whether a training diverged, or stopped at its largest number of epochs.
+
+    log: one row per epoch (`training.csv`). keys: what stands before `training.` where the spec is set.
+    If the learning rates fall to 0, all epochs always run: no caution.
+
+    >>> print(*training(pd.DataFrame({"epoch": [1, 2], "train_loss": [2.0, np.inf]}), TrainingSpec(), "network."))
+    the loss became infinite; lower the learning rate (`settings={'network.training.learning_rate': 0.0005}`)
+    """
+    losses = log["train_loss"].to_numpy(float)
+    if not len(losses):
+        return
+    key, _, value = spec.lower_rate.partition("=")
+    rate = f"learning rate (`settings={{'{keys}{key}': {value}}}`)"
+    lower = f"{_again(command)} a lower {rate}" if _again(command) else f"lower the {rate}"
+    if not np.isfinite(losses).all():
+        yield f"the loss became infinite; {lower}"
+    elif losses[-1] > max(losses[0], 2 * losses.min()):
+        yield f"training diverged, from a loss of {losses.min():.3g} to {losses[-1]:.3g}; {lower}"
+    elif spec.schedule == "constant" and len(losses) >= spec.epochs and log["epoch"].max() + 1 >= spec.epochs:
+        yield f"training stopped after epoch {spec.epochs}, its last, before it converged; raise {keys}training.epochs"
+
+
+def together(found: Sequence[Sequence[str]]) -> list[str]:
+    """Each caution of several networks once, with its number of networks, in the order of first occurrence.
+
+    >>> together([["it diverged"], [], ["it diverged"]])
+    ['2 of 3 networks: it diverged']
+    """
+    counts: dict[str, int] = {}
+    for cautions in found:
+        for caution in cautions:
+            counts[caution] = counts.get(caution, 0) + 1
+    return [f"{n} of {len(found)} networks: {caution}" for caution, n in counts.items()]

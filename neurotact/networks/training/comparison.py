@@ -1,0 +1,180 @@
+"""How good a test accuracy is: its interval, chance, and classifiers on the same spikes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from sklearn.preprocessing import StandardScaler
+
+from neurotact.baselines import families
+from neurotact.baselines.features import counted
+from neurotact.metrics import referee
+from neurotact.metrics.paired import by_trial, compare_by_trial
+from neurotact.metrics.referee import Way
+from neurotact.metrics.shares import standard_error, wilson_interval
+from neurotact.networks.training.tasks import Sides
+from neurotact.networks.training.training import Examples
+from neurotact.progress import say
+
+BINS = 10
+"""Time bins of a window, in which spikes are counted."""
+
+
+class Comparison(NamedTuple):
+    """A network's test accuracy and what it is compared with; all accuracies are shares of windows.
+
+    low, high: the 95 % interval of `accuracy`, over `trials` test trials.
+    chance: of guessing each class equally often.
+    commonest: of always choosing the most frequent class of training.
+    baseline: the classifier on the same spikes with the highest accuracy on validation windows, and its test accuracy.
+    verdict: whether the network is clearly better or worse than the classifiers that validation cannot tell from that
+    one, or neither (`tie`), by the referee; rival: the one that decides, its test accuracy, and p after correction.
+    """
+
+    accuracy: float
+    low: float
+    high: float
+    trials: int
+    chance: float
+    commonest: float
+    baseline: str
+    baseline_accuracy: float
+    verdict: str
+    rival: str
+    rival_accuracy: float
+    p: float
+
+
+class Opponent(NamedTuple):
+    """A classifier on the spikes of the same windows: its name, and by trial the share of windows it has right."""
+
+    name: str
+    validation: dict[int, float]
+    test: dict[int, float]
+    accuracy_validation: float
+    accuracy_test: float
+
+
+class Trials(NamedTuple):
+    """The trial of each validation and of each test window, `(window,)`."""
+
+    validation: np.ndarray
+    test: np.ndarray
+
+
+def compare(right: Sequence[bool], sides: Sides, trials: Trials, n_classes: int) -> Comparison:
+    """Measure chance and classifiers on the windows of a network; right: whether it has each test window right.
+
+    The interval counts trials, because windows of one trial are not independent.
+    """
+    commonest = int(sides.train.labels.bincount().argmax())
+    accuracy, n_trials = float(np.mean(right)), len(np.unique(trials.test))
+    opponents = list(opponents_of(sides, trials))
+    n_held = len(np.unique(trials.validation))
+    ways = [
+        Way(one.accuracy_validation, standard_error(one.accuracy_validation, n_held), right=one.validation)
+        for one in opponents
+    ]
+    best = opponents[referee.best_of(ways)]
+    rivals = [opponents[index] for index in referee.level_with_best(ways)]
+    own = by_trial(trials.test, right)
+    verdict = referee.judge([compare_by_trial(own, rival.test) for rival in rivals])
+    rival = rivals[verdict.decisive]
+    low, high = wilson_interval(accuracy, n_trials)
+    return Comparison(
+        accuracy,
+        low,
+        high,
+        n_trials,
+        1 / n_classes,
+        float((sides.test.labels == commonest).double().mean()),
+        best.name,
+        best.accuracy_test,
+        verdict.kind,
+        rival.name,
+        rival.accuracy_test,
+        verdict.p,
+    )
+
+
+def opponents_of(sides: Sides, trials: Trials) -> Iterator[Opponent]:
+    """Classifiers on each afferent's spikes, counted over the window and in time bins, sized on validation windows."""
+    n_steps = sides.train.spikes.shape[1]
+    for n_bins in sorted({1, min(BINS, n_steps)}):
+        features = [_counts(side, n_bins) for side in sides]
+        scaler = StandardScaler().fit(features[0])
+        inputs = families.Sides(*map(scaler.transform, features), *(side.labels.numpy() for side in sides))
+        for name, family in families.ON_FEATURES.items():
+            if name == families.MACHINES and (n_train := len(inputs.y_train)) > families.MOST_MACHINES:
+                say(f"baselines: no {name}: {n_train} training windows, at most {families.MOST_MACHINES}")
+                continue
+            fitted = families.best_of(family, inputs, 0).fitted
+            held, tested = (
+                fitted.predict(x) == y
+                for x, y in ((inputs.validation, inputs.y_validation), (inputs.test, inputs.y_test))
+            )
+            shares = by_trial(trials.validation, held), by_trial(trials.test, tested)
+            source = "counts" if n_bins == 1 else f"{n_bins} time bins"
+            yield Opponent(f"{name} on {source}", *shares, float(held.mean()), float(tested.mean()))
+
+
+def lines(found: Comparison) -> tuple[str, str]:
+    """The accuracy, and what it is compared with, in words."""
+    accuracy, low, high, chance, commonest, baseline, rival = (
+        f"{100 * share:.1f} %"
+        for share in (
+            found.accuracy, found.low, found.high, found.chance, found.commonest, found.baseline_accuracy,
+            found.rival_accuracy,
+        )
+    )  # fmt: skip
+    verdict = {
+        "better": "the network is clearly better",
+        "worse": f"{found.rival} {rival} is clearly better than the network",
+        "tie": "no clear difference",
+    }[found.verdict]
+    return (
+        f"accuracy {accuracy} (95 % interval {low} to {high}, {found.trials} test trials)",
+        f"baselines: chance {chance}, always the commonest class {commonest}, best on the same spikes: "
+        f"{found.baseline} {baseline}; {verdict}",
+    )
+
+
+def costs(row: Mapping[str, Any], step_ms: float) -> str:
+    """The cost of a decision with and without early exit, in words, from a row of results.
+
+    step_ms: a step of the encoder's clock.
+
+    >>> row = {"sops_total": 1200.0, "window_steps": 1000, "spikes_sa": 30.0, "spikes_ra": 12.0,
+    ...        "exit_sops_total": 600.0, "exit_steps": 420.0, "exit_accuracy": 0.9}
+    >>> print(costs(row, 1.0))
+    a decision costs 1,200 SOPs, 42 input spikes and 1,000 ms; with early exit 600 SOPs and 420 ms, at 90.0 %
+    """
+    spikes = sum(value for key, value in row.items() if key.startswith("spikes_"))  # a column for each population
+    return (
+        f"a decision costs {row['sops_total']:,.0f} SOPs, {spikes:,.0f} input spikes and "
+        f"{row['window_steps'] * step_ms:,.4g} ms; with early exit {row['exit_sops_total']:,.0f} SOPs and "
+        f"{row['exit_steps'] * step_ms:,.4g} ms, at {100 * row['exit_accuracy']:.1f} %"
+    )
+
+
+def confused(matrix: Sequence[Sequence[int]], classes: Sequence[str], most: int = 3) -> str:
+    """The pairs of classes that are mistaken most often, in words.
+
+    matrix: windows by true and chosen class.
+
+    >>> print(confused([[8, 2], [0, 9]], ["felt", "silk"]))
+    most confused: felt for silk (2 of 10)
+    """
+    counts = np.array(matrix)
+    wrong = [(int(counts[i, j]), i, j) for i, j in np.argwhere(counts) if i != j]
+    if not wrong:
+        return "no test window is mistaken"
+    worst = sorted(wrong, key=lambda one: (-one[0], one[1], one[2]))[:most]
+    return "most confused: " + ", ".join(
+        f"{classes[i]} for {classes[j]} ({n} of {counts[i].sum()})" for n, i, j in worst
+    )
+
+
+def _counts(examples: Examples, n_bins: int) -> np.ndarray:
+    """Spikes of each afferent in time bins, `(window, bin * afferent)`."""
+    return counted(examples.spikes.numpy(), n_bins).reshape(len(examples.labels), -1).astype(float)

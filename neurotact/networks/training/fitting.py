@@ -1,0 +1,168 @@
+"""From spike trains to a trained network: new weights, training, and the exit rule chosen on validation windows."""
+
+import warnings
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit import exit_choice
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training.tasks import ExitBy, Sides, Task, sides_of
+from neurotact.networks.training.training import Checkpoint, Course, Examples, Training, alone, course
+
+AT_ONCE = 256
+"""Windows that are simulated together."""
+
+
+class Trained(NamedTuple):
+    """A network, the log of its training, and the exit rule chosen on its validation trials."""
+
+    network: RSNN
+    training: Training
+    rule: ExitRule
+
+
+def fit(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    *,
+    device: str = "cpu",
+    backend: Backend = "auto",
+    progress=None,
+    split: Split | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
+) -> tuple[Trained, Sides]:
+    """Train a network; the two seeds (initial weights, order of trials) determine every number.
+
+    split: replaces the split that the task draws.
+    start: a checkpoint to continue from. keep: called with a checkpoint after each epoch (see `training.train`).
+    Warns if no training window holds a spike: the network then learns nothing.
+    """
+    sides = sides_of(trains, task, split)
+    warn_of_silence(sides.train)
+    how = {"device": device, "backend": backend, "progress": progress, "start": start, "keep": keep}
+    return alone(fit_course(trains, spec, task, seeds, sides, **how)), sides
+
+
+def fit_course(
+    trains: SpikeTrains,
+    spec: RSNNSpec,
+    task: Task,
+    seeds: tuple[int, int],
+    sides: Sides,
+    *,
+    device: str | torch.device = "cpu",
+    backend: Backend = "auto",
+    **options: Any,
+) -> Course[Trained]:
+    """`fit` on these sides, as a course that runs alone or with others; the trained network is on the CPU.
+
+    options: of `training.course`.
+    """
+    network, order = new_network(trains, spec, seeds, sides.train.spikes, backend=backend)
+    training = yield from course(network.to(device), sides.train, sides.validation, generator=order, **options)
+    return finished(network.cpu(), training, sides, task)
+
+
+def warn_of_silence(training: Examples) -> None:
+    """Warn of training windows without a spike."""
+    if not training.spikes.any():
+        warnings.warn(
+            f"training: none of the {len(training.labels)} training windows holds a spike, so nothing is "
+            "learned; raise the encoder's gains (neurotact calibrate) or move the window",
+            stacklevel=3,
+        )
+
+
+def finished(network: RSNN, training: Training, sides: Sides, task: Task) -> Trained:
+    """A trained network, with the exit rule chosen on its validation windows."""
+    training_side = sides.train if task.exit_choice == "steady" else None
+    rule = exit_rule(network, sides.validation, task.exit_tolerance, training_side, task.exit_by)
+    return Trained(network, training, rule)
+
+
+def new_network(
+    trains: SpikeTrains, spec: RSNNSpec, seeds: tuple[int, int], training: Tensor, *, backend: Backend = "auto"
+) -> tuple[RSNN, torch.Generator]:
+    """An untrained network for the afferents and classes of some spike trains, and the generator of the trials' order.
+
+    training: spikes of the training windows; a recipe chooses from them, and weights are scaled on them.
+    """
+    weights, order = (torch.Generator().manual_seed(seed) for seed in seeds)
+    return begin(training, len(trains.classes), spec, trains.sampling_rate_Hz, weights, backend=backend), order
+
+
+def begin(
+    training: Tensor,
+    n_classes: int,
+    spec: RSNNSpec,
+    sampling_rate_Hz: float,
+    generator: torch.Generator,
+    *,
+    backend: Backend = "auto",
+) -> RSNN:
+    """An untrained network for training windows `(window, time, afferent)`, with the choices of its recipe for them."""
+    chosen = recipe.resolve(spec, recipe.Seen.of(training, sampling_rate_Hz))
+    network = RSNN(training.shape[2], n_classes, chosen, sampling_rate_Hz, backend=backend, generator=generator)
+    recipe.start(network, training, generator)
+    return network
+
+
+@torch.no_grad()
+def exit_rule(
+    network: RSNN,
+    validation: Examples,
+    tolerance: float,
+    training: Examples | None = None,
+    by: ExitBy = "stability",
+) -> ExitRule:
+    """The early exit of least patience or margin whose accuracy on validation windows is within `tolerance`.
+
+    training: windows that `steady` evaluates together with the validation windows; without them `least` chooses.
+    by: whether a window exits by stability or by margin.
+    """
+    integration = network.integration
+    margins = None
+    if by == "margin":
+        leads = (exit_choice.largest_lead(readout, integration) for readout, _ in _readouts(network, validation))
+        margins = exit_choice.margins_up_to(max(leads), integration)
+    right = _right(network, validation, margins)
+    if training is None:
+        place = exit_choice.least(right, len(validation.labels), tolerance)
+    else:
+        right_in_training = _right(network, training, margins)
+        place = exit_choice.steady(right, len(validation.labels), right_in_training, len(training.labels), tolerance)
+    return exit_choice.patience_rule(place) if margins is None else exit_choice.margin_rule(margins, place)
+
+
+def _right(network: RSNN, examples: Examples, margins: Tensor | None) -> Tensor:
+    """How many windows are decided correctly with each patience or margin."""
+    integration = network.integration
+    found = (
+        exit_choice.right_of(
+            exit_choice.exits(readout, integration=integration)
+            if margins is None
+            else exit_choice.margin_exits(readout, margins, integration),
+            labels,
+        )
+        for readout, labels in _readouts(network, examples)
+    )
+    return torch.stack([*found]).sum(dim=0).cpu()
+
+
+def _readouts(network: RSNN, examples: Examples) -> Iterator[tuple[Tensor, Tensor]]:
+    """Readout rasters and labels, a part of the windows at a time."""
+    device = network.w_in.device
+    for spikes, labels in zip(examples.spikes.split(AT_ONCE), examples.labels.split(AT_ONCE), strict=True):
+        yield network.simulate(spikes.to(device)).readout, labels.to(device)

@@ -1,0 +1,108 @@
+"""The outcome of a training: its result, the comparison of its accuracy, and cautions."""
+
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact.data.conditioning import acausal_note
+from neurotact.data.copies import copies_of
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split
+from neurotact.networks.training import cautions, tasks
+from neurotact.networks.training.comparison import Comparison, Trials, compare
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.tasks import Sides, Task
+from neurotact.networks.use import measuring
+
+
+class Outcome(NamedTuple):
+    """The outcome of a training.
+
+    row: its numbers. confusion: test windows by true and chosen class, `(class, class)`; classes: their names.
+    compared: its accuracy, and what it is compared with. cautions: what may be wrong, one line each.
+    step_ms: a step of the encoder's clock.
+    acausal: a note on the encoder's baseline; None if windows depend only on the past.
+    """
+
+    row: dict[str, Any]
+    confusion: list[list[int]]
+    classes: tuple[str, ...]
+    compared: Comparison
+    cautions: list[str]
+    step_ms: float
+    acausal: str | None
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of `result.json`."""
+        return {
+            "row": self.row,
+            "confusion": self.confusion,
+            "compared": self.compared._asdict(),
+            "cautions": self.cautions,
+        }
+
+
+def summary_of(result: Mapping[str, Any]) -> dict[str, Any]:
+    """The content of `result.json` in one row: the numbers, then those of `Comparison`, and `cautions`."""
+    compared = {name: value for name, value in result["compared"].items() if name != "accuracy"}
+    return {**result["row"], **compared, "cautions": result.get("cautions", [])}
+
+
+def outcome_of(
+    fitted: Trained,
+    sides: Sides,
+    trains: SpikeTrains,
+    task: Task,
+    command: cautions.Command = "train",
+    searched: Collection[str] = (),
+) -> Outcome:
+    """Measure a trained network on its test windows.
+
+    command: whose options the remedies of its cautions name. searched: keys of the network that a search has chosen.
+    """
+    result = measuring.measure(fitted, sides, trains.populations)
+    parts = tasks.trials_of(trains, task)
+    copies = copies_of(trains)
+    distinct = Split(*map(copies.distinct, parts))
+    held, tested = ((task.training_window, parts.validation), (task.window, parts.test))
+    trials = Trials(*(copies.first[trains.cut(window, side).trial] for window, side in (held, tested)))
+    compared = compare(result["right"], sides, trials, len(trains.classes))
+    return Outcome(
+        result["row"],
+        result["confusion"],
+        trains.classes,
+        compared,
+        [
+            *cautions.copies(*_counts(parts, distinct)),
+            *_cautions(fitted, trains, distinct, task, compared, command, searched),
+        ],
+        1e3 / trains.sampling_rate_Hz,
+        acausal_note(trains.encoder),
+    )
+
+
+def _counts(parts: Split, distinct: Split) -> tuple[int, int]:
+    """The numbers of copies and of trials on all sides."""
+    n_trials = sum(map(len, parts))
+    return n_trials - sum(map(len, distinct)), n_trials
+
+
+def _cautions(
+    fitted: Trained,
+    trains: SpikeTrains,
+    parts: Split,
+    task: Task,
+    compared: Comparison,
+    command: cautions.Command,
+    searched: Collection[str],
+) -> Iterator[str]:
+    yield from cautions.not_learned(compared.accuracy, compared.low, max(compared.chance, compared.commonest), command)
+    spec = fitted.network.spec
+    yield from cautions.worse_than_baseline(compared, spec, command, searched)
+    yield from cautions.training(pd.DataFrame(fitted.training.epochs), spec.training, command=command)
+    known = sorted(set(trains.labels[parts.train].tolist()))
+    tested = trains.labels[parts.test]
+    per_class = {trains.classes[label]: int((tested == label).sum()) for label in known}
+    yield from cautions.few_test_trials(per_class, task.split, command)
+    yield from cautions.few_for_exit(len(parts.validation), task.exit_tolerance)

@@ -1,0 +1,101 @@
+"""One training for each fold of a cross-validation, or for each of several random splits, and their mean."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from neurotact import files
+from neurotact.errors import InputError
+from neurotact.metrics.resampled import Interval, resampled_interval
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training import train_run
+from neurotact.networks.training.tasks import Task
+from neurotact.tables import write_table
+
+TABLE = "splits.csv"
+"""One row per training, in the parent of their folders."""
+
+
+class Repeated(NamedTuple):
+    """One row per training, and the mean test accuracy with a 95 % interval that considers trials shared by splits."""
+
+    table: pd.DataFrame
+    accuracy: Interval
+
+
+def tasks_of(task: Task, *, every_fold: bool, repeats: int) -> dict[str, Task]:
+    """The task with each split, by the name of its folder: every fold, each with `repeats` random seeds.
+
+    >>> from neurotact.data.splits import SplitSpec
+    >>> list(tasks_of(Task(split=SplitSpec(folds=2)), every_fold=True, repeats=2))
+    ['seed-0-fold-0', 'seed-0-fold-1', 'seed-1-fold-0', 'seed-1-fold-1']
+    """
+    n_folds = task.split.folds if every_fold else None
+    if repeats > 1 and task.split.order:
+        raise InputError("`repeats`: the test trials of `order` are the same for every seed; drop it")
+    found = {}
+    for seed in range(task.split.seed, task.split.seed + repeats):
+        for fold in range(n_folds) if n_folds else [task.split.fold]:
+            name = f"seed-{seed}-fold-{fold}" if n_folds else f"seed-{seed}"
+            split = task.split.model_copy(update={"seed": seed, "fold": fold})
+            found[name] = task.model_copy(update={"split": split})
+    return found
+
+
+def run(
+    spikes: Path,
+    folder: Path,
+    network: RSNNSpec,
+    tasks: dict[str, Task],
+    *,
+    force: bool = False,
+    resume: bool = False,
+    tell: Callable[[str], None] = lambda line: None,
+    **options: Any,
+) -> Repeated:
+    """Train one network for each task in its own folder below `folder`, and write the table of all.
+
+    options: of `train_run.run`; with `resume=True`, finished trainings are not repeated.
+    """
+    with files.locked(folder):
+        single = [name for name in train_run.LEFT if (folder / name).exists()]
+        if single:
+            raise InputError(f"{folder}: holds a single training; choose another folder")
+        if not (force or resume) and (folder / TABLE).exists():
+            raise InputError(
+                f"{folder / TABLE}: already exists; choose another folder, or pass `force=True` or `resume=True`"
+            )
+        rows = []
+        for name, task in tasks.items():
+            subfolder = folder / name
+            train_run.run(spikes, subfolder, network, task, force=force, resume=resume, tell=tell, **options)
+            tell = _silent  # the recipe's choices are printed only for the first split
+            result = files.read_json(subfolder / train_run.RESULT)
+            split = {"split_seed": task.split.seed, **({"fold": task.split.fold} if task.split.folds else {})}
+            rows.append({"folder": name, **split, **result["row"], "baseline": result["compared"]["baseline_accuracy"]})
+        table = pd.DataFrame(rows)
+        write_table(table, folder / TABLE)
+    first = next(iter(tasks.values())).split
+    share = 1 / first.folds if first.folds else first.test
+    return Repeated(table, resampled_interval(table["accuracy_test"], round(1000 * (1 - share)), round(1000 * share)))
+
+
+def line(found: Repeated) -> str:
+    """The mean accuracy of all trainings in one sentence.
+
+    >>> table = pd.DataFrame({"sops_total": [100.0, 200.0], "baseline": [0.5, 0.5]})
+    >>> line(Repeated(table, Interval(0.9, 0.8, 1.0)))
+    'accuracy 90.0 % (95 % interval 80.0 to 100.0 %) over 2 splits, 150 synaptic operations per window; the best baseline on the same spikes 50.0 %'
+    """  # noqa: E501
+    mean, low, high = (100 * min(1.0, max(0.0, share)) for share in found.accuracy)
+    return (
+        f"accuracy {mean:.1f} % (95 % interval {low:.1f} to {high:.1f} %) over {len(found.table)} splits, "
+        f"{found.table['sops_total'].mean():.0f} synaptic operations per window; "
+        f"the best baseline on the same spikes {100 * found.table['baseline'].mean():.1f} %"
+    )
+
+
+def _silent(line: str) -> None:
+    """Print nothing."""

@@ -1,0 +1,147 @@
+"""What a network is trained and tested on: the windows of the trials on each side of a split."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import Field
+
+from neurotact.data import hdf5
+from neurotact.data.recordings import select_conditions
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, SplitSpec, split_touches
+from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where, chosen_trials
+from neurotact.data.window_choice import Words, suited_window
+from neurotact.data.windows import Windows, WindowSpec
+from neurotact.errors import InputError
+from neurotact.networks.definition import recipe
+from neurotact.networks.training.provenance import SIDES
+from neurotact.networks.training.training import Examples
+from neurotact.spec import Spec, build
+
+ExitBy = Literal["stability", "margin"]
+
+
+class Task(Spec):
+    """What a network is trained and tested on: which trials, which windows, which sides of the split."""
+
+    where: Where = {}
+    """Conditions of the trials that are used; the others are as if they were not in the file."""
+    leave_out: LeaveOut = {}
+    """Conditions of trials that are not used, or classes."""
+    window: WindowSpec = WindowSpec()
+    split: SplitSpec = SplitSpec()
+    stratify: tuple[str, ...] = ()
+    subset: dict[str, Any] = {}
+    training_windows: int | None = Field(default=None, ge=1)
+    """Windows per trial for training and validation, `window.hop_ms` apart; if absent, as many as for testing."""
+    exit_tolerance: float = Field(default=0.01, ge=0, lt=1)
+    exit_choice: Literal["least", "steady"] = "least"
+    """least: the least patience within the tolerance on validation windows, as in the texture paper's studies. steady:
+    the patience from which on all are within it, on validation windows, and on these and training windows together."""
+    exit_by: ExitBy = "stability"
+    """stability: a window exits when its leading class is unchanged for a patience. margin: when this class leads by a
+    margin, which is chosen instead of the patience."""
+
+    @property
+    def choice(self) -> TrialChoice:
+        """The trials that are used."""
+        return TrialChoice(self.where, self.leave_out)
+
+    @property
+    def training_window(self) -> WindowSpec:
+        """The windows of trials for training and validation."""
+        more = {} if self.training_windows is None else {"per_trial": self.training_windows}
+        return self.window.model_copy(update=more)
+
+
+def task_of(
+    source: str,
+    window: Mapping[str, Any],
+    split: Mapping[str, Any],
+    stratify: Sequence[str] | None,
+    exit_tolerance: float = 0.01,
+    exit_by: str = "stability",
+    where: Any = None,
+    leave_out: Any = None,
+) -> Task:
+    """The task that the arguments of a command or a call describe; InputError names `source` and the wrong value.
+
+    window, split: keys of `WindowSpec` and of `SplitSpec`; in a window, None means not given. where, leave_out: as of
+    `TrialChoice.of`.
+    """
+    choice = TrialChoice.of(where, leave_out)._asdict()
+    window = {key: value for key, value in window.items() if value is not None}
+    table = {"window": window, "split": split, "stratify": [*(stratify or ())], "exit_tolerance": exit_tolerance}
+    return build(Task, {**table, **choice, "exit_choice": "steady", "exit_by": exit_by}, source=source)
+
+
+def with_suited_window(task: Task, trains: SpikeTrains, words: Words) -> Task:
+    """The task with windows that suit the spike trains, where they are not given."""
+    return task.model_copy(update={"window": suited_window(trains, task.window, words)})
+
+
+def load_spikes(path: str | Path, task: Task, *, tell: bool = False) -> SpikeTrains:
+    """The spike trains of the trials that a task uses; with `tell` a line says how many they are."""
+    return chosen_trials(hdf5.load_spikes(path), task.choice, str(path), tell=tell)
+
+
+class Sides(NamedTuple):
+    """Windows for training, validation and test."""
+
+    train: Examples
+    validation: Examples
+    test: Examples
+
+
+def sides_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Sides:
+    """The windows of each side of the split, within the trials that the task's subset selects.
+
+    split: replaces the split that the task draws.
+    """
+    sides = trials_of(trains, task, split)
+    windows = task.training_window, task.training_window, task.window
+    return Sides(*(examples_of(trains, *each)[0] for each in zip(sides, windows, strict=True)))
+
+
+def trials_of(trains: SpikeTrains, task: Task, split: Split | None = None) -> Split:
+    """The trials of each side of the split, within those that the task's subset selects; `split` as for `sides_of`.
+
+    Raises InputError if the training trials have fewer than two classes.
+    """
+    inside = np.flatnonzero(select_conditions(trains.conditions, task.subset))
+    split = split or split_touches(trains, task.stratify, task.split)
+    sides = Split(*(np.intersect1d(side, inside) for side in split))
+    empty = [name for name, side in zip(SIDES, sides, strict=True) if not len(side)]
+    if empty:
+        raise InputError(f"split: no {empty[0]} trial is left within the subset {task.subset}; split otherwise")
+    names = trains.classes  # gathered from all trials at every call
+    known = [names[label] for label in np.unique(trains.labels[sides.train])]
+    if len(known) < 2:
+        raise InputError(
+            f"spikes: the training trials hold too few classes ({', '.join(known) or 'none'}); give at least two"
+        )
+    return sides
+
+
+def examples_of(trains: SpikeTrains, trials: np.ndarray, window: WindowSpec) -> tuple[Examples, Windows]:
+    """The windows of some trials, with the classes of all trials; the windows refer to trials of `trains`."""
+    windows = trains.cut(window, trials)
+    labels = torch.from_numpy(trains.labels[windows.trial])
+    return Examples(torch.from_numpy(trains.raster(windows)), labels), windows
+
+
+def seen(trains: SpikeTrains, task: Task) -> recipe.Seen:
+    """The properties of the training windows that a recipe uses."""
+    training, _ = examples_of(trains, trials_of(trains, task).train, task.training_window)
+    return recipe.Seen.of(training.spikes, trains.sampling_rate_Hz)
+
+
+def warn_of_onsets(trains: SpikeTrains, window: WindowSpec) -> None:
+    """Warn if windows should start at the onset of contact and some do not."""
+    complaint = trains.onset_complaint(window)
+    if complaint:
+        warnings.warn(complaint, stacklevel=3)

@@ -1,0 +1,175 @@
+"""A trained network in a folder, with what is needed to use it again: window, split, spikes, exit rule."""
+
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from neurotact import files
+from neurotact.data.spikes import SpikeTrains
+from neurotact.data.splits import Split, split_conditions
+from neurotact.errors import InputError
+from neurotact.networks.definition.kernels import Backend
+from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.training import checkpoint
+from neurotact.networks.training.fitting import Trained
+from neurotact.networks.training.provenance import Provenance, first_difference, provenance_of
+from neurotact.networks.training.tasks import Task, load_spikes, trials_of
+from neurotact.networks.training.training import Epoch
+from neurotact.spec import Spec, build
+from neurotact.tables import write_table
+
+LOG = "training.csv"
+"""The training log: a row per epoch."""
+
+
+def save(
+    trained: Trained,
+    folder: str | Path,
+    trains: SpikeTrains,
+    spikes_path: str | Path,
+    task: Task,
+    split: Split | None = None,
+    more: Mapping[str, Any] | None = None,
+) -> None:
+    """Write the network with its task, its exit rule, its training log and what it was trained on into `folder`.
+
+    split: as given to `fit`. more: further JSON values for `restore`.
+    """
+    folder = Path(folder)
+    extra = {
+        "classes": list(trains.classes),
+        "spikes": os.path.relpath(spikes_path, folder),
+        "task": task.model_dump(mode="json"),
+        "exit_patience": trained.rule.patience,
+        **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
+        "best_epoch": trained.training.best.epoch,
+        **provenance_of(trains, trials_of(trains, task, split)).model_dump(mode="json"),
+        **(more or {}),
+    }
+    write_table(pd.DataFrame(trained.training.epochs, columns=list(Epoch._fields)), folder / LOG)
+    checkpoint.save(trained.network, folder, extra)
+
+
+class Restored(NamedTuple):
+    """A network read back from its folder."""
+
+    network: RSNN
+    task: Task
+    rule: ExitRule
+    classes: tuple[str, ...]
+    spikes_path: Path
+    encoder: Mapping[str, Any] | None
+    provenance: Provenance | None
+    """None if an earlier version saved the network, without it."""
+    fine_tuned: Any = None
+    """What `deploy.fine_tuning` saved; None for a network that was not fine-tuned."""
+
+
+class _Extra(Spec):
+    """What `network.json` must contain for a trained network, in addition to the network."""
+
+    task: Task
+    classes: tuple[str, ...]
+    spikes: str
+    exit_patience: int | None = Field(ge=1, le=2**31 - 1)
+    exit_margin: float | None = Field(default=None, gt=0)
+
+
+def restore(
+    folder: str | Path, *, device: str = "cpu", backend: Backend = "auto", spikes: str | Path | None = None
+) -> Restored:
+    """Read what `save` wrote; InputError names the file that is missing or damaged.
+
+    spikes: the file of spikes, if it is where `save` does not say.
+    """
+    folder = Path(folder)
+    network, metadata = checkpoint.load(folder, backend=backend)
+    path, extra = folder / checkpoint.NETWORK, metadata["extra"]
+    missing = [key for key, field in _Extra.model_fields.items() if field.is_required() and key not in extra]
+    if missing:
+        raise InputError(f"{path}: '{missing[0]}' is missing; make the network with neurotact train")
+    known = build(_Extra, {key: extra[key] for key in _Extra.model_fields if key in extra}, source=str(path))
+    if len(known.classes) != network.n_classes:
+        raise InputError(
+            f"{path}: names {len(known.classes)} classes, but the network has {network.n_classes}; "
+            "make the network with neurotact train"
+        )
+    rule = ExitRule(known.exit_patience, from_first_spike=True, margin=known.exit_margin)
+    table = {key: extra[key] for key in Provenance.model_fields if key in extra}
+    provenance = build(Provenance, table, source=str(path)) if "trials" in table else None
+    encoder = extra.get("encoder") if isinstance(extra.get("encoder"), dict) else None
+    place = files.existing(spikes) if spikes is not None else _spikes_of(path, known, provenance)
+    return Restored(
+        network.to(device), known.task, rule, known.classes, place, encoder, provenance, extra.get("fine_tuned")
+    )
+
+
+def _spikes_of(path: Path, known: _Extra, provenance: Provenance | None) -> Path:
+    """The file of spikes that a network names: of two that exist, the one with the trials of its training."""
+    places = files.named_by(path, known.spikes)
+    found = [place for place in places if os.path.isfile(place)] or places
+    if len(found) == 1 or provenance is None:
+        return found[0]
+    return next((place for place in found if _has_trials(place, known.task, provenance)), found[0])
+
+
+def _has_trials(path: Path, task: Task, provenance: Provenance) -> bool:
+    try:
+        trains = load_spikes(path, task)
+        return provenance_of(trains, trials_of(trains, task)).trials == provenance.trials
+    except InputError:
+        return False
+
+
+def recall(restored: Restored) -> Provenance | None:
+    """What a network was trained on; None, with a warning, if that is unknown.
+
+    Earlier versions did not save it. It is then derived, with a warning, from the spikes file, if it still exists, and
+    the split of the task.
+    """
+    if restored.provenance is not None:
+        return restored.provenance
+    about = "network: was saved without its trials"
+    try:
+        trains = load_spikes_of(restored)
+        if restored.encoder is not None and first_difference(trains.encoder, (), restored.encoder, ()):
+            raise InputError(f"{restored.spikes_path}: holds the spikes of another encoder")
+        split = split_conditions(trains.conditions, restored.task.stratify, restored.task.split)  # as that version did
+        found = provenance_of(trains, trials_of(trains, restored.task, split))
+    except InputError as error:
+        warnings.warn(f"{about}, so its training trials are unknown ({error}); train it again", stacklevel=2)
+        return None
+    warnings.warn(f"{about}; its split is drawn again from {restored.spikes_path}", stacklevel=2)
+    return found
+
+
+def test_trials(restored: Restored, trains: SpikeTrains) -> np.ndarray:
+    """The test trials of a network among the spike trains that it was trained on."""
+    return trials_of(trains, restored.task).test
+
+
+def load_spikes_of(restored: Restored) -> SpikeTrains:
+    """The spikes that the network was trained on, of the trials that its task uses."""
+    if not os.path.isfile(restored.spikes_path):
+        raise InputError(
+            f"{restored.spikes_path}: the spikes that the network was trained on are neither there nor in the current "
+            "folder; name them with `spikes`"
+        )
+    return load_spikes(restored.spikes_path, restored.task)
+
+
+def check_trials(restored: Restored, trains: SpikeTrains) -> None:
+    """Refuse spikes with another split of trials than in training: test trials may be among the training trials."""
+    known = restored.provenance
+    if known is not None and provenance_of(trains, trials_of(trains, restored.task)).trials != known.trials:
+        raise InputError(
+            f"{restored.spikes_path}: no longer contains the trials that the network was trained on; name the file "
+            "that does with `spikes`, or train it again"
+        )

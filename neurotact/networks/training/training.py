@@ -1,0 +1,413 @@
+"""Training by surrogate gradients: cross-entropy on readout counts, rate penalties, Adam or Adamax, early stopping."""
+
+import math
+import warnings
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from neurotact.errors import InputError
+from neurotact.networks.definition.rsnn import RSNN, Counts
+from neurotact.networks.definition.specs import Keep, TrainingSpec
+
+
+class Examples(NamedTuple):
+    """Spikes `(trial, time, afferent)` uint8 and class indices `(trial,)` int64."""
+
+    spikes: Tensor
+    labels: Tensor
+
+
+class Epoch(NamedTuple):
+    """One line of the training log; accuracies are shares of trials."""
+
+    epoch: int
+    train_loss: float
+    train_accuracy: float
+    validation_loss: float
+    validation_accuracy: float
+
+
+@dataclass(frozen=True)
+class Training:
+    """The result of a training: its log, and the epoch whose weights the network now has."""
+
+    epochs: tuple[Epoch, ...]
+    best: Epoch
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A training between two epochs: everything that its continuation depends on, as copies on the CPU.
+
+    epochs: the log so far.
+    weights: the network's state after the last epoch; best_weights: after the best one.
+    optimiser: its values of each trained parameter, named as in "w_in.exp_avg" (see `STATE`).
+    generator: the state of the generator that orders the trials.
+    """
+
+    epochs: tuple[Epoch, ...]
+    weights: Mapping[str, Tensor]
+    best_weights: Mapping[str, Tensor]
+    optimiser: Mapping[str, Tensor]
+    generator: Tensor
+
+
+class Batch(NamedTuple):
+    """Windows that a training is to be given the `Counts` of.
+
+    spikes, heard: as `RSNN.forward` takes them. learns: whether gradients are asked for afterwards.
+    """
+
+    network: RSNN
+    spikes: Tensor
+    heard: Tensor | None = None
+    learns: bool = False
+
+
+T = TypeVar("T")
+Course = Generator[Batch | Tensor, Any, T]
+"""A training that is under way. It yields a `Batch`, and receives its `Counts`; if it learns, it then yields the loss,
+and goes on when the gradients are there. So many can run together (`population`), by the same rules as one alone."""
+
+
+def alone(course: Course[T]) -> T:
+    """Run one training, and return its result."""
+    answer = None
+    while True:
+        try:
+            asked = course.send(answer)
+        except StopIteration as end:
+            return end.value
+        if isinstance(asked, Tensor):
+            asked.backward()
+            answer = None
+        else:
+            with torch.set_grad_enabled(asked.learns):
+                answer = asked.network(asked.spikes, asked.heard)
+
+
+STATE = {"adam": ("step", "exp_avg", "exp_avg_sq"), "adamax": ("step", "exp_avg", "exp_inf")}
+"""What each optimiser stores per parameter: the number of its steps, the running mean of the gradient, and that of its
+square or its largest size."""
+
+
+def loss(counts: Counts, labels: Tensor, spec: TrainingSpec) -> Tensor:
+    """Cross-entropy of the readout counts times the temperature, and the two rate penalties of the Braille study.
+
+    `rate_penalty` weights the spikes of a hidden neuron in a window, averaged over trials and neurons;
+    `population_penalty` weights the squared spike count of a batch, averaged over neurons.
+    """
+    logits = counts.readout if spec.temperature == 1 else counts.readout * spec.temperature
+    total = functional.cross_entropy(logits, labels)
+    if spec.rate_penalty:
+        total = total + spec.rate_penalty * counts.hidden.mean()
+    if spec.population_penalty:
+        total = total + spec.population_penalty * counts.hidden.sum(dim=0).square().mean()
+    return total
+
+
+def train(
+    network: RSNN,
+    training: Examples,
+    validation: Examples,
+    *,
+    generator: torch.Generator,
+    progress: Callable[[Epoch], None] | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
+) -> Training:
+    """Train `network` in place, alone: `course`, run to its end, with the same arguments and errors.
+
+    >>> from neurotact.networks.definition.specs import RSNNSpec, TrainingSpec
+    >>> spec = RSNNSpec(hidden=8, training=TrainingSpec(epochs=2, batch=4))
+    >>> net = RSNN(2, 2, spec, 2000.0, backend="reference", generator=torch.Generator().manual_seed(0))
+    >>> touches = Examples(torch.ones(6, 50, 2, dtype=torch.uint8), torch.tensor([0, 1, 0, 1, 0, 1]))
+    >>> len(train(net, touches, touches, generator=torch.Generator().manual_seed(0)).epochs)
+    2
+    """
+    return alone(course(network, training, validation, generator=generator, progress=progress, start=start, keep=keep))
+
+
+def course(
+    network: RSNN,
+    training: Examples,
+    validation: Examples,
+    *,
+    generator: torch.Generator,
+    progress: Callable[[Epoch], None] | None = None,
+    start: Checkpoint | None = None,
+    keep: Callable[[Checkpoint], None] | None = None,
+) -> Course[Training]:
+    """Train `network` in place by its spec; at the end it has the weights of the best epoch (`TrainingSpec.keep`).
+
+    generator: orders the trials, and drops and moves input spikes; with the network's, its seed reproduces a training.
+    progress: called after each epoch.
+    start: the last checkpoint of an earlier call with the same arguments; the result is that of an uninterrupted call.
+        With a relative learning rate, `network` has its initial weights, which the rates depend on.
+    keep: called after each epoch with a checkpoint for `start`.
+    Raises InputError if a weight is no longer finite: its neurons would become silent without an error.
+    """
+    optimiser = _optimiser(network)
+    rates = [group["lr"] for group in optimiser.param_groups]
+    log: list[Epoch] = []
+    best_weights: Mapping[str, Tensor] = {}
+    if start is not None:
+        log, best_weights = list(start.epochs), start.best_weights
+        _restore(start, network, optimiser, generator)
+    while not is_over(log, network.spec.training):
+        order = torch.randperm(len(training.labels), generator=generator)
+        epoch_rates = _Rates(network.spec.training, rates, len(log))
+        fitted = yield from _pass(network, training, order, optimiser, epoch_rates, generator)
+        judged = yield from judge(network, validation)
+        log.append(Epoch(len(log) + 1, *fitted, *judged))
+        if not all(p.isfinite().all() for p in network.parameters()):
+            raise not_finite(len(log), network.spec.training)
+        if progress:
+            progress(log[-1])
+        if best_of(log, network.spec.training.keep) is log[-1]:
+            best_weights = _copied(network.state_dict())
+        if keep:
+            state = _copied(network.state_dict()), best_weights, _state(network, optimiser)
+            keep(Checkpoint(tuple(log), *state, generator.get_state()))
+    network.load_state_dict(best_weights)
+    return Training(tuple(log), best_of(log, network.spec.training.keep))
+
+
+def best_of(log: Sequence[Epoch], keep: Keep = "loss") -> Epoch:
+    """The best epoch by `TrainingSpec.keep`, the first among equal ones.
+
+    `both` is for few validation windows: an epoch that has learned nothing may classify most of them by chance.
+
+    >>> log = [Epoch(1, 2.0, 0.1, 1.5, 0.67), Epoch(2, 0.1, 1.0, 1.9, 0.56)]
+    >>> best_of(log, "loss").epoch, best_of(log, "accuracy").epoch, best_of(log, "both").epoch
+    (1, 1, 2)
+    """
+    if keep == "loss":
+        return min(log, key=lambda epoch: epoch.validation_loss)
+    if keep == "accuracy":
+        return min(log, key=lambda epoch: (-epoch.validation_accuracy, epoch.validation_loss))
+    return min(
+        log,
+        key=lambda epoch: (
+            -(epoch.train_accuracy + epoch.validation_accuracy),
+            epoch.train_loss + epoch.validation_loss,
+        ),
+    )
+
+
+def is_over(log: Sequence[Epoch], spec: TrainingSpec) -> bool:
+    """Whether a training with this log has run all its epochs, or has exceeded its patience without a better one."""
+    return bool(log) and (len(log) >= spec.epochs or log[-1].epoch - best_of(log, spec.keep).epoch >= spec.patience)
+
+
+def not_finite(epoch: int, spec: TrainingSpec) -> InputError:
+    """The error for weights that are no longer finite."""
+    return InputError(
+        f"training: weights are not finite after epoch {epoch}; lower the learning rate, as in {spec.lower_rate}"
+    )
+
+
+def _optimiser(network: RSNN) -> torch.optim.Optimizer:
+    spec = network.spec.training
+    if spec.optimiser == "adamax":
+        return torch.optim.Adamax(_groups(network), lr=spec.learning_rate, betas=spec.betas)
+    return torch.optim.Adam(_groups(network), lr=spec.learning_rate, betas=spec.betas, fused=True)
+
+
+def rates_of(network: RSNN) -> dict[str, float]:
+    """The learning rate of each trained parameter before any schedule, in the network's order.
+
+    >>> from neurotact.networks.definition.specs import RSNNSpec
+    >>> rates_of(RSNN(2, 2, RSNNSpec(model="snn", hidden=3), 1000.0))
+    {'w_in': 0.001, 'w_out': 0.001}
+    """
+    spec = network.spec.training
+    trained = {name: p.detach() for name, p in network.named_parameters() if p.requires_grad}
+    if spec.relative_learning_rate is None:
+        return dict.fromkeys(trained, spec.learning_rate)
+    deviation = {name: float(p.square().mean().sqrt()) if p.ndim == 2 else 0.0 for name, p in trained.items()}
+    return {name: spec.relative_learning_rate * size or spec.learning_rate for name, size in deviation.items()}
+
+
+def rate_left(spec: TrainingSpec, epochs: float) -> float:
+    """The factor of the schedule on the learning rates after so many epochs.
+
+    >>> rate_left(TrainingSpec(epochs=10), 5.0), round(rate_left(TrainingSpec(epochs=10, schedule="cosine"), 5.0), 9)
+    (1.0, 0.5)
+    """
+    return 0.5 * (1 + math.cos(math.pi * epochs / spec.epochs)) if spec.schedule == "cosine" else 1.0
+
+
+def _groups(network: RSNN) -> list[dict[str, Any]]:
+    """The trained parameters: one group or, with relative rates, one group each, in the network's order."""
+    trained = [p for p in network.parameters() if p.requires_grad]
+    if network.spec.training.relative_learning_rate is None:
+        return [{"params": trained}]
+    return [{"params": [p], "lr": rate} for p, rate in zip(trained, rates_of(network).values(), strict=True)]
+
+
+def disturbed(spikes: Tensor, dropout: float, jitter_steps: int, generator: torch.Generator) -> Tensor:
+    """Spikes `(trial, time, afferent)`, some left out and the others moved by up to `jitter_steps`.
+
+    Spikes that would leave the window stay at its first or last step; spikes that coincide become one.
+
+    >>> one = torch.zeros(1, 9, 1, dtype=torch.uint8)
+    >>> one[0, 4, 0] = 1
+    >>> moved = disturbed(one, 0.0, 2, torch.Generator().manual_seed(0))
+    >>> int(moved.sum()), 2 <= int(moved[0, :, 0].argmax()) <= 6
+    (1, True)
+    """
+    trial, step, afferent = spikes.nonzero(as_tuple=True)
+    kept = torch.rand(len(step), generator=generator) >= dropout
+    moves = torch.randint(-jitter_steps, jitter_steps + 1, (len(step),), generator=generator)
+    found = torch.zeros_like(spikes)
+    found[trial[kept], (step + moves)[kept].clamp(0, spikes.shape[1] - 1), afferent[kept]] = 1
+    return found
+
+
+def partly_heard(hidden: Tensor, dropout: float, generator: torch.Generator) -> Tensor:
+    """Counts `(..., hidden)`, some set to 0 and the others scaled up, to preserve their mean."""
+    kept = torch.rand(hidden.shape, generator=generator) >= dropout
+    return hidden * kept.to(hidden) / (1 - dropout)
+
+
+class _Rates(NamedTuple):
+    """The learning rates of an epoch: `first` of each group, before any step, and the number of earlier epochs."""
+
+    spec: TrainingSpec
+    first: Sequence[float]
+    epochs_before: int
+
+    def set(self, optimiser: torch.optim.Optimizer, share: float) -> None:
+        """Set the rates of the groups after this share of the epoch."""
+        left = rate_left(self.spec, self.epochs_before + share)
+        for group, rate in zip(optimiser.param_groups, self.first, strict=True):
+            group["lr"] = rate * left
+
+
+EXPLODED = 1e6
+"""A median gradient norm from which no training recovers: trainings that learn stay some thousandfold below it."""
+
+
+@torch.no_grad()
+def _relative_norm(network: RSNN) -> Tensor:
+    """Norm of the gradient in units of the weights: the effect on the loss of a change by their own size.
+
+    It does not grow with the window, in which small weights receive many spikes.
+    """
+    parts = [p.grad.norm() * p.square().mean().sqrt() for p in network.parameters() if p.grad is not None]
+    return torch.stack(parts).norm()
+
+
+def _warn_of_explosion(norms: Sequence[Tensor], epoch: int) -> None:
+    """Warn of gradients that explode: Adam then follows noise."""
+    median = float(torch.stack(list(norms)).median())
+    if EXPLODED < median < math.inf:  # weights that are no longer finite raise an error
+        warnings.warn(
+            f"training: gradients explode (median norm {median:.0e} in epoch {epoch}); use model = 'snn', which has "
+            "no recurrence, a larger surrogate_scale or shorter time constants",
+            stacklevel=3,
+        )
+
+
+def _pass(
+    network: RSNN,
+    training: Examples,
+    order: Tensor,
+    optimiser: torch.optim.Optimizer,
+    rates: _Rates,
+    generator: torch.Generator,
+) -> Course[tuple[float, float]]:
+    """Train on every trial once, in this order; `(loss, accuracy)`, of each batch before its step."""
+    spec, device = network.spec.training, network.w_in.device
+    jitter_steps = round(spec.input_jitter_ms * 1e-3 * network.sampling_rate_Hz)
+    batches, norms, losses, right = order.split(spec.batch), [], [], []
+    for number, batch in enumerate(batches):
+        rates.set(optimiser, number / len(batches))
+        # copies whole windows, where indexing with a tensor copies byte by byte: a tenth of the time
+        spikes, labels = training.spikes.index_select(0, batch), training.labels[batch].to(device)
+        if spec.input_dropout or jitter_steps:
+            spikes = disturbed(spikes, spec.input_dropout, jitter_steps, generator)
+        spikes = spikes.to(device)
+        optimiser.zero_grad()
+        counts = yield from _counts_with_dropout(network, spikes, generator)
+        batch_loss = loss(counts, labels, spec)
+        yield batch_loss
+        norms.append(_relative_norm(network))
+        optimiser.step()
+        _bound(network)
+        losses.append(batch_loss.detach())
+        right.append((counts.readout.argmax(dim=1) == labels).sum())
+    _warn_of_explosion(norms, rates.epochs_before + 1)
+    return _mean(losses, right, batches)
+
+
+def _mean(losses: Sequence[Tensor], right: Sequence[Tensor], batches: Sequence[Tensor]) -> tuple[float, float]:
+    """`(loss, accuracy)` over all batches; the numbers are copied from the device once."""
+    sizes = [len(batch) for batch in batches]
+    total = sum(value * size for value, size in zip(torch.stack([*losses]).tolist(), sizes, strict=True))
+    return total / sum(sizes), int(torch.stack([*right]).sum()) / sum(sizes)
+
+
+def _counts_with_dropout(network: RSNN, spikes: Tensor, generator: torch.Generator) -> Course[Counts]:
+    """The counts of a batch; an integrator receives a part of them if it has drop-out."""
+    dropout = network.spec.training.readout_dropout
+    if not dropout or network.bias is None:
+        return (yield Batch(network, spikes, learns=True))
+    if network.leaks:
+        heard = partly_heard(torch.ones(network.spec.hidden), dropout, generator).to(network.w_out)
+        return (yield Batch(network, spikes, heard, learns=True))
+    counts = yield Batch(network, spikes, learns=True)
+    return counts._replace(readout=network.sums(partly_heard(counts.hidden, dropout, generator)))
+
+
+def _restore(start: Checkpoint, network: RSNN, optimiser: torch.optim.Optimizer, generator: torch.Generator) -> None:
+    """Set network, optimiser and generator to the state of a checkpoint."""
+    network.load_state_dict(start.weights)
+    trained = [name for name, p in network.named_parameters() if p.requires_grad]
+    keys = STATE[network.spec.training.optimiser]
+    state = {i: {key: start.optimiser[f"{name}.{key}"] for key in keys} for i, name in enumerate(trained)}
+    # Loading does not copy tensors that fit, and steps work in place: the copy protects the checkpoint.
+    state = {i: _copied(values) for i, values in state.items()}
+    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+    generator.set_state(start.generator)
+
+
+def _state(network: RSNN, optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+    parameters = ((name, p) for name, p in network.named_parameters() if p.requires_grad)
+    keys = STATE[network.spec.training.optimiser]
+    return _copied({f"{name}.{key}": optimiser.state[p][key] for name, p in parameters for key in keys})
+
+
+def _copied(tensors: Mapping[Any, Tensor]) -> dict[Any, Tensor]:
+    return {name: tensor.detach().to("cpu", copy=True) for name, tensor in tensors.items()}
+
+
+def evaluate(network: RSNN, examples: Examples) -> tuple[float, float]:
+    """`(loss, accuracy)` over the full window."""
+    return alone(judge(network, examples))
+
+
+def judge(network: RSNN, examples: Examples) -> Course[tuple[float, float]]:
+    """`evaluate`, as a course that runs alone or with others."""
+    spec, device = network.spec.training, network.w_in.device
+    batches, losses, right = examples.labels.split(spec.batch), [], []
+    for spikes, labels in zip(examples.spikes.split(spec.batch), batches, strict=True):
+        counts = yield Batch(network, spikes.to(device))
+        losses.append(loss(counts, labels.to(device), spec))
+        right.append((counts.readout.argmax(dim=1) == labels.to(device)).sum())
+    return _mean(losses, right, batches)
+
+
+@torch.no_grad()
+def _bound(network: RSNN) -> None:
+    """Keep learned decays in [0, 1], where the dynamics are stable, and a learned threshold positive."""
+    if network.spec.learn:
+        network.alpha.clamp_(0.0, 1.0)
+        network.beta.clamp_(0.0, 1.0)
+        network.threshold.clamp_(min=1e-3)

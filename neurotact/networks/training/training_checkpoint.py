@@ -1,0 +1,116 @@
+"""Checkpoints of a training on disk: one safetensors file, replaced only as a whole, never pickle.
+
+Tensors: `log` (a row per epoch, the fields of `Epoch`), `generator`, `weights.*` and `best.*` (the network's state now
+and after its best epoch), `adam.*` (also of Adamax), and the SHA-256 of all of these with the name of the training.
+"""
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import safetensors.torch
+import torch
+from safetensors import SafetensorError
+from torch import Tensor
+
+from neurotact.errors import InputError
+from neurotact.files import read_bytes, whole
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.training.checkpoint import check, shapes_of
+from neurotact.networks.training.training import STATE, Checkpoint, Epoch
+
+SHA256 = "sha256"
+FIX = "start again with `force=True`"
+PARTS = {"weights": "weights", "best": "best_weights", "adam": "optimiser"}
+"""Prefixes of tensor names, and the field of `Checkpoint` that holds these tensors."""
+
+
+class Net(NamedTuple):
+    """What the tensors of a checkpoint depend on."""
+
+    spec: RSNNSpec
+    n_inputs: int
+    n_classes: int
+
+
+def save(checkpoint: Checkpoint, path: str | Path, training: str) -> None:
+    """Write a checkpoint; it replaces the previous one.
+
+    training: any text that identifies this training.
+    """
+    log = torch.tensor(checkpoint.epochs, dtype=torch.float64)
+    tensors = {"log": log, "generator": checkpoint.generator}
+    for part, field in PARTS.items():
+        tensors |= {f"{part}.{name}": tensor for name, tensor in getattr(checkpoint, field).items()}
+    content = safetensors.torch.save({**tensors, SHA256: _sha256(tensors, training)})
+    with whole(path) as draft:
+        draft.write_bytes(content)
+
+
+def load(path: str | Path, net: Net, training: str) -> Checkpoint:
+    """Read what `save` wrote; InputError explains why a file is damaged, or that it is of another training."""
+    path = Path(path)
+    tensors = _read(path)
+    log = tensors.get("log", torch.empty(0))
+    n_epochs = len(log) if log.ndim else 0
+    if not 1 <= n_epochs <= net.spec.training.epochs:
+        raise _damaged(path, f"its log has {n_epochs} epochs where 1 to {net.spec.training.epochs} are possible")
+    check(tensors, _expected(net, n_epochs), path, FIX)
+    if not torch.equal(tensors.pop(SHA256), _sha256(tensors, training)):
+        raise _damaged(path, "its content has changed, or it is of another training")
+    if log[:, 0].tolist() != list(range(1, n_epochs + 1)):
+        raise _damaged(path, "its log does not number the epochs")
+    epochs = tuple(Epoch(number, *row[1:]) for number, row in enumerate(log.tolist(), 1))
+    _check_generator(tensors["generator"], path)
+    parts = {
+        field: {name.removeprefix(f"{part}."): t for name, t in tensors.items() if name.startswith(f"{part}.")}
+        for part, field in PARTS.items()
+    }
+    return Checkpoint(epochs=epochs, generator=tensors["generator"], **parts)
+
+
+def _read(path: Path) -> dict[str, Tensor]:
+    content = read_bytes(path)
+    try:
+        return safetensors.torch.load(content)
+    except (SafetensorError, LookupError, ValueError, RuntimeError) as error:
+        raise _damaged(path, f"it is not a safetensors file: {error}") from error
+
+
+def _expected(net: Net, n_epochs: int) -> dict[str, tuple[tuple[int, ...], torch.dtype]]:
+    shapes = shapes_of(*net)
+    fixed = {"alpha", "beta", "threshold"} - set(net.spec.learn)
+    adam = {
+        f"adam.{name}.{key}": () if key == "step" else shape
+        for name, shape in shapes.items()
+        for key in STATE[net.spec.training.optimiser]
+        if name not in fixed
+    }
+    states = {f"{part}.{name}": shape for part in ("weights", "best") for name, shape in shapes.items()}
+    return {
+        "log": ((n_epochs, len(Epoch._fields)), torch.float64),
+        "generator": (tuple(torch.Generator().get_state().shape), torch.uint8),
+        SHA256: ((hashlib.sha256().digest_size,), torch.uint8),
+        **{name: (shape, torch.float32) for name, shape in (states | adam).items()},
+    }
+
+
+def _check_generator(state: Tensor, path: Path) -> None:
+    try:
+        torch.Generator().set_state(state)
+    except RuntimeError as error:
+        raise _damaged(path, "its generator state is invalid") from error
+
+
+def _sha256(tensors: Mapping[str, Tensor], training: str) -> Tensor:
+    """Digest of names and contents, `(32,)` uint8."""
+    content = hashlib.sha256(training.encode())
+    for name in sorted(tensors):
+        content.update(f"\n{name} {tuple(tensors[name].shape)} {tensors[name].dtype}\n".encode())
+        content.update(tensors[name].contiguous().numpy().tobytes())
+    return torch.tensor(list(content.digest()), dtype=torch.uint8)
+
+
+def _damaged(path: Path, why: str) -> InputError:
+    return InputError(f"{path}: is damaged ({why}); {FIX}")

@@ -1,0 +1,1 @@
+"""A trained network in use: classify, infer, measure, count its cost."""

@@ -1,0 +1,318 @@
+"""The spiking network as a scikit-learn estimator."""
+
+from collections.abc import Mapping
+from numbers import Integral
+from pathlib import Path
+from typing import Any, cast, get_args
+
+import numpy as np
+import pandas as pd
+import torch
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator, ClassifierMixin
+from sklearn.utils.validation import check_is_fitted
+
+from neurotact.checks import class_labels, fraction, one_of, sequences, trial_labels
+from neurotact.data.copies import equal_examples, joined
+from neurotact.data.recordings import check_sampling_rate
+from neurotact.data.splits import hold_out, hold_out_groups
+from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.networks.definition.rsnn import RSNN, Inference
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.training.fitting import begin, exit_rule
+from neurotact.networks.training.tasks import ExitBy
+from neurotact.networks.training.training import Examples, Training, train
+from neurotact.networks.use.measuring import synops_of
+from neurotact.spec import checked_settings, resolve
+
+AXES = "window, time, afferent"
+TRAINING = ("learning_rate", "batch", "epochs", "patience")
+
+
+class SpikingClassifier(ClassifierMixin, BaseEstimator):
+    """A spiking network, recurrent by default, trained by surrogate gradients (texture paper, Eqs. 4 to 7).
+
+    Parameters
+    ----------
+    hidden : neurons of the hidden layer.
+    recurrent : whether hidden neurons are connected to one another.
+    tau_mem_ms, tau_syn_ms : time constants.
+    learning_rate, batch, epochs, patience : of the training.
+    network : name or path of a network spec (`networks/*.toml`), or an `RSNNSpec`; it gives every value that is None
+        here. The default chooses them from the training windows (docs/default-recipe.md); "rsnn" is the network of the
+        texture paper.
+    settings : further keys of that spec, dotted: `{"reset": "subtract", "training.rate_penalty": 0.0}`.
+    validation_fraction : share of the windows held out for early stopping when `fit` gets no validation windows.
+    exit_tolerance : accuracy on validation windows that early exit may lose.
+    exit_by : "stability": a window exits when its leading class is unchanged for long enough; "margin": when it leads
+        by enough.
+    sampling_rate_Hz : clock of X; None takes it from X, where `nt.windows` and `SpikeEncoder` store it.
+    random_state : random seed of the initial weights, the order of the windows and the windows that are held out: a
+        whole number, a `numpy.random.RandomState`, or None for a new seed at each fit.
+    device : a torch device.
+
+    Attributes
+    ----------
+    classes_ `(class,)`; network_, an `RSNN`, which is a `torch.nn.Module`; training_, with `epochs` (the log) and
+    `best`; exit_rule_, chosen on validation windows; n_features_in_, the number of afferents; sampling_rate_Hz_.
+
+    Raises InputError for spikes that are not `(window, time, afferent)` zeros and ones, for a single class, for an
+    unknown clock and for parameters out of range.
+
+    >>> rng = np.random.default_rng(0)
+    >>> rates = np.repeat([0.02, 0.2], 30)[:, None, None]
+    >>> X, y = (rng.random((60, 100, 4)) < rates).astype(np.uint8), np.repeat(["soft", "hard"], 30)
+    >>> clf = SpikingClassifier(hidden=20, epochs=20, sampling_rate_Hz=1000.0, random_state=0)
+    >>> bool(clf.fit(X, y).score(X, y) > 0.9)
+    True
+    >>> clf.network_.spec.readout, clf.network_.spec.tau_mem_ms
+    ('integrator', 5.0)
+    >>> clf.decide(X, early_exit=True).columns.tolist()[:3]
+    ['predicted', 'steps', 'ms']
+    """
+
+    def __init__(
+        self,
+        hidden: int | None = None,
+        *,
+        recurrent: bool | None = None,
+        tau_mem_ms: float | None = None,
+        tau_syn_ms: float | None = None,
+        learning_rate: float | None = None,
+        batch: int | None = None,
+        epochs: int | None = None,
+        patience: int | None = None,
+        network: str | Path | RSNNSpec = "default",
+        settings: Mapping[str, Any] | None = None,
+        validation_fraction: float = 0.15,
+        exit_tolerance: float = 0.01,
+        exit_by: ExitBy = "stability",
+        sampling_rate_Hz: float | None = None,
+        random_state: int | np.random.RandomState | None = None,
+        device: str = "cpu",
+    ):
+        self.hidden = hidden
+        self.recurrent = recurrent
+        self.tau_mem_ms = tau_mem_ms
+        self.tau_syn_ms = tau_syn_ms
+        self.learning_rate = learning_rate
+        self.batch = batch
+        self.epochs = epochs
+        self.patience = patience
+        self.network = network
+        self.settings = settings
+        self.validation_fraction = validation_fraction
+        self.exit_tolerance = exit_tolerance
+        self.exit_by = exit_by
+        self.sampling_rate_Hz = sampling_rate_Hz
+        self.random_state = random_state
+        self.device = device
+
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        *,
+        validation: tuple[ArrayLike, ArrayLike] | None = None,
+        groups: ArrayLike | None = None,
+    ) -> "SpikingClassifier":
+        """Train on X `(window, time, afferent)`, y `(window,)`.
+
+        validation: `(X, y)` for early stopping and for the exit rule; held out from X when None.
+        groups: the trial of each window; windows of one trial are then held out together.
+        """
+        self._check_parameters()
+        rate_Hz = self._clock(X)
+        spikes = spike_windows(X)
+        classes, indices = np.unique(class_labels(y, len(spikes)), return_inverse=True)
+        if len(classes) < 2:
+            raise InputError(f"y: holds one class, '{classes[0]}', where a classifier needs two; add another class")
+        weights_seed, order_seed, split_seed = self._seeds()
+        if validation is None:
+            first = equal_examples(spikes, indices)
+            inside, held = self._hold_out(classes[indices], groups, split_seed, first)
+            train_side = _examples(spikes[inside], indices[inside])
+            validation_side = _examples(spikes[held], indices[held])
+        else:
+            train_side = _examples(spikes, indices)
+            validation_side = _validation(validation, classes, spikes.shape[1:])
+        generator = torch.Generator().manual_seed(weights_seed)
+        network = begin(train_side.spikes, len(classes), self.spec(), rate_Hz, generator).to(self.device)
+        order = torch.Generator().manual_seed(order_seed)
+        self.training_: Training = train(network, train_side, validation_side, generator=order)
+        self.network_: RSNN = network
+        self.exit_rule_: ExitRule = exit_rule(
+            network, validation_side, self.exit_tolerance, train_side, cast(ExitBy, self.exit_by)
+        )
+        self.classes_ = classes
+        self.n_features_in_ = spikes.shape[2]
+        self.sampling_rate_Hz_ = rate_Hz
+        return self
+
+    def spec(self) -> RSNNSpec:
+        """The network spec that the parameters describe; `network_.spec` has the choices of a recipe."""
+        given = {name: getattr(self, name) for name in ("hidden", "tau_mem_ms", "tau_syn_ms")}
+        given |= {f"training.{name}": getattr(self, name) for name in TRAINING}
+        if self.recurrent is not None:
+            given["model"] = "rsnn" if self.recurrent else "snn"
+        chosen = {key: value for key, value in given.items() if value is not None}
+        return resolve(RSNNSpec, self.network, {**chosen, **checked_settings(self.settings)})
+
+    def predict(self, X: ArrayLike) -> np.ndarray:
+        """Class of each window over its full length, `(window,)`."""
+        labels = self._infer(X, FULL_WINDOW).labels.cpu().numpy()
+        return self.classes_[labels]
+
+    def decision_function(self, X: ArrayLike) -> np.ndarray:
+        """Readout of each window `(window, class)`: spike counts, or the values of an integrator; for two classes their
+        difference `(window,)`.
+        """
+        counts = self._infer(X, FULL_WINDOW).readout.cpu().numpy()
+        return counts[:, 1] - counts[:, 0] if len(self.classes_) == 2 else counts
+
+    def sops(self, X: ArrayLike, *, early_exit: bool = False) -> synops.Synops:
+        """Synaptic operations of each window: `input`, `recurrent`, `readout`, `total`, ... each `(window,)`."""
+        return synops_of(self._infer(X, self._rule(early_exit)), self.network_)
+
+    def decide(self, X: ArrayLike, *, early_exit: bool = True) -> pd.DataFrame:
+        """The decision for each window, its time and its cost: one row per window.
+
+        Columns: predicted, steps, ms (until the decision), input_spikes, hidden_spikes, and sops_* as in a SOP report.
+        """
+        found = self._infer(X, self._rule(early_exit))
+        steps = found.steps.cpu().numpy()
+        return pd.DataFrame(
+            {
+                "predicted": self.classes_[found.labels.cpu().numpy()],
+                "steps": steps,
+                "ms": 1e3 * steps / self.sampling_rate_Hz_,
+                "input_spikes": found.input_spikes.cpu().numpy(),
+                "hidden_spikes": found.hidden_spikes.cpu().numpy(),
+                **{f"sops_{name}": each for name, each in synops_of(found, self.network_)._asdict().items()},
+            }
+        )
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.two_d_array = False
+        tags.input_tags.three_d_array = True
+        tags.non_deterministic = False
+        return tags
+
+    def _rule(self, early_exit: bool) -> ExitRule:
+        check_is_fitted(self)
+        return self.exit_rule_ if early_exit else FULL_WINDOW
+
+    def _infer(self, X: ArrayLike, rule: ExitRule) -> Inference:
+        check_is_fitted(self)
+        spikes = spike_windows(X, n_afferents=self.n_features_in_)
+        rate_Hz = getattr(X, "sampling_rate_Hz", None)
+        if rate_Hz is not None and rate_Hz != self.sampling_rate_Hz_:
+            raise InputError(
+                f"X: is sampled at {rate_Hz:g} Hz but the network was trained at {self.sampling_rate_Hz_:g} Hz; "
+                "encode it on that clock"
+            )
+        return self.network_.infer(torch.from_numpy(spikes).to(self.device), rule)
+
+    def _check_parameters(self) -> None:
+        """Refuse values that would fail only during or after a training; the spec checks its own keys."""
+        one_of("exit_by", self.exit_by, get_args(ExitBy))
+        fraction("exit_tolerance", self.exit_tolerance)
+        fraction("validation_fraction", self.validation_fraction, above=True)
+        try:
+            torch.empty(0, device=self.device)
+        except (AssertionError, RuntimeError) as error:  # an unknown name; a build of torch without CUDA; no such GPU
+            raise InputError(
+                f"device: {self.device!r} cannot be used; choose 'cpu', or a GPU that torch finds"
+            ) from error
+
+    def _clock(self, X: ArrayLike) -> float:
+        found = getattr(X, "sampling_rate_Hz", None)
+        given = self.sampling_rate_Hz
+        if given is None and found is None:
+            raise InputError(
+                "sampling_rate_Hz: X does not say its clock; pass SpikingClassifier(sampling_rate_Hz=...) or make X "
+                "with nt.windows"
+            )
+        for rate_Hz in (given, found):
+            if rate_Hz is not None:
+                check_sampling_rate(rate_Hz, "SpikingClassifier")
+        if given is not None and found is not None and given != found:
+            raise InputError(
+                f"sampling_rate_Hz: is {given:g} but X is sampled at {found:g} Hz; leave the parameter out"
+            )
+        return float(given if found is None else found)  # pyright: ignore[reportArgumentType]
+
+    def _seeds(self) -> tuple[int, int, int]:
+        """Random seeds of the weights, the order of windows and the windows that are held out."""
+        state = self.random_state
+        if isinstance(state, np.random.RandomState):
+            first = int(state.randint(2**31 - 2))
+        elif state is None:
+            first = int(np.random.default_rng().integers(2**31 - 2))
+        elif isinstance(state, Integral) and 0 <= state < 2**32:
+            first = int(state)
+        else:
+            raise InputError(
+                "random_state: must be None, a whole number from 0 to 2^32 - 1 or a numpy.random.RandomState; "
+                f"got {state!r}"
+            )
+        return first, first + 1, first
+
+    def _hold_out(
+        self, y: np.ndarray, groups: ArrayLike | None, seed: int, first: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The windows to train on and those for validation; first: the first window that each one equals."""
+        share, first = self.validation_fraction, np.arange(len(y)) if first is None else first
+        if groups is None:
+            try:
+                held = hold_out(y, share, seed, first)
+            except InputError as error:
+                raise InputError(
+                    "y: a class has too few windows to hold one out for validation; add windows or pass "
+                    "validation=(X, y)"
+                ) from error
+        else:
+            trials = trial_labels(groups, len(y), "groups")
+            try:
+                held = hold_out_groups(y, trials[joined(trials, first)], share, seed)
+            except InputError:  # trials of equal windows: patterns that repeat, no copies
+                held = hold_out_groups(y, trials, share, seed)
+        return np.setdiff1d(np.arange(len(y)), held), held
+
+
+def spike_windows(X: ArrayLike, n_afferents: int | None = None) -> np.ndarray:
+    """X as spikes `(window, time, afferent)` uint8; InputError for other shapes and values than 0 and 1.
+
+    >>> spike_windows(np.full((1, 2, 1), 0.5))
+    Traceback (most recent call last):
+    neurotact.errors.InputError: X: holds values other than 0 and 1; encode the signals first (nt.encode)
+    """
+    values = sequences(X, AXES)
+    if not ((values == 0) | (values == 1)).all():
+        raise InputError("X: holds values other than 0 and 1; encode the signals first (nt.encode)")
+    if n_afferents is not None and values.shape[2] != n_afferents:
+        raise InputError(f"X: has {values.shape[2]} afferents, but training had {n_afferents}; give those")
+    return np.array(values, np.uint8, order="C")
+
+
+def _validation(validation: tuple[ArrayLike, ArrayLike], classes: np.ndarray, shape: tuple[int, ...]) -> Examples:
+    """The validation windows, of the classes and the shape `(time, afferent)` of training."""
+    try:
+        X, y = validation
+    except (TypeError, ValueError) as error:
+        raise InputError("validation: must be a pair (X, y)") from error
+    spikes = spike_windows(X, n_afferents=shape[1])
+    if spikes.shape[1] != shape[0]:
+        raise InputError(f"validation: windows have {spikes.shape[1]} steps, but training windows have {shape[0]}")
+    labels = class_labels(y, len(spikes), "validation")
+    unknown = labels[~np.isin(labels, classes)]
+    if len(unknown):
+        raise InputError(f"validation: class '{unknown[0]}' is not a class of training; leave it out")
+    return _examples(spikes, np.searchsorted(classes, labels))
+
+
+def _examples(spikes: np.ndarray, labels: np.ndarray) -> Examples:
+    return Examples(torch.from_numpy(spikes), torch.from_numpy(np.asarray(labels, np.int64)))

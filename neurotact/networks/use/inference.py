@@ -1,0 +1,94 @@
+"""Decisions of a trained network, window by window, on spike trains of its training or on others."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+
+from neurotact.data.spikes import SpikeTrains
+from neurotact.errors import InputError
+from neurotact.metrics import synops
+from neurotact.networks.exit.early_exit import FULL_WINDOW
+from neurotact.networks.training.provenance import Provenance, first_difference
+from neurotact.networks.training.tasks import examples_of, warn_of_onsets
+from neurotact.networks.training.trained import Restored, recall
+
+
+def infer(
+    restored: Restored,
+    trains: SpikeTrains,
+    *,
+    early_exit: bool,
+    test_only: bool = False,
+    allow_other_encoder: bool = False,
+) -> pd.DataFrame:
+    """Decide every window of some spike trains: the SOP report, one row per window.
+
+    Columns: those of `synops.to_table`, with class names in `label` and `predicted`; and `side`, the side of the split
+    that had the window's trial: training, validation, test or unseen; "unknown" if a network was saved without them.
+
+    test_only: leave out all trials but the network's own test trials.
+    allow_other_encoder: warn of spikes with another encoder than in training, instead of refusing them.
+    Raises InputError for spikes of another encoder, other afferents, another clock or unknown classes.
+    """
+    unknown = sorted(set(trains.classes) - set(restored.classes))
+    if unknown:
+        raise InputError(f"spikes: class '{unknown[0]}' is not a class of the network ({', '.join(restored.classes)})")
+    if trains.sampling_rate_Hz != restored.network.sampling_rate_Hz:
+        raise InputError(
+            f"spikes: are sampled at {trains.sampling_rate_Hz:g} Hz but the network was trained at "
+            f"{restored.network.sampling_rate_Hz:g} Hz; encode them on that clock"
+        )
+    _check_encoder(restored, trains, allow_other_encoder)
+    known = recall(restored)
+    sides = np.full(len(trains), synops.UNKNOWN) if known is None else known.sides(trains)
+    trials = _tested(trains, known) if test_only else np.arange(len(trains))
+    warn_of_onsets(trains.select(trials), restored.task.window)
+    examples, windows = examples_of(trains, trials, restored.task.window)
+    network = restored.network
+    result = network.infer(examples.spikes.to(network.w_in.device), restored.rule if early_exit else FULL_WINDOW)
+    labels, steps, input_spikes, hidden_spikes = (part.cpu().numpy() for part in result[:4])
+    table = synops.to_table(
+        labels=np.array(trains.classes)[trains.labels[windows.trial]],
+        predicted=np.array(restored.classes)[labels],
+        steps=steps,
+        input_spikes=input_spikes,
+        hidden_spikes=hidden_spikes,
+        n_hidden=network.spec.hidden,
+        n_readout=network.n_classes,
+        recurrent=network.spec.recurrent,
+        trials=windows.trial,
+    )
+    table.insert(1, synops.SIDE, sides[windows.trial])
+    return table
+
+
+def _check_encoder(restored: Restored, trains: SpikeTrains, allow_other: bool) -> None:
+    n_inputs = restored.network.n_inputs
+    if len(trains.afferents) != n_inputs:
+        raise InputError(
+            f"spikes: come from {len(trains.afferents)} afferents but the network was trained on {n_inputs}; "
+            "encode recordings of the same taxels"
+        )
+    if restored.encoder is None:
+        return
+    trained_on = trains.afferents if restored.provenance is None else restored.provenance.afferents
+    difference = first_difference(trains.encoder, trains.afferents, restored.encoder, trained_on)
+    if difference and not allow_other:
+        raise InputError(
+            f"spikes: {difference}; encode the recordings as in training, or pass `allow_other_encoder=True` "
+            "if you mean it"
+        )
+    if difference:
+        warnings.warn(f"spikes: {difference}; accuracy and SOPs are those of another encoder", stacklevel=3)
+
+
+def _tested(trains: SpikeTrains, known: Provenance | None) -> np.ndarray:
+    """The network's test trials among some trials, identified by their content."""
+    found = np.array([], np.int64) if known is None else known.tested(trains)
+    if not len(found):
+        raise InputError(
+            "spikes: hold none of the network's test trials; give the spikes that it was trained on, or use "
+            "neurotact infer"
+        )
+    return found

@@ -1,0 +1,148 @@
+"""The cost of a decision of a spiking chain, from measured numbers, beside that of the baselines.
+
+The layers are those of `neurotact.metrics.flops`; SOPs and steps are the measured means over test windows.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import pandas as pd
+
+from neurotact.encoders.afferents import taxels_of
+from neurotact.encoders.cost import encoding_cost
+from neurotact.metrics.flops import (
+    Cost,
+    Integrator,
+    SpikingLayer,
+    cost,
+    ledger_table,
+)
+from neurotact.networks.definition import recipe
+from neurotact.networks.definition.specs import RSNNSpec
+from neurotact.tables import NETWORK, means_over
+
+SOPS = ("sops_input", "sops_recurrent", "sops_readout")
+MODEL = "network.model"
+ABOUT = (
+    "Conditioning and encoding are counted for both populations of every taxel, on every step of the window. "
+    "Energy is an estimate of the arithmetic alone, without memory: 4.6 pJ per MAC and 0.9 pJ per other operation, "
+    "32-bit floating point at 45 nm (Horowitz, ISSCC 2014)."
+)
+
+
+def network_cost(
+    spec: RSNNSpec, n_afferents: int, n_classes: int, measured: Mapping[str, Any], *, steps: float, signal_ms: float
+) -> Cost:
+    """The cost of the spiking network for one decision.
+
+    spec: of the network: its hidden neurons, recurrence and readout count.
+    measured: mean SOPs of the projections, with the names of `SOPS`.
+    steps: simulated steps of a decision, a mean under early exit.
+
+    >>> measured = {"sops_input": 900, "sops_recurrent": 300, "sops_readout": 80}
+    >>> found = network_cost(RSNNSpec(hidden=30), 16, 8, measured, steps=300, signal_ms=150)
+    >>> found.macs, found.acs, found.parameters
+    (22800, 1280, 1620)
+    """
+    into_hidden, into_readout = measured["sops_input"] + measured["sops_recurrent"], measured["sops_readout"]
+    leaky_steps = 0.0 if spec.readout_leak_ms is None else steps
+    readout = (
+        Integrator(spec.hidden, n_classes, sops=into_readout, leaky_steps=leaky_steps, peak=spec.readout == "max")
+        if spec.integrates
+        else SpikingLayer(spec.hidden, n_classes, steps=steps, sops=into_readout, recurrent=False)
+    )
+    return cost(
+        SpikingLayer(
+            n_afferents, spec.hidden, steps=steps, sops=into_hidden, recurrent=spec.recurrent,
+            adapts=spec.threshold_adaptation > 0,
+        ),
+        readout,
+        signal_ms=signal_ms,
+    )  # fmt: skip
+
+
+def decision_ledger(
+    spec: RSNNSpec,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    summary: pd.DataFrame,
+    *,
+    encoder: Mapping[str, Any],
+) -> pd.DataFrame:
+    """The ledger of one trained network: encoder, network and both, from the `all` row of a SOP summary.
+
+    summary: of `metrics.synops.summary`. spec: as for `network_cost`; encoder: as for `encoding_cost`.
+    """
+    measured = summary.iloc[-1]
+    steps = float(measured["steps"])
+    signal_ms = 1e3 * steps / rate_Hz
+    encoding = encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder)
+    network = network_cost(spec, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    return ledger_table([("encoder", encoding), ("network", network), ("both", encoding + network)])
+
+
+def study_ledger(
+    spec: RSNNSpec,
+    results: pd.DataFrame,
+    baselines: pd.DataFrame | None,
+    *,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    encoder: Mapping[str, Any],
+) -> pd.DataFrame:
+    """The ledger of a study: the baselines, encoding alone, and encoding with each network (means over seeds).
+
+    spec: of the study's network, resolved by its recipe if it has one; `hidden` and, if it was swept or searched,
+        `network.model` come from `results`.
+    results: a run's `results.csv` with the columns `pair` and `setting`.
+    baselines: its `baselines.csv`, whose rows are means over splits and data sets; None: no such rows.
+    encoder: as for `encoding_cost`.
+    """
+    n_taxels = taxels_of(n_afferents, encoder)
+    rows: list[tuple[str, Cost]] = []
+    if baselines is not None:
+        spent = [field.name for field in fields(Cost) if field.name in baselines]
+        means = baselines.groupby(["classifier", "input"], sort=False)[spent].mean()
+        for (classifier, source), row in means.iterrows():  # pyright: ignore[reportGeneralTypeIssues]
+            whole = {name: round(row[name]) for name in ("parameters", "bytes") if name in row}
+            rows.append((f"{classifier} on {source}", Cost(**{**row.to_dict(), **whole})))
+    for steps in sorted(results["window_steps"].unique()):
+        window_ms = 1e3 * steps / rate_Hz
+        rows.append(
+            (f"conditioning and encoding alone, {window_ms:g} ms", encoding_cost(n_taxels, steps, window_ms, encoder))
+        )
+    by = [*NETWORK, *([MODEL] if MODEL in results else [])]
+    for _, row in means_over(results, by, [*SOPS, "window_steps"], "seeds").iterrows():
+        name = f"spiking: {row['setting']}, t_ref {row['pair']} ms, N = {row['hidden']}"
+        sizes: dict[str, Any] = {"n_afferents": n_afferents, "n_classes": n_classes}
+        rows.append((name, row_cost(spec, row, **sizes, rate_Hz=rate_Hz, encoder=encoder)))
+    return ledger_table(rows)
+
+
+def row_cost(
+    spec: RSNNSpec,
+    row: Mapping[str, Any],
+    *,
+    n_afferents: int,
+    n_classes: int,
+    rate_Hz: float,
+    encoder: Mapping[str, Any],
+    early: bool = False,
+    encoding: bool = True,
+) -> Cost:
+    """The cost of a decision for one row of `results.csv`, encoding and network together; a row of means works too.
+
+    early: with early exit. encoding: whether conditioning and encoding count. The other arguments are as for
+    `study_ledger`.
+    """
+    window_steps = float(row["window_steps"])
+    steps = float(row["exit_steps"]) if early else window_steps
+    signal_ms = 1e3 * steps / rate_Hz
+    chosen = recipe.resolve(spec, recipe.Seen(1, round(window_steps), rate_Hz, 1.0))
+    own = chosen.model_copy(update={"hidden": int(row["hidden"]), "model": row.get(MODEL, chosen.model)})
+    measured = {name: row[f"exit_{name}" if early else name] for name in SOPS}
+    network = network_cost(own, n_afferents, n_classes, measured, steps=steps, signal_ms=signal_ms)
+    return network + encoding_cost(taxels_of(n_afferents, encoder), steps, signal_ms, encoder) if encoding else network

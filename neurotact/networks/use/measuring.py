@@ -1,0 +1,114 @@
+"""Results of a trained network on its test windows: accuracy, synaptic operations, early exit."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from sklearn.metrics import confusion_matrix
+
+from neurotact.metrics import synops
+from neurotact.networks.definition.rsnn import RSNN, Inference
+from neurotact.networks.exit import exit_choice
+from neurotact.networks.training.fitting import AT_ONCE, Trained
+from neurotact.networks.training.tasks import Sides
+from neurotact.networks.training.training import Examples
+
+ORACLE_PATIENCE = 120
+"""The patience that the texture paper's Algorithm 1 starts from (Table V), in steps."""
+
+
+def measure(trained: Trained, sides: Sides, populations: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Accuracy, SOPs and early exit on the test windows, the confusion matrix, and whether each window is right.
+
+    populations: afferents of each one, as `SpikeTrains.populations`. SOPs, spikes and steps are means over windows.
+    `right` and `exit_right` are of each test window, on the whole window and with early exit.
+    """
+    network, test = trained.network, sides.test
+    spikes = test.spikes.to(network.w_in.device)
+    full, early = network.infer(spikes), network.infer(spikes, trained.rule)
+    exit_cost, steps = synops_of(early, network), early.steps.double()
+    row = {
+        "accuracy_validation": trained.training.best.validation_accuracy,
+        "exit_accuracy_validation": _exit_accuracy(trained, sides.validation),
+        **means(full, network, test, populations),
+        "exit_steps": float(steps.mean()),
+        "exit_accuracy": accuracy_of(early, test),
+        "exit_sops_total": float(exit_cost.total.mean()),
+        "exit_steps_sd": float(steps.std(correction=0)),
+        **{f"exit_sops_{n}": float(v.mean()) for n, v in exit_cost._asdict().items() if n != "total"},
+        "exit_patience": trained.rule.patience,
+        **({} if trained.rule.margin is None else {"exit_margin": trained.rule.margin}),
+        **_oracle(network, test),
+        "window_steps": test.spikes.shape[1],
+        "epochs": len(trained.training.epochs),
+    }
+    matrix = confusion_matrix(test.labels, full.labels.cpu(), labels=range(network.n_classes))
+    right, exit_right = ((found.labels.cpu() == test.labels).tolist() for found in (full, early))
+    return {"row": row, "confusion": matrix.tolist(), "right": right, "exit_right": exit_right}
+
+
+def _exit_accuracy(trained: Trained, validation: Examples) -> float:
+    """The accuracy of early exit on validation windows, by which networks with early exit are chosen."""
+    spikes = validation.spikes.to(trained.network.w_in.device)
+    return accuracy_of(trained.network.infer(spikes, trained.rule), validation)
+
+
+def means(
+    inference: Inference, network: RSNN, examples: Examples, populations: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """Accuracy, SOPs and spikes of each population, means over windows that were decided."""
+    cost, spikes = synops_of(inference, network), examples.spikes.sum(dim=(0, 1)).numpy() / len(examples.labels)
+    return {
+        "accuracy_test": accuracy_of(inference, examples),
+        **{f"sops_{name}": float(values.mean()) for name, values in cost._asdict().items()},
+        **{spikes_column(name): float(spikes[afferents].sum()) for name, afferents in populations.items()},
+    }
+
+
+def spikes_column(population: str) -> str:
+    """The column of results that holds the spikes of a population per window.
+
+    >>> [spikes_column(name) for name in ("SA-I", "RA-I", "PC", "ON")]
+    ['spikes_sa', 'spikes_ra', 'spikes_pc', 'spikes_on']
+    """
+    return f"spikes_{re.sub('[^a-z0-9]+', '_', population.removesuffix('-I').lower()).strip('_') or 'afferents'}"
+
+
+def mean_sops(network: RSNN, examples: Examples) -> float:
+    """Synaptic operations per window, the mean over all windows."""
+    return float(synops_of(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
+
+
+@torch.no_grad()
+def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
+    """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
+    steps, right, sops = [], [], []
+    integration = None if network.integration is None else network.integration.cpu()
+    for spikes, labels in zip(test.spikes.split(AT_ONCE), test.labels.split(AT_ONCE), strict=True):
+        rasters = network.simulate(spikes.to(network.w_in.device))
+        patience = min(ORACLE_PATIENCE, spikes.shape[1])
+        found = exit_choice.oracle_exit(rasters.readout.cpu(), labels, patience, integration)
+        ran = torch.arange(spikes.shape[1]) < found.steps[:, None]
+        input_spikes, hidden_spikes = (
+            (part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden)
+        )
+        steps.append(found.steps)
+        right.append(found.labels == labels)
+        sops.append(synops.of_network(network, input_spikes, hidden_spikes).total)
+    return {
+        "oracle_steps": float(torch.cat(steps).double().mean()),
+        "oracle_accuracy": float(torch.cat(right).double().mean()),
+        "oracle_sops_total": float(np.concatenate(sops).mean()),
+    }
+
+
+def synops_of(inference: Inference, network: RSNN) -> synops.Synops:
+    """The synaptic operations of each window that was decided."""
+    return synops.of_network(network, inference.input_spikes.cpu().numpy(), inference.hidden_spikes.cpu().numpy())
+
+
+def accuracy_of(inference: Inference, examples: Examples) -> float:
+    """The share of windows that were decided correctly."""
+    return float((inference.labels.cpu() == examples.labels).double().mean())
