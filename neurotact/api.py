@@ -23,7 +23,7 @@ from neurotact.data.trial_choice import TrialChoice, chosen_trials
 from neurotact.data.window_choice import ARGUMENTS
 from neurotact.deploy import c_export, export, fine_tuning
 from neurotact.deploy.export import Exported
-from neurotact.encoders import calibration, firing, specs
+from neurotact.encoders import alternatives, calibration, firing, specs
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.encoders.specs import EncoderSpec
@@ -320,6 +320,7 @@ def calibrate(
     split: Settings | None = None,
     where: Settings | None = None,
     leave_out: LeftOut = None,
+    compare: bool = False,
 ) -> AfferentSpec:
     """An encoder with gains for a sensor, from the training trials of the split with that random seed.
 
@@ -328,6 +329,7 @@ def calibrate(
     settings: changes of the encoder, dotted keys. A baseline that knows the whole trial gives way to one that knows the
     past alone, and a moving average is chosen, unless `settings` name `conditioning.baseline` and
     `conditioning.ema_cutoff_Hz`.
+    compare: try every baseline and polarity, and use the best that knows the past alone.
     """
     _instance("recordings", recordings, Recordings, "nt.simulate, nt.load or nt.read_folder returns them")
     recordings = chosen_trials(recordings, TrialChoice.of(where, leave_out), recordings.source or "recordings")
@@ -335,6 +337,9 @@ def calibrate(
     check_stratify(recordings.conditions, stratify, how)
     training = recordings.select(training_touches(recordings, stratify, how))
     changed = spec.resolve(AfferentSpec, encoder, settings)
+    if compare:
+        spec.refuse(settings or {}, alternatives.COMPARED)
+        return alternatives.compare(training, changed).best.encoder
     fit, _ = calibration.way_of(changed, settings or {})
     return fit(training, changed).encoder
 
@@ -385,8 +390,8 @@ def train(
     """Train a network on windows of a file of spikes and save it in `folder`, as `neurotact train` does.
 
     Returns what it came to: `accuracy_test` with its 95 % interval (`low`, `high`, over `trials` test trials);
-    `chance`, `commonest` and `linear` to compare it with; SOPs and steps, also with early exit (`exit_...`); and
-    `cautions`, the list of what may be wrong.
+    `chance`, `commonest` and `baseline_accuracy` (of `baseline`, the best of eight classifiers on the same spikes) to
+    compare it with; SOPs and steps, also with early exit (`exit_...`); and `cautions`, the list of what may be wrong.
 
     network: a spec, or the name or path of one. settings: changes of it, dotted keys.
     length_ms, start_ms, hop_ms, per_trial, align, onset: as for `windows`.

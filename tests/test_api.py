@@ -117,7 +117,7 @@ GROUPED = {*inspect.signature(split_table).parameters} - {"seed"} | {"rest_ms", 
         (networks.tune, nt.tune, {"as_json"}),
         (networks.infer, nt.infer, {"as_json", "out", "force"}),
         (deploy.fine_tune, nt.fine_tune, {"as_json"}),
-        (studies.study_run, nt.run_study, {"as_json", "repeats", "window_ms"}),
+        (studies.study_run, nt.run_study, {"as_json", "repeats", "length_ms"}),
     ],
 )
 def test_an_option_has_the_default_of_its_argument(command, call, own):
@@ -251,6 +251,15 @@ def test_what_is_shown_is_short_and_says_sizes_rates_and_units(touches, spikes):
 def test_calibrate_leaves_a_baseline_that_knows_the_future(touches):
     assert nt.calibrate(touches).conditioning.baseline in ("none", "start")
     assert nt.calibrate(touches, settings={"conditioning.baseline": "mean"}).conditioning.baseline == "mean"
+
+
+def test_calibrate_compares_baselines_if_asked(touches):
+    """What the comparison decides cannot be set."""
+    found = nt.calibrate(touches, compare=True)
+    assert found.conditioning.baseline not in ("mean", "median")
+    assert found.conditioning.scale is not None
+    with pytest.raises(InputError, match=r"conditioning.baseline: "):
+        nt.calibrate(touches, settings={"conditioning.baseline": "start"}, compare=True)
 
 
 @pytest.mark.filterwarnings("ignore:window.align")

@@ -71,7 +71,7 @@ def test_a_taxel_of_noise_is_named_with_the_remedy():
     assert table.share.sum() == pytest.approx(1.0)
     said = complaint(table)
     assert "SA-I taxel2" in said
-    assert "import --columns" in said
+    assert "`columns` of an import" in said
     assert complaint(table.assign(restless=False)) is None
 
 

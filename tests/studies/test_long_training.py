@@ -26,7 +26,7 @@ def test_a_network_of_minutes_is_said_once_with_what_takes_less(epochs, capsys):
     epochs(100, 0.75, 1000)
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("neurotact: a network takes up to 12 min (1000 epochs); fewer taxels, shorter windows")
-    assert "--set network.training.epochs=250" in line
+    assert "`settings={'network.training.epochs': 250}`" in line
 
 
 @pytest.mark.parametrize(("n", "seconds", "most"), [(100, 0.75, 300), (20, 0.75, 1000), (1, 50.0, 1000)])

@@ -115,7 +115,7 @@ def test_a_protocol_says_what_a_file_becomes(tmp_path, monkeypatch):
     first = loading.resolve(tmp_path / "coins.toml", quick=True, data=tmp_path / "touches.h5")
     assert (first.parameters["data"]["tosses"], first.first_look) == (3, True)
     assert loading.resolve(tmp_path / "coins.toml") == loading.resolve(COINS)
-    with pytest.raises(InputError, match=r"`data=.*away\.h5: there is no such file"):
+    with pytest.raises(InputError, match=r"`data='.*away\.h5'`: there is no such file"):
         loading.resolve(tmp_path / "coins.toml", data=tmp_path / "away.h5")
 
 
