@@ -130,7 +130,7 @@ def _integrator(network: RSNN, clock: Clock) -> dict[str, Any]:
     assert network.bias is not None
     assert how is not None
     bias = _array(network.bias)
-    adder = clock.leak(how.decay, len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
+    adder = clock.leak(float(how.decay), len(bias), "readout_tau_ms") if how.leaks else clock.adder(len(bias))
     return {"sum": adder, "level": nir().Affine(weight=np.eye(len(bias)), bias=bias)}
 
 
