@@ -386,8 +386,8 @@ def where_lost(found: Answer, baselines: Sequence[Baseline]) -> Iterator[str]:
     lost = {
         f"the encoding loses {100 * encoding:.1f} points ({percent(of_signals.accuracy)} by {of_signals.name}, "
         f"{percent(of_spikes.accuracy)} by {of_spikes.name}); look at `nt.calibrate(..., compare=True)`, at other "
-        "windows (window.length_ms, window.align = onset) and at more afferents per taxel (encoder = "
-        "sa1-ra1-lif-graded)": encoding,
+        "windows (`settings={'window.length_ms': ..., 'window.align': 'onset'}`) and at more afferents per taxel "
+        "(`settings={'encoder': 'sa1-ra1-lif-graded'}`)": encoding,
         f"the network loses {100 * network:.1f} points ({percent(of_spikes.accuracy)} by {of_spikes.name}, "
         f"{percent(used)} by the best network); record more trials, or run the "
         "whole study if this is a quick one": network,

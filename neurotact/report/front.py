@@ -312,7 +312,7 @@ def _of_encoding(found: Answer, trains: SpikeTrains | None, place: str) -> Itera
         return
     yield (
         f"Conditioning and encoding, on the processor, take {alone} of {answers.energy(decision.nJ)}, at {rate_Hz:g} "
-        "steps per second, for any number of spikes; encoding_in = sensor leaves them out."
+        "steps per second, for any number of spikes; `settings={'encoding_in': 'sensor'}` leaves them out."
     )
 
 

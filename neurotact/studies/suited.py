@@ -36,7 +36,7 @@ TURNS = 3
 """Values of a tested condition that validation leaves out at most, one after the other."""
 SOURCES = ("simulate", "read", "file")
 WORDS = Words(
-    "window.length_ms",
+    "`settings={'window.length_ms': ...}`",
     "`settings={{'window.start_ms': {}}}`",
     "`settings={'window.align': 'onset'}`",
     "`settings={{'window.align': 'onset', 'window.per_trial': 1, 'window.onset.rest_ms': {:g}}}`",

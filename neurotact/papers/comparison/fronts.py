@@ -172,7 +172,8 @@ def _cautions_of(rows: pd.DataFrame) -> Iterator[str]:
         return
     learned = _not_learned(base)
     if learned:
-        yield f"{learned}; give more trials, or windows that contain the touch (window.length_ms, window.align = onset)"
+        windows = "`settings={'window.length_ms': ..., 'window.align': 'onset'}`"
+        yield f"{learned}; give more trials, or windows that contain the touch ({windows})"
     seeds = base["seed"].nunique()
     if seeds < ENOUGH_SEEDS:
         reason = "one seed, so there is no interval" if seeds == 1 else f"{seeds} seeds, so intervals are wide"
