@@ -361,18 +361,16 @@ class Declared:
                 f"{self.path}: {name} is stored in chunks of {chunk_bytes * across / 1e6:,.0f} MB, more than "
                 f"{CACHE_BYTES / 1e6:,.0f} MB; store it in smaller chunks, or in none"
             )
-        plan = dataset.id.get_create_plist()
-        filters = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
+        filters = _filters(dataset)
         if any(code not in FILTERS for code in filters) or len(set(filters)) < len(filters):
             raise InputError(
                 f"{self.path}: {name} is compressed in a way that neurotact does not read; "
                 f"store it with gzip or without compression"
             )
-        if h5py.h5z.FILTER_DEFLATE in filters:
-            places: list[Any] = []
-            dataset.id.chunk_iter(places.append)
-            if not all(_inflates_within(dataset, place, chunk_bytes) for place in places):
-                raise InputError(f"{self.path}: {name} inflates to more than it declares; write it again")
+        if h5py.h5z.FILTER_DEFLATE in filters and not all(
+            _inflates_within(dataset, place, chunk_bytes) for place in _places(dataset)
+        ):
+            raise InputError(f"{self.path}: {name} inflates to more than it declares; write it again")
 
     def _check_lengths(self, dataset: h5py.Dataset, name: str) -> None:
         """Refuse a text or row that is longer than its file: libhdf5 takes the memory before it looks for it."""
@@ -392,11 +390,8 @@ class Declared:
                     file.seek(at)
                     yield file.read(dataset.id.get_storage_size())
             return
-        plan = dataset.id.get_create_plist()
-        filters = [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
-        places: list[Any] = []
-        dataset.id.chunk_iter(places.append)
-        for place in places:
+        filters = _filters(dataset)
+        for place in _places(dataset):
             mask, content = dataset.id.read_direct_chunk(place.chunk_offset)
             if h5py.h5z.FILTER_DEFLATE in filters and not mask:
                 content = zlib.decompress(content)
@@ -423,6 +418,19 @@ def _decoded(text: bytes, what: str) -> str:
         return text.decode()
     except UnicodeDecodeError as error:
         raise InputError(f"{what} holds {_shown(text[:80])}, which is not UTF-8; rename it") from error
+
+
+def _filters(dataset: h5py.Dataset) -> list[int]:
+    """The codes of the filters through which its chunks are stored, in their order."""
+    plan = dataset.id.get_create_plist()
+    return [plan.get_filter(i)[0] for i in range(plan.get_nfilters())]
+
+
+def _places(dataset: h5py.Dataset) -> list[Any]:
+    """Where its chunks are stored."""
+    places: list[Any] = []
+    dataset.id.chunk_iter(places.append)
+    return places
 
 
 def _inflates_within(dataset: h5py.Dataset, place: Any, n_bytes: int) -> bool:
