@@ -63,8 +63,8 @@ def test_a_channel_of_times_gives_the_rate(tmp_path, name, caplog):
         ({"one": {"a": np.arange(3.0), "b": np.arange(4.0)}}, {}, r"different lengths \(a 3, b 4\); choose the taxels"),
         ({"one": {"a": np.array(["x"])}}, {}, "holds no channel of numbers; save the samples"),
         ({"one": {"a": np.arange(3.0)}}, {"array": "two"}, "holds no group 'two' of numbers; known: one"),
-        ({"one": {"a": np.arange(3.0)}}, {"columns": "b"}, "--columns: there is no column 'b'"),
-        ({"one": {"a": np.arange(3.0)}}, {"transpose": True}, "--transpose is for NPZ and MATLAB files"),
+        ({"one": {"a": np.arange(3.0)}}, {"columns": "b"}, "`columns`: there is no column 'b'"),
+        ({"one": {"a": np.arange(3.0)}}, {"transpose": True}, "`transpose` is for NPZ and MATLAB files"),
         ({"one": {"a": np.array([0, np.nan])}}, {}, "group 'one': sample 1, channel 0 is nan; repair the gap"),
         ({"one": {"t": np.arange(3.0)}}, {}, "group 'one': has no channel besides the time"),
     ],
@@ -83,7 +83,7 @@ def test_channels_of_two_clocks_are_refused(tmp_path):
             nptdms.ChannelObject("one", name, np.arange(3.0), properties={"wf_increment": interval_s})
             for name, interval_s in (("a", 0.1), ("b", 0.2))
         ])  # fmt: skip
-    with pytest.raises(InputError, match="has channels of different intervals; choose taxels of one with --columns"):
+    with pytest.raises(InputError, match="has channels of different intervals; choose taxels of one with `columns`"):
         nt.read_folder(tmp_path, unit="V")
 
 
