@@ -378,7 +378,7 @@ WAYS = {
                 "--max-sops": "--max-sops 10",
                 "--tuner": "--tuner random",
                 "--batch": "--batch 1 | --trials 24",
-                "--assessor": "--assessor none | --batch 1 --trials 24",
+                "--assessor": "--assessor none | --batch 1 --trials 12 --set training.epochs=14",
                 "--start-epoch": "--start-epoch 1 | --batch 1 --trials 8",
             },
             NO_NETWORK
