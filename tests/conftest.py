@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+# Small tensors are slower on many threads, by far where several tests run at once. The kernels and torch share a
+# library that reads this when the first of them is loaded.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 from neurotact.backend import hold_torch_to_avx2
 
 hold_torch_to_avx2()  # before torch is imported: as the command line does
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before torch is imported: small tensors are slower on many threads
 
 ROOT = Path(__file__).parents[1]
 
