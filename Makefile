@@ -15,18 +15,30 @@ SOURCES := pyproject.toml constraints.txt CMakeLists.txt $(wildcard native/*) ne
 ifneq ($(shell command -v c++ || command -v g++ || command -v clang++),)
 export NEUROTACT_REQUIRE_NATIVE = 1
 endif
+# The extra `test` is installed below: a test that is skipped for want of one of its packages is an error.
+export NEUROTACT_REQUIRE_EXTRAS = 1
+# Tests of a file share what they make: a file stays with a worker.
+PYTEST := $(BIN)/pytest -n 2 --dist loadfile
 
-.PHONY: study test test-all wheel lint docs bench device clean
+.PHONY: study test test-rest test-all test-slow wheel lint docs bench device clean
 
 study: $(VENV)/.installed
 	$(BIN)/neurotact study run refractory-period --quick --workers $(WORKERS) -o $(STUDY)
 
+# The quick level, in minutes: tests/README.md.
 test: $(VENV)/.installed
-	$(BIN)/pytest -n 2
+	$(PYTEST)
 
-# The long tests too, with other random examples each time.
-test-all: $(VENV)/.installed
-	$(BIN)/pytest -n 2 -m 'slow or not slow' --hypothesis-profile random
+# What `make test` leaves: the thorough level, and more examples of tests that draw them.
+test-rest: $(VENV)/.installed
+	$(PYTEST) -m '(thorough or hypothesis) and not slow' --hypothesis-profile thorough
+
+# What a change must pass, as in CI.
+test-all: test test-rest wheel
+
+# The long tests, by hand, and other random examples each time.
+test-slow: $(VENV)/.installed
+	$(PYTEST) -m 'slow or hypothesis' --hypothesis-profile random
 
 # The source distribution and the wheel, installed as a user does: every command runs outside the checkout.
 wheel: $(VENV)/.installed

@@ -5,6 +5,7 @@ import signal
 from collections.abc import Iterator
 from pathlib import Path
 
+import levels
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -17,16 +18,16 @@ hold_torch_to_avx2()  # before torch is imported: as the command line does
 
 ROOT = Path(__file__).parents[1]
 
-# A change is judged by the same examples each time; `make test-all` draws others (--hypothesis-profile random).
-for name, is_repeated in (("repeated", True), ("random", False)):
+# A change is judged by the same examples each time; only the slow level (`make test-slow`) draws others.
+for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH), ("random", levels.THOROUGH)):
     settings.register_profile(
         name,
         deadline=None,
-        max_examples=40,
-        derandomize=is_repeated,
+        max_examples=n_examples,
+        derandomize=name != "random",
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     )
-settings.load_profile("repeated")
+settings.load_profile("quick")
 
 
 @pytest.fixture

@@ -3,8 +3,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.neurons import (
     LIF,
@@ -52,7 +53,7 @@ def whole_steps(exact: float) -> set[int]:
 
 
 @given(neurons(), st.lists(st.floats(10.05, 2000.0), min_size=1, max_size=20))
-@settings(max_examples=40)
+@examples(40)
 def test_every_interval_at_constant_drive_is_the_closed_form(neuron, drives):
     closed = [lif_isi_steps(neuron, drive) for drive in drives]
     latest = max(exact_steps(neuron, drive, neuron.v_rest_mV) for drive in drives)
@@ -79,7 +80,7 @@ def test_intervals_worked_by_hand(drive_mV, t_ref_ms, isi):
 
 
 @given(neurons(), st.floats(-100.0, 9.99))
-@settings(max_examples=40)
+@examples(40)
 def test_below_threshold_it_never_fires(neuron, drive):
     assert lif_isi_steps(neuron, drive) == math.inf
     assert not run(neuron, np.full((300, 1), drive)).any()
@@ -100,7 +101,7 @@ def test_the_f_i_curve_rises_with_drive_and_falls_with_t_ref():
 
 
 @given(neurons(), st.integers(0, 2**32), st.floats(0.0, 300.0))
-@settings(max_examples=60)
+@examples(60)
 def test_no_interval_is_shorter_than_the_refractory_steps_and_one(neuron, seed, deviation):
     drive = np.random.default_rng(seed).normal(10.0, deviation, (200, 8))
     for train in run(neuron, drive).T:
@@ -114,7 +115,7 @@ def test_an_enormous_drive_gives_the_shortest_interval(n):
 
 
 @given(st.integers(1, 20), st.integers(0, 2**32))
-@settings(max_examples=40)
+@examples(40)
 def test_drive_in_the_silent_steps_is_ignored(n, seed):
     neuron = LIF(0.95, n)
     drive = np.random.default_rng(seed).normal(12.0, 30.0, (150, 1))
@@ -156,7 +157,7 @@ def test_broken_refractory_periods_are_rounded_up_with_a_warning(t_ref_ms, rate_
 
 
 @given(st.floats(0.2, 50.0), st.floats(-200, 9.0), st.integers(1, 200))
-@settings(max_examples=60)
+@examples(60)
 def test_the_step_is_the_exact_solution_whatever_the_step_is(tau_ms, drive, n):
     # n steps of dt and one step of n dt arrive at one place: the solution, not an Euler step.
     small, large = (LIF(decay_per_step(tau_ms, RATE_HZ / k), 0) for k in (1, n))
@@ -181,7 +182,7 @@ def test_the_step_keeps_the_float_type_and_the_state_it_was_given():
 
 
 @given(neurons(), st.integers(0, 2**32), st.floats(-50, 50))
-@settings(max_examples=40)
+@examples(40)
 def test_only_differences_of_potential_matter(neuron, seed, shift):
     drive = np.random.default_rng(seed).normal(10.0, 30.0, (100, 4))
     shift = round(shift)

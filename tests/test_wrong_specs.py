@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact import plugins, spec
 from neurotact.data import hdf5, sources
@@ -247,7 +248,7 @@ def test_every_kind_of_spec_and_every_way_to_spoil_it_is_tried():
     }
 
 
-@settings(max_examples=120)
+@examples(120)
 @given(change=st.deferred(lambda: st.sampled_from(changes())))
 def test_any_wrong_value_anywhere_in_a_spec_is_taken_or_refused(tmp_path, data, change):
     assert "\n" not in refusal_of(change, tmp_path, data)

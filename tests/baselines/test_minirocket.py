@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.baselines.minirocket import TRIPLES, Convolution, MiniRocket, MiniRocketClassifier, dilations
 from neurotact.errors import InputError
@@ -25,7 +26,7 @@ def by_hand(signal: np.ndarray, convolution: Convolution) -> np.ndarray:
     return np.array([(inside > bias).mean() for bias in convolution.biases])
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(st.integers(9, 40), st.integers(1, 4), st.integers(84, 400))
 def test_each_feature_is_the_share_of_time_above_its_bias(n_steps, n_channels, features):
     X = np.random.default_rng(0).integers(-9, 9, (3, n_steps, n_channels)).astype(float)  # exact sums in any order

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from sklearn.base import clone
 from sklearn.model_selection import cross_val_score
 
@@ -39,7 +40,7 @@ def test_counts_of_table_1_of_the_touch_modality_paper(network, count):
     assert fitted.n_parameters_ == count == weights_of(fitted).size
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.integers(1, 12), st.integers(1, 20), st.integers(2, 5))
 def test_counts_of_parameters(hidden, n_channels, n_classes):
     X, y = np.zeros((n_classes, 2, n_channels)), np.arange(n_classes)

@@ -6,8 +6,9 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data import conditioning, doubtful, hdf5
 from neurotact.data.copies import Copies, copies_of, equal_examples, joined
@@ -77,7 +78,7 @@ def test_near_copies_are_found_wherever_they_are(change, length, taxels, scale):
         assert copies_of(recordings_of(signals)).first.tolist() == expected.tolist()
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.integers(0, 1000), st.floats(0.05, 3.0))
 def test_a_touch_repeated_with_noise_is_no_copy(seed, noise):
     """The same movement twice: equal but for noise of a twentieth of the typical change."""
@@ -234,7 +235,7 @@ def test_equal_examples_have_equal_values_and_labels(numbers, labels):
 # --- splits -------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     st.lists(st.integers(0, 11), min_size=6, max_size=20), st.integers(0, 99),
     st.sampled_from([{}, {"folds": 3}, {"order": "trial"}, {"group": "subject"}, {"test_where": {"speed": 2}}]),

@@ -5,8 +5,9 @@ import sys
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 import neurotact as nt
 from neurotact.data.spikes import SpikeTrains
@@ -41,7 +42,7 @@ def trains_of(lengths, rate_Hz=1000.0, seed=0, density=0.1, **about) -> SpikeTra
     seed=st.integers(0, 99),
     digests=st.booleans(),
 )
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_spikes_come_back_to_the_step(lengths, rate_Hz, density, seed, digests):
     about = {"trial_digests": tuple(f"{i:016x}" for i in range(len(lengths)))} if digests else {}
     trains = trains_of(lengths, rate_Hz, seed, density, **about)

@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data.recordings import select_conditions
 from neurotact.data.splits import SplitSpec, split_conditions, split_trials, turns_of
@@ -122,7 +123,7 @@ WAYS = st.one_of(
 )  # fmt: skip
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(TABLES, WAYS, st.integers(0, 2**31), st.sampled_from([(), ("speed",)]))
 def test_no_trial_and_no_group_stands_on_two_sides(table, way, seed, stratify):
     """Whatever is asked, the sides are all trials, each once; training knows every class; groups stay whole."""
@@ -280,7 +281,7 @@ def test_what_cannot_be_split_is_named(way, complaint):
 # --- copies -------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(TABLES, WAYS, st.integers(0, 2**31), st.sampled_from([(), ("speed",)]), st.randoms(use_true_random=False))
 def test_copies_stand_on_one_side_for_any_structure(table, way, seed, stratify, random):
     """Copies may be of other classes, groups and conditions: the sides are whole, or one sentence says why not."""
@@ -300,7 +301,7 @@ def test_copies_stand_on_one_side_for_any_structure(table, way, seed, stratify, 
     assert set(table.label[split.train]) == set(table.label)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(TABLES, WAYS, st.integers(0, 2**31), st.sampled_from([(), ("speed",)]))
 def test_without_copies_the_split_is_that_of_trials_alone(table, way, seed, stratify):
     spec, none = SplitSpec(seed=seed, **way), np.arange(len(table))

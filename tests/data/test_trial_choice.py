@@ -6,8 +6,9 @@ from contextlib import contextmanager
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from typer.testing import CliRunner
 
 import neurotact as nt
@@ -248,7 +249,7 @@ def test_a_study_of_ways_to_save_uses_the_chosen_trials(place):
         loading.resolve("ways-to-save", changes)
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(st.lists(st.sampled_from(["felt", "silk", "rest"]), min_size=2, max_size=6), st.sampled_from([None, "rest"]))
 def test_a_table_is_read_without_the_trials_that_are_left_out(tmp_path_factory, labels, leave_out):
     """Whether they are left out while the table is read or afterwards, the others are the same."""

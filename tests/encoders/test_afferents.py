@@ -2,8 +2,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, afferent_names, encode
 from neurotact.errors import InputError
@@ -42,7 +43,7 @@ t_refs = st.sampled_from([0.0, 0.5, 1.0, 5.0, 10.0])
 
 
 @given(touches(), t_refs, t_refs, st.lists(st.floats(0, 1), min_size=1, max_size=3))
-@settings(max_examples=50)
+@examples(50)
 def test_pieces_equal_the_whole(signal, t_ref_sa, t_ref_ra, cuts):
     encoder = spec(t_ref_sa, t_ref_ra)
     whole, end = encode(signal, RATE_HZ, encoder)
@@ -54,7 +55,7 @@ def test_pieces_equal_the_whole(signal, t_ref_sa, t_ref_ra, cuts):
 
 
 @given(touches(), st.integers(0, 2**32))
-@settings(max_examples=40)
+@examples(40)
 def test_permuting_taxels_permutes_afferents(signal, seed):
     n_taxels = signal.shape[2]
     order = np.random.default_rng(seed).permutation(n_taxels)
@@ -64,7 +65,7 @@ def test_permuting_taxels_permutes_afferents(signal, seed):
 
 
 @given(touches(), st.integers(0, 2**32))
-@settings(max_examples=30)
+@examples(30)
 def test_trials_do_not_touch_each_other(signal, seed):
     order = np.random.default_rng(seed).permutation(len(signal))
     spikes, _ = encode(signal, RATE_HZ, spec())
@@ -72,7 +73,7 @@ def test_trials_do_not_touch_each_other(signal, seed):
 
 
 @given(touches(least_steps=2), t_refs, t_refs)
-@settings(max_examples=50)
+@examples(50)
 def test_no_interval_is_shorter_than_t_ref_and_a_step(signal, t_ref_sa, t_ref_ra):
     spikes, _ = encode(5 * signal, RATE_HZ, spec(t_ref_sa, t_ref_ra))
     n_taxels = signal.shape[2]
@@ -144,7 +145,7 @@ def test_nothing_encodes_to_nothing():
 
 
 @given(touches(), t_refs, st.floats(0.2, 3), st.floats(1, 4))
-@settings(max_examples=60)
+@examples(60)
 def test_a_higher_gain_never_lowers_a_spike_count(signal, t_ref, gain, factor):
     """Whatever is silent at times: between two spikes of the weaker afferent the stronger one spikes at least once.
 

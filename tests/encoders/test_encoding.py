@@ -6,8 +6,9 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_recordings import made, most_held
 
 from neurotact.data import conditioning, hdf5
@@ -43,7 +44,7 @@ def same_trains(one, other) -> None:
 
 
 @pytest.mark.parametrize("name", OPTIONS)
-@settings(max_examples=12)
+@examples(12)
 @given(lengths=st.lists(st.integers(5, 60), min_size=1, max_size=4) | st.just([30] * 4), values=st.integers(12, 150))
 def test_pieces_blocks_and_files_give_the_spikes_of_whole_trials_in_memory(tmp_path, name, lengths, values):
     recordings, spec = touches(lengths), load(name, OPTIONS[name])

@@ -5,8 +5,9 @@ from functools import partial
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from test_afferents import RATE_HZ, in_pieces, touches
 from test_calibration import RULE, slides
 
@@ -39,7 +40,7 @@ def spec(sa1=(1.0,), ra1=(1.0,), *, opposite=False, **changes) -> AfferentSpec:
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @given(signal=touches(), sa1=grades, ra1=grades, opposite=st.booleans())
-@settings(max_examples=30)
+@examples(30)
 def test_each_population_is_a_plain_one_whose_gain_is_multiplied(backend, signal, sa1, ra1, opposite):
     whole, state = encode(signal, RATE_HZ, spec(sa1, ra1, opposite=opposite), backend=backend)
     n = signal.shape[2]
@@ -57,7 +58,7 @@ def test_each_population_is_a_plain_one_whose_gain_is_multiplied(backend, signal
 
 
 @given(signal=touches(), sa1=grades, ra1=grades, opposite=st.booleans(), cuts=st.lists(st.floats(0, 1), max_size=3))
-@settings(max_examples=30)
+@examples(30)
 def test_pieces_equal_the_whole_by_the_kernel_and_by_the_definition(signal, sa1, ra1, opposite, cuts):
     encoder = spec(sa1, ra1, opposite=opposite)
     whole, _ = encode(signal, RATE_HZ, encoder, backend="reference")
@@ -65,7 +66,7 @@ def test_pieces_equal_the_whole_by_the_kernel_and_by_the_definition(signal, sa1,
 
 
 @given(signal=touches(), sa1=grades)
-@settings(max_examples=20)
+@examples(20)
 def test_a_signal_and_its_negative_swap_the_polarities(signal, sa1):
     n, encoder = signal.shape[2] * len(sa1), spec(sa1, opposite=True)
     one, other = (encode(each, RATE_HZ, encoder)[0] for each in (signal, -signal))

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.encoders import specs
 from neurotact.encoders.izhikevich import IzhikevichSpec, IzhikevichType, encode
@@ -34,7 +35,7 @@ def touches(draw) -> np.ndarray:
 
 
 @given(touches(), st.floats(0, 1))
-@settings(max_examples=30)
+@examples(30)
 def test_pieces_equal_the_whole(signal, cut):
     whole, end = encode(signal, RATE_HZ, spec())
     at = round(cut * signal.shape[1])
@@ -46,7 +47,7 @@ def test_pieces_equal_the_whole(signal, cut):
 
 
 @given(touches(), st.integers(0, 2**32))
-@settings(max_examples=30)
+@examples(30)
 def test_permuting_trials_and_taxels_permutes_trials_and_afferents(signal, seed):
     rng = np.random.default_rng(seed)
     trials, taxels = rng.permutation(len(signal)), rng.permutation(signal.shape[2])

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.backend import native
 from neurotact.encoders.afferents import AfferentSpec, AfferentType, EncoderState, encode
@@ -45,7 +46,7 @@ def same(one: EncoderState, other: EncoderState) -> bool:
     n_threads=st.integers(1, 4),
     seed=st.integers(0, 99),
 )
-@settings(max_examples=60)
+@examples(60)
 def test_spikes_and_state_are_the_reference_s_in_one_piece_and_in_two(
     shape, cut, refractory, dtype, isa, n_threads, seed
 ):

@@ -4,8 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.encoders.poisson import PoissonSpec, PoissonType, encode
 from neurotact.errors import InputError
@@ -28,7 +29,7 @@ def touches(draw) -> np.ndarray:
 
 
 @given(touches(), st.sampled_from([0.0, 2.0]), st.lists(st.floats(0, 1), min_size=1, max_size=3))
-@settings(max_examples=40)
+@examples(40)
 def test_pieces_equal_the_whole(signal, t_ref_ms, cuts):
     whole, end = encode(signal, RATE_HZ, spec(t_ref_ms=t_ref_ms))
     bounds = [0, *sorted(round(cut * signal.shape[1]) for cut in cuts), signal.shape[1]]
@@ -43,7 +44,7 @@ def test_pieces_equal_the_whole(signal, t_ref_ms, cuts):
 
 
 @given(touches(), st.integers(0, 2**32))
-@settings(max_examples=40)
+@examples(40)
 def test_a_trial_keeps_its_spikes_wherever_it_stands(signal, seed):
     order = np.random.default_rng(seed).permutation(len(signal))
     spikes, _ = encode(signal, RATE_HZ, spec())
@@ -51,7 +52,7 @@ def test_a_trial_keeps_its_spikes_wherever_it_stands(signal, seed):
 
 
 @given(touches(), st.integers(0, 2**32))
-@settings(max_examples=40)
+@examples(40)
 def test_an_afferent_hears_its_own_taxel_alone(signal, seed):
     n_taxels = signal.shape[2]
     spikes, _ = encode(signal, RATE_HZ, spec())

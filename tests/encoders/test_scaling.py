@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders import scaling
@@ -60,7 +61,7 @@ def test_a_small_taxel_that_tells_classes_apart_is_scaled_by_its_own_deviation(t
 
 
 @given(st.floats(1e-3, 1e3))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_the_unit_of_a_taxel_does_not_matter(factor):
     excerpts = touches(level, vibration, pace)
     other = [signal * [1.0, factor, 1.0] for signal in excerpts]

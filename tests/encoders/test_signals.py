@@ -3,8 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
@@ -19,7 +20,7 @@ RATE_Hz = 2000.0
 
 
 @given(st.floats(2.0, 12.0), st.floats(0.0, 6.2), st.floats(-50.0, 50.0))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_the_principal_frequency_is_that_of_a_sine_whatever_its_phase_and_level(frequency, phase, level):
     time_s = np.arange(2000) / RATE_Hz
     signal = level + np.sin(2 * np.pi * frequency * time_s + phase)

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 from compiled import chosen, raster_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import make_chain, make_signal, offline
 
 from neurotact.data.conditioning import conditioned_length
@@ -120,7 +121,7 @@ def test_an_lsb_that_does_not_fit_is_refused():
         formats.choose(make_chain({}), Ranges(-10.0, 10.0, 5.0, 5.0), lsb=1e6)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(rate=st.sampled_from([370.0, 700.0, 1700.0, 3333.3]), n=st.integers(1, 200))
 def test_a_trial_in_integers_has_the_steps_of_a_whole_one(rate, n):
     chain = make_chain({"resample_Hz": 1000.0}, rate_Hz=rate)

@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import make_encoder, make_signal
 from typer.testing import CliRunner
 
@@ -50,7 +51,7 @@ def spikes(n_trials=3, n_steps=60, seed=0) -> np.ndarray:
     seed=st.integers(0, 99),
     dt_s=st.sampled_from([None, 1e-4, 0.37]),
 )
-@settings(max_examples=60)
+@examples(60)
 def test_a_graph_spikes_as_its_network_and_reads_back_to_the_last_bit(
     tmp_path, membrane, reset, delay, readout, model, seed, dt_s
 ):
@@ -144,7 +145,7 @@ SEVERAL = (
     sa=st.integers(0, 7), ra=st.integers(0, 7), seed=st.integers(0, 99), v_reset=st.sampled_from([-65.0, -70.0, -60.0]),
     several=st.sampled_from(SEVERAL),
 )  # fmt: skip
-@settings(max_examples=40)
+@examples(40)
 def test_lowered_afferents_rest_as_long_as_the_encoder_says(sa, ra, seed, v_reset, several):
     encoder = make_encoder(several)
     encoder = encoder.model_copy(

@@ -1,8 +1,9 @@
 """Words beside points touch no mark, no other word and no edge."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.figures.labels import label_points
 from neurotact.figures.style import new_figure
@@ -25,7 +26,7 @@ def boxes(axes):
     return [text.get_window_extent() for text in axes.texts]
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(PLACES, st.sampled_from(["linear", "log"]))
 def test_no_word_touches_another_a_mark_or_the_edge(places, scale):
     axes, n_written, x, y = labelled(places, xscale=scale)

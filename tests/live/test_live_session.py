@@ -6,8 +6,9 @@ import tomllib
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from live_pages import Given, cut, session_of
 from made_chains import make_chain, make_signal, offline
 
@@ -48,7 +49,7 @@ def offline_with_a_change(chain, other, signal, cut_at) -> list[tuple]:
         "sa1.gain": st.floats(0.5, 50.0), "ra1.gain": st.floats(0.5, 200.0),
     }).filter(bool),
 )  # fmt: skip
-@settings(max_examples=12, deadline=None)
+@examples(12)
 def test_a_change_is_that_of_an_encoder_that_changed_at_this_sample(cut_at, seed, hop, values):
     windows = {"length_ms": 40} if hop is None else {"length_ms": 40, "hop_ms": hop}
     chain, signal = make_chain({}, patience=8, windows=windows, seed=seed), make_signal(360, seed=seed)
@@ -63,7 +64,7 @@ def test_a_change_is_that_of_an_encoder_that_changed_at_this_sample(cut_at, seed
 
 
 @given(cut_at=st.integers(1, 300), patience=st.sampled_from([None, 1, 3, 20]), seed=st.integers(0, 10))
-@settings(max_examples=8, deadline=None)
+@examples(8)
 def test_another_patience_holds_from_this_sample_on(cut_at, patience, seed):
     chain, signal = make_chain({}, patience=6, seed=seed), make_signal(320, seed=seed)
     session = session_of(chain, Given([signal]))
@@ -282,7 +283,7 @@ def read_frame(frame: bytes, n_taxels: int) -> tuple[dict, np.ndarray, np.ndarra
 
 
 @given(sizes=st.lists(st.integers(1, 60), min_size=3, max_size=8), rate_Hz=st.sampled_from([1000.0, 2000.0]))
-@settings(max_examples=8, deadline=None)
+@examples(8)
 def test_frames_hold_every_spike_and_the_reach_of_every_sample(sizes, rate_Hz):
     chain = make_chain({}, rate_Hz=rate_Hz, windows={"length_ms": 120})
     sizes = [*sizes, 10]

@@ -4,8 +4,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.metrics import spike_distances
@@ -51,7 +52,7 @@ def trains(raster: np.ndarray) -> list[list[np.ndarray]]:
 
 
 @given(rasters())
-@settings(max_examples=30)
+@examples(30)
 def test_victor_purpura_is_the_least_cost_of_every_pair(raster):
     found = BOTH["Victor-Purpura"](raster)
     for i, mine in enumerate(trains(raster)):
@@ -80,7 +81,7 @@ def test_by_hand():
 
 @each_distance
 @given(raster=rasters())
-@settings(max_examples=30)
+@examples(30)
 def test_a_distance_is_a_metric(distance, raster):
     found = distance(raster)
     np.testing.assert_allclose(found, found.T, atol=1e-9)
@@ -92,7 +93,7 @@ def test_a_distance_is_a_metric(distance, raster):
 
 @each_distance
 @given(data=st.data())
-@settings(max_examples=30)
+@examples(30)
 def test_some_against_others_are_a_part_of_all_against_all(distance, data):
     raster = data.draw(rasters())
     cut = data.draw(st.integers(0, len(raster)))

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.metrics import spike_features as features
@@ -30,7 +31,7 @@ EVERY = {
 
 @pytest.mark.parametrize("feature", EVERY.values(), ids=EVERY.keys())
 @given(raster=rasters())
-@settings(max_examples=25)
+@examples(25)
 def test_a_row_a_trial_finite_alike_for_rasters_and_events(feature, raster):
     found = feature(raster)
     assert len(found) == len(raster)
@@ -41,7 +42,7 @@ def test_a_row_a_trial_finite_alike_for_rasters_and_events(feature, raster):
 
 
 @given(rasters(), st.integers(0, 8))
-@settings(max_examples=40)
+@examples(40)
 def test_co_occurrences_are_the_pairs_within_the_lag(raster, lag):
     found = features.co_occurrence(raster, lag)
     assert np.array_equal(found, found.transpose(0, 2, 1))
@@ -54,7 +55,7 @@ def test_co_occurrences_are_the_pairs_within_the_lag(raster, lag):
 
 
 @given(rasters())
-@settings(max_examples=25)
+@examples(25)
 def test_a_lag_as_long_as_the_window_pairs_every_spike_with_every_other(raster):
     counts = raster.sum(axis=1, dtype=int)
     found = features.co_occurrence(raster, raster.shape[1])
@@ -71,7 +72,7 @@ def test_the_triangle_holds_each_pair_of_afferents_once():
 
 
 @given(rasters(), st.integers(1, 3))
-@settings(max_examples=40)
+@examples(40)
 def test_the_fano_factor_of_bins_is_that_of_trials_made_of_the_bins(raster, bin_steps):
     n_bins = raster.shape[1] // bin_steps
     cut = raster[:, : n_bins * bin_steps].reshape(len(raster), n_bins, bin_steps, -1)
@@ -81,7 +82,7 @@ def test_the_fano_factor_of_bins_is_that_of_trials_made_of_the_bins(raster, bin_
 
 
 @given(rasters(), st.floats(0.3, 20.0), st.integers(1, 8))
-@settings(max_examples=40)
+@examples(40)
 def test_traces_are_those_of_a_leaky_sum(raster, tau_ms, n_delays):
     found = features.delayed_traces(raster, 1000.0, tau_ms=tau_ms, delay_ms=2.0, n_delays=n_delays)
     trace, every = np.zeros((len(raster), raster.shape[2])), []
@@ -94,7 +95,7 @@ def test_traces_are_those_of_a_leaky_sum(raster, tau_ms, n_delays):
 
 
 @given(rasters(), st.integers(1, 5), st.integers(1, 4))
-@settings(max_examples=40)
+@examples(40)
 def test_an_image_is_as_bright_as_its_bins_are_full(raster, columns, white):
     images = features.grey_images(raster, columns, white)
     assert images.dtype == np.uint8

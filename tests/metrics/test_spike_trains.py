@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.metrics.spike_trains import (
@@ -58,7 +59,7 @@ def test_the_latency_is_that_of_the_first_spike(raster):
 
 
 @given(rasters())
-@settings(max_examples=60)
+@examples(60)
 def test_events_and_rasters_agree(raster):
     for found in (as_lists(raster), events_of_raster(raster)):
         assert np.array_equal(spike_counts(found), spike_counts(raster))
@@ -70,7 +71,7 @@ def test_events_and_rasters_agree(raster):
 
 
 @given(rasters())
-@settings(max_examples=60)
+@examples(60)
 def test_intervals_are_the_differences_within_each_trial_and_afferent(raster):
     intervals = isis_ms(raster, 1000.0)
     cv = isi_cv(raster)

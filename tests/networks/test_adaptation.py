@@ -5,8 +5,9 @@ from typing import get_args
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from test_native import (
     LEARNED,
     compare,
@@ -96,7 +97,7 @@ def test_subtract_takes_off_the_threshold_that_was_crossed(reset, left):
 
 
 @given(rho=st.floats(0.0, 0.999), n=st.integers(1, 60))
-@settings(max_examples=20)
+@examples(20)
 def test_a_neuron_that_spikes_at_each_step_adapts_as_a_geometric_series(rho, n):
     x, w = steady(n + 1, 1e9)
     sent, state = run(x, w, CubaLIF("immediate", "subtract"), Adaptation(1e-3, rho))
@@ -130,7 +131,7 @@ def test_at_constant_drive_intervals_grow_until_they_are_steady(membrane, reset)
     strength=strengths,
     rho=st.sampled_from([0.3, 0.9, 0.99]),
 )
-@settings(max_examples=8)
+@examples(8)
 def test_no_spike_comes_earlier_where_thresholds_rise_more_or_longer(membrane, reset, seed, n_in, more, strength, rho):
     """Of excitatory inputs without recurrence: the n-th spike of each neuron, so that no window has more of them.
 
@@ -261,7 +262,7 @@ def test_a_gradient_comes_through_the_adaptation_alone(reset, left, backend):
     delay=st.sampled_from([0, 1]),
     seed=st.integers(0, 99),
 )
-@settings(max_examples=18)
+@examples(18)
 def test_counts_and_gradients_are_the_reference_s(
     membrane,
     reset,
@@ -369,7 +370,7 @@ def test_adaptation_changes_the_spikes(membrane, reset, hidden, model):
     delay=st.sampled_from([0, 1]),
     seed=st.integers(0, 99),
 )
-@settings(max_examples=12)
+@examples(12)
 def test_inference_is_the_reference_s(
     membrane, reset, sizes, strength, tau_ms, window, rule, dtype, isa, n_threads, delay, seed
 ):
@@ -411,7 +412,7 @@ def test_both_backends_stop_alike(kind, rule):
     isa=isas,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=12)
+@examples(12)
 def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, per_neuron, how, dtype, isa, seed):
     n_in, n_out = sizes
     native.set_isa(isa)

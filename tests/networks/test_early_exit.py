@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN
@@ -108,7 +109,7 @@ def lively(seed: int = 0, **spec) -> tuple[RSNN, torch.Tensor]:
 
 
 @given(readouts(), rules)
-@settings(max_examples=80)
+@examples(80)
 def test_inference_stops_where_algorithm_1_does(raster, rule):
     network = relay(raster.shape[2])
     spikes = torch.from_numpy(raster)
@@ -123,7 +124,7 @@ def test_inference_stops_where_algorithm_1_does(raster, rule):
 
 
 @given(readouts(), st.booleans())
-@settings(max_examples=60)
+@examples(60)
 def test_exits_of_every_patience_are_those_of_algorithm_1(raster, since_spike):
     found = exits(raster, from_first_spike=since_spike)
     assert found.steps.shape == raster.shape[:2]
@@ -134,7 +135,7 @@ def test_exits_of_every_patience_are_those_of_algorithm_1(raster, since_spike):
 
 
 @given(readouts(), st.integers(1, 30), st.integers(0, 2**32))
-@settings(max_examples=80)
+@examples(80)
 def test_the_oracle_is_algorithm_1_with_the_true_label(raster, patience, seed):
     true = np.random.default_rng(seed).integers(0, raster.shape[2], len(raster))
     found = oracle_exit(raster, true, patience)
@@ -144,7 +145,7 @@ def test_the_oracle_is_algorithm_1_with_the_true_label(raster, patience, seed):
 
 
 @given(readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.01, 0.2, 1.0]))
-@settings(max_examples=60)
+@examples(60)
 def test_the_rule_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
     true = np.random.default_rng(seed).integers(0, raster.shape[2], len(raster))
 
@@ -160,7 +161,6 @@ def test_the_rule_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
 
 
 @given(readouts(), readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.1, 0.34]))
-@settings(deadline=None)
 def test_no_patience_above_the_steady_one_loses_more_than_it_may(one, other, seed, tolerance):
     """And it is the least of that kind, at least what `least` takes."""
     steps, classes = (min(a, b) for a, b in zip(one.shape[1:], other.shape[1:], strict=True))
@@ -216,7 +216,7 @@ def by_margin(T_D: np.ndarray, margin: float) -> tuple[int, int]:
 
 
 @given(readouts())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_exits_of_every_margin_are_those_step_by_step(raster):
     margins = margins_up_to(5.0)
     found = margin_exits(raster, margins)
@@ -230,7 +230,7 @@ def test_exits_of_every_margin_are_those_step_by_step(raster):
 
 
 @given(readouts(), st.integers(0, 2**32), st.sampled_from([0.0, 0.2]))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_the_margin_is_the_least_that_keeps_the_accuracy(raster, seed, tolerance):
     if raster.shape[2] < 2:
         return
@@ -257,7 +257,7 @@ def test_margins_reach_the_largest_lead_and_a_silent_readout_has_none():
 
 
 @given(readouts())
-@settings(max_examples=40)
+@examples(40)
 def test_algorithm_1_to_the_letter_counts_every_unchanged_step(raster):
     """It never exits later than with a count that is reset."""
     found, meant = printed_exits(raster), exits(raster, from_first_spike=False)

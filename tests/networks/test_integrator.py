@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.metrics import synops
@@ -71,7 +72,7 @@ def test_the_batch_moves_no_sum(backend):
     assert torch.equal(whole, alone)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seed=st.integers(0, 999), patience=st.integers(1, STEPS), from_first=st.booleans())
 @each_backend
 def test_early_exit_is_the_definition_step_by_step(backend, seed, patience, from_first):
@@ -95,7 +96,7 @@ def test_early_exit_is_the_definition_step_by_step(backend, seed, patience, from
 
 
 @pytest.mark.skipif(kernels.native is None, reason="no kernels")
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     seed=st.integers(0, 999),
     patience=st.one_of(st.none(), st.integers(1, STEPS)),
@@ -130,7 +131,7 @@ def test_an_early_exit_reads_no_step_behind_it():
         net.infer(x)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seed=st.integers(0, 999))
 @each_backend
 def test_a_patience_that_never_ends_is_the_full_window(backend, seed):
@@ -141,7 +142,7 @@ def test_a_patience_that_never_ends_is_the_full_window(backend, seed):
     assert torch.equal(full.labels, net(spikes(seed)).readout.argmax(dim=1))
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seed=st.integers(0, 999), patience=st.integers(1, STEPS))
 @each_backend
 def test_all_patiences_at_once_are_each_by_itself(backend, seed, patience):

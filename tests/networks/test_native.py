@@ -4,8 +4,9 @@ from typing import get_args
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from torch import Tensor
 
 from neurotact.errors import InputError
@@ -131,7 +132,7 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
     delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=18)
+@examples(18)
 def test_counts_and_gradients_are_the_reference_s(
     membrane,
     reset,
@@ -217,7 +218,7 @@ def test_a_negative_threshold_is_no_special_case(membrane, reset, delay):
     kind=st.sampled_from(["strided", "time first", "bool", "int64", "float32", "float64", "sliced"]),
     seed=st.integers(0, 9),
 )
-@settings(max_examples=15)
+@examples(15)
 def test_any_layout_and_type_of_spikes(kind, seed):
     x = spikes(6, 20, 10, seed=seed)
     taken = {
@@ -378,7 +379,7 @@ def test_gradients_follow_finite_differences_between_spikes(membrane):
     delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=15)
+@examples(15)
 def test_inference_is_the_reference_s(membrane, reset, sizes, window, rule, dtype, isa, n_threads, delay, seed):
     n_in, hidden, classes = sizes
     variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
@@ -412,7 +413,7 @@ def test_inference_of_an_empty_window():
     delay=delays,
     seed=st.integers(0, 99),
 )
-@settings(max_examples=15)
+@examples(15)
 def test_a_layer_is_the_reference_s(
     membrane, reset, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, delay, seed
 ):
@@ -486,7 +487,7 @@ def test_a_set_that_the_processor_lacks_is_refused():
     isa=isas,
     learn=st.booleans(),
 )
-@settings(max_examples=15)
+@examples(15)
 def test_a_feed_forward_network_is_the_reference_s(membrane, reset, sizes, window, dtype, isa, learn):
     native.set_isa(isa)
     n_in, hidden, classes = sizes

@@ -4,8 +4,9 @@ import copy
 
 import pytest
 import torch
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from snntorch import surrogate
 
 from neurotact.errors import InputError
@@ -17,7 +18,7 @@ from neurotact.networks.training.training import Course, Examples, Training, alo
 RATE_Hz = 400.0
 
 
-def examples(n: int, seed: int) -> Examples:
+def touches(n: int, seed: int) -> Examples:
     """Three classes, each loud on an afferent of its own."""
     labels = torch.arange(n) % 3
     rates = 0.15 + 0.5 * (torch.arange(4) == labels[:, None])
@@ -25,7 +26,7 @@ def examples(n: int, seed: int) -> Examples:
     return Examples((drawn < rates[:, None]).to(torch.uint8), labels)
 
 
-TRAINING, VALIDATION = examples(10, 0), examples(6, 1)
+TRAINING, VALIDATION = touches(10, 0), touches(6, 1)
 
 
 def network(table: dict, seed: int, dtype: torch.dtype = torch.float64) -> RSNN:
@@ -94,7 +95,7 @@ MEMBERS = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@examples(12)
 @given(SHAPES, st.lists(MEMBERS, min_size=2, max_size=4), st.sampled_from([None, 12.0]))
 def test_every_network_trains_as_it_does_alone(shape, members, readout_tau_ms):
     leak = {} if shape["readout"] == "count" else {"readout_tau_ms": readout_tau_ms}

@@ -5,8 +5,9 @@ from typing import Any, get_args
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from torch import Tensor
 
 from neurotact.errors import InputError
@@ -159,7 +160,7 @@ def agree(x: Tensor, kind: str, seed: int, dtype: torch.dtype, classes: int = CL
     learns=st.booleans(),
     seed=st.integers(0, 99),
 )
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_values_and_gradients_are_the_reference_s(
     kind, membrane, hidden, classes, model, reset, window, isa, threads, delay, learns, seed
 ):
@@ -228,7 +229,7 @@ rules = st.one_of(
 
 @each_backend
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(seed=st.integers(0, 999), rule=rules)
 def test_early_exit_is_the_definition_step_by_step(kind, backend, seed, rule):
     net, x = network(kind, seed, backend), spikes(seed, 3)
@@ -257,7 +258,7 @@ def test_early_exit_is_the_definition_step_by_step(kind, backend, seed, rule):
 
 @native_only
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     seed=st.integers(0, 999), rule=rules, membrane=st.sampled_from(get_args(Membrane)), delay=st.integers(0, 1),
     hidden=st.sampled_from([7, 64, 65]), classes=st.sampled_from([1, 2, 9]), n_steps=st.sampled_from([0, 1, STEPS]),
@@ -274,7 +275,7 @@ def test_both_backends_decide_alike(kind, seed, rule, membrane, delay, hidden, c
 
 @each_backend
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seed=st.integers(0, 999), place=st.integers(0, 60))
 def test_all_margins_and_patiences_at_once_are_each_by_itself(kind, backend, seed, place):
     net, x = network(kind, seed, backend, torch.float32), spikes(seed)  # whose sums are exact, as a margin may be

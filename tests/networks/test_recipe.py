@@ -4,8 +4,9 @@ import math
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact import spec as specs
 from neurotact.networks.definition import recipe
@@ -55,7 +56,7 @@ def free_membranes(given_spikes, weights, neuron, alpha, beta):
     reset=st.sampled_from(["zero", "subtract", "hard"]),
     decays=st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)),
 )
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_the_deviation_is_that_of_membranes_that_never_fire(seed, membrane, reset, decays):
     neuron, weights = CubaLIF(membrane, reset), torch.randn(5, 3, dtype=torch.float64)
     found = free_deviation(spikes(seed), weights, neuron, *decays)
@@ -64,7 +65,7 @@ def test_the_deviation_is_that_of_membranes_that_never_fire(seed, membrane, rese
 
 
 @given(seed=st.integers(0, 999), g=st.floats(1e-3, 1e3), deviation=st.floats(0.1, 10.0))
-@settings(max_examples=25, deadline=None)
+@examples(25)
 def test_every_hidden_neuron_deviates_as_asked_whatever_was_drawn(seed, g, deviation):
     table = {"hidden": 6, "readout": "integrator", "input_deviation": deviation, "forward_weight_scale": g}
     net = RSNN(5, 3, RSNNSpec(**table), 400.0, backend="reference", generator=torch.Generator().manual_seed(seed))

@@ -4,8 +4,9 @@ from typing import get_args
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from snntorch import surrogate
 from torch import Tensor
 
@@ -119,7 +120,7 @@ def test_the_subtracted_threshold_carries_no_gradient(membrane):
 
 
 @given(st.lists(st.floats(-20, 20), min_size=1, max_size=20), st.floats(0.1, 100))
-@settings(max_examples=60)
+@examples(60)
 def test_the_surrogate_is_its_formula(values, scale):
     x = torch.tensor(values, dtype=torch.float64, requires_grad=True)
     sent = FastSigmoid(scale)(x)

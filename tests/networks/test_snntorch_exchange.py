@@ -1,8 +1,9 @@
 import pytest
 import snntorch
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from snntorch import surrogate
 from torch import nn
 
@@ -55,7 +56,7 @@ def clear_trials(net: RSNN, x: torch.Tensor) -> torch.Tensor:
     st.tuples(*[st.floats(0, 1, width=32)] * 4),
     st.tuples(*[st.floats(0.5, 2, width=32)] * 2),
 )
-@settings(max_examples=40)
+@examples(40)
 def test_both_networks_spike_alike(seed, hidden, reset, decays, threshold):
     net, x = network(seed, hidden, reset), spikes(seed)
     with torch.no_grad():
@@ -130,7 +131,7 @@ def test_gradients_are_alike_too(reset):
     st.sampled_from([0.1, 5.0, 10.0, 25.0, 100.0]),
     st.sampled_from([0.0, 0.3, 0.95, 1.0]),
 )
-@settings(max_examples=30)
+@examples(30)
 def test_a_round_trip_gives_the_same_network(seed, hidden, reset, learn, scale, decay):
     net = network(seed, hidden, reset, learn=learn, surrogate_scale=scale)
     with torch.no_grad():

@@ -16,8 +16,9 @@ import pandas as pd
 import pytest
 import safetensors.torch
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact import cli, files, spec
 from neurotact.data.hdf5 import save_spikes
@@ -137,7 +138,7 @@ def test_what_a_recipe_chooses_is_told_saved_and_gone_on_with(monkeypatch, spike
     assert told_again == told  # nothing is trained, so nothing is chosen
 
 
-@settings(max_examples=6)
+@examples(6)
 @given(stops=st.lists(st.integers(0, N_EPOCHS - 1), min_size=1, max_size=3), between=st.sampled_from([0.0, 1e9]))
 def test_a_training_interrupted_after_any_epochs_leaves_the_same_bytes(monkeypatch, spikes, whole, stops, between):
     monkeypatch.setattr(train_run, "SECONDS_BETWEEN", between)  # each epoch, or the first and the last alone

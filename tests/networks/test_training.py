@@ -4,8 +4,9 @@ import math
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.networks.definition.rsnn import RSNN, Counts
@@ -249,7 +250,7 @@ def trained_state(net, training):
     return training, {name: tensor.numpy().tobytes() for name, tensor in net.state_dict().items()}
 
 
-@settings(max_examples=8)
+@examples(8)
 @given(
     stop=st.integers(1, 5),
     learn=st.sets(st.sampled_from(["alpha", "beta", "threshold"])),

@@ -9,8 +9,9 @@ from itertools import takewhile
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import make_chain, make_signal, told
 
 from neurotact.data import hdf5
@@ -31,7 +32,7 @@ def taken(parser, *pieces: bytes) -> list:
 
 
 @given(cuts=st.lists(st.integers(0, 400), max_size=5), separator=st.sampled_from([",", ";", "\t", " ", ", "]))
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_rows_are_the_same_however_the_bytes_come(cuts, separator):
     signal = make_signal(20)
     text = "a,b\n" + "".join(separator.join(repr(float(v)) for v in row) + "\n" for row in signal)
@@ -101,7 +102,7 @@ def test_a_source_without_a_sample_is_refused(parser):
 
 
 @given(cuts=st.lists(st.integers(0, 60), max_size=4), kind=st.sampled_from(["float32", "int16"]))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_frames_are_the_same_however_the_bytes_come(cuts, kind):
     signal = np.arange(-12, 12).reshape(-1, 2)
     data, noted = signal.astype({"float32": "<f4", "int16": "<i2"}[kind]).tobytes() + b"\x01", Noted()

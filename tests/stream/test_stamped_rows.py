@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import make_chain, make_signal
 
 from neurotact.deploy import sources, stamped_rows
@@ -66,7 +67,7 @@ def decided(chain, signal: np.ndarray, stamps: list[float], cuts: list[int] = []
     at=st.integers(1, 140), stamps=st.lists(FAR, min_size=1, max_size=AHEAD - 1), seed=st.integers(0, 9),
     cuts=st.lists(st.integers(0, 9999), max_size=3), baseline=st.sampled_from(["none", "running"]),
 )  # fmt: skip
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_stamps_that_fit_no_other_change_no_decision(at, stamps, seed, cuts, baseline):
     chain, signal = make_chain({"baseline": baseline}, patience=5), make_signal(150, seed=seed)
     clock = ramp(150, 7.0)
@@ -82,7 +83,7 @@ def test_stamps_that_fit_no_other_change_no_decision(at, stamps, seed, cuts, bas
     n=st.integers(60, 150), begin=st.sampled_from([0.0, 1.0, 1e6, 1.7e12]), again=st.sampled_from([0.0, -5e5, 9e7]),
     seed=st.integers(0, 9), cuts=st.lists(st.integers(0, 9999), max_size=3),
 )  # fmt: skip
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_a_clock_that_starts_again_is_a_gap_and_costs_no_row(n, begin, again, seed, cuts):
     chain, signal = make_chain({"baseline": "running"}), make_signal(260, seed=seed)
     found, stream, noted = decided(chain, signal, ramp(n, begin) + ramp(260 - n, again + begin * (again > 0)), cuts)
@@ -103,7 +104,7 @@ def test_a_clock_that_starts_again_is_a_gap_and_costs_no_row(n, begin, again, se
         (32, 1e-3, 1.0), (32, 1e-9, 1e-9), (16, 1e-3, 1e-6),
     ]),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_counter_that_wraps_goes_on(period_ms, is_signed, before, lost, counter):
     """A counter of bits of ticks, and the unit in which its stamps are written."""
     bits, tick_s, unit_s = counter
@@ -222,7 +223,7 @@ def test_a_clock_that_stands_still_does_not_silence_the_stream(stamp, capsys):
     ),
     rate_Hz=st.sampled_from([1.0, 1000.0, 1e6]),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_whatever_the_stamps_each_row_is_used_in_order_or_counted_and_a_clean_clock_is_heard_again(pieces, rate_Hz):
     stamps = ramp(stamped_rows.FIRST_ROWS, 0.0, 1e3 / rate_Hz)  # it has the right rate
     stamps += [begin + k * step for n, step, begin in pieces for k in range(n)]

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_encoder, make_signal, offline, told
 
 from neurotact.backend import native
@@ -62,7 +63,7 @@ def fitting(decisions, n_steps: int, length: int) -> list:
     adapting=st.sampled_from([{}, ADAPTING]),
     backend=st.sampled_from(BACKENDS),
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_a_stream_decides_what_the_whole_trial_decides(
     seed, n_samples, sizes, conditioning, rate_Hz, windows, rule, kind, delay, readout, model, adapting, backend
 ):
@@ -85,7 +86,7 @@ def test_a_stream_decides_what_the_whole_trial_decides(
     rate_Hz=st.sampled_from([35.6, 100.0, 700.0, 1700.0, 3333.3]), n_samples=st.integers(9, 60),
     conditioning=st.sampled_from(CONDITIONINGS), at=st.integers(0, 60), seed=st.integers(0, 9),
 )  # fmt: skip
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_a_window_as_long_as_the_trial_is_decided_at_its_end(backend, rate_Hz, n_samples, conditioning, at, seed):
     high_enough = {"ema_cutoff_Hz": 0.2 * rate_Hz} if "ema_cutoff_Hz" in conditioning else {}
     conditioning = conditioning | {"resample_Hz": 1000.0} | high_enough
@@ -131,7 +132,7 @@ SEVERAL = (
     windows=st.sampled_from(WINDOWS),
     at=st.integers(0, 200),
 )
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_several_afferents_a_taxel_decide_in_a_stream_as_on_the_whole_trial(
     tmp_path, seed, sizes, afferents, conditioning, windows, at
 ):
@@ -167,7 +168,7 @@ def test_the_made_chains_spike_and_decide_differently():
 
 
 @given(cut=st.integers(0, 90), rate_Hz=st.sampled_from([1000.0, 1700.0]))
-@settings(max_examples=6, deadline=None)
+@examples(6)
 def test_a_state_goes_on_where_it_was_taken(cut, rate_Hz):
     conditioning = {"ema_cutoff_Hz": 30.0, "baseline": "running", "resample_Hz": 1000.0}
     chain = make_chain(conditioning, rate_Hz=rate_Hz, windows={"length_ms": 30, "hop_ms": 9})
@@ -366,7 +367,7 @@ def test_finish_counts_what_it_cuts_off():
     conditioning=st.sampled_from([{}, {"baseline": "start", "start_ms": 15.0}, {"baseline": "first"}]),
     adapting=st.sampled_from([{}, ADAPTING]),
 )
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_the_compiled_step_remembers_and_counts_what_the_reference_does(
     seed, sizes, cuts, n_taxels, conditioning, adapting
 ):

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 import safetensors.numpy
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import ADAPTING, READOUTS, make_chain, make_signal
 from safetensors import safe_open
 from test_stream import CONDITIONINGS, MEMBRANES, WINDOWS
@@ -29,7 +30,7 @@ BACKENDS = ["reference", *(["native"] if native else [])]
     adapting=st.sampled_from([{}, ADAPTING]),
     backends=st.tuples(st.sampled_from(BACKENDS), st.sampled_from(BACKENDS)),
 )
-@settings(max_examples=25)
+@examples(25)
 def test_a_saved_stream_goes_on_as_if_nothing_had_happened(
     tmp_path, seed, at, conditioning, rate_Hz, windows, kind, readout, adapting, backends
 ):

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from made_chains import READOUTS, make_chain, make_encoder, make_signal, offline
 
 from neurotact.backend import native
@@ -31,7 +32,7 @@ def joined(traces, name: str) -> np.ndarray:
     membrane=st.sampled_from(["eq4", "delayed", "immediate"]), readout=st.sampled_from([*READOUTS]),
     patience=st.sampled_from([None, 4]), hop_ms=st.sampled_from([30, 7]), backend=st.sampled_from(BACKENDS),
 )  # fmt: skip
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_a_trace_holds_the_spikes_that_were_decided_on(
     seed, size, rate_Hz, membrane, readout, patience, hop_ms, backend
 ):
@@ -62,7 +63,7 @@ def test_a_trace_holds_the_spikes_that_were_decided_on(
     seed=st.integers(0, 30), size=st.integers(1, 50), n_taxels=st.sampled_from([1, 3, 9, 33]),
     hidden=st.sampled_from([6, 70]), spoilt=st.lists(st.integers(0, 120), max_size=3),
 )  # fmt: skip
-@settings(max_examples=8, deadline=None)
+@examples(8)
 def test_the_compiled_step_shows_what_the_reference_shows(seed, size, n_taxels, hidden, spoilt):
     """With values that are held, gaps, and more neurons than a word has bits."""
     chain = make_chain(

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.studies import runner, selection, study
@@ -149,7 +150,7 @@ def networks(draw) -> pd.DataFrame:
 
 
 @given(networks(), tolerances, st.integers(1, 3))
-@settings(max_examples=60)
+@examples(60)
 def test_the_chosen_are_the_cheapest_of_the_accurate_ones_each_with_a_pair_of_its_own(rows, tolerance, n):
     table = by_network(rows, SelectionSpec(accuracy_tolerance=tolerance, networks=n))
     chosen = table[table["chosen"]].sort_values("rank")

@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from typer.testing import CliRunner
 
 import neurotact as nt
@@ -69,7 +70,7 @@ LAYOUTS = {"structured": structured, "arrays": arrays, "table": table, "heidelbe
     st.sampled_from(["i4", "i8", "u4", "u8", "f4", "f8"]), st.sampled_from(["us", "ns", "s"]),
     st.booleans(), st.integers(0, 99),
 )  # fmt: skip
-@settings(deadline=None, max_examples=40)
+@examples(40)
 def test_every_layout_keeps_every_event_and_the_length_of_trials(
     tmp_path_factory, layout, rate_Hz, kind, unit, is_late, seed
 ):

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data.readers.clock import UNIT_S
 from neurotact.data.readers.event_times import (
@@ -49,7 +50,7 @@ def clocks(draw):
     clocks(), st.sampled_from(["i4", "u4", "i8", "u8", "f8", "text"]), st.sampled_from(["round", "cut"]),
     st.sampled_from(sorted(EPOCH_S)), st.integers(0, 2),
 )  # fmt: skip
-@settings(deadline=None, max_examples=100)
+@examples(100)
 def test_whole_stamps_of_a_clock_keep_every_event(clock, kind, way, origin, epoch):
     rate_Hz, unit, ticks = clock
     long_ago = round(EPOCH_S[origin][epoch % len(EPOCH_S[origin])] / UNIT_S[unit])
@@ -67,7 +68,7 @@ def test_whole_stamps_of_a_clock_keep_every_event(clock, kind, way, origin, epoc
     st.sampled_from(["f4", "f8", "product", "%.6f", "%.9f", "%.7g", "%.6e", "%r", "f4 text", "was f4", "f4 us"]),
     st.booleans(),
 )
-@settings(deadline=None, max_examples=100)
+@examples(100)
 def test_fractions_keep_every_event(clock, kind, is_late):
     """Seconds in floats and as text of any form; where origins are far the stamps still tell steps apart."""
     rate_Hz, _, ticks = clock
@@ -157,7 +158,7 @@ def test_whole_numbers_of_products_lose_no_event(rate_Hz):
 
 
 @given(st.integers(0, 10**6), st.integers(1, 300), st.sampled_from([2, 5, 33, 100, 1000]))
-@settings(deadline=None, max_examples=100)
+@examples(100)
 def test_events_at_any_time_keep_the_step_that_holds_them(seed, n, microseconds):
     """Steps of whole microseconds: the stamp says the step, and nothing is moved to the next."""
     stamps = np.random.default_rng(seed).integers(0, 40 * microseconds, n)
@@ -168,7 +169,7 @@ def test_events_at_any_time_keep_the_step_that_holds_them(seed, n, microseconds)
 
 
 @given(st.integers(0, 10**6), st.sampled_from(["f2", "f4", "f8"]), st.sampled_from([0.001, 0.0007]))
-@settings(deadline=None, max_examples=60)
+@examples(60)
 def test_floats_at_any_time_move_by_no_more_than_their_precision(seed, kind, step_s):
     stamps = np.random.default_rng(seed).random(400).astype(kind)
     place = stamps.astype(float) / step_s

@@ -7,8 +7,9 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 import neurotact as nt
 from neurotact.cli import recordings as recordings_commands
@@ -47,7 +48,7 @@ def expected_of(table: pd.DataFrame, step_ms: float = 1.0) -> np.ndarray:
 
 
 @given(st.integers(0, 2**31), st.sampled_from([0.5, 1.0, 7.0]))
-@settings(deadline=None, max_examples=20)
+@examples(20)
 def test_a_table_and_arrays_are_the_same_events(tmp_path_factory, seed, step_ms):
     """CSV with text, NPZ with one value per trial: the spikes are those that are counted by hand."""
     table, place = made(seed), tmp_path_factory.mktemp("events")

@@ -4,15 +4,16 @@ import logging
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data.readers import fabricslide
 from neurotact.errors import InputError
 
 HEADER = ", ".join(fabricslide.COLUMNS)
 NAME = "Denim_F150_V-20mmps_1.csv"
-SHORT = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SHORT = examples(60)
 
 
 def slide(n_rows=12, start_ms=500, interval_ms=28.08):

@@ -8,15 +8,16 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data import hdf5
 from neurotact.data.readers import arrays, folder
 from neurotact.errors import InputError
 from neurotact.files import MAX_MB
 
-SHORT = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SHORT = examples(80)
 SIGNAL = np.round(np.random.default_rng(5).normal(size=(15, 3)), 3)
 
 

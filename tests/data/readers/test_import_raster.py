@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from levels import examples
 from scipy.io import savemat
 from typer.testing import CliRunner
 
@@ -39,7 +40,7 @@ def refused(message, *arguments, **options):
     ),
     suffix=st.sampled_from(["npz", "npy", "mat"]),
 )  # fmt: skip
-@settings(max_examples=30, deadline=None)
+@examples(30)
 def test_a_raster_comes_back_as_it_was(tmp_path_factory, raster, suffix):
     folder = tmp_path_factory.mktemp("raster")
     path = folder / f"a.{suffix}"

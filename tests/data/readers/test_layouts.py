@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import neurotact as nt
@@ -53,7 +53,6 @@ def test_a_folder_that_was_never_seen_is_read_in_one_call(tmp_path, caplog):
 
 
 @given(st.floats(5, 5000), st.floats(0, 0.3), st.integers(10, 80), st.integers(0, 2**31))
-@settings(deadline=None)
 def test_samples_on_a_clock_are_those_of_a_straight_line(rate_Hz, jitter, n, seed):
     """Wherever the stamps fall, a line through time stays that line, and the clock ends within the recording."""
     gaps = 1 + jitter * np.random.default_rng(seed).uniform(-1, 1, n)

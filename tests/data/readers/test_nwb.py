@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 from typer.testing import CliRunner
 
 import neurotact as nt
@@ -87,7 +88,7 @@ def minimal(path, **changes) -> None:
     seed=st.integers(0, 99),
     digests=st.booleans(),
 )
-@settings(max_examples=12, deadline=None)
+@examples(12)
 def test_spikes_come_back_to_the_step(tmp_path_factory, lengths, rate_Hz, density, seed, digests):
     pytest.importorskip("pynwb", reason="pynwb is not installed")
     about = {"trial_digests": tuple(f"{i:016x}" for i in range(len(lengths)))} if digests else {}
@@ -341,7 +342,7 @@ def test_other_bytes_are_refused(tmp_path, content):
 
 
 @given(data=st.data())
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_spoilt_files_end_in_a_sentence(tmp_path_factory, data):
     place = tmp_path_factory.mktemp("spoilt") / "a.nwb"
     minimal(place)

@@ -6,8 +6,9 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.data.readers import pvdf_hardness
 from neurotact.errors import InputError
@@ -16,7 +17,7 @@ HEADER = "Loadcell \t\t\t\tPVDF \n"
 VOLTAGE = "Hardness_Voltage_Seq1_Sp300_Cube3_t2.lvm"
 FORCE = "Hardness_Force_Seq1_Sp300_Cube3_t2.lvm"
 KEY = "c03_s1_v300_t02"
-SHORT = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+SHORT = examples(80)
 
 ADC = np.random.default_rng(3).integers(26195, 31501, (20, 8)).astype(np.uint16)
 FORCE_N = np.random.default_rng(4).uniform(0, 12, 21)

@@ -5,8 +5,9 @@ import logging
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from levels import examples
 
 import neurotact as nt
 from neurotact.errors import InputError
@@ -142,7 +143,7 @@ def test_a_damaged_table_is_refused_by_name(tmp_path, text):
 STRETCHES = st.lists(st.tuples(st.sampled_from(["tap", "rub", "rest", ""]), st.integers(3, 30)), min_size=2, max_size=8)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(STRETCHES, st.sampled_from(["time", "t_ms"]), st.sampled_from(["s", "ms"]), st.integers(0, 2**31))
 def test_classes_of_samples_and_annotations_cut_the_same_trials(tmp_path_factory, stretches, stamps, unit, seed):
     stretches = [each for k, each in enumerate(stretches) if each[0] != [*stretches, ("", 0)][k - 1][0]]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from neurotact.data.readers import tables
@@ -24,14 +24,12 @@ def attempt(read):
         return None, str(error)
 
 
-@settings(deadline=None)
 @given(TABLES, st.sampled_from([",", "\t"]), st.sampled_from(["", "\n", "\n\n"]))
 def test_what_is_written_is_read(rows, separator, end):
     text = "\n".join(separator.join(map(repr, row)) for row in rows) + end
     np.testing.assert_allclose(tables.numbers(text, "a.csv", separator=separator), np.array(rows, float), rtol=1e-14)
 
 
-@settings(deadline=None)
 @given(
     st.text("0123456789.,,,-+eEdx_ \t\n\n\"'#nainfNTrue\0\x0b\u0663", max_size=25),
     st.sampled_from([",", tables.BLANKS]),
@@ -49,7 +47,6 @@ def test_only_numbers_in_rows_of_one_length_are_read(text, separator):
     np.testing.assert_allclose(found, np.array(rows, float), rtol=1e-14)
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=60))
 def test_any_bytes_are_numbers_or_refused(tmp_path_factory, content):
     path = tmp_path_factory.getbasetemp() / "any.csv"

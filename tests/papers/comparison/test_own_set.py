@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import browser
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 import neurotact as nt
 from neurotact import files
@@ -107,7 +108,7 @@ def test_a_moving_average_that_is_given_is_not_chosen(tmp_path):
     assert ours["conditioning"]["ema_cutoff_Hz"] == 50.0
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(6)
 @given(st.sampled_from([35.6, 93.0, 500.0, 2000.0]), st.integers(0, 40), st.sampled_from([None, 100.0, 250.0]))
 def test_what_lies_beyond_the_windows_is_not_missed(tmp_path, rate_Hz, more, window_ms):
     n_samples = max(12, round(0.4 * rate_Hz))

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.papers.compliance.curve_features import (
@@ -32,7 +33,7 @@ def streamed(curve, peak, rate_Hz):
     return finish(state, rate_Hz)
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(st.integers(0, 2**32), st.integers(2, 30), st.integers(1, 5), st.sampled_from([1.0, 485.0]))
 def test_streaming_equals_batch_bit_for_bit(seed, peak, n_channels, rate_Hz):
     rng = np.random.default_rng(seed)

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.papers.stiffness.peaks import PeakSpec, find_peaks
@@ -74,7 +75,7 @@ def test_each_grasp_shows_one_peak(experiment):
     assert counts == [1] * len(counts)
 
 
-@settings(max_examples=3, deadline=None)
+@examples(3)
 @given(st.integers(0, 2**32 - 1))
 def test_the_jaw_stops_at_the_set_force_and_holds(seed):
     rng = np.random.default_rng(seed)

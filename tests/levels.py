@@ -1,0 +1,31 @@
+"""The levels of the tests: quick (`make test`), thorough (`make test-rest`, in CI too) and slow (`make test-slow`).
+
+A test without a mark is quick. Each law has a quick test, unless its README entry says why not; more of its cases and
+examples are thorough.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+QUICK, THOROUGH = 15, 100
+"""Examples that hypothesis draws for a test."""
+
+
+def examples(at_most: int) -> settings:
+    """Of a test whose examples are costly, or whose space is soon drawn: no more than these at any level."""
+    return settings(max_examples=min(at_most, settings.default.max_examples))
+
+
+def thinned(names: str | tuple[str, ...], values: Sequence[Any], every: int = 0, **more: Any) -> Callable:
+    """As `pytest.mark.parametrize`: quick with the first value (and each `every`-th one), thorough with all."""
+
+    def level(index: int) -> list[pytest.MarkDecorator]:
+        is_quick = index % every == 0 if every else index == 0
+        return [] if is_quick else [pytest.mark.thorough]
+
+    is_one = isinstance(names, str) and "," not in names
+    cases = [pytest.param(*([each] if is_one else each), marks=level(k)) for k, each in enumerate(values)]
+    return pytest.mark.parametrize(names, cases, **more)
