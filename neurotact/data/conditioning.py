@@ -1,12 +1,12 @@
 """Conditioning: from a recorded signal to the signal that drives the afferents.
 
 The order is fixed: smoothing (EMA), resampling to the encoder's clock, baseline, standardisation, rectification.
-A trial is conditioned whole or, if it is long, piece by piece; the result is the same.
+A trial is conditioned whole, piece by piece if it is long, or block by block as it is recorded; the result is the same.
 """
 
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -84,24 +84,16 @@ def condition(recordings: Recordings, how: ConditioningSpec) -> Recordings:
     >>> condition(skin, ConditioningSpec(resample_Hz=1000.0, baseline="first")).signals[0].shape
     (84, 2)
     """
-    rate_Hz, clock_Hz = recordings.sampling_rate_Hz, how.resample_Hz
-    if how.ema_cutoff_Hz is not None:
-        smoothing = ema_coefficient(how.ema_cutoff_Hz, rate_Hz)
-        recordings = _each(recordings, lambda x: ema(x, smoothing))
-    if clock_Hz is not None and clock_Hz != rate_Hz:
-        recordings = replace(_each(recordings, lambda x: resample(x, rate_Hz, clock_Hz)), sampling_rate_Hz=clock_Hz)
-    if how.baseline in CAUSAL:
-        past = Past(how, recordings.sampling_rate_Hz)
-        recordings = _each(recordings, lambda x: past.taken_off(x, None)[0])
-    elif how.baseline != "none":
-        level = BASELINES[how.baseline]
-        recordings = _each(recordings, lambda x: x - level(x))
+    conditioner = Conditioner(recordings.sampling_rate_Hz, how)
     _check_counts(how, recordings)
+    signals = [conditioner.whole(signal) for signal in recordings.signals]
     is_plain = how.offset is None and how.scale is None
-    if is_plain and not how.rectify:
-        return recordings
-    conditioned = _each(recordings, lambda x: standardised(x, how.offset, how.scale, how.rectify))
-    return conditioned if is_plain else replace(conditioned, unit="sd")
+    return replace(
+        recordings,
+        signals=np.stack(signals) if isinstance(recordings.signals, np.ndarray) else signals,
+        sampling_rate_Hz=conditioner.clock_Hz,
+        unit=recordings.unit if is_plain else "sd",
+    )
 
 
 def standardised(
@@ -133,27 +125,30 @@ def condition_pieces(
     [(84, 2)]
     """
     factor = unit_factor(recordings.unit, unit or recordings.unit, recordings.source or "recordings")
+    conditioner = Conditioner(recordings.sampling_rate_Hz, how, factor=factor)
     _check_counts(how, recordings)
+    n_rows = _rows_at_once(recordings)
+    n_samples = max(1, int(n_rows * min(1.0, conditioner.rate_Hz / conditioner.clock_Hz)))
 
     def sampled() -> Iterator[np.ndarray]:
-        return _sampled(recordings, trial, factor, how.ema_cutoff_Hz, how.resample_Hz)
+        signal = conditioner.sampled(pieces(recordings, trial, n_samples))
+        return signal if conditioner.clock_Hz == conditioner.rate_Hz else _regrouped(signal, n_rows)
 
-    level = LEVELS[how.baseline](sampled) if how.baseline in LEVELS else None
-    past = Past(how, how.resample_Hz or recordings.sampling_rate_Hz)
-    carried: Carried | None = None
+    state = Conditioned(level=LEVELS[how.baseline](sampled) if how.baseline in ACAUSAL else None)
     for piece in sampled():
-        if level is not None:
-            piece = piece - level
-        elif how.baseline in CAUSAL:
-            piece, carried = past.taken_off(piece, carried)
-        yield standardised(piece, how.offset, how.scale, how.rectify)
+        signal, state = conditioner.without_baseline(piece, state)
+        yield signal
 
 
-def pieces(recordings: Trials, trial: int) -> Iterator[np.ndarray]:
-    """The samples of one trial as recorded, piece by piece."""
-    n_rows = max(1, PIECE_VALUES // recordings.n_channels)
+def pieces(recordings: Trials, trial: int, n_rows: int | None = None) -> Iterator[np.ndarray]:
+    """The samples of one trial as recorded, piece by piece, of `n_rows` samples; of `PIECE_VALUES` when None."""
+    n_rows = n_rows or _rows_at_once(recordings)
     for start in range(0, int(recordings.lengths[trial]), n_rows):
         yield recordings.piece(trial, start, start + n_rows)
+
+
+def _rows_at_once(recordings: Trials) -> int:
+    return max(1, PIECE_VALUES // recordings.n_channels)
 
 
 def conditioned_length(n_samples: int, rate_Hz: float, resample_Hz: float | None = None) -> int:
@@ -191,47 +186,6 @@ def is_long(n_steps: int, n_channels: int) -> bool:
     return n_steps * n_channels > PIECE_VALUES
 
 
-def _sampled(
-    recordings: Trials, trial: int, factor: np.float32, cutoff_Hz: float | None, resample_Hz: float | None
-) -> Iterator[np.ndarray]:
-    """A trial's signal times `factor`, smoothed and resampled."""
-    rate_Hz, n_samples = recordings.sampling_rate_Hz, int(recordings.lengths[trial])
-    n_rows = max(1, PIECE_VALUES // recordings.n_channels)
-
-    def recorded() -> Iterator[np.ndarray]:
-        before = None
-        for piece in pieces(recordings, trial):
-            piece = piece if factor == 1 else piece * factor
-            if cutoff_Hz is not None:
-                piece = ema(piece, ema_coefficient(cutoff_Hz, rate_Hz), before)
-                before = piece[-1].copy()
-            yield piece
-
-    if resample_Hz is None or resample_Hz == rate_Hz:
-        return recorded()
-    n_at_once = max(1, int(n_rows * min(1.0, resample_Hz / rate_Hz)))  # steps of a slower clock need more samples
-    return _regrouped(_resampled(recorded(), n_samples, rate_Hz, resample_Hz, n_at_once), n_rows)
-
-
-def _resampled(
-    signal: Iterator[np.ndarray], n_samples: int, rate_Hz: float, to_Hz: float, n_rows: int
-) -> Iterator[np.ndarray]:
-    """`resample` of a signal that arrives in pieces, in pieces of `n_rows`."""
-    n_resampled, done, first = conditioned_length(n_samples, rate_Hz, to_Hz), 0, 0
-    held = next(signal)
-    while done < n_resampled:
-        wanted = np.arange(done, min(done + n_rows, n_resampled))
-        last_needed = min(int(position(wanted[-1:], rate_Hz, to_Hz)[0]) + 1, n_samples - 1)
-        parts = [held]
-        while first + sum(map(len, parts)) <= last_needed:
-            parts.append(next(signal))
-        held = np.concatenate(parts) if len(parts) > 1 else held
-        yield interpolated(held, position(wanted, rate_Hz, to_Hz), first, n_samples)
-        done += len(wanted)
-        passed = min(int(position(np.array([done]), rate_Hz, to_Hz)[0]) - first, len(held))
-        held, first = held[passed:], first + passed
-
-
 def _regrouped(signal: Iterator[np.ndarray], n_rows: int) -> Iterator[np.ndarray]:
     """The same signal in pieces of `n_rows`."""
     waiting, n_waiting = [], 0
@@ -247,31 +201,6 @@ def _regrouped(signal: Iterator[np.ndarray], n_rows: int) -> Iterator[np.ndarray
         yield np.concatenate(waiting)
 
 
-def _mean(signal: np.ndarray) -> np.ndarray:
-    """The mean of each taxel over time, `(..., 1, taxel)`.
-
-    A long trial is added in float64: in float32, samples would be lost in their own sum.
-    """
-    n_steps, n_channels = signal.shape[-2:]
-    if not is_long(n_steps, n_channels):
-        return signal.mean(axis=-2, keepdims=True)
-    n_rows = max(1, PIECE_VALUES // n_channels)
-    parts = (signal[..., start : start + n_rows, :] for start in range(0, n_steps, n_rows))
-    total = sum((part.sum(axis=-2, keepdims=True, dtype=np.float64) for part in parts), start=np.zeros(1))
-    return (total / n_steps).astype(signal.dtype)
-
-
-BYTES_WHILE_RESAMPLED = 32
-"""Bytes for each value of the result: its position, its neighbours and itself."""
-
-BASELINES: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-    "mean": _mean,
-    "median": lambda x: np.median(x, axis=-2, keepdims=True).astype(x.dtype),
-    "first": lambda x: x[..., :1, :],
-}
-"""The level that is subtracted from a signal `(..., time, taxel)`, as `(..., 1, taxel)`."""
-
-
 ACAUSAL = ("mean", "median")
 """Baselines that use the whole trial, so each window contains information from later samples."""
 ACAUSAL_NOTE = (
@@ -280,6 +209,8 @@ ACAUSAL_NOTE = (
 )
 CAUSAL = ("start", "running", "high-pass")
 """Baselines that change during the trial and use only its past, the current sample included."""
+BYTES_WHILE_RESAMPLED = 32
+"""Bytes for each value of the result: its position, its neighbours and itself."""
 Carried = tuple[np.ndarray, int]
 """State between two pieces of a trial: the sum of its samples so far, or the EMA; and their number."""
 
@@ -296,66 +227,155 @@ def acausal_note(encoder: Mapping[str, Any] | None) -> str | None:
     return ACAUSAL_NOTE.format(baseline=baseline) if baseline in ACAUSAL else None
 
 
-@dataclass(frozen=True)
-class Past:
-    """A baseline of `CAUSAL`, for signals at a given rate."""
+class Conditioned(NamedTuple):
+    """The state of conditioning between two blocks of a trial.
 
-    how: ConditioningSpec
-    sampling_rate_Hz: float
+    n_samples, n_steps: samples received and steps of the encoder's clock returned so far.
+    smoothed: the moving average after the last sample, `(taxel,)`; held: the last smoothed samples, which resampling
+    still needs, `(sample, taxel)`; level: a constant baseline, `(1, taxel)`; carried: the state of a moving one.
+    None where there is none yet.
+    """
 
-    @property
-    def smoothing(self) -> float:
+    n_samples: int = 0
+    n_steps: int = 0
+    smoothed: np.ndarray | None = None
+    held: np.ndarray | None = None
+    level: np.ndarray | None = None
+    carried: Carried | None = None
+
+
+class Conditioner:
+    """Conditioning of blocks `(sample, taxel)` of one trial; the state is an argument and a result.
+
+    The concatenated blocks equal the whole trial to the last bit, for any size of a block, one sample included.
+    factor: multiplies the samples first (see `unit_factor`).
+
+    >>> how = ConditioningSpec(ema_cutoff_Hz=30.0, baseline="first")
+    >>> conditioner, state = Conditioner(2000.0, how), Conditioned()
+    >>> first, state = conditioner.push(np.array([[2.0], [3.0]], np.float32), state)
+    >>> second, state = conditioner.push(np.array([[3.0]], np.float32), state)
+    >>> first.ravel().tolist()[0], second.shape
+    (0.0, (1, 1))
+    """
+
+    def __init__(self, sampling_rate_Hz: float, how: ConditioningSpec, *, factor: np.float32 = np.float32(1.0)) -> None:
+        self.how, self.rate_Hz, self.factor = how, sampling_rate_Hz, factor
+        self.clock_Hz = how.resample_Hz or sampling_rate_Hz
+        self.smoothing = None if how.ema_cutoff_Hz is None else ema_coefficient(how.ema_cutoff_Hz, sampling_rate_Hz)
+        self.following = None
         """Weight of the newest step in the EMA of `high-pass`."""
-        return ema_coefficient(self.how.high_pass_Hz, self.sampling_rate_Hz, "high_pass_Hz")
-
-    @property
-    def n_start(self) -> int:
+        if how.baseline == "high-pass":
+            self.following = ema_coefficient(how.high_pass_Hz, self.clock_Hz, "high_pass_Hz")
+        self.n_start = max(1, round(how.start_ms * 1e-3 * self.clock_Hz))
         """Number of steps in the mean of the baseline `start`."""
-        return max(1, round(self.how.start_ms * 1e-3 * self.sampling_rate_Hz))
 
-    def taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
-        """The signal `(..., time, taxel)` without its baseline, and the state for the next piece.
+    def push(self, samples: np.ndarray, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
+        """The steps `(step, taxel)` that these samples complete, and the state after them.
 
-        carried: the state after the previous piece; None at the start of a trial.
-
-        >>> past = Past(ConditioningSpec(baseline="running"), 1000.0)
-        >>> past.taken_off(np.array([[2.0], [4.0], [9.0]]), None)[0].ravel().tolist()
-        [0.0, 1.0, 4.0]
+        Resampling gives a step when the samples on both of its sides are known.
         """
-        if self.how.baseline == "high-pass":
-            before, n_before = (None, 0) if carried is None else carried
-            followed = ema(signal, self.smoothing, before)
-            return signal - followed, (followed[..., -1, :].copy(), n_before + signal.shape[-2])
-        return self._mean_taken_off(signal, carried)
+        return self.without_baseline(*self._on_the_clock(samples, state))
 
-    def _mean_taken_off(self, signal: np.ndarray, carried: Carried | None) -> tuple[np.ndarray, Carried]:
-        """In float64, sample by sample, so that pieces give the same sum as the whole."""
-        total, n_before = (np.zeros_like(signal[..., 0, :], np.float64), 0) if carried is None else carried
-        n_steps = signal.shape[-2]
-        last = n_before + n_steps
-        if self.how.baseline == "start":
-            last = self.n_start
+    def finish(self, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
+        """The steps of resampling from the last sample to the trial's end, which hold that sample; none without it."""
+        if state.held is None:
+            return np.empty((0, 0), np.float32), state
+        return self.without_baseline(*self._on_the_clock(state.held[:0], state, at_end=True))
+
+    def whole(self, samples: np.ndarray) -> np.ndarray:
+        """The steps `(step, taxel)` of a whole trial of samples."""
+        signal, state = self._on_the_clock(samples, Conditioned(), at_end=True)
+        if self.how.baseline in ACAUSAL:
+            state = state._replace(level=LEVELS[self.how.baseline](lambda: iter([signal])))
+        return self.without_baseline(signal, state)[0]
+
+    def sampled(self, blocks: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+        """The smoothed and resampled signal of a whole trial, block by block."""
+        state = Conditioned()
+        for block in blocks:
+            signal, state = self._on_the_clock(block, state)
+            yield signal
+        if state.held is not None:
+            yield self._on_the_clock(state.held[:0], state, at_end=True)[0]
+
+    def without_baseline(self, signal: np.ndarray, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
+        """The conditioned steps of a smoothed and resampled signal, and the state after them."""
+        if not len(signal):
+            return signal, state
+        if self.how.baseline in LEVELS:
+            if state.level is None and self.how.baseline in ACAUSAL:
+                raise InputError(
+                    f"conditioning.baseline: '{self.how.baseline}' uses the whole trial, which a stream has not "
+                    "received yet; encode and train with conditioning.baseline start, first, running, high-pass or none"
+                )
+            level = signal[:1].copy() if state.level is None else state.level
+            signal, state = signal - level, state._replace(level=level)
+        elif self.following is not None:
+            before, n_before = state.carried or (None, 0)
+            followed = ema(signal, self.following, before)
+            state = state._replace(carried=(followed[-1].copy(), n_before + len(signal)))
+            signal = signal - followed
+        elif self.how.baseline in CAUSAL:
+            signal, state = self._without_mean(signal, state)
+        return standardised(signal, self.how.offset, self.how.scale, self.how.rectify), state
+
+    def _on_the_clock(
+        self, samples: np.ndarray, state: Conditioned, *, at_end: bool = False
+    ) -> tuple[np.ndarray, Conditioned]:
+        """The smoothed samples on the encoder's clock. at_end: whether the last sample holds until the trial's end."""
+        signal = samples if self.factor == 1 else samples * self.factor
+        if self.smoothing is not None and len(signal):
+            signal = ema(signal, self.smoothing, state.smoothed)
+            state = state._replace(smoothed=signal[-1].copy())
+        state = state._replace(n_samples=state.n_samples + len(signal))
+        if self.clock_Hz == self.rate_Hz:
+            return signal, state._replace(n_steps=state.n_steps + len(signal))
+        held = signal if state.held is None else np.concatenate([state.held, signal])
+        first = state.n_samples - len(held)
+        steps = np.arange(state.n_steps, conditioned_length(state.n_samples, self.rate_Hz, self.clock_Hz))
+        check_size(f"a trial resampled to {self.clock_Hz:g} Hz", len(steps) * held[:1].size * BYTES_WHILE_RESAMPLED)
+        places = position(steps, self.rate_Hz, self.clock_Hz)
+        if not at_end:
+            whole = places.astype(np.int64)
+            places = places[(whole + 1 < state.n_samples) | (places == whole)]
+        n_steps = state.n_steps + len(places)
+        needed = int(position(np.array([n_steps]), self.rate_Hz, self.clock_Hz)[0]) - first
+        signal = interpolated(held, places, first, state.n_samples)
+        return signal, state._replace(held=held[min(needed, len(held) - 1) :].copy(), n_steps=n_steps)
+
+    def _without_mean(self, signal: np.ndarray, state: Conditioned) -> tuple[np.ndarray, Conditioned]:
+        """Without the mean so far: in float64, sample by sample, so that blocks give the same sum as the whole."""
+        total, n_before = state.carried or (np.zeros(signal.shape[1]), 0)
+        n_steps = len(signal)
+        last = self.n_start if self.how.baseline == "start" else n_before + n_steps
         n_new = min(max(last - n_before, 0), n_steps)
-        sums = np.cumsum(np.concatenate([total[..., None, :], signal[..., :n_new, :]], axis=-2), axis=-2)
-        n_so_far = np.arange(n_before + 1, n_before + n_new + 1)
-        level = sums[..., 1:, :] / n_so_far[:, None]
+        sums = np.cumsum(np.concatenate([total[None], signal[:n_new]]), axis=0)
         after = n_before + n_new
-        kept = np.repeat(sums[..., -1:, :] / max(1, after), n_steps - n_new, axis=-2)
-        levels = np.concatenate([level, kept], axis=-2)
-        return signal - levels.astype(signal.dtype), (sums[..., -1, :], after)
+        levels = sums[1:] / np.arange(n_before + 1, after + 1)[:, None]
+        kept = np.repeat(sums[-1:] / max(1, after), n_steps - n_new, axis=0)
+        levels = np.concatenate([levels, kept]).astype(signal.dtype)
+        return signal - levels, state._replace(carried=(sums[-1], after))
 
 
-def _mean_of_pieces(signal: Pieces) -> np.ndarray:
+def _mean(signal: Pieces) -> np.ndarray:
+    """A long trial is added in float64: in float32, samples would be lost in their own sum."""
     total, n_steps, piece = np.zeros(1), 0, np.empty(0)
     for piece in signal():
         n_steps += len(piece)
-        total = total + piece.sum(axis=0, keepdims=True, dtype=np.float64)
-    return _mean(piece) if len(piece) == n_steps else (total / n_steps).astype(piece.dtype)
+        n_rows = max(1, PIECE_VALUES // piece.shape[1])
+        for start in range(0, len(piece), n_rows):
+            total = total + piece[start : start + n_rows].sum(axis=0, keepdims=True, dtype=np.float64)
+    if len(piece) == n_steps and not is_long(*piece.shape):
+        return piece.mean(axis=0, keepdims=True)
+    return (total / n_steps).astype(piece.dtype)
 
 
-def _median_of_pieces(signal: Pieces) -> np.ndarray:
+def _median(signal: Pieces) -> np.ndarray:
     """The exact median of float32 pieces: a radix search, eleven bits at a time, from the highest bits down."""
-    n_steps = sum(map(len, signal()))
+    lengths = [len(piece) for piece in signal()]
+    if len(lengths) == 1:
+        return np.median(next(signal()), axis=0, keepdims=True)
+    n_steps = sum(lengths)
     middle = sorted({(n_steps - 1) // 2, n_steps // 2})
     found = np.array([_ranked(signal, rank) for rank in middle], np.float32)
     return found.mean(axis=0, keepdims=True)
@@ -394,11 +414,11 @@ def _sortable(signal: np.ndarray) -> np.ndarray:
 
 
 LEVELS: dict[str, Callable[[Pieces], np.ndarray]] = {
-    "mean": _mean_of_pieces,
-    "median": _median_of_pieces,
+    "mean": _mean,
+    "median": _median,
     "first": lambda signal: next(signal())[:1],
 }
-"""`BASELINES` of a trial in pieces, `(1, taxel)`."""
+"""Constant baselines, `(1, taxel)` each."""
 
 
 def ema_coefficient(cutoff_Hz: float, rate_Hz: float, key: str = "ema_cutoff_Hz") -> float:
@@ -432,17 +452,14 @@ def ema(signal: np.ndarray, coefficient: float, before: np.ndarray | None = None
 
 
 def resample(signal: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
-    """Linear interpolation of `(..., time, taxel)` at another rate; the last sample holds until the trial ends.
+    """Linear interpolation of `(time, taxel)` at another rate; the last sample holds until the trial ends.
 
     The result lasts as long as the trial (`conditioned_length`). Before going to a lower rate, apply an EMA.
 
     >>> resample(np.array([[0.0], [2.0]]), 1.0, 2.0).ravel().tolist()
     [0.0, 1.0, 2.0, 2.0]
     """
-    n_samples = signal.shape[-2]
-    n_resampled = conditioned_length(n_samples, rate_Hz, to_Hz)
-    check_size(f"a trial resampled to {to_Hz:g} Hz", n_resampled * signal[..., :1, :].size * BYTES_WHILE_RESAMPLED)
-    return interpolated(signal, position(np.arange(n_resampled), rate_Hz, to_Hz), 0, n_samples)
+    return Conditioner(rate_Hz, ConditioningSpec(resample_Hz=to_Hz)).whole(signal)
 
 
 def position(steps: np.ndarray, rate_Hz: float, to_Hz: float) -> np.ndarray:
@@ -473,12 +490,6 @@ def fit_standardisation(signals: Sequence[np.ndarray]) -> tuple[tuple[float, ...
     deviation = np.sqrt(variance)
     still = deviation <= 1e-12 * np.maximum(1.0, np.abs(mean))
     return tuple(np.asarray(mean).tolist()), tuple(np.where(still, 1.0, deviation).tolist())
-
-
-def _each(recordings: Recordings, change: Callable[[np.ndarray], np.ndarray]) -> Recordings:
-    signals = recordings.signals
-    changed = change(signals) if isinstance(signals, np.ndarray) else [change(s) for s in signals]
-    return replace(recordings, signals=changed)
 
 
 def _check_counts(how: ConditioningSpec, recordings: Trials) -> None:

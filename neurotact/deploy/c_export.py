@@ -11,8 +11,7 @@ import jinja2
 import numpy as np
 
 from neurotact import __version__, files
-from neurotact.data.causal import Conditioner
-from neurotact.data.conditioning import HALF
+from neurotact.data.conditioning import HALF, Conditioner
 from neurotact.deploy import formats as whole
 from neurotact.deploy import integer
 from neurotact.deploy.chain import LARGEST, Chain
@@ -82,7 +81,7 @@ def context_of(chain: Chain, formats: Formats | None, name: str) -> dict[str, An
         raise InputError("windows: are longer than 2^31 - 1 steps; shorten them")
     if plan.length * max(2 * n_taxels, spec.hidden) > MOST_COUNT:
         raise InputError("windows: their spikes may exceed a counter of 32 bits; shorten them")
-    n_start = Conditioner(chain.sampling_rate_Hz, conditioning).past.n_start
+    n_start = Conditioner(chain.sampling_rate_Hz, conditioning).n_start
     if n_start > MOST_STEPS:
         raise InputError("conditioning.start_ms: is longer than 2^31 - 1 steps; shorten it")
     per_sample = max(1, int(np.ceil(chain.clock_Hz / chain.sampling_rate_Hz)))
@@ -139,8 +138,9 @@ def _in_float(chain: Chain) -> dict[str, Any]:
     integration, margin = network.integration, chain.rule.margin
     if network.bias is not None:
         tables.append(_table("bias", "double", [float(b).hex() for b in network.bias.detach().double()]))
-    high_pass = conditioner.past.smoothing if conditioning.baseline == "high-pass" else None
     layers = [_float_layer(chain, index, alpha, beta, threshold) for index in (0, 1)]
+    smoothing, smoothing_keep = _ema_weights(conditioner.smoothing)
+    baseline_weight, baseline_keep = _ema_weights(conditioner.following)
     return {
         "value": "float", "sum": "double", "state": "float", "wide": "float",
         "largest": f"{LARGEST:g}", "largest_bits": f"0x{int(np.float32(LARGEST).view(np.uint32)):08x}",
@@ -151,9 +151,9 @@ def _in_float(chain: Chain) -> dict[str, Any]:
         "margin": margin if margin is None or integration is None else margin.hex(),
         "silent_type": _unsigned(max(sa1.refractory_steps, ra1.refractory_steps) + 1),
         "silent_sa1": sa1.refractory_steps, "silent_ra1": ra1.refractory_steps,
-        "smoothing": _ema_weights(conditioner.smoothing)[0], "smoothing_keep": _ema_weights(conditioner.smoothing)[1],
-        "baseline_weight": _ema_weights(high_pass)[0], "baseline_keep": _ema_weights(high_pass)[1],
-        "baseline_steps": f"{conditioner.past.n_start}u",
+        "smoothing": smoothing, "smoothing_keep": smoothing_keep,
+        "baseline_weight": baseline_weight, "baseline_keep": baseline_keep,
+        "baseline_steps": f"{conditioner.n_start}u",
         "stride": (chain.sampling_rate_Hz / chain.clock_Hz).hex(), "half": HALF.hex(),
         "rate": float(chain.sampling_rate_Hz).hex(), "clock": float(chain.clock_Hz).hex(),
         "offset": offset, "scale": scale, "leak": _float(sa1.decay),

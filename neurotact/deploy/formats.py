@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from neurotact.data.causal import Conditioner
+from neurotact.data.conditioning import Conditioner
 from neurotact.deploy.chain import Chain
 from neurotact.errors import InputError
 from neurotact.networks.definition import reference
@@ -301,15 +301,13 @@ def _front_end(chain: Chain, raw: Raw) -> FrontEnd:
     if conditioner.clock_Hz != conditioner.rate_Hz:
         whole, part = divmod(round(conditioner.rate_Hz / conditioner.clock_Hz * 2**32), 2**32)
         stride = (whole, part)
-    past = conditioner.past
-    is_high_pass = conditioning.baseline == "high-pass"
     levels = [_levels(neuron, gain, scale * fine) for neuron, gain in zip((sa1, ra1), gains, strict=True)]
     return FrontEnd(
         smoothing=None if conditioner.smoothing is None else Weight.of(conditioner.smoothing),
         stride=stride,
         baseline=conditioning.baseline,
-        baseline_steps=past.n_start,
-        baseline_weight=Weight.of(past.smoothing) if is_high_pass else None,
+        baseline_steps=conditioner.n_start,
+        baseline_weight=None if conditioner.following is None else Weight.of(conditioner.following),
         offset=shifted.astype(np.int64),
         rectify=conditioning.rectify,
         leak=Weight.of(1.0 - sa1.decay),

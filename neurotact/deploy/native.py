@@ -8,8 +8,7 @@ import numpy as np
 import torch
 
 from neurotact.backend import native
-from neurotact.data.causal import Conditioned, Conditioner
-from neurotact.data.conditioning import CAUSAL
+from neurotact.data.conditioning import CAUSAL, Conditioned, Conditioner
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.running import Running
 from neurotact.deploy.windows import Opening
@@ -48,8 +47,7 @@ class CompiledStream:
         network, encoder, plan = chain.network, chain.encoder, chain.windows
         spec, n_taxels = conditioner.how, chain.n_taxels
         sa1, ra1 = (encoder.neuron(each, chain.clock_Hz) for each in (encoder.sa1, encoder.ra1))
-        smoothing, past = conditioner.smoothing, conditioner.past
-        level = past.smoothing if spec.baseline == "high-pass" else 0.0
+        smoothing, level = conditioner.smoothing, conditioner.following or 0.0
         standard = (spec.offset or (0.0,) * n_taxels, spec.scale or (1.0,) * n_taxels)
         offset, scale = (np.array(values, np.float32) for values in standard)
         is_standard = spec.offset is not None or spec.scale is not None
@@ -59,7 +57,8 @@ class CompiledStream:
             smooth=smoothing is not None, smooth_new=smoothing or 0.0, smooth_kept=1.0 - (smoothing or 0.0),
             resampled=conditioner.clock_Hz != conditioner.rate_Hz,
             samples_per_step=conditioner.rate_Hz / conditioner.clock_Hz,
-            baseline=BASELINES.index(spec.baseline), start_steps=past.n_start, base_new=level, base_kept=1.0 - level,
+            baseline=BASELINES.index(spec.baseline), start_steps=conditioner.n_start,
+            base_new=level, base_kept=1.0 - level,
             offset=offset.ctypes.data if is_standard else 0, scale=scale.ctypes.data if is_standard else 0,
             rectify=spec.rectify, sa_gain=encoder.sa1.gain, ra_gain=encoder.ra1.gain * chain.clock_Hz * 1e-3,
             decay=sa1.decay, v_rest=sa1.v_rest_mV, v_reset=sa1.v_reset_mV, v_threshold=sa1.v_threshold_mV,
@@ -156,7 +155,7 @@ class CompiledStream:
         carried = None
         if spec.baseline in CAUSAL:
             is_ema = spec.baseline == "high-pass"
-            n_averaged = min(steps, self.conditioner.past.n_start) if spec.baseline == "start" else steps
+            n_averaged = min(steps, self.conditioner.n_start) if spec.baseline == "start" else steps
             carried = (values["level" if is_ema else "total"], n_averaged)
         resampled = self.conditioner.clock_Hz != self.conditioner.rate_Hz
         return Conditioned(

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 
 from neurotact.backend import Backend, use_native
-from neurotact.data.causal import Conditioner
+from neurotact.data.conditioning import Conditioner
 from neurotact.data.recordings import unit_factor
 from neurotact.deploy import running, stream_file
 from neurotact.deploy.chain import LARGEST, PAIR, Chain, chain_of

@@ -15,7 +15,7 @@ import safetensors.numpy
 import torch
 from safetensors import SafetensorError, safe_open
 
-from neurotact.data.causal import Conditioned
+from neurotact.data.conditioning import Conditioned
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.running import Running
 from neurotact.deploy.stream_state import StreamState, Tally

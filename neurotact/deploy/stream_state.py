@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from neurotact.data.causal import Conditioned
+from neurotact.data.conditioning import Conditioned
 from neurotact.deploy.running import Running
 from neurotact.deploy.windows import Opening
 from neurotact.encoders.afferents import EncoderState

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-from neurotact.data.causal import Conditioner
+from neurotact.data.conditioning import Conditioner
 from neurotact.deploy import integer
 from neurotact.deploy.chain import Chain
 from neurotact.deploy.formats import Formats

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from neurotact.data.causal import Conditioner
+from neurotact.data.conditioning import Conditioner
 from neurotact.deploy.nir_exchange import graph as writing
 from neurotact.deploy.nir_exchange.execute import Interpreter
 from neurotact.deploy.nir_exchange.note import Note, of
