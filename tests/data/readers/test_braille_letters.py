@@ -2,7 +2,7 @@
 
 import io
 import os
-import pickle as maker  # to make files; nothing here or in the package reads them with it
+import pickle as maker  # to make files; nothing here reads them with it
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +70,11 @@ def test_a_file_that_would_run_code_is_refused_and_does_not_run(folder, protocol
         with pytest.raises(InputError, match="holds more than lists, tables, text and numbers"):
             read(written(folder, maker.dumps(value, protocol)))
     assert not target.exists()
+
+
+def test_a_number_that_would_take_memory_is_refused(folder):
+    with pytest.raises(InputError, match="is damaged"):
+        read_plain(written(folder, b"\x80\x02]r\xff\xff\xff\x7f."))
 
 
 @given(st.binary(max_size=60))
