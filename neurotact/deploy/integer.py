@@ -7,12 +7,14 @@ formats are chosen so that nothing overflows in 32 bits in C.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import torch
 
 from neurotact.deploy.formats import FRACTION, Formats, FrontEnd, Integrator, Layer, Weight
-from neurotact.networks.exit.early_exit import ExitRule
+from neurotact.networks.exit.early_exit import ExitRule, Leader
 from neurotact.neurons import CubaLIF
 
 MOST_HEARD = 2**32
@@ -160,8 +162,8 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
     out, counts = _Neurons.start(n_windows, readout.w), np.zeros((n_windows, readout.w.shape[1]), np.int64)
     if isinstance(readout, Integrator):
         counts = counts + readout.bias
-    margin = whole_margin(rule, readout)
-    leader = _Leader(counts, *(np.zeros(n_windows, np.int64) for _ in range(4)))
+    rule = replace(rule, margin=whole_margin(rule, readout))
+    leader = Leader.start(n_windows, counts.shape[1], torch.device("cpu"))._replace(counts=torch.from_numpy(counts))
     running = np.full(n_windows, n_steps > 0)
     hidden_raster = np.zeros((n_windows, n_steps, hidden.w.shape[1]), np.uint8)
     labels, steps, input_spikes, hidden_spikes, heard = (np.zeros(n_windows, np.int64) for _ in range(5))
@@ -177,9 +179,9 @@ def infer(windows: np.ndarray, formats: Formats, neuron: CubaLIF, rule: ExitRule
         decided.input_spikes[running] += inputs[running].sum(axis=1)
         decided.hidden_spikes[running] += spikes[running].sum(axis=1)
         hidden_raster[running, t] = spikes[running]
-        leader = leader.after(increments)
-        decided.labels[running], decided.heard[running] = leader.index[running], leader.heard[running]
-        running = running & ~leader.exits(rule, margin)
+        leader = leader.after(torch.from_numpy(increments))
+        decided.labels[running], decided.heard[running] = leader.index.numpy()[running], leader.heard.numpy()[running]
+        running = running & ~leader.exits(rule).numpy()
         if not running.any():
             break
     return decided
@@ -231,30 +233,3 @@ def _step(layer: Layer, neuron: CubaLIF, inputs: np.ndarray, state: _Neurons) ->
 def _saturated(state: np.ndarray, bits: int) -> np.ndarray:
     most = 2 ** (bits - 1) - 1
     return np.clip(state, -most, most)
-
-
-class _Leader(NamedTuple):
-    """`networks.early_exit.Leader` in integers, one row per window."""
-
-    counts: np.ndarray
-    index: np.ndarray
-    standing: np.ndarray
-    standing_since_spike: np.ndarray
-    heard: np.ndarray
-
-    def after(self, gained: np.ndarray) -> "_Leader":
-        counts = self.counts + gained
-        index = counts.argmax(axis=1)
-        same = index == self.index
-        heard = self.heard | (gained != 0).any(axis=1)
-        since = np.where(same & (heard > 0), self.standing_since_spike + 1, heard)
-        return _Leader(counts, index, np.where(same, self.standing + 1, 1), since, heard)
-
-    def exits(self, rule: ExitRule, margin: int | None) -> np.ndarray:
-        if margin is not None:
-            rivals = np.delete(np.sort(self.counts, axis=1), -1, axis=1)
-            leads = self.counts.max(axis=1) - rivals.max(axis=1, initial=-(2**40)) >= margin
-            return leads & (self.heard > 0) if rule.from_first_spike else leads
-        if rule.patience is None:
-            return np.zeros(len(self.index), bool)
-        return (self.standing_since_spike if rule.from_first_spike else self.standing) > rule.patience
