@@ -46,9 +46,6 @@ TYPED = re.compile(r"neurotact (import|study run) .*")
 """Command lines of messages, which are to be typed."""
 OPTIONS_ALLOWED = {
     "deploy/proof.py": "calls compilers",
-    "papers/compliance/calibration.py": "has a command line of its own",
-    "papers/stiffness/beside_real.py": "has a command line of its own",
-    "papers/texture/calibration.py": "has a command line of its own",
 }
 
 each_module = pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))

@@ -2,17 +2,19 @@
 
 from itertools import product
 
+import compliance_calibration as squeezes
 import numpy as np
 import pandas as pd
 import pytest
+import stiffness_beside_real as beside_real
 from matplotlib.colors import to_rgba
 
 from neurotact.figures.style import INK
 from neurotact.papers.comparison import figures as comparison
 from neurotact.papers.compliance import figures as compliance
 from neurotact.papers.materials import figures as materials
-from neurotact.papers.stiffness import beside_real, pvdf_hardness_figures, simulator
 from neurotact.papers.stiffness import figures as stiffness
+from neurotact.papers.stiffness import pvdf_hardness_figures, simulator
 from neurotact.papers.texture import baselines_figures as before
 from neurotact.papers.touch_modality import figures as touch
 
@@ -94,7 +96,7 @@ def test_channels_and_peaks_have_a_legend():
     channels = [f"channel {i}" for i in (1, 2, 3, 4)]
     assert set(legend_of(stiffness.draw_signals(arrays))) == {*channels, "their mean", "middle half of the peaks"}
     one = {"a": RNG.normal(size=(300, 4))}
-    assert legend_of(stiffness.draw_beside_real(one, one, 2000.0)) == channels
+    assert legend_of(beside_real.draw_beside_real(one, one, 2000.0)) == channels
 
 
 def test_grasps_stand_above_presses_with_their_liveliest_taxels():
@@ -133,8 +135,8 @@ def test_chance_and_early_exit_are_in_the_legend():
 
 
 def test_readings_of_a_squeeze_have_one_scale_with_a_unit():
-    one = compliance.Shown("OBJ-1", np.array([0.0, 6.0, 12.0, 6.0]), np.arange(4.0), np.eye(3), 9 * np.eye(4))
-    figure = compliance.draw_squeezes([one, one._replace(finger=5 * np.eye(3))])
+    one = squeezes.Shown("OBJ-1", np.array([0.0, 6.0, 12.0, 6.0]), np.arange(4.0), np.eye(3), 9 * np.eye(4))
+    figure = squeezes.draw_squeezes([one, one._replace(finger=5 * np.eye(3))])
     images = [image for axes in figure.axes for image in axes.images]
     assert {image.get_clim() for image in images} == {(0.0, 9.0)}
     assert "counts" in figure.axes[-1].get_ylabel()

@@ -1,7 +1,7 @@
 """Figures of the compliance study: curves and their features, Tables 3 and 5 as curves, figure of merit, confusions."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -123,42 +123,6 @@ def _paint_moments(above: Axes, below: Axes, own: np.ndarray, sampling_rate_Hz: 
         inside = slice(n // 2, len(apart) - n // 2)  # only complete means
         below.plot(time_s[inside], apart[inside], color=SERIES[i][0], linewidth=0.9, label=NAMES[i])
     below.grid(axis="y")
-
-
-class Shown(NamedTuple):
-    """One exploration: displacement and force `(time,)`, and both images at the turn, `(row, column)`."""
-
-    label: str
-    displacement_mm: np.ndarray
-    force_N: np.ndarray
-    finger: np.ndarray
-    palm: np.ndarray
-
-
-@printed
-def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
-    """Force over displacement, there and back, and both tactile images at the turn; a column per object.
-
-    Each force plot has its own scale, to show the shape of the curve; all images share one.
-    """
-    figure = new_figure(4.4)
-    grid = figure.subplots(3, len(explorations), height_ratios=(1.3, 1.2, 1.2))
-    largest = max(max(one.finger.max(), one.palm.max()) for one in explorations)
-    for column, one in zip(grid.T, explorations, strict=True):
-        turn = int(one.displacement_mm.argmax())
-        column[0].plot(one.displacement_mm[: turn + 1], one.force_N[: turn + 1], color=INK, label="squeeze")
-        column[0].plot(one.displacement_mm[turn:], one.force_N[turn:], color=SERIES[4][0], label="release")
-        column[0].set(title=one.label, xticks=(0, 6, 12), ylim=(0, None))
-        for axes, image in zip(column[1:], (one.finger, one.palm), strict=True):
-            drawn = axes.imshow(image, cmap="viridis", vmin=0, vmax=largest)
-            axes.set(xticks=(), yticks=())
-    for axes in grid[0]:
-        axes.set_xlabel("squeezed (mm)")
-    for axes, words in zip(grid[:, 0], ("force (N)", "finger", "palm"), strict=True):
-        axes.set_ylabel(words)
-    figure.colorbar(drawn, ax=grid[1:].ravel().tolist(), label="a taxel's reading (counts)", fraction=0.03)
-    add_legend(figure, grid[0], ncols=2)
-    return figure
 
 
 def draw_accuracy(results: pd.DataFrame, with_pca: bool) -> Drawn:

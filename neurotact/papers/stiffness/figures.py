@@ -1,14 +1,12 @@
 """Figures of the stiffness study: the trade-off (Fig. 6), accuracy by N_max (Table III), signals (Figs. 2 and 5)."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from neurotact.data.conditioning import ema, ema_coefficient
 from neurotact.figures.style import (
     INK,
     MUTED,
@@ -24,8 +22,6 @@ from neurotact.figures.style import (
 CLASSIFIERS = ("R-FC", "S-FC", "R-ELM", "S-ELM", "H-ELM")
 FEATURES = ("4F", "8F", "16F")
 N_MAX = (50, 100, 200, 300)
-SMOOTHING_Hz = 30.0
-"""Cut-off of the moving average in the sensor's electronics (texture paper, Sec. II-A)."""
 PUBLISHED_ACCURACY = {
     # At N_max 50, 100, 200, 300, in percent, from the references and differences of Table III.
     ("R-FC", "4F"): (79.8, 80.2, 81.4, 81.7),
@@ -149,7 +145,7 @@ def draw_signals(arrays: Mapping[str, np.ndarray]) -> Figure:
     for (left, right), label, signal in zip(grid, labels, arrays["shown"], strict=True):
         for channel, values in enumerate(signal.T):
             name = f"channel {channel + 1}"
-            left.plot(np.arange(len(signal)) / rate_Hz, values, lw=0.5, color=_channel_colour(channel), label=name)
+            left.plot(np.arange(len(signal)) / rate_Hz, values, lw=0.5, color=channel_colour(channel), label=name)
         left.set(ylabel=f"{label}\nsignal (mV)")
         _paint_peaks(right, arrays["peaks"][arrays["labels"] == label], rate_Hz)
         for axes in (left, right):
@@ -160,33 +156,8 @@ def draw_signals(arrays: Mapping[str, np.ndarray]) -> Figure:
     return figure
 
 
-@printed
-def draw_beside_real(simulated: Mapping[str, np.ndarray], real: Mapping[str, np.ndarray], rate_Hz: float) -> Figure:
-    """Simulated grasps above, real presses below: pale as recorded, dark after a moving average at 30 Hz.
-
-    simulated, real: `(time, channel)` in mV by title, equally many of both; one colour per channel.
-    """
-    figure = new_figure(4.4)
-    grid = figure.subplots(2, len(simulated), sharey="row", squeeze=False)
-    for line, found in zip(grid, (simulated, real), strict=True):
-        for axes, (title, signal) in zip(line, found.items(), strict=True):
-            time_s = np.arange(len(signal)) / rate_Hz
-            smoothed = ema(signal.astype(float), ema_coefficient(SMOOTHING_Hz, rate_Hz))
-            for channel in range(signal.shape[1]):
-                colour = _channel_colour(channel)
-                axes.plot(time_s, signal[:, channel], color=colour, lw=0.4, alpha=0.35)
-            for channel in range(signal.shape[1]):
-                style: Any = {"color": _channel_colour(channel), "lw": 1.0}
-                axes.plot(time_s, smoothed[:, channel], label=f"channel {channel + 1}", **style)
-            axes.set(title=title, xlabel="time (s)")
-            axes.grid(axis="y")
-        highest = 1.15 * max(float(np.abs(line_of.get_ydata()).max()) for axes in line for line_of in axes.lines[-4:])
-        line[0].set(ylabel="signal (mV)", ylim=(-highest, highest))
-    add_legend(figure, grid.ravel(), ncols=4, handlelength=1.4)
-    return figure
-
-
-def _channel_colour(channel: int) -> str:
+def channel_colour(channel: int) -> str:
+    """The colour of a channel in every figure of signals."""
     return SERIES[(0, 4, 2, 3, 1, 5)[channel % len(SERIES)]][0]
 
 

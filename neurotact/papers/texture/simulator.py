@@ -44,7 +44,7 @@ class GratingsSpec(Spec):
     """The plates, the protocol and the physics of one simulated experiment.
 
     Values without a source are calibrated to the published amplitudes, spike counts and firing rates; see
-    `python -m neurotact.papers.texture.calibration`.
+    `python benchmarks/gratings_calibration.py`.
 
     >>> GratingsSpec(trials=3).n_trials
     144

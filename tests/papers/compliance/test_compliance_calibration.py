@@ -1,10 +1,9 @@
 """The signal facts of the compliance paper hold on the simulation as shipped."""
 
+import compliance_calibration
 import pandas as pd
 import pytest
 
-from neurotact.papers.compliance import calibration as compliance_calibration
-from neurotact.papers.compliance.figures import draw_squeezes
 from neurotact.papers.compliance.simulator import ComplianceSpec
 
 
@@ -30,7 +29,7 @@ def test_pictures_are_drawn():
     shown = compliance_calibration.shown(spec, ("OBJ-17", "OBJ-37"))
     assert [one.label for one in shown] == ["OBJ-17", "OBJ-37"]
     assert (shown[0].finger.shape, shown[0].palm.shape) == ((11, 4), (16, 16))
-    *panels, scale = draw_squeezes(shown).axes
+    *panels, scale = compliance_calibration.draw_squeezes(shown).axes
     assert len(panels) == 6
     assert scale.get_ylabel()
 

@@ -1,5 +1,7 @@
 """Laws of the simulated gratings, and the calibration facts on a small experiment."""
 
+import gratings_calibration as calibration
+import gratings_facts as facts
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,7 +10,6 @@ from hypothesis import strategies as st
 from neurotact.data.recordings import select_conditions
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.papers.texture import calibration, facts
 from neurotact.papers.texture.simulator import (
     GratingsSpec,
     PLATE_mm,

@@ -1,26 +1,57 @@
 """Simulated grasps and real presses of the same laboratory's patch in one figure.
 
-`python -m neurotact.papers.stiffness.beside_real -o stiffness-signals.png` reads `$NEUROTACT_DATA/pvdf-hardness`.
+`python benchmarks/stiffness_beside_real.py -o stiffness-signals.png` reads `$NEUROTACT_DATA/pvdf-hardness`.
 """
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from neurotact.data.conditioning import ema, ema_coefficient
 from neurotact.data.readers import pvdf_hardness
 from neurotact.data.recordings import Recordings
 from neurotact.data.sources import expand
-from neurotact.figures.style import save
+from neurotact.figures.style import add_legend, new_figure, printed, save
 from neurotact.papers.stiffness import simulator
-from neurotact.papers.stiffness.figures import draw_beside_real
+from neurotact.papers.stiffness.figures import channel_colour
 from neurotact.papers.stiffness.simulator import StiffnessSpec
 
 DATA = "$NEUROTACT_DATA/pvdf-hardness"
 SHOWN_TAXELS = 4
 """Channels to draw of a press, as many as the gripper has: those with the largest deviation."""
+SMOOTHING_Hz = 30.0
+"""Cut-off of the moving average in the sensor's electronics (texture paper, Sec. II-A)."""
+
+
+@printed
+def draw_beside_real(simulated: Mapping[str, np.ndarray], real: Mapping[str, np.ndarray], rate_Hz: float) -> Figure:
+    """Simulated grasps above, real presses below: pale as recorded, dark after a moving average at 30 Hz.
+
+    simulated, real: `(time, channel)` in mV by title, equally many of both; one colour per channel.
+    """
+    figure = new_figure(4.4)
+    grid = figure.subplots(2, len(simulated), sharey="row", squeeze=False)
+    for line, found in zip(grid, (simulated, real), strict=True):
+        for axes, (title, signal) in zip(line, found.items(), strict=True):
+            time_s = np.arange(len(signal)) / rate_Hz
+            smoothed = ema(signal.astype(float), ema_coefficient(SMOOTHING_Hz, rate_Hz))
+            for channel in range(signal.shape[1]):
+                colour = channel_colour(channel)
+                axes.plot(time_s, signal[:, channel], color=colour, lw=0.4, alpha=0.35)
+            for channel in range(signal.shape[1]):
+                style: Any = {"color": channel_colour(channel), "lw": 1.0}
+                axes.plot(time_s, smoothed[:, channel], label=f"channel {channel + 1}", **style)
+            axes.set(title=title, xlabel="time (s)")
+            axes.grid(axis="y")
+        highest = 1.15 * max(float(np.abs(line_of.get_ydata()).max()) for axes in line for line_of in axes.lines[-4:])
+        line[0].set(ylabel="signal (mV)", ylim=(-highest, highest))
+    add_legend(figure, grid.ravel(), ncols=4, handlelength=1.4)
+    return figure
 
 
 def liveliest(signal: np.ndarray, n: int = SHOWN_TAXELS) -> np.ndarray:
@@ -42,7 +73,7 @@ def first_of_each(recordings: Recordings, labels: Sequence[str], n: int = SHOWN_
 
 def main(arguments: list[str] | None = None) -> int:
     """Draw the figure."""
-    parser = argparse.ArgumentParser(prog="python -m neurotact.papers.stiffness.beside_real", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python benchmarks/stiffness_beside_real.py", description=__doc__)
     parser.add_argument("-o", "--out", type=Path, default=Path("stiffness-signals.png"), help="the figure")
     parser.add_argument("--data", default=DATA, help="folder of the published presses")
     given = parser.parse_args(arguments)

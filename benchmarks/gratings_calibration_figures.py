@@ -4,16 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-from neurotact.data.conditioning import ConditioningSpec, condition
-from neurotact.data.recordings import LABEL, Recordings, select_conditions
-from neurotact.encoders.afferents import AfferentSpec
-from neurotact.encoders.encoding import encode_recordings
-from neurotact.figures.encoding import Classes, draw_isis, draw_rasters, draw_rates, draw_spike_counts
-from neurotact.figures.style import INK, PALE, RA, SA, add_legend, new_figure, printed, save
-from neurotact.papers.texture.facts import (
+from gratings_facts import (
     FORCE_N,
     PAIR_CONDITIONS,
     SHOWN,
@@ -23,6 +14,15 @@ from neurotact.papers.texture.facts import (
     mean_spectrum,
     with_periods,
 )
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from neurotact.data.conditioning import ConditioningSpec, condition
+from neurotact.data.recordings import LABEL, Recordings, select_conditions
+from neurotact.encoders.afferents import AfferentSpec
+from neurotact.encoders.encoding import encode_recordings
+from neurotact.figures.encoding import Classes, draw_isis, draw_rasters, draw_rates, draw_spike_counts
+from neurotact.figures.style import INK, PALE, RA, SA, add_legend, new_figure, printed, save
 
 
 @printed

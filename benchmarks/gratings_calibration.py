@@ -1,6 +1,6 @@
 """The simulated gratings compared with the signals and spikes of the texture paper.
 
-    python -m neurotact.papers.texture.calibration [-o DIR] [--trials N] [--set KEY=VALUE]
+    python benchmarks/gratings_calibration.py [-o DIR] [--trials N] [--set KEY=VALUE]
 
 Simulates the published experiment, prints every calibration fact with its target and the simulated value, and with
 `-o` writes the facts as a table and draws figures for comparison with the paper's Figs. 5, 6, 10 and 12. `--set`
@@ -11,12 +11,13 @@ import argparse
 import sys
 from pathlib import Path
 
+from gratings_calibration_figures import draw_all
+from gratings_facts import count_facts, measure, noise_facts, rate_facts, signal_facts, start_facts
+from signal_facts import keep, print_facts
+
 from neurotact.data.recordings import Recordings
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.errors import InputError
-from neurotact.papers.signal_facts import keep, print_facts
-from neurotact.papers.texture.calibration_figures import draw_all
-from neurotact.papers.texture.facts import count_facts, measure, noise_facts, rate_facts, signal_facts, start_facts
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import counting, track
 from neurotact.spec import build, load, parse_assignments
@@ -25,7 +26,7 @@ from neurotact.tables import write_table
 
 def main(arguments: list[str] | None = None) -> int:
     """Print every fact with its target, and whether it holds."""
-    parser = argparse.ArgumentParser(prog="python -m neurotact.papers.texture.calibration", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python benchmarks/gratings_calibration.py", description=__doc__)
     parser.add_argument("-o", "--out", type=Path, help="folder for facts.csv and the figures")
     parser.add_argument("--trials", type=int, default=20, help="for each grating, force and speed (default 20)")
     parser.add_argument("--encoder", default="sa1-ra1-lif", help="name or path of an encoder")

@@ -1,6 +1,6 @@
 """The simulated squeezes compared with the signals of the compliance paper.
 
-    python -m neurotact.papers.compliance.calibration [-o DIR]
+    python benchmarks/compliance_calibration.py [-o DIR]
 
 Prints every fact with its target and the simulated value; with `-o` writes them as a table and draws the figures of
 docs/compliance-simulator.md. No classifier is trained here, and none was used to set the parameters.
@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
+from signal_facts import Fact, keep, print_facts
 
-from neurotact.figures.style import save
+from neurotact.figures.style import INK, SERIES, add_legend, new_figure, printed, save
 from neurotact.papers.compliance.curve_features import curve_features, instants
-from neurotact.papers.compliance.figures import Shown, draw_curves, draw_features, draw_squeezes
+from neurotact.papers.compliance.figures import draw_curves, draw_features
 from neurotact.papers.compliance.simulator import (
     CHANNELS,
     SENSORS,
@@ -30,7 +32,6 @@ from neurotact.papers.compliance.simulator import (
     tactile_images,
     trial_generator,
 )
-from neurotact.papers.signal_facts import Fact, keep, print_facts
 
 OVOIDS = {"orange": (22, 23, 24), "green": (25, 26, 27), "blue": (16, 17, 18), "purple": (19, 20, 21)}
 """Objects by colour from low to high stiffness (Sec. 3.3)."""
@@ -205,6 +206,42 @@ def sensor_facts(measured: Measured) -> list[Fact]:
     ]
 
 
+class Shown(NamedTuple):
+    """One exploration: displacement and force `(time,)`, and both images at the turn, `(row, column)`."""
+
+    label: str
+    displacement_mm: np.ndarray
+    force_N: np.ndarray
+    finger: np.ndarray
+    palm: np.ndarray
+
+
+@printed
+def draw_squeezes(explorations: Sequence[Shown]) -> Figure:
+    """Force over displacement, there and back, and both tactile images at the turn; a column per object.
+
+    Each force plot has its own scale, to show the shape of the curve; all images share one.
+    """
+    figure = new_figure(4.4)
+    grid = figure.subplots(3, len(explorations), height_ratios=(1.3, 1.2, 1.2))
+    largest = max(max(one.finger.max(), one.palm.max()) for one in explorations)
+    for column, one in zip(grid.T, explorations, strict=True):
+        turn = int(one.displacement_mm.argmax())
+        column[0].plot(one.displacement_mm[: turn + 1], one.force_N[: turn + 1], color=INK, label="squeeze")
+        column[0].plot(one.displacement_mm[turn:], one.force_N[turn:], color=SERIES[4][0], label="release")
+        column[0].set(title=one.label, xticks=(0, 6, 12), ylim=(0, None))
+        for axes, image in zip(column[1:], (one.finger, one.palm), strict=True):
+            drawn = axes.imshow(image, cmap="viridis", vmin=0, vmax=largest)
+            axes.set(xticks=(), yticks=())
+    for axes in grid[0]:
+        axes.set_xlabel("squeezed (mm)")
+    for axes, words in zip(grid[:, 0], ("force (N)", "finger", "palm"), strict=True):
+        axes.set_ylabel(words)
+    figure.colorbar(drawn, ax=grid[1:].ravel().tolist(), label="a taxel's reading (counts)", fraction=0.03)
+    add_legend(figure, grid[0], ncols=2)
+    return figure
+
+
 def shown(spec: ComplianceSpec, labels: Sequence[str] = SHOWN) -> list[Shown]:
     """Force, deformation and the images at the turn of one exploration of each object."""
     found = []
@@ -226,7 +263,7 @@ def shown(spec: ComplianceSpec, labels: Sequence[str] = SHOWN) -> list[Shown]:
 
 def main(arguments: list[str] | None = None) -> int:
     """Print every fact with its target, and whether it holds."""
-    parser = argparse.ArgumentParser(prog="python -m neurotact.papers.compliance.calibration", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python benchmarks/compliance_calibration.py", description=__doc__)
     parser.add_argument("-o", "--out", type=Path, help="folder for facts.csv and the figures")
     given = parser.parse_args(arguments)
     spec = ComplianceSpec()

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from signal_facts import Fact
 
 from neurotact.data.conditioning import ConditioningSpec, condition
 from neurotact.data.readers import pvdf_hardness
@@ -18,7 +19,6 @@ from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.encoding import encode_recordings
 from neurotact.errors import InputError
 from neurotact.metrics.firing import firing_of, touch_spikes
-from neurotact.papers.signal_facts import Fact
 from neurotact.papers.texture.simulator import GratingsSpec, simulate
 from neurotact.progress import say
 
