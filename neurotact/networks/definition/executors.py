@@ -14,7 +14,7 @@ from neurotact.data.conditioning import ACAUSAL, ConditioningSpec
 from neurotact.encoders.afferents import AfferentSpec
 from neurotact.encoders.specs import EncoderSpec
 from neurotact.errors import InputError
-from neurotact.networks.definition.rsnn import RSNN
+from neurotact.networks.definition.native import Network
 from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
 
 
@@ -22,7 +22,7 @@ class Subject(NamedTuple):
     """What is to be executed: an encoder, unless spikes are the input, a network, and an exit rule."""
 
     encoder: EncoderSpec | None
-    network: RSNN
+    network: Network
     rule: ExitRule = FULL_WINDOW
 
     @property
@@ -218,16 +218,22 @@ EXECUTORS: dict[str, Executor] = {
 def require(executor: str, subject: Subject) -> None:
     """InputError with the feature, the reason and what to do instead, for the first one that an executor lacks.
 
+    >>> from neurotact.networks.definition.rsnn import RSNN
     >>> network = RSNN(2, 3, sampling_rate_Hz=1000.0, hidden=4, reset="hard")
     >>> require("snntorch", Subject(None, network))
     Traceback (most recent call last):
     neurotact.errors.InputError: reset hard: snnTorch does not run it: its neurons have only 'zero' and 'subtract'; ...
     """
-    found = EXECUTORS[executor]
-    for name, reason in found.lacks.items():
-        feature = FEATURES[name]
-        if feature.part in found.parts and feature.present(subject):
-            raise InputError(f"{name}: {found.what} does not run it: {reason}; {feature.instead}")
+    name = lacking(executor, subject)
+    if name is not None:
+        found = EXECUTORS[executor]
+        raise InputError(f"{name}: {found.what} does not run it: {found.lacks[name]}; {FEATURES[name].instead}")
+
+
+def lacking(executor: str, subject: Subject) -> str | None:
+    """The first feature of a subject that an executor lacks; None if it runs all."""
+    parts, lacks = EXECUTORS[executor].parts, EXECUTORS[executor].lacks
+    return next((name for name in lacks if FEATURES[name].part in parts and FEATURES[name].present(subject)), None)
 
 
 def table() -> list[tuple[str, ...]]:

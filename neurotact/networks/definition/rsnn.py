@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from neurotact.checks import at_least
 from neurotact.data.recordings import check_sampling_rate
 from neurotact.errors import InputError
-from neurotact.networks.definition import kernels, native, reference
+from neurotact.networks.definition import executors, kernels, native, reference
 from neurotact.networks.definition.kernels import Backend
 from neurotact.networks.definition.readouts import Integration
 from neurotact.networks.definition.specs import RSNNSpec
@@ -322,7 +322,12 @@ class RSNN(nn.Module):
 
     def _native(self) -> bool:
         # The kernels have only the fast sigmoid; any other surrogate runs in the reference.
-        return self.spike == FastSigmoid(self.spec.surrogate_scale) and kernels.use_native(self.backend, self.w_in)
+        if self.spike != FastSigmoid(self.spec.surrogate_scale) or not kernels.use_native(self.backend, self.w_in):
+            return False
+        subject = executors.Subject(None, self)
+        if self.backend == "native":
+            executors.require("native", subject)
+        return executors.lacking("native", subject) is None
 
     def _check(self, spikes: Tensor) -> None:
         if spikes.ndim != 3 or spikes.shape[2] != self.n_inputs:
