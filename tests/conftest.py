@@ -9,9 +9,10 @@ import levels
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Small tensors are slower on many threads, by far where several tests run at once. The kernels and torch share a
-# library that reads this when the first of them is loaded.
+# Small tensors are slower on many threads, by far where several tests run at once; threads that wait for each other are
+# not to count while they do. The kernels and torch share a library that reads this when the first of them is loaded.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 from neurotact.backend import hold_torch_to_avx2
 
 hold_torch_to_avx2()  # before torch is imported: as the command line does

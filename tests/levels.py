@@ -15,8 +15,9 @@ QUICK, THOROUGH = 15, 100
 
 
 def examples(at_most: int) -> settings:
-    """Of a test whose examples are costly, or whose space is soon drawn: no more than these at any level."""
-    return settings(max_examples=min(at_most, settings.default.max_examples))
+    """Of a test whose examples are costly, or whose space is soon drawn or large: so many beyond the quick level."""
+    is_quick = settings.default.max_examples == QUICK
+    return settings(max_examples=min(at_most, QUICK) if is_quick else at_most)
 
 
 def thinned(names: str | tuple[str, ...], values: Sequence[Any], every: int = 0, **more: Any) -> Callable:

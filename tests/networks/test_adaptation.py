@@ -7,7 +7,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from levels import examples
+from levels import examples, thinned
 from test_native import (
     LEARNED,
     compare,
@@ -20,6 +20,7 @@ from test_native import (
     limit,
     network,
     spikes,
+    variants,
 )
 from test_reference import finite_difference, loss_of
 from test_reference import network as smooth_network
@@ -105,7 +106,7 @@ def test_a_neuron_that_spikes_at_each_step_adapts_as_a_geometric_series(rho, n):
     assert state.adaptation.item() == pytest.approx((1 - rho**n) / (1 - rho))
 
 
-@pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
+@each_variant
 def test_at_constant_drive_intervals_grow_until_they_are_steady(membrane, reset):
     x, w = steady(2000, 0.03)  # without a spike the membrane would reach three thresholds
     intervals = []
@@ -200,7 +201,7 @@ def test_the_layer_by_itself_adapts_as_that_of_a_network():
 
 
 @pytest.mark.parametrize("delay", [0, 1])
-@pytest.mark.parametrize(("membrane", "reset"), [(m, r) for m, r in VARIANTS if r != "subtract"])
+@thinned(("membrane", "reset"), [(m, r) for m, r in VARIANTS if r != "subtract"], every=3)
 def test_gradients_equal_finite_differences(membrane, reset, delay):
     """Through A too: a spike that is a number, with the surrogate as its slope, raises thresholds by as much.
 
@@ -246,8 +247,8 @@ def test_a_gradient_comes_through_the_adaptation_alone(reset, left, backend):
 
 
 @needs_kernels
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 80), st.integers(1, 80), st.one_of(st.integers(1, 20), st.integers(17, 70))),
     model=st.sampled_from(["rsnn", "rsnn", "snn"]),
     strength=strengths,
@@ -262,10 +263,9 @@ def test_a_gradient_comes_through_the_adaptation_alone(reset, left, backend):
     delay=st.sampled_from([0, 1]),
     seed=st.integers(0, 99),
 )
-@examples(18)
+@examples(160)
 def test_counts_and_gradients_are_the_reference_s(
-    membrane,
-    reset,
+    variant,
     sizes,
     model,
     strength,
@@ -281,29 +281,29 @@ def test_counts_and_gradients_are_the_reference_s(
     seed,
 ):
     n_in, hidden, classes = sizes
-    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "model": model}
+    membrane, reset = variant
+    table = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "model": model}
     adapting = {"threshold_adaptation": strength, "tau_adaptation_ms": tau_ms}
-    net = network(n_in, hidden, classes, seed, dtype, **variant, **adapting, learn=LEARNED if learns else ())
+    net = network(n_in, hidden, classes, seed, dtype, **table, **adapting, learn=LEARNED if learns else ())
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
     compare(net, spikes(*window, n_in, density, seed), with_inputs)
 
 
 @needs_kernels
-@pytest.mark.parametrize("model", ["rsnn", "snn"])
-@pytest.mark.parametrize(("hidden", "classes"), [(n, c) for n in (16, 30, 48, 64, 70) for c in (8, 9, 17, 33)])
-@pytest.mark.parametrize("learn", [(), LEARNED])
+@thinned("model", ["rsnn", "snn"])
+@thinned(("hidden", "classes"), [(n, c) for n in (16, 30, 48, 64, 70) for c in (8, 9, 17, 33)], every=6)
+@thinned("learn", [LEARNED, ()])
 def test_every_form_of_the_register_kernel_and_its_neighbours_agree(model, hidden, classes, learn):
-    for isa in native.isas():
-        native.set_isa(isa)
-        compare(network(20, hidden, classes, model=model, learn=learn, **ADAPTING), spikes(5, 20, 20, 0.1))
+    net = network(20, hidden, classes, model=model, learn=learn, **ADAPTING)
+    compare(net, spikes(5, 20, 20, 0.1), isas=native.isas())
 
 
 @needs_kernels
 @pytest.mark.parametrize("kind", ["integrator", "leaky", "max"])
-@pytest.mark.parametrize("hidden", [20, 64, 70])
-@pytest.mark.parametrize("learn", [(), LEARNED])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@thinned("hidden", [20, 64, 70], every=2)
+@thinned("learn", [LEARNED, ()])
+@thinned("dtype", [torch.float32, torch.float64])
 def test_readouts_that_add_up_hear_the_same(kind, hidden, learn, dtype):
     readout = {"readout": "integrator", "readout_tau_ms": 30.0} if kind == "leaky" else {"readout": kind}
     net, other = (
@@ -319,7 +319,7 @@ def test_readouts_that_add_up_hear_the_same(kind, hidden, learn, dtype):
 
 @needs_kernels
 @each_variant
-@pytest.mark.parametrize("delay", [0, 1])
+@thinned("delay", [0, 1])
 @pytest.mark.parametrize("hidden", [20, 70])
 def test_a_negative_threshold_is_no_special_case(membrane, reset, delay, hidden):
     """A neuron that stands above its threshold before the first step is reset, but has sent nothing that raises it."""
@@ -334,9 +334,9 @@ def test_a_negative_threshold_is_no_special_case(membrane, reset, delay, hidden)
 
 @needs_kernels
 @each_variant
-@pytest.mark.parametrize("delay", [0, 1])
+@thinned("delay", [1, 0])
 @pytest.mark.parametrize("n_steps", [1, 2, 3])
-@pytest.mark.parametrize("hidden", [20, 70])
+@thinned("hidden", [20, 70])
 def test_windows_no_longer_than_the_delays_agree(membrane, reset, delay, n_steps, hidden):
     variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "dtype": torch.float64}
     compare(network(5, hidden, **variant, **ADAPTING), spikes(5, n_steps, density=0.8))
@@ -357,8 +357,8 @@ def test_adaptation_changes_the_spikes(membrane, reset, hidden, model):
 
 
 @needs_kernels
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 70), st.integers(1, 80), st.integers(1, 70)),
     strength=strengths,
     tau_ms=times_ms,
@@ -370,14 +370,15 @@ def test_adaptation_changes_the_spikes(membrane, reset, hidden, model):
     delay=st.sampled_from([0, 1]),
     seed=st.integers(0, 99),
 )
-@examples(12)
+@examples(110)
 def test_inference_is_the_reference_s(
-    membrane, reset, sizes, strength, tau_ms, window, rule, dtype, isa, n_threads, delay, seed
+    variant, sizes, strength, tau_ms, window, rule, dtype, isa, n_threads, delay, seed
 ):
     n_in, hidden, classes = sizes
-    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
+    membrane, reset = variant
+    table = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
     adapting = {"threshold_adaptation": strength, "tau_adaptation_ms": tau_ms}
-    net = network(n_in, hidden, classes, seed, dtype, **variant, **adapting)
+    net = network(n_in, hidden, classes, seed, dtype, **table, **adapting)
     x = spikes(*window, n_in, seed=seed)
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
@@ -401,8 +402,8 @@ def test_both_backends_stop_alike(kind, rule):
 
 
 @needs_kernels
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 70), st.integers(1, 70)),
     window=st.tuples(st.integers(1, 5), st.integers(1, 25)),
     recurrent=st.booleans(),
@@ -412,8 +413,8 @@ def test_both_backends_stop_alike(kind, rule):
     isa=isas,
     seed=st.integers(0, 99),
 )
-@examples(12)
-def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, per_neuron, how, dtype, isa, seed):
+@examples(110)
+def test_a_layer_is_the_reference_s(variant, sizes, window, recurrent, per_neuron, how, dtype, isa, seed):
     n_in, n_out = sizes
     native.set_isa(isa)
     generator = torch.Generator().manual_seed(seed)
@@ -426,7 +427,7 @@ def test_a_layer_is_the_reference_s(membrane, reset, sizes, window, recurrent, p
     shape = (n_out,) if per_neuron else ()
     dynamics = {"alpha": between(0.5, 0.9, *shape), "beta": between(0.7, 0.95, *shape)}
     dynamics["threshold"] = between(0.7, 1.2, *shape)
-    call = {"neuron": CubaLIF(membrane, reset), "adaptation": how, **dynamics}
+    call = {"neuron": CubaLIF(*variant), "adaptation": how, **dynamics}
     ours = cuba_lif_layer(x, w, v, backend="native", **call)
     wanted, _ = reference.cuba_lif_layer(x, w, v, spike=FastSigmoid(10.0), ordered=True, **call)
     assert torch.equal(ours, wanted)

@@ -1,12 +1,13 @@
 """The compiled kernels against the definition: spikes to the last bit, gradients to rounding, any thread count."""
 
+from collections.abc import Iterable
 from typing import get_args
 
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from levels import examples
+from levels import examples, thinned
 from torch import Tensor
 
 from neurotact.errors import InputError
@@ -23,7 +24,9 @@ pytestmark = pytest.mark.skipif(native.native is None, reason="the kernels are n
 VARIANTS = [(membrane, reset) for membrane in get_args(Membrane) for reset in get_args(Reset)]
 TOLERANCE = {torch.float32: 1e-4, torch.float64: 1e-9}
 LEARNED = ("alpha", "beta", "threshold")
-each_variant = pytest.mark.parametrize(("membrane", "reset"), VARIANTS)
+each_variant = thinned(("membrane", "reset"), VARIANTS, every=4)
+"""The quick ones have each membrane and each reset."""
+variants = st.sampled_from(VARIANTS)
 dtypes = st.sampled_from([torch.float32, torch.float64])
 delays = st.sampled_from([0, 1])
 isas = st.sampled_from(native.isas() if native.native else ["plain"])
@@ -83,18 +86,25 @@ def limit(gradient: Tensor) -> float:
     return 2e-3 if cancels else TOLERANCE[gradient.dtype]
 
 
-def compare(net: RSNN, x: Tensor, with_inputs: bool = False) -> Rasters:
-    """Counts equal to the last bit and gradients within tolerance; returns the reference's rasters."""
+def compare(net: RSNN, x: Tensor, with_inputs: bool = False, isas: Iterable[str] = ()) -> Rasters:
+    """Counts equal to the last bit and gradients within tolerance, also with each of the instruction sets.
+
+    Returns the reference's rasters.
+    """
     ours, theirs = ([x.to(net.w_in.dtype).requires_grad_()] if with_inputs else [] for _ in range(2))
     parameters = [p for p in net.parameters() if p.requires_grad]
     rasters = net.simulate(*theirs or [x], ordered=True)
     wanted = rasters.readout.sum(dim=1), rasters.hidden.sum(dim=1)
-    counts = net(*ours or [x])
-    assert torch.equal(counts.readout, wanted[0])
-    assert torch.equal(counts.hidden, wanted[1])
-    if x.shape[0] and x.shape[1]:
-        pairs = zip(gradients(counts, parameters + ours), gradients(wanted, parameters + theirs), strict=True)
-        assert all(farthest(a, b) <= limit(b) for a, b in pairs)
+    has_gradients = bool(x.shape[0] and x.shape[1])
+    slopes = gradients(wanted, parameters + theirs) if has_gradients else ()
+    for isa in isas or [None]:
+        if isa is not None:
+            native.set_isa(isa)
+        counts = net(*ours or [x])
+        assert all(map(torch.equal, counts, wanted)), isa
+        if has_gradients:
+            pairs = zip(gradients(counts, parameters + ours), slopes, strict=True)
+            assert all(farthest(a, b) <= limit(b) for a, b in pairs), isa
     return Rasters(*(raster.detach() for raster in rasters))
 
 
@@ -117,8 +127,8 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
 # --- parity of the fused network ---------------------------------------------------------------------
 
 
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 80), st.integers(1, 80), st.one_of(st.integers(1, 20), st.integers(17, 70))),
     model=st.sampled_from(["rsnn", "rsnn", "snn"]),
     readout_scale=st.sampled_from([None, 3.0]),
@@ -132,10 +142,9 @@ def decide(x: Tensor, rasters: Rasters, rule: ExitRule) -> Inference:
     delay=delays,
     seed=st.integers(0, 99),
 )
-@examples(18)
+@examples(160)
 def test_counts_and_gradients_are_the_reference_s(
-    membrane,
-    reset,
+    variant,
     sizes,
     model,
     readout_scale,
@@ -150,27 +159,26 @@ def test_counts_and_gradients_are_the_reference_s(
     seed,
 ):
     n_in, hidden, classes = sizes
-    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "model": model}
-    variant["readout_surrogate_scale"] = readout_scale
-    net = network(n_in, hidden, classes, seed, dtype, **variant, learn=LEARNED if learns else ())
+    membrane, reset = variant
+    table = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay, "model": model}
+    table["readout_surrogate_scale"] = readout_scale
+    net = network(n_in, hidden, classes, seed, dtype, **table, learn=LEARNED if learns else ())
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
     compare(net, spikes(*window, n_in, density, seed), with_inputs)
 
 
-@pytest.mark.parametrize("model", ["rsnn", "snn"])
-@pytest.mark.parametrize(("hidden", "classes"), [(n, c) for n in (16, 30, 48, 64) for c in (8, 9, 17, 33, 65)])
-@pytest.mark.parametrize("learn", [(), LEARNED])
+@thinned("model", ["rsnn", "snn"])
+@thinned(("hidden", "classes"), [(n, c) for n in (16, 30, 48, 64) for c in (8, 9, 17, 33, 65)], every=4)
+@thinned("learn", [LEARNED, ()])
 def test_every_form_of_the_register_kernel_and_its_neighbours_agree(model, hidden, classes, learn):
-    """Each pair of padded widths is compiled apart."""
-    for isa in native.isas():
-        native.set_isa(isa)
-        compare(network(20, hidden, classes, model=model, learn=learn), spikes(5, 20, 20, 0.1))
+    """Each pair of padded widths is compiled apart; the quick ones have each width once."""
+    compare(network(20, hidden, classes, model=model, learn=learn), spikes(5, 20, 20, 0.1), isas=native.isas())
 
 
 @each_variant
-@pytest.mark.parametrize("learn", [(), LEARNED])
-@pytest.mark.parametrize("hidden", [20, 64, 70])
+@thinned("learn", [LEARNED, ()])
+@thinned("hidden", [20, 64, 70], every=2)
 def test_what_an_integrator_hears_agrees(membrane, reset, learn, hidden):
     """Hidden counts without a spiking readout, one value of each constant for the layer."""
     net, x = network(6, hidden, membrane=membrane, reset=reset, learn=learn, readout="integrator"), spikes(5, 20, 6)
@@ -182,15 +190,15 @@ def test_what_an_integrator_hears_agrees(membrane, reset, learn, hidden):
     assert all(farthest(a, b) <= limit(b) for a, b in pairs)
 
 
-@pytest.mark.parametrize("hidden", [64, 65, 128, 200])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("delay", [0, 1])
+@thinned("hidden", [65, 64, 128, 200])
+@thinned("dtype", [torch.float32, torch.float64])
+@thinned("delay", [0, 1])
 def test_wide_layers_agree(hidden, dtype, delay):
     compare(network(70, hidden, 27, dtype=dtype, recurrent_delay_steps=delay), spikes(19, 40, 70, 0.1))
 
 
 @each_variant
-@pytest.mark.parametrize("delay", [0, 1])
+@thinned("delay", [1, 0])
 @pytest.mark.parametrize("n_steps", [1, 2, 3])
 @pytest.mark.parametrize("hidden", [20, 70])
 def test_windows_no_longer_than_the_delays_agree(membrane, reset, delay, n_steps, hidden):
@@ -205,7 +213,7 @@ def test_the_widest_layer_agrees(membrane):
 
 
 @each_variant
-@pytest.mark.parametrize("delay", [0, 1])
+@thinned("delay", [0, 1])
 def test_a_negative_threshold_is_no_special_case(membrane, reset, delay):
     variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
     net = network(**variant, learn=LEARNED, dtype=torch.float64)
@@ -261,7 +269,7 @@ def trained(n_threads: int, hidden: int, delay: int, isa: str, steps: int = 100)
 
 
 @pytest.mark.parametrize("hidden", [20, 70])
-@pytest.mark.parametrize("delay", [0, 1])
+@thinned("delay", [0, 1])
 def test_a_hundred_adam_steps_give_the_same_weights_on_any_thread_count_and_instruction_set(hidden, delay):
     wanted = trained(1, hidden, delay, native.isas()[-1])
     assert all(map(torch.equal, trained(2, hidden, delay, native.isas()[-1]), wanted))
@@ -368,8 +376,8 @@ def test_gradients_follow_finite_differences_between_spikes(membrane):
 # --- inference ---------------------------------------------------------------------------------------
 
 
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 70), st.integers(1, 70), st.integers(1, 70)),
     window=st.tuples(st.integers(0, 5), st.integers(1, 30)),
     rule=st.sampled_from([FULL_WINDOW, ExitRule(1), ExitRule(4), ExitRule(4, from_first_spike=True), ExitRule(99)]),
@@ -379,11 +387,11 @@ def test_gradients_follow_finite_differences_between_spikes(membrane):
     delay=delays,
     seed=st.integers(0, 99),
 )
-@examples(15)
-def test_inference_is_the_reference_s(membrane, reset, sizes, window, rule, dtype, isa, n_threads, delay, seed):
+@examples(135)
+def test_inference_is_the_reference_s(variant, sizes, window, rule, dtype, isa, n_threads, delay, seed):
     n_in, hidden, classes = sizes
-    variant = {"membrane": membrane, "reset": reset, "recurrent_delay_steps": delay}
-    net = network(n_in, hidden, classes, seed, dtype, **variant)
+    membrane, reset = variant
+    net = network(n_in, hidden, classes, seed, dtype, membrane=membrane, reset=reset, recurrent_delay_steps=delay)
     x = spikes(*window, n_in, seed=seed)
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
@@ -401,8 +409,8 @@ def test_inference_of_an_empty_window():
 # --- a layer -----------------------------------------------------------------------------------------
 
 
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 70), st.integers(1, 70)),
     window=st.tuples(st.integers(1, 5), st.integers(1, 25)),
     recurrent=st.booleans(),
@@ -413,10 +421,8 @@ def test_inference_of_an_empty_window():
     delay=delays,
     seed=st.integers(0, 99),
 )
-@examples(15)
-def test_a_layer_is_the_reference_s(
-    membrane, reset, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, delay, seed
-):
+@examples(135)
+def test_a_layer_is_the_reference_s(variant, sizes, window, recurrent, per_neuron, dtype, isa, n_threads, delay, seed):
     n_in, n_out = sizes
     native.set_isa(isa)
     torch.set_num_threads(n_threads)
@@ -430,7 +436,7 @@ def test_a_layer_is_the_reference_s(
     shape = (n_out,) if per_neuron else ()
     dynamics = {"alpha": between(0.5, 0.9, *shape), "beta": between(0.7, 0.95, *shape)}
     dynamics["threshold"] = between(0.7, 1.2, *shape)
-    neuron = CubaLIF(membrane, reset, delay)
+    neuron = CubaLIF(*variant, delay)
     ours = cuba_lif_layer(x, w, v, neuron=neuron, backend="native", **dynamics)
     wanted, _ = reference.cuba_lif_layer(x, w, v, neuron=neuron, spike=FastSigmoid(10.0), ordered=True, **dynamics)
     assert torch.equal(ours, wanted)
@@ -479,17 +485,18 @@ def test_a_set_that_the_processor_lacks_is_refused():
 # --- without recurrence --------------------------------------------------------------------------------
 
 
-@each_variant
 @given(
+    variant=variants,
     sizes=st.tuples(st.integers(1, 40), st.integers(1, 80), st.integers(1, 20)),
     window=st.tuples(st.integers(1, 5), st.integers(1, 25)),
     dtype=dtypes,
     isa=isas,
     learn=st.booleans(),
 )
-@examples(15)
-def test_a_feed_forward_network_is_the_reference_s(membrane, reset, sizes, window, dtype, isa, learn):
+@examples(135)
+def test_a_feed_forward_network_is_the_reference_s(variant, sizes, window, dtype, isa, learn):
     native.set_isa(isa)
+    membrane, reset = variant
     n_in, hidden, classes = sizes
     chosen = LEARNED if learn else ()
     net = network(n_in, hidden, classes, dtype=dtype, model="snn", membrane=membrane, reset=reset, learn=chosen)
