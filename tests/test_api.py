@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from in_process import typed
 
 import neurotact as nt
-from neurotact import cli
 from neurotact.cli import deploy, networks, studies
 from neurotact.cli.options import split_table
 from neurotact.errors import InputError
@@ -86,7 +86,7 @@ def test_train_does_what_the_command_line_does(saved, tmp_path):
     words = ["--window-ms", "100", "--start-ms", "100", "--per-trial", "2"]
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", *words, *changes, "-o", str(tmp_path / "theirs")]
-    subprocess.run([sys.executable, "-m", "neurotact", *command], check=True, capture_output=True)
+    assert typed(*command).code == 0
     for name in ("result.json", "weights.safetensors"):
         assert (tmp_path / "mine" / name).read_bytes() == (tmp_path / "theirs" / name).read_bytes()
     assert 0 <= row["low"] <= row["accuracy_test"] <= row["high"] <= 1
@@ -99,10 +99,9 @@ def test_the_command_line_prints_as_json_what_train_returns(saved, tmp_path):
     row = nt.train(saved, tmp_path / "mine", "rsnn", QUICK, length_ms=100.0)
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", "--window-ms", "100", *changes, "--json"]
-    done = subprocess.run(
-        [sys.executable, "-m", "neurotact", *command, "-o", str(tmp_path / "theirs")], check=True, capture_output=True
-    )
-    assert json.loads(done.stdout) == [row]
+    done = typed(*command, "-o", tmp_path / "theirs")
+    assert done.code == 0
+    assert json.loads(done.out) == [row]
 
 
 RENAMED = {"out": "folder", "set_": "settings", "window_ms": "length_ms", "tolerance": "exit_tolerance"}
@@ -142,7 +141,7 @@ def test_a_trained_network_decides_and_is_loaded(saved, spikes, tmp_path):
         nt.save_network(net, tmp_path / "copy")
 
 
-def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved, tmp_path, monkeypatch):
+def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved, tmp_path):
     space = {"hidden": {"_type": "choice", "_value": [4, 5]}}
     given = {"trials": 2, "length_ms": 100.0, "workers": 1, "settings": {"training.epochs": 1}}
     found = nt.tune(saved, tmp_path / "mine", space, **given)
@@ -151,9 +150,7 @@ def test_a_search_goes_on_where_it_was_and_leaves_what_the_command_leaves(saved,
     (tmp_path / "space.toml").write_text(to_toml(space))
     words = ["--trials", "2", "--window-ms", "100", "--workers", "1", "--set", "training.epochs=1"]
     command = ["tune", str(saved), "--space", str(tmp_path / "space.toml"), *words, "-o", str(tmp_path / "theirs")]
-    monkeypatch.setattr(sys, "argv", ["neurotact", *command])
-    with pytest.raises(SystemExit, match="0"):
-        cli.main()
+    assert typed(*command).code == 0
     left = {path.relative_to(tmp_path / "theirs") for path in (tmp_path / "theirs").rglob("*") if path.is_file()}
     assert {path.relative_to(tmp_path / "mine") for path in (tmp_path / "mine").rglob("*") if path.is_file()} == left
     for path in left:
@@ -270,7 +267,7 @@ def test_a_condition_is_tested_alike_from_python_and_the_command_line(saved, tmp
     changes = [word for key, value in QUICK.items() for word in ("--set", f"{key}={value}")]
     command = ["train", str(saved), "--network", "rsnn", *changes, "-o", str(tmp_path / "theirs")]
     where = ["--test-where", f"force_N={force}", "--align", "onset"]
-    subprocess.run([sys.executable, "-m", "neurotact", *command, *where], check=True, capture_output=True)
+    assert typed(*command, *where).code == 0
     assert (tmp_path / "mine/weights.safetensors").read_bytes() == (
         tmp_path / "theirs/weights.safetensors"
     ).read_bytes()

@@ -10,6 +10,7 @@ import tomllib
 from pathlib import Path
 
 import h5py
+import in_process
 import numpy as np
 import pandas as pd
 import pytest
@@ -93,8 +94,8 @@ def made(tmp_path_factory) -> Path:
         ("encode", folder / "touch.h5", "-o", folder / "spikes.h5"),
         ("train", folder / "spikes.h5", "-o", folder / "run", *QUICK, "--start-ms", 50, "--stratify", "force_N"),
     ):
-        done = typed(*words, cwd=folder)
-        assert done.returncode == 0, done.stderr
+        done = in_process.typed(*words, cwd=folder)
+        assert done.code == 0, done.err
     return folder
 
 

@@ -18,6 +18,7 @@ SCRIPT = Path(__file__).with_name("fuzz.py")
 CASES = 40
 
 
+@pytest.mark.thorough
 def test_no_spoilt_input_breaks_the_command_line():
     done = subprocess.run(
         [sys.executable, str(SCRIPT), "--cases", str(CASES), "--seconds", "60"],

@@ -15,6 +15,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from in_process import typed
 
 from neurotact import cli, spec
 from neurotact.data import hdf5
@@ -413,16 +414,17 @@ def write_space(folder):
     (folder / "space.toml").write_text(spec.to_toml(SPACE))
 
 
+TUNED = ("--trials", "6", "--objective", "accuracy-sops", "--exit-by", "margin")
+
+
 @pytest.fixture(scope="module")
 def tuned(spikes, tmp_path_factory):
-    """What `neurotact tune` left with two worker processes, and what it said on stderr."""
+    """What `neurotact tune` left, and what it said on stderr."""
     out = tmp_path_factory.mktemp("tune") / "tuned"
     write_space(out.parent)
-    command = [sys.executable, "-c", "from neurotact.cli import main; main()"]
-    more = ("--trials", "6", "--workers", "2", "--objective", "accuracy-sops", "--exit-by", "margin")
-    ended = subprocess.run([*command, *words(spikes, out, *more)[1:]], capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr
-    return out, ended.stderr
+    done = typed(*words(spikes, out, *TUNED, "--workers", "1")[1:])
+    assert done.code == 0, done.err
+    return out, done.err
 
 
 def test_tune_leaves_a_network_that_can_be_used(tuned):
@@ -459,10 +461,11 @@ def test_without_a_space_the_choices_of_the_recipe_are_searched(trains):
     assert search.asked("tune", SPACE, NETWORK, {"tuner": "grid"}, trains, task).first is None
 
 
-def test_two_processes_write_the_bytes_of_one(trains, tuned, tmp_path):
-    what = spec.build(search.Problem, spec.unsaved(read_json(tuned[0] / "search.json"), "", ""), source="search.json")
-    search.search(what, tmp_path, search.here(trains, what.task))
-    assert (tmp_path / JOURNAL).read_bytes() == (tuned[0] / JOURNAL).read_bytes()
+@pytest.mark.thorough
+def test_two_processes_write_the_bytes_of_one(spikes, tuned, tmp_path):
+    write_space(tmp_path)
+    assert typed(*words(spikes, tmp_path / "tuned", *TUNED, "--workers", "2")[1:]).code == 0
+    assert (tmp_path / "tuned" / JOURNAL).read_bytes() == (tuned[0] / JOURNAL).read_bytes()
 
 
 @pytest.mark.parametrize(

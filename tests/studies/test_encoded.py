@@ -1,14 +1,13 @@
 """A study without a network encodes, and what it tells of intervals is what the spikes say."""
 
 import json
-import subprocess
-import sys
 from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from in_process import typed
 
 from neurotact.data.spikes import SpikeTrains
 from neurotact.encoders.encoding import encode_recordings
@@ -88,10 +87,8 @@ def test_what_needs_a_network_is_refused_without_one(overrides, message):
 
 def test_the_command_leaves_tables_figures_and_a_report(tmp_path):
     folder = tmp_path / "run"
-    command = [sys.executable, "-c", "from neurotact.cli import main; main()"]
-    words = ["study", "run", str(TINY), "--workers", "1", "-o", str(folder)]
-    done = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = typed("study", "run", TINY, "--workers", 1, "-o", folder)
+    assert done.code == 0, done.err
     results, isi = pd.read_csv(folder / "results.csv"), pd.read_csv(folder / "isi.csv")
     encoding = pd.read_csv(folder / "encoding.csv")
     assert len(results) == 8

@@ -1,11 +1,10 @@
 """A selection follows Fig. 7's loop: a step asks for what the one before leaves open; validation alone decides."""
 
 import shutil
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 
+import in_process
 import numpy as np
 import pandas as pd
 import pytest
@@ -201,10 +200,9 @@ def ran(tmp_path_factory):
 
 
 def typed(*words: object) -> str:
-    command = [sys.executable, "-c", "from neurotact.cli import main; main()", *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stderr
+    done = in_process.typed(*words)
+    assert done.code == 0, done.err
+    return done.err
 
 
 def test_a_run_leaves_the_selection_and_the_cells_that_it_asked_for(ran):
