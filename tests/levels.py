@@ -21,12 +21,16 @@ def examples(at_most: int) -> settings:
 
 
 def thinned(names: str | tuple[str, ...], values: Sequence[Any], every: int = 0, **more: Any) -> Callable:
-    """As `pytest.mark.parametrize`: quick with the first value (and each `every`-th one), thorough with all."""
+    """As `pytest.mark.parametrize`: quick with the first value (and each `every`-th one), thorough with all.
 
-    def level(index: int) -> list[pytest.MarkDecorator]:
+    A `pytest.param` keeps its own marks.
+    """
+
+    def case(index: int, value: Any) -> Any:
+        if hasattr(value, "marks"):
+            return value
         is_quick = index % every == 0 if every else index == 0
-        return [] if is_quick else [pytest.mark.thorough]
+        values = value if isinstance(names, tuple) else (value,)
+        return pytest.param(*values, marks=[] if is_quick else [pytest.mark.thorough])
 
-    is_one = isinstance(names, str) and "," not in names
-    cases = [pytest.param(*([each] if is_one else each), marks=level(k)) for k, each in enumerate(values)]
-    return pytest.mark.parametrize(names, cases, **more)
+    return pytest.mark.parametrize(names, [case(*each) for each in enumerate(values)], **more)

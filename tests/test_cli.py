@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from levels import thinned
 from typer.main import get_command
 
 from neurotact import __version__, cli, files, plugins, spec
@@ -383,7 +384,7 @@ SLOWER = [pytest.param(module, marks=pytest.mark.slow) for module in ("typer", "
 
 
 @pytest.mark.usefixtures("ctrl_c")
-@pytest.mark.parametrize("module", ["neurotact.cli", "torch._C", "neurotact.networks.training.trained", *SLOWER])
+@thinned("module", ["torch._C", "neurotact.cli", "neurotact.networks.training.trained", *SLOWER])
 def test_ctrl_c_while_modules_load_ends_with_one_line(tmp_path, module):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED_BY_IMPORT.format(module=module)],

@@ -738,11 +738,18 @@ def runner(inputs, tmp_path, monkeypatch, capsys) -> Runner:
 
 
 def cases(kind: str) -> list[Any]:
+    """Of the options that change something the first of each way is quick, and all that are refused."""
+
+    def level(way: Way, number: int) -> list[pytest.MarkDecorator]:
+        if way.is_slow:
+            return [pytest.mark.slow]
+        return [pytest.mark.thorough] if kind == "changes" and number else []
+
     return [
-        pytest.param(way, option, words, id=f"{way.words} {words}", marks=[pytest.mark.slow] * way.is_slow)
+        pytest.param(way, option, words, id=f"{way.words} {words}", marks=level(way, number))
         for ways in WAYS.values()
         for way in ways
-        for option, words in getattr(way, kind).items()
+        for number, (option, words) in enumerate(getattr(way, kind).items())
     ]
 
 

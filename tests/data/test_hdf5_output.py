@@ -146,6 +146,7 @@ print(*given)
 """
 
 
+@pytest.mark.thorough
 def test_a_full_disk_is_one_sentence_at_any_size(tmp_path):
     """In a process of its own: without the care taken, the library crashes it, if only at its end."""
     pytest.importorskip("resource")

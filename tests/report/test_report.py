@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 import torch
 from browser import browser
+from levels import thinned
 from made_run import GRATINGS, SUBSETS, grating_conditions, make_run
 
 from neurotact.data.hdf5 import load_spikes
@@ -152,6 +153,7 @@ def test_each_claim_is_told_with_its_verdict(written):
     assert text.count("✗ no") == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_reasons_are_those_of_the_study_as_it_ships_alone(tmp_path):
     what = make_study()
@@ -188,11 +190,13 @@ def test_tables_hold_the_numbers(written):
     assert Page(written).text.count("10&10") > 4
 
 
+@pytest.mark.thorough
 def test_the_same_run_gives_the_same_report(written):
     before = written.read_bytes()
     assert networks.write(make_study(baselines="linear", as_shipped=True), written.parent).read_bytes() == before
 
 
+@pytest.mark.thorough
 def test_one_seed_and_a_silent_population(tmp_path):
     what = make_study()
     what = what.model_copy(update={"sweep": {**what.sweep, "seed": [0]}})
@@ -202,6 +206,7 @@ def test_one_seed_and_a_silent_population(tmp_path):
     assert "±" not in "".join(cell for row in networks.means_table(_results(tmp_path)).rows for cell in row)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_the_report_shows_the_encoder_that_was_calibrated(tmp_path):
     what = make_study()
@@ -214,7 +219,7 @@ def test_the_report_shows_the_encoder_that_was_calibrated(tmp_path):
     assert "Encoder" not in shown
 
 
-@pytest.mark.parametrize("keep", ["loss", "both"])
+@thinned("keep", ["both", "loss"])
 def test_the_epoch_that_was_kept_is_the_one_that_is_told(tmp_path, keep):
     """An epoch of a low loss that has learned nothing is not the one that `both` keeps."""
     what = make_study()
@@ -229,14 +234,14 @@ def test_the_epoch_that_was_kept_is_the_one_that_is_told(tmp_path, keep):
 
 
 @pytest.mark.usefixtures("text_alone")
-@pytest.mark.parametrize("n_done", [1, 14])
+@thinned("n_done", [1, 14])
 def test_a_run_that_is_not_complete_says_so(tmp_path, n_done):
     what = make_study()
     page = Page(networks.write(what, make_run(what, tmp_path, grating_conditions(), n_done=n_done)))
     assert f"{n_done} of 24" in page.text
 
 
-@pytest.mark.parametrize("stratify", [[], ["finger"]])
+@thinned("stratify", [["finger"], []])
 def test_other_touch_than_gratings(tmp_path, stratify):
     sweep = {"encoder.ra1.t_ref_ms & encoder.sa1.t_ref_ms": [[1, 1], [5, 10]], "network.hidden": [30]}
     what = make_study(dataset={"file": "fabrics.h5", "stratify": stratify}, sweep=sweep, claims=())
@@ -246,6 +251,7 @@ def test_other_touch_than_gratings(tmp_path, stratify):
     assert "claims" not in page.ids
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_a_reason_that_claims_share_stands_once(tmp_path):
     claims = tuple(CLAIMS[1].model_copy(update={"name": name, "why": "Shared & told once."}) for name in ("a", "b"))
@@ -258,6 +264,7 @@ def test_a_reason_that_claims_share_stands_once(tmp_path):
     assert "no: Chance & noise." in " ".join(claims_told.split())
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_another_swept_key_tells_its_networks_apart(tmp_path):
     sweep = {"window.length_ms": [50.0, 100.0], "network.hidden": [20]}
@@ -266,6 +273,7 @@ def test_another_swept_key_tells_its_networks_apart(tmp_path):
     assert "v1 mix, window length 50 ms" in text
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_splits_are_averaged_as_seeds_are(tmp_path):
     sweep = {"network.hidden": [20], "split.seed": [0, 1]}
@@ -341,6 +349,7 @@ def test_the_page_knows_of_each_cell_what_its_network_does(written):
     assert len({cell["raster"]["trial"] for cell in data["cells"] if cell["setting"] == "mixed"}) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_without_its_networks_a_run_is_still_reported(tmp_path):
     what = make_study()
@@ -458,6 +467,7 @@ def test_the_first_screen_answers(written):
     assert page.text.index("Explore the networks") > page.text.index(answer["answers"][0]["headline"][:20])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("text_alone")
 def test_what_to_beware_of_is_told_with_the_number_of_networks(tmp_path):
     what = make_study(network=study.PARTS["network"]("rsnn").model_copy(update={"training": TrainingSpec(epochs=20)}))

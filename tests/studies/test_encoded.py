@@ -85,6 +85,7 @@ def test_what_needs_a_network_is_refused_without_one(overrides, message):
         study.resolve(TINY, overrides)
 
 
+@pytest.mark.thorough
 def test_the_command_leaves_tables_figures_and_a_report(tmp_path):
     folder = tmp_path / "run"
     done = typed("study", "run", TINY, "--workers", 1, "-o", folder)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from levels import thinned
 
 from neurotact.errors import InputError
 from neurotact.report import report
@@ -28,7 +29,7 @@ def in_this_process(workers, scheduler, device):
     )
 
 
-@pytest.mark.parametrize(("encoder", "gain"), [("izhikevich", "gain_mV_per_ms"), ("poisson", "gain_Hz")])
+@thinned(("encoder", "gain"), [("izhikevich", "gain_mV_per_ms"), ("poisson", "gain_Hz")])
 def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "executor", in_this_process)
     monkeypatch.setattr(runner, "in_a_process", lambda function, *arguments: function(*arguments))
@@ -48,6 +49,7 @@ def test_a_study_of_other_afferents_reports(encoder, gain, tmp_path, monkeypatch
     assert ledger["parameters"].iloc[-1] == 16 * 4 + 4 * 2 + 2
 
 
+@pytest.mark.thorough
 def test_a_calibrated_study_of_several_afferents_a_taxel_reports(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "executor", in_this_process)
     monkeypatch.setattr(runner, "in_a_process", lambda function, *arguments: function(*arguments))

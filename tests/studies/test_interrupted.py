@@ -123,6 +123,7 @@ def held(tmp_path):
     process.stdout.close()
 
 
+@pytest.mark.thorough
 def test_a_folder_at_work_is_refused_to_every_writer_and_free_after_a_kill(held, spikes):
     folder, process = held
     what = study.resolve(TINY)

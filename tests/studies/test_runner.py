@@ -56,6 +56,7 @@ def test_sops_of_a_row_add_up(finished):
     assert (results.sops_total == results.sops_total_feedforward + results.sops_recurrent).all()
 
 
+@pytest.mark.thorough
 def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_path):
     folder = tmp_path / "killed"
     process = subprocess.Popen(
@@ -78,6 +79,7 @@ def test_killed_and_resumed_with_two_workers_gives_the_same_bytes(finished, tmp_
     assert not list(folder.rglob(".*")), "a draft or the lock of the killed process is left"
 
 
+@pytest.mark.thorough
 def test_the_end_of_a_time_limit_says_how_to_go_on(tmp_path):
     """As Ctrl-C does, without a word of the processes that it ends."""
     words = [*COMMAND, "study", "run", str(TINY), "-o", str(tmp_path / "run"), "--workers", "1"]

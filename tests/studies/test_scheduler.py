@@ -13,6 +13,7 @@ from threading import Thread
 from unittest.mock import Mock
 
 import pytest
+from levels import thinned
 
 from neurotact import workers
 from neurotact.errors import InputError
@@ -100,6 +101,7 @@ def test_ctrl_c_leaves_a_run_that_resume_completes_elsewhere(dask, expected, tmp
     assert left_by(folder) == expected
 
 
+@pytest.mark.thorough
 def test_a_worker_with_other_versions_is_refused(dask, tmp_path, monkeypatch):
     here = {**cluster.versions(), "torch": "0.1"}
     monkeypatch.setattr(cluster, "versions", lambda: here)
@@ -163,6 +165,7 @@ def killed() -> Exception:
     return KilledWorker("cell", None, 4)
 
 
+@pytest.mark.thorough
 def test_a_worker_that_computes_with_other_instructions_is_refused(dask, tmp_path, monkeypatch):
     here = {**cluster.versions(), "instructions": "SSE9"}
     monkeypatch.setattr(cluster, "versions", lambda: here)
@@ -170,6 +173,7 @@ def test_a_worker_that_computes_with_other_instructions_is_refused(dask, tmp_pat
         runner.run(study.resolve(TINY), tmp_path / "run", scheduler=dask[0])
 
 
+@pytest.mark.thorough
 def test_a_worker_killed_in_the_middle_of_a_cell_changes_nothing(dask, expected, tmp_path):
     address, started = dask
     killed: list[str] = []
@@ -182,6 +186,7 @@ def test_a_worker_killed_in_the_middle_of_a_cell_changes_nothing(dask, expected,
     assert left_by(tmp_path / "run") == expected
 
 
+@pytest.mark.thorough
 def test_a_cell_that_cannot_be_trained_is_one_sentence_from_there_too(dask, tmp_path):
     with pytest.raises(InputError, match=NOT_TRAINED):
         runner.run(study.resolve(TINY, UNTRAINABLE), tmp_path / "run", scheduler=dask[0])
@@ -273,7 +278,7 @@ def test_a_process_that_dies_costs_its_own_job_and_nothing_else(tmp_path, capsys
     assert capsys.readouterr().err.count("a worker process died") == 1
 
 
-@pytest.mark.parametrize(
+@thinned(
     ("task", "job", "seen"),
     [
         (os.system, "kill -KILL $PPID", r"were killed .* \(signal 9, SIGKILL\) .*; if its memory ran out, use fewer"),

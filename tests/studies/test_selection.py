@@ -205,6 +205,7 @@ def typed(*words: object) -> str:
     return done.err
 
 
+@pytest.mark.thorough
 def test_a_run_leaves_the_selection_and_the_cells_that_it_asked_for(ran):
     table, results = pd.read_csv(ran / "selection.csv"), pd.read_csv(ran / "results.csv")
     length_ms = table[LENGTH][table["step"] == "choice"].item()

@@ -109,6 +109,7 @@ def test_folds_of_few_trials_test_each_trial_once(tmp_path):
     assert sorted(np.concatenate(tested).tolist()) == [*range(26)]
 
 
+@pytest.mark.thorough
 def test_the_baselines_of_a_fold_are_those_of_a_study_of_that_fold_alone(tmp_path, caplog):
     noise = np.random.default_rng(0)
     signals = [noise.normal(n % 2, 1.0, (150, 2)).astype(np.float32) for n in range(24)]

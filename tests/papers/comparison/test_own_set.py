@@ -108,6 +108,7 @@ def test_a_moving_average_that_is_given_is_not_chosen(tmp_path):
     assert ours["conditioning"]["ema_cutoff_Hz"] == 50.0
 
 
+@pytest.mark.thorough
 @examples(6)
 @given(st.sampled_from([35.6, 93.0, 500.0, 2000.0]), st.integers(0, 40), st.sampled_from([None, 100.0, 250.0]))
 def test_what_lies_beyond_the_windows_is_not_missed(tmp_path, rate_Hz, more, window_ms):

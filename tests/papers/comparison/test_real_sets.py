@@ -51,6 +51,7 @@ def rows():
     return real_sets.run(parameters, real_sets.load(parameters.data))
 
 
+@pytest.mark.thorough
 def test_networks_and_classifiers_on_signals_and_spikes_leave_a_row(rows):
     names = [(row["classifier"], row["input"]) for row in rows]
     # on three kinds of features of signals, and on two of spikes, four classifiers; two on the sequences of signals

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from levels import thinned
 
 from neurotact.data.splits import SplitSpec, split_trials
 from neurotact.errors import InputError
@@ -63,7 +64,7 @@ def test_test_examples_decide_nothing(classifier):
     assert [r.accuracy_validation for r in leaky] != [r.accuracy_validation for r in rows]
 
 
-@pytest.mark.parametrize("classifier", CLASSIFIERS)
+@thinned("classifier", CLASSIFIERS)
 def test_labels_that_only_test_examples_betray_are_at_chance(classifier):
     """A label planted in the test examples alone: whoever chooses by them beats chance by far, this chain does not."""
     rng = np.random.default_rng(5)

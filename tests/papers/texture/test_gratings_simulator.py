@@ -279,6 +279,7 @@ def test_spec_refuses_what_does_not_fit(table, words):
         build(GratingsSpec, table, "here")
 
 
+@pytest.mark.thorough
 def test_calibration_facts_hold_on_a_small_experiment(experiment, monkeypatch):
     encoder = load(AfferentSpec, "sa1-ra1-lif")
     # Three gratings stand in for eight: they are numbered 1, 2 and 3 here.

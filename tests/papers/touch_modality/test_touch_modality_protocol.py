@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from levels import thinned
 
 from neurotact.data.conditioning import fit_standardisation
 from neurotact.data.hdf5 import save_recordings
@@ -94,7 +95,7 @@ def test_a_task_holds_every_touch_as_features_and_as_a_sequence(loaded):
 
 
 @pytest.mark.parametrize("name", ["paper", "honest"])
-@pytest.mark.parametrize("network", ["LSTM(10)", "GRU(12)"])
+@thinned("network", ["LSTM(10)", "GRU(12)"])
 def test_a_cell_gives_a_row_a_fold_and_its_costs(arrays, name, network):
     rows = protocol.run(Parameters(protocol=name, network=network, **SMALL), arrays)
     assert [row["fold"] for row in rows] == list(range(5))
