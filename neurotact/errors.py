@@ -1,6 +1,8 @@
 """The one error that means: what you gave cannot be used, and this is how to mend it; and words for messages."""
 
 from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
 
 INTERRUPTED = 130
 """The exit code after Ctrl-C."""
@@ -59,3 +61,15 @@ def first_line(error: BaseException) -> str:
     """
     lines = str(error).strip().splitlines()
     return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
+
+
+def optional(name: str, without: str) -> Any:
+    """A module that may not be installed; without: what an InputError says then, with `{}` for the reason.
+
+    >>> optional("json", "").dumps([1])
+    '[1]'
+    """
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InputError(without.format(error)) from error

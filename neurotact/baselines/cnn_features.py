@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from neurotact.baselines.conv_lstm import IMAGE_AXES
 from neurotact.checks import sequences
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, optional
 from neurotact.files import existing
 
 TRUNKS: dict[str, Callable[[Any], nn.Module]] = {
@@ -104,12 +104,8 @@ def _trunk(network: str | nn.Module, weights: str | Path | None) -> nn.Module:
         raise InputError(
             f"weights: name a local safetensors file with the trained weights of {network}; nothing is downloaded"
         )
-    try:
-        from torchvision import models  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise InputError(
-            f"network: '{network}' needs torchvision; pip install 'neurotact[cnn]', or give a torch module"
-        ) from error
+    needed = f"network: '{network}' needs torchvision; pip install 'neurotact[cnn]', or give a torch module"
+    models = optional("torchvision", needed).models
     return TRUNKS[network](_load(getattr(models, network)(weights=None), weights))
 
 

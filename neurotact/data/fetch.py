@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, optional
 
 REGISTRY = Path(__file__).parent / "registry"
 
@@ -145,10 +145,7 @@ def by_hand(name: str, folder: Path) -> str:
 
 def _download(name: str, url: str, file: str, place: Path, folder: Path) -> None:
     """One file, whole or not at all: pooch loads it beside its place, checks the hash and renames it."""
-    try:
-        import pooch
-    except ImportError as error:
-        raise InputError("fetch: the package pooch is not installed; pip install pooch") from error
+    pooch = optional("pooch", "fetch: the package pooch is not installed; pip install pooch")
     pooch.get_logger().setLevel(logging.ERROR)
     try:
         pooch.retrieve(url, registry_of(name)[file], fname=file, path=place)

@@ -4,6 +4,7 @@ import json
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.trial_choice import TrialChoice
 from neurotact.data.windows import LONGEST_STEPS
-from neurotact.errors import InputError
+from neurotact.errors import InputError, optional
 from neurotact.files import check_size
 
 log = logging.getLogger("neurotact")
@@ -40,7 +41,7 @@ def to_neo(spikes: SpikeTrains) -> Any:
     >>> segment.annotations["label"], [(train.name, train.magnitude.tolist()) for train in segment.spiketrains]
     ('felt', [('SA-I a', [0.5]), ('RA-I a', [1.5])])
     """
-    neo = _neo()
+    neo, hertz = _neo(), import_module("quantities").Hz
     if not (spikes.trial_steps > 0).all():
         raise InputError("spikes: hold a trial without a step; drop it")
     rate_Hz = spikes.sampling_rate_Hz
@@ -59,7 +60,7 @@ def to_neo(spikes: SpikeTrains) -> Any:
         ends = np.searchsorted(units[order], np.arange(1, len(spikes.afferents)))
         for name, own in zip(spikes.afferents, np.split(steps[order], ends), strict=True):
             train = neo.SpikeTrain(
-                own * 1e3 / rate_Hz, units="ms", t_stop=n_steps * 1e3 / rate_Hz, sampling_rate=rate_Hz * _hertz(),
+                own * 1e3 / rate_Hz, units="ms", t_stop=n_steps * 1e3 / rate_Hz, sampling_rate=rate_Hz * hertz,
                 name=name,
             )  # fmt: skip
             segment.spiketrains.append(train)
@@ -235,14 +236,4 @@ def _encoder(block: Any) -> dict[str, Any]:
 
 
 def _neo() -> Any:
-    try:
-        import neo  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise InputError(f"neo: cannot be imported ({error}); pip install 'neurotact[neuro]'") from error
-    return neo
-
-
-def _hertz() -> Any:
-    import quantities  # pyright: ignore[reportMissingImports]
-
-    return quantities.Hz
+    return optional("neo", "neo: cannot be imported ({}); pip install 'neurotact[neuro]'")

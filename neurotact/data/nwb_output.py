@@ -15,7 +15,7 @@ from neurotact.data.readers.nwb_tables import KEPT
 from neurotact.data.readers.nwb_units import AFFERENT
 from neurotact.data.recordings import LABEL
 from neurotact.data.spikes import SpikeTrains
-from neurotact.errors import InputError
+from neurotact.errors import InputError, optional
 from neurotact.spec import digest
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -46,7 +46,7 @@ def to_nwb(
     (('SA-I taxel1', 'RA-I taxel1'), [1, 3])
     """
     files.check_new(path, force=force)
-    pynwb = _pynwb()
+    pynwb = optional("pynwb", "nwb: cannot be written ({}); pip install 'neurotact[neuro]'")
     _check(spikes)
     if session_start.tzinfo is None:
         raise InputError("session_start: has no time zone; give one, as in datetime(2026, 1, 1, tzinfo=UTC)")
@@ -104,11 +104,3 @@ def _check(spikes: SpikeTrains) -> None:
     for name in map(str, spikes.conditions.columns):
         if name in KEPT or "/" in name or ":" in name:
             raise InputError(f"conditions: '{name}' cannot be a column of NWB's trials; rename it")
-
-
-def _pynwb() -> Any:
-    try:
-        import pynwb  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise InputError(f"nwb: cannot be written ({error}); pip install 'neurotact[neuro]'") from error
-    return pynwb

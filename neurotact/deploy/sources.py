@@ -28,7 +28,7 @@ from neurotact.deploy.noted import Noted
 from neurotact.deploy.stamped_rows import Placed, StampedRows
 from neurotact.deploy.stream import Decision, Stream
 from neurotact.deploy.stream_state import Tally
-from neurotact.errors import InputError
+from neurotact.errors import InputError, optional
 
 READ_BYTES = 1 << 16
 LONGEST_ROW = 1 << 20
@@ -407,10 +407,7 @@ def _opened(path: str, baud: int) -> Iterator[int]:
 
 def _serial_port(path: str, baud: int) -> Any:
     """An open serial port in raw mode and exclusive use; data that arrived before are dropped."""
-    try:
-        import serial
-    except ImportError as error:
-        raise InputError(f"{path}: needs pyserial; pip install 'neurotact[serial]'") from error
+    serial = optional("serial", f"{path}: needs pyserial; pip install 'neurotact[serial]'")
     try:
         port = serial.Serial(path.removeprefix(SERIAL), baud, exclusive=True)
         port.reset_input_buffer()

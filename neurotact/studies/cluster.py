@@ -14,7 +14,7 @@ from uuid import uuid4
 import torch
 
 from neurotact.backend import TORCH_INSTRUCTIONS
-from neurotact.errors import InputError, first_line
+from neurotact.errors import InputError, first_line, optional
 from neurotact.studies.kind import AnyCell, Files, Kind, MapCells
 from neurotact.versions import versions
 
@@ -35,10 +35,7 @@ def cluster(address: str) -> Iterator[MapCells]:
     Raises InputError if Dask is not installed, the scheduler does not answer, no worker joins it, or a worker differs
     from this machine in something on which its numbers may depend.
     """
-    try:
-        import distributed
-    except ImportError as error:
-        raise InputError("`scheduler`: needs Dask; install it with pip install 'neurotact[dask]'") from error
+    distributed = optional("distributed", "`scheduler`: needs Dask; install it with pip install 'neurotact[dask]'")
     for name in ("distributed", "distributed.client"):  # the errors raised here say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
     asyncio.run(_reach(address))

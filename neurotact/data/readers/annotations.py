@@ -83,8 +83,6 @@ def read(path: Path, label: str | None = None, decimal: Literal[".", ","] = ".")
     (array([1, 8]), array([ 4, 10]))
     """
     table = named_table(path, decimal)
-    for note in table.notes:
-        log.warning("%s: %s", path, note)
     names = [name for name in table.names if name]
     its_label = label or called(names, LABELS)
     if its_label not in names:

@@ -242,8 +242,6 @@ def _table_of_trials(path: Path, n_trials: int, file: str) -> dict[str, Any]:
         found: dict[str, Any] = {LABEL: labels_of(read_array(path).ravel())}
     else:
         table = named_table(existing(path))
-        for note in table.notes:
-            log.warning("%s: %s", path, note)
         label = called(table.names, ALIASES[LABEL])
         columns = columns_of(table, {label} if label else set())
         found = {LABEL if name == label else name: values_of(values) for name, values in columns.items()}

@@ -1,5 +1,6 @@
 """What stands above the samples of a text file: names, units, comments, the separator; and where the samples begin."""
 
+import logging
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,9 @@ BRACKETS = re.compile(r"[ \t]*[\[(]+[ \t]*[+-]?\.?\d")
 """The beginning of a row in brackets, as Python prints arrays, lists and tuples."""
 SEPARATOR_LINE = re.compile(r'"?sep=(.)"? *', re.IGNORECASE)
 """The first line of a file that tells Excel the separator."""
+
+
+log = logging.getLogger("neurotact")
 
 
 class _Line(NamedTuple):
@@ -43,7 +47,7 @@ class _Head(NamedTuple):
 def named_table(
     path: Path, decimal: Decimal = ".", header_lines: int | None = None, *, option: str = "", choice: str = ""
 ) -> TextTable:
-    """As `open_table`, of a file that names its columns, and in which an empty line is no row."""
+    """As `open_table`, of a file that names its columns, and in which an empty line is no row; its notes are said."""
     table = open_table(path, decimal, header_lines, option=option, choice=choice)
     if not table.body.strip():
         raise InputError(f"{path}: holds no row below its header; give at least one")
@@ -53,6 +57,8 @@ def named_table(
     twice = [name for name, n in Counter(table.names).items() if n > 1]
     if twice:
         raise InputError(f"{path}: names a column twice, '{twice[0][:40]}'; give each its own name")
+    for note in table.notes:
+        log.warning("%s: %s", path, note)
     return table._replace(skips_empty=True)
 
 

@@ -1,6 +1,5 @@
 """The class and the conditions of a file: from its sub-folders, a pattern of its name, or a table of conditions."""
 
-import logging
 import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -18,9 +17,6 @@ FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
 TEXTS = (".csv", ".tsv", ".txt", ".lvm")
 SUFFIXES = (*TEXTS, ".npz", ".npy", ".mat", ".tdms")
-
-
-log = logging.getLogger("neurotact")
 
 
 class NamingSpec(Spec):
@@ -144,8 +140,6 @@ def _of_pattern(file: str, pattern: str | None, folder: Path) -> dict[str, str]:
 def _read_table(path: str, files: Sequence[str]) -> dict[str, dict[str, str]]:
     """The conditions of each file, by the table in `path`."""
     table = named_table(Path(path))
-    for note in table.notes:
-        log.warning("%s: %s", path, note)
     if FILE not in table.names:
         raise InputError(f"{path}: has no column 'file', the path of each file; {nearest(FILE, [*table.names])}")
     if "" in table.names:

@@ -61,8 +61,6 @@ def read(
     asked = build(TableSpec, spec or {}, "import table")
     check_import(sampling_rate_Hz, unit, str(path))
     table = named_table(path, asked.decimal, asked.header_lines, option="header_lines", choice=CHOICE)
-    for note in table.notes:
-        log.warning("%s: %s", path, note)
     names = [*table.names]
     roles = _roles(names, table.first_row, asked, find_time=sampling_rate_Hz is None or not asked.columns, path=path)
     roles = roles._replace(first_line=table.first_line)

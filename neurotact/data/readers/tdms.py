@@ -1,8 +1,10 @@
 """TDMS files of LabVIEW: each group of channels is a trial. The package npTDMS reads them."""
 
 import logging
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from logging.handlers import BufferingHandler
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +15,7 @@ from neurotact.data.readers.archives import as_signal
 from neurotact.data.readers.clock import unit_in
 from neurotact.data.readers.contents import TDMS, check_content
 from neurotact.data.readers.layout import LayoutSpec, Table, chosen_places
-from neurotact.errors import InputError, nearest, some
+from neurotact.errors import InputError, nearest, optional, some
 from neurotact.files import check_size, existing
 
 SUFFIX = ".tdms"
@@ -48,7 +50,8 @@ def read_groups(path: str | Path, layout: LayoutSpec, *, find_time: bool = True)
     path = existing(path)
     check_size(path, path.stat().st_size)
     check_content(path, TDMS, wanted="a TDMS file", fix="export it from LabVIEW again")
-    file_class = _tdms_file(path)
+    needed = "npTDMS is needed to read TDMS files; pip install 'neurotact[tdms]'"
+    file_class = optional("nptdms", f"{path}: {needed}").TdmsFile
     with _heard() as warnings:
         found = _groups(path, file_class)
     groups = {name: group for name, group in found.items() if group.numbers}
@@ -56,7 +59,7 @@ def read_groups(path: str | Path, layout: LayoutSpec, *, find_time: bool = True)
         raise InputError(f"{path}: holds no channel of numbers; save the samples of each taxel as a channel")
     if layout.array is not None and layout.array not in groups:
         raise InputError(f"{path}: holds no group '{layout.array[:40]}' of numbers; {nearest(layout.array, [*groups])}")
-    notes = tuple(f"npTDMS says: {warning[:80]}" for warning in warnings[:1])
+    notes = tuple(f"npTDMS says: {warning.getMessage()[:80]}" for warning in warnings[:1])
     tables = {
         name: _table(group, layout, path, name, find_time=find_time)
         for name, group in groups.items()
@@ -65,39 +68,20 @@ def read_groups(path: str | Path, layout: LayoutSpec, *, find_time: bool = True)
     return {name: table._replace(notes=(*notes, *table.notes)) for name, table in tables.items()}
 
 
-class _Ear(logging.Handler):
-    """Keeps what is logged."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.WARNING)
-        self.heard: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.heard.append(record.getMessage())
-
-
 @contextmanager
-def _heard() -> Iterator[list[str]]:
+def _heard() -> Iterator[list[logging.LogRecord]]:
     """The warnings of npTDMS, such as that of a file that was cut off, which it would print one by one."""
-    ear = _Ear()
+    ear = BufferingHandler(sys.maxsize)
+    ear.setLevel(logging.WARNING)
     loggers = [logging.getLogger(name) for name in [*logging.root.manager.loggerDict] if name.startswith("nptdms.")]
     before = [(logger, logger.handlers, logger.propagate) for logger in loggers]
     for logger in loggers:
         logger.handlers, logger.propagate = [ear], False
     try:
-        yield ear.heard
+        yield ear.buffer
     finally:
         for logger, handlers, propagates in before:
             logger.handlers, logger.propagate = handlers, propagates
-
-
-def _tdms_file(path: Path) -> Any:
-    """The class of npTDMS that reads a file; InputError if the package is not installed."""
-    try:
-        from nptdms import TdmsFile  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise InputError(f"{path}: npTDMS is needed to read TDMS files; pip install 'neurotact[tdms]'") from error
-    return TdmsFile
 
 
 def _groups(path: Path, file_class: Any) -> dict[str, _Group]:

@@ -15,7 +15,7 @@ from neurotact.deploy.nir_exchange import graph as writing
 from neurotact.deploy.nir_exchange.execute import Interpreter
 from neurotact.deploy.nir_exchange.note import Note, of
 from neurotact.encoders import afferents
-from neurotact.errors import InputError, nearest
+from neurotact.errors import InputError, nearest, optional
 from neurotact.networks.definition.rsnn import RSNN
 
 COLUMNS = (
@@ -109,25 +109,19 @@ def _interpreted(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[
 
 
 def _by_snntorch(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
-    try:
-        from snntorch.import_nir import import_from_nir
-    except ImportError as error:
-        raise InputError(f"snntorch: its import cannot be loaded ({error}); pip install nirtorch") from error
+    loader = optional("snntorch.import_nir", "snntorch: its import cannot be loaded ({}); pip install nirtorch")
     written = _loadable(graph, "snntorch")
     if written is not None and not np.isclose(written.dt_s, STEP_OF_SNNTORCH_S):
         raise InputError("snntorch: uses steps of 1e-4 s for any file; write it with `dt_s=1e-4`")
     with redirect_stdout(StringIO()):  # it prints its progress
-        model = import_from_nir(graph)
+        model = loader.import_from_nir(graph)
     return _stepped(model, inputs, layers)
 
 
 def _by_norse(graph: Any, inputs: np.ndarray, layers: Sequence[str]) -> dict[str, np.ndarray]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # deprecated calls, on its own import and on that of a graph
-        try:
-            import norse.torch as norse  # pyright: ignore[reportMissingImports]
-        except ImportError as error:
-            raise InputError(f"norse: cannot be imported ({error}); pip install --no-deps norse nirtorch") from error
+        norse = optional("norse.torch", "norse: cannot be imported ({}); pip install --no-deps norse nirtorch")
         _loadable(graph, "norse")
         return _stepped(norse.from_nir(graph, dt=float(graph.metadata["dt"])), inputs, layers)
 

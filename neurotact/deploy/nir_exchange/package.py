@@ -2,13 +2,9 @@
 
 from typing import Any
 
-from neurotact.errors import InputError
+from neurotact.errors import optional
 
 
 def nir() -> Any:
     """The package; InputError if it is not installed."""
-    try:
-        import nir as package  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise InputError(f"nir: cannot be imported ({error}); pip install 'neurotact[nir]'") from error
-    return package
+    return optional("nir", "nir: cannot be imported ({}); pip install 'neurotact[nir]'")

@@ -60,7 +60,7 @@ def cut_short(network: RSNN, heard: SimulatedWindows, cuts_ms: Sequence[float]) 
             until = heard.readout[:, :n_steps]
             chosen = (until.sum(dim=1) if heard.integration is None else heard.integration.of(until)).argmax(dim=1)
             steps = torch.full_like(chosen, n_steps)
-            rows.append({"cut_ms": cut_ms, **_judged(network, heard, steps, chosen)})
+            rows.append({"cut_ms": cut_ms, **judged(network, heard, steps, chosen)})
     return rows
 
 
@@ -82,7 +82,7 @@ def exit_curve(
     for mode, decide in (("validated", _validated), ("oracle", _oracle), ("printed", _printed)):
         on_test, on_validation = decide(test, within), decide(validation, within)
         for patience, (steps, chosen), (_, decided) in zip(within, on_test, on_validation, strict=True):
-            found = _judged(network, test, steps, chosen)
+            found = judged(network, test, steps, chosen)
             mean = float(steps.double().mean())
             rows.append(
                 {
@@ -118,7 +118,7 @@ def _printed(windows: SimulatedWindows, patiences: Sequence[int]) -> list[tuple[
     return [oracle_exit(windows.readout, labels, p, integration, as_printed=True)[:2] for p in patiences]
 
 
-def _judged(network: RSNN, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
+def judged(network: RSNN, windows: SimulatedWindows, steps: Tensor, chosen: Tensor) -> dict[str, float]:
     """Accuracy and mean SOPs of windows that stop after so many steps with these labels."""
     inputs, hidden = (until.gather(1, steps[:, None] - 1)[:, 0].numpy() for until in (windows.input, windows.hidden))
     cost = synops.of_network(network, inputs, hidden)

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import torch
 from sklearn.metrics import confusion_matrix
 
 from neurotact.metrics import synops
 from neurotact.networks.definition.rsnn import RSNN, Inference
-from neurotact.networks.exit import exit_choice
-from neurotact.networks.training.fitting import AT_ONCE, Trained
+from neurotact.networks.exit import truncated
+from neurotact.networks.exit.exit_choice import oracle_exit
+from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides
 from neurotact.networks.training.training import Examples
 
@@ -81,26 +81,16 @@ def mean_sops(network: RSNN, examples: Examples) -> float:
     return float(synops_of(network.infer(examples.spikes.to(network.w_in.device)), network).total.mean())
 
 
-@torch.no_grad()
 def _oracle(network: RSNN, test: Examples) -> dict[str, float]:
     """Steps, accuracy and SOPs of the paper's early exit, which knows the true labels (Algorithm 1)."""
-    steps, right, sops = [], [], []
-    integration = None if network.integration is None else network.integration.cpu()
-    for spikes, labels in zip(test.spikes.split(AT_ONCE), test.labels.split(AT_ONCE), strict=True):
-        rasters = network.simulate(spikes.to(network.w_in.device))
-        patience = min(ORACLE_PATIENCE, spikes.shape[1])
-        found = exit_choice.oracle_exit(rasters.readout.cpu(), labels, patience, integration)
-        ran = torch.arange(spikes.shape[1]) < found.steps[:, None]
-        input_spikes, hidden_spikes = (
-            (part.cpu().sum(dim=2) * ran).sum(dim=1).long().numpy() for part in (spikes, rasters.hidden)
-        )
-        steps.append(found.steps)
-        right.append(found.labels == labels)
-        sops.append(synops.of_network(network, input_spikes, hidden_spikes).total)
+    windows = truncated.simulate_windows(network, test)
+    patience = min(ORACLE_PATIENCE, test.spikes.shape[1])
+    steps, labels, _ = oracle_exit(windows.readout, windows.labels, patience, windows.integration)
+    found = truncated.judged(network, windows, steps, labels)
     return {
-        "oracle_steps": float(torch.cat(steps).double().mean()),
-        "oracle_accuracy": float(torch.cat(right).double().mean()),
-        "oracle_sops_total": float(np.concatenate(sops).mean()),
+        "oracle_steps": float(steps.double().mean()),
+        "oracle_accuracy": found["accuracy_test"],
+        "oracle_sops_total": found["sops_total"],
     }
 
 
