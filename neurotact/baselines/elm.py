@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.utils import check_random_state
 
 from neurotact.baselines.ridge_path import decompose
-from neurotact.baselines.targets import decide, encode, indices_of, signed
+from neurotact.baselines.targets import MachinesMixin, encode, signed
 from neurotact.checks import at_least, further_examples, one_of, training_examples
 
 Activation = Literal["sigmoid", "relu", "hard_limit"]
@@ -25,7 +25,7 @@ LEAST_POWER = -8
 """Exponent of the smallest weight of a hard-limit network: a longer shift makes an 8-bit input zero."""
 
 
-class ELMClassifier(ClassifierMixin, BaseEstimator):
+class ELMClassifier(MachinesMixin, ClassifierMixin, BaseEstimator):
     """Extreme learning machine: one output per class (one for two classes), targets ±1, the largest output decides.
 
     Stiffness paper, Eq. 1 (S-ELM, R-ELM, H-ELM); materials paper, Eqs. 4 and 5 (RELM, `output_bias=True`).
@@ -83,28 +83,8 @@ class ELMClassifier(ClassifierMixin, BaseEstimator):
         self.coef_, self.intercept_ = self._path.solution(self.alpha)
         return self
 
-    def decision_function(self, X: ArrayLike) -> np.ndarray:
-        """Outputs `(example, class)`; for two classes `(example,)`, positive for the second."""
-        scores = self._hidden(further_examples(self, X)) @ self.coef_ + self.intercept_
-        return scores[:, 0] if scores.shape[1] == 1 else scores
-
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(example,)`."""
-        scores = self.decision_function(X)
-        return self.classes_[decide(scores.reshape(len(scores), -1))]
-
-    def accuracy_path(self, alphas: ArrayLike, X: ArrayLike, y: ArrayLike) -> np.ndarray:
-        """Accuracy on (X, y) of this network if it were fitted with each alpha, `(alpha,)`.
-
-        All use the decomposition of the fit, so a whole grid costs about as much as one alpha.
-
-        >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
-        >>> elm = ELMClassifier(hidden=10, random_state=0).fit(X, y)
-        >>> bool(elm.accuracy_path([1e-3, 1.0], X, y)[0] == elm.score(X, y))
-        True
-        """
-        truth = indices_of(y, self.classes_)
-        return (decide(self.decision_path(alphas, X)) == truth).mean(axis=1)
+    def _outputs(self, X: ArrayLike) -> np.ndarray:
+        return self._hidden(further_examples(self, X)) @ self.coef_ + self.intercept_
 
     def decision_path(self, alphas: ArrayLike, X: ArrayLike) -> np.ndarray:
         """Outputs of this network with each alpha, `(alpha, example, machine)`."""

@@ -6,11 +6,11 @@ from scipy import linalg
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.metrics.pairwise import rbf_kernel
 
-from neurotact.baselines.targets import decide, encode, indices_of, signed
+from neurotact.baselines.targets import MachinesMixin, encode, signed
 from neurotact.checks import at_least, further_examples, training_examples
 
 
-class RLSClassifier(ClassifierMixin, BaseEstimator):
+class RLSClassifier(MachinesMixin, ClassifierMixin, BaseEstimator):
     """Regularised least squares with the kernel `exp(-||x - x'||² / (2 sigma²))`, one machine per class.
 
     Materials paper, Eqs. 1 and 2: `(K + alpha I) beta = t` with targets ±1; the largest output decides. It is solved in
@@ -50,26 +50,8 @@ class RLSClassifier(ClassifierMixin, BaseEstimator):
         self.dual_coef_ = self._eigenvectors @ self._filtered([self.alpha])[0]
         return self
 
-    def decision_function(self, X: ArrayLike) -> np.ndarray:
-        """Outputs `(example, class)`; for two classes `(example,)`, positive for the second."""
-        scores = self._kernel(further_examples(self, X)) @ self.dual_coef_
-        return scores[:, 0] if scores.shape[1] == 1 else scores
-
-    def predict(self, X: ArrayLike) -> np.ndarray:
-        """Labels `(example,)`."""
-        scores = self.decision_function(X)
-        return self.classes_[decide(scores.reshape(len(scores), -1))]
-
-    def accuracy_path(self, alphas: ArrayLike, X: ArrayLike, y: ArrayLike) -> np.ndarray:
-        """Accuracy on (X, y) of this machine if it were fitted with each alpha, `(alpha,)`.
-
-        >>> X, y = np.random.default_rng(0).normal(size=(40, 2)), np.arange(40) % 2
-        >>> rls = RLSClassifier().fit(X, y)
-        >>> bool(rls.accuracy_path([1e-3, 1.0], X, y)[0] == rls.score(X, y))
-        True
-        """
-        truth = indices_of(y, self.classes_)
-        return (decide(self.decision_path(alphas, X)) == truth).mean(axis=1)
+    def _outputs(self, X: ArrayLike) -> np.ndarray:
+        return self._kernel(further_examples(self, X)) @ self.dual_coef_
 
     def decision_path(self, alphas: ArrayLike, X: ArrayLike) -> np.ndarray:
         """Outputs of this machine with each alpha, `(alpha, example, machine)`."""

@@ -24,6 +24,7 @@ from neurotact.figures.style import (
     keep_within,
     name_ticks,
     new_figure,
+    new_panels,
     printed,
     sequence,
     series_style,
@@ -93,12 +94,9 @@ def draw_trade_off(
     networks = over_seeds(results, ["accuracy_test", "sops_total", "exit_accuracy", "exit_sops_total"])
     settings = list(dict.fromkeys(networks["setting"]))
     pairs = list(dict.fromkeys(networks["pair"]))
-    columns = min(len(settings), 2)
-    lines = -(-len(settings) // columns)
-    figure = new_figure(3.3 * lines + 0.6)
-    grid = figure.subplots(lines, columns, squeeze=False).ravel()
+    figure, grid = new_panels(len(settings), 2, 3.3, 0.6)
     fronts = []
-    for axes, setting in zip(grid, settings, strict=False):
+    for axes, setting in zip(grid, settings, strict=True):
         rows = networks[networks["setting"] == setting]
         _join_exits(axes, rows, pairs)
         fronts.append(_paint_points(axes, rows, pairs, "sops_total", "accuracy_test", trials.get(setting), filled=True))
@@ -108,11 +106,9 @@ def draw_trade_off(
         axes.margins(0.1)
         axes.set_xlim(left=max(0.0, axes.get_xlim()[0]))
         axes.grid()
-    keep_within(grid[: len(settings)])
-    for axes in grid[len(settings) :]:
-        axes.set_visible(False)
-    add_legend(figure, grid[: len(settings)], ncols=4, handlelength=2.2, title=PAIR_AXIS)
-    for axes, front in zip(grid, fronts, strict=False):
+    keep_within(grid)
+    add_legend(figure, grid, ncols=4, handlelength=2.2, title=PAIR_AXIS)
+    for axes, front in zip(grid, fronts, strict=True):
         names = [f"N = {hidden}" for hidden in front["hidden"]]
         label_points(axes, front["x"], front["y"], names, fontsize=6.5, fontweight="bold", gid="front label")
     return figure

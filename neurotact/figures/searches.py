@@ -12,9 +12,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from neurotact.figures.search import best_so_far
-from neurotact.figures.style import INK, PALE, add_legend, name_ticks, new_figure, printed, series_style
+from neurotact.figures.style import INK, PALE, add_legend, name_ticks, new_panels, printed, series_style
 from neurotact.networks.search.search_tables import by_rank
 
+COLUMNS = 3
 MOST_BARS = 12
 """Number of bins for a hyperparameter with more values."""
 
@@ -24,11 +25,8 @@ def draw_best_so_far(trials: pd.DataFrame) -> Figure:
     """A panel per setting: the best value of each cell's search so far, and the median over the cells of a pair."""
     settings = list(dict.fromkeys(trials["setting"]))
     pairs = list(dict.fromkeys(trials["pair"]))
-    columns = min(len(settings), 3)
-    lines = -(-len(settings) // columns)
-    figure = new_figure(2.5 * lines + 0.4)
-    grid = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    for axes, setting in zip(grid, settings, strict=False):
+    figure, grid = new_panels(len(settings), COLUMNS, 2.5, 0.4, sharex=True, sharey=True)
+    for axes, setting in zip(grid, settings, strict=True):
         rows = trials[trials["setting"] == setting]
         for _, own in rows.groupby("cell", sort=False):
             axes.step(own["trial"], best_so_far(own), where="post", color=PALE, lw=0.7, gid="cell")
@@ -42,11 +40,9 @@ def draw_best_so_far(trials: pd.DataFrame) -> Figure:
         axes.set(title=setting, xlabel="trial")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(axis="y")
-    for axes in grid[len(settings) :]:
-        axes.set_visible(False)
-    for axes in grid[::columns]:
+    for axes in grid[::COLUMNS]:
         axes.set_ylabel("best value so far")
-    add_legend(figure, grid[: len(settings)], ncols=6, handlelength=1.4)
+    add_legend(figure, grid, ncols=6, handlelength=1.4)
     return figure
 
 
@@ -57,11 +53,8 @@ def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str
     winners: of `winners`. space: the dimension of each column, in NNI's terms.
     """
     keys = list(space)
-    columns = min(len(keys), 3)
-    lines = -(-len(keys) // columns)
-    figure = new_figure(1.75 * lines + 0.4)
-    grid = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, key in zip(grid, keys, strict=False):
+    figure, grid = new_panels(len(keys), COLUMNS, 1.75, 0.4)
+    for axes, key in zip(grid, keys, strict=True):
         names, won, tried = _shares(winners[key], trials[key], space[key])
         axes.bar(range(len(names)), won, 0.7, color="#56B4E9", label="best trials", gid="won")
         axes.plot(range(len(names)), tried, color=INK, marker=".", lw=0.9, label="all trials", gid="tried")
@@ -70,9 +63,7 @@ def draw_winners(trials: pd.DataFrame, winners: pd.DataFrame, space: Mapping[str
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
         axes.set_ylim(bottom=0)
         axes.grid(axis="y")
-    for axes in grid[len(keys) :]:
-        axes.set_visible(False)
-    add_legend(figure, grid[: len(keys)], ncols=2)
+    add_legend(figure, grid, ncols=2)
     return figure
 
 

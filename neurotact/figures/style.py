@@ -131,6 +131,22 @@ def new_figure(height_in: float, width_in: float = WIDTH_in) -> Figure:
     return NotebookFigure(figsize=(width_in, height_in), layout="constrained")
 
 
+def new_panels(
+    n: int, most_columns: int, height_in: float, head_in: float = 0.0, **shared: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure and its `n` panels, row by row.
+
+    height_in: of a row; head_in: of what stands above them; shared: of matplotlib's subplots.
+    """
+    n_columns = min(n, most_columns)
+    n_rows = -(-n // n_columns)
+    figure = new_figure(head_in + height_in * n_rows)
+    panels = figure.subplots(n_rows, n_columns, squeeze=False, **shared).ravel().tolist()
+    for spare in panels[n:]:
+        spare.remove()
+    return figure, panels[:n]
+
+
 def save(figure: Figure, path: str | Path) -> None:
     """Write a figure in the format of its suffix, whole or not at all; the same figure gives the same bytes.
 

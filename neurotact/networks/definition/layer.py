@@ -44,7 +44,7 @@ def cuba_lif_layer(
     """
     _check(x, w, v, {"alpha": alpha, "beta": beta, "threshold": threshold})
     if kernels.use_native(backend, w):
-        return native.layer_spikes(x, w, v, alpha, beta, threshold, neuron, surrogate_scale, adaptation)
+        return native.layer(x, w, v, alpha, beta, threshold, neuron, surrogate_scale, adaptation)
     spikes, _ = reference.cuba_lif_layer(
         x.to(w.dtype), w, v, alpha=alpha, beta=beta, threshold=threshold, neuron=neuron,
         spike=FastSigmoid(surrogate_scale), adaptation=adaptation,

@@ -177,7 +177,7 @@ def rsnn_infer(spikes: Tensor, network: Network, rule: ExitRule) -> tuple[Tensor
     return labels, steps, input_spikes, hidden_spikes, readout
 
 
-def layer_spikes(
+def layer(
     x: Tensor,
     w: Tensor,
     v: Tensor | None,
@@ -187,38 +187,14 @@ def layer_spikes(
     neuron: CubaLIF,
     scale: float,
     adaptation: Adaptation | None = None,
-) -> Tensor:
-    """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`."""
-    return _layer_output(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=False)
-
-
-def layer_counts(
-    x: Tensor,
-    w: Tensor,
-    v: Tensor | None,
-    alpha: Decay,
-    beta: Decay,
-    threshold: Decay,
-    neuron: CubaLIF,
-    scale: float,
-    adaptation: Adaptation | None = None,
-) -> Tensor:
-    """Spike counts of one layer over the window, `(trial, postsynaptic)`; otherwise as `layer_spikes`."""
-    return _layer_output(x, w, v, (alpha, beta, threshold), neuron, scale, adaptation, counted=True)
-
-
-def _layer_output(
-    x: Tensor,
-    w: Tensor,
-    v: Tensor | None,
-    values: tuple[Decay, ...],
-    neuron: CubaLIF,
-    scale: float,
-    adaptation: Adaptation | None,
     *,
-    counted: bool,
+    counted: bool = False,
 ) -> Tensor:
-    """The raster of a layer or, if `counted`, its spikes per window."""
+    """Spikes of one layer, `(trial, time, postsynaptic)`, in the weights' float type; see `layer.cuba_lif_layer`.
+
+    counted: their counts over the window instead, `(trial, postsynaptic)`.
+    """
+    values = (alpha, beta, threshold)
     w, *rest = _same_kind(w) if v is None else _same_kind(w, v)
     v = rest[0] if rest else None
     dynamics = tuple(torch.as_tensor(value, dtype=w.dtype, device=w.device).reshape(-1) for value in values)

@@ -219,8 +219,9 @@ class RSNN(nn.Module):
     def _hidden_counts(self, spikes: Tensor) -> Tensor:
         if self._native():
             dynamics = (self.alpha[0], self.beta[0], self.threshold[0])
-            return native.layer_counts(
-                spikes, self.w_in, self.w_rec, *dynamics, self.neuron, self.spec.surrogate_scale, self.adaptation
+            scale = self.spec.surrogate_scale
+            return native.layer(
+                spikes, self.w_in, self.w_rec, *dynamics, self.neuron, scale, self.adaptation, counted=True
             )
         return self._layer(spikes.to(self.w_in.dtype), self.w_in, self.w_rec, 0, False)[0].sum(dim=1)
 
@@ -318,7 +319,7 @@ class RSNN(nn.Module):
         dynamics = (self.alpha[layer], self.beta[layer], self.threshold[layer])
         spike = self.spike_of(layer)
         assert isinstance(spike, FastSigmoid)
-        return native.layer_spikes(x, w, v, *dynamics, self.neuron, float(spike.scale), self.adaptation_of(layer))
+        return native.layer(x, w, v, *dynamics, self.neuron, float(spike.scale), self.adaptation_of(layer))
 
     def _native(self) -> bool:
         # The kernels have only the fast sigmoid; any other surrogate runs in the reference.

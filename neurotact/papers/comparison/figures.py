@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
@@ -17,7 +16,7 @@ from neurotact.figures.style import (
     bars,
     keep_within,
     name_ticks,
-    new_figure,
+    new_panels,
     printed,
     write_out_log_ticks,
 )
@@ -42,7 +41,7 @@ def draw_trade_offs(results: pd.DataFrame, cost: str, words: str) -> Figure:
     results: rows with task, family, accuracy_test, chance and the column `cost`; shown are means and deviations.
     """
     tasks = list(dict.fromkeys(results["task"]))
-    figure, panels = _panels(tasks, 2.1)
+    figure, panels = new_panels(len(tasks), COLUMNS, 2.1, 0.6)
     for axes, task in zip(panels, tasks, strict=True):
         rows = results[results["task"] == task]
         for family, mine in rows.groupby("family", sort=False):
@@ -77,7 +76,7 @@ def draw_energy_shares(results: pd.DataFrame) -> Figure:
     results: rows with task, family, energy_estimate_nJ and energy_before_nJ.
     """
     tasks = list(dict.fromkeys(results["task"]))
-    figure, panels = _panels(tasks, 2.2)
+    figure, panels = new_panels(len(tasks), COLUMNS, 2.2, 0.6)
     for axes, task in zip(panels, tasks, strict=True):
         means = results[results["task"] == task].groupby("family")[["energy_before_nJ", "energy_estimate_nJ"]].mean()
         names = [name for name in FAMILIES if name in means.index]
@@ -95,16 +94,6 @@ def draw_energy_shares(results: pd.DataFrame) -> Figure:
         axes.set_ylabel("energy estimate (nJ)")
     add_legend(figure, panels, ncols=2)
     return figure
-
-
-def _panels(tasks: list[str], height_in: float) -> tuple[Figure, list[Axes]]:
-    columns = min(COLUMNS, len(tasks))
-    rows = -(-len(tasks) // columns)
-    figure = new_figure(0.6 + height_in * rows)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel().tolist()
-    for spare in grid[len(tasks) :]:
-        spare.remove()
-    return figure, grid[: len(tasks)]
 
 
 def _style(family: str) -> dict[str, Any]:

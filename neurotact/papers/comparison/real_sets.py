@@ -17,7 +17,7 @@ from neurotact.baselines import opponents
 from neurotact.baselines.opponents import LINEAR, Input
 from neurotact.data.recordings import Recordings
 from neurotact.data.spikes import SpikeTrains
-from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_figure, printed
+from neurotact.figures.style import INK, MUTED, Drawn, add_legend, new_panels, printed
 from neurotact.metrics import referee
 from neurotact.metrics.fronts import pareto_front
 from neurotact.metrics.paired import Paired
@@ -222,12 +222,8 @@ def draw_energy(table: pd.DataFrame) -> Figure:
     """
     panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
     families = list(dict.fromkeys(_family(name) for name in table["classifier"]))
-    n_columns = min(COLUMNS, len(panels))
-    n_rows = -(-len(panels) // n_columns)
-    figure = new_figure(0.9 + 2.6 * n_rows)
-    grid = figure.subplots(n_rows, n_columns, squeeze=False)
-    used = grid.ravel().tolist()[: len(panels)]
-    for axes, (name, split) in zip(used, panels, strict=True):
+    figure, grid = new_panels(len(panels), COLUMNS, 2.6, 0.9)
+    for axes, (name, split) in zip(grid, panels, strict=True):
         own = table[(table["set"] == name) & (table["split"] == split)]
         for place, family in enumerate(families):
             rows = own[own["classifier"].map(_family) == family].sort_values("energy_estimate_nJ")
@@ -239,9 +235,7 @@ def draw_energy(table: pd.DataFrame) -> Figure:
             axes.plot(nJ[front], share[front], lw=1.6 if family == SPIKING else 0.8, color=style["color"])
         axes.set(title=f"{name}, by {split}", xlabel="energy estimate (nJ)", ylabel="test accuracy (%)", xscale="log")
         axes.grid()
-    for axes in grid.ravel()[len(panels) :]:
-        axes.remove()
-    add_legend(figure, used, ncols=4)
+    add_legend(figure, grid, ncols=4)
     return figure
 
 
@@ -257,11 +251,8 @@ def draw_points(table: pd.DataFrame) -> Figure:
     """
     panels = list(table[["set", "split"]].drop_duplicates().itertuples(index=False, name=None))
     names = list(dict.fromkeys(zip(table["classifier"], table["input"], strict=True)))
-    n_columns = min(COLUMNS, len(panels))
-    n_rows = -(-len(panels) // n_columns)
-    figure = new_figure(n_rows * (0.9 + 0.18 * len(names)))
-    grid = figure.subplots(n_rows, n_columns, sharey=True, squeeze=False)
-    for axes, (name, split) in zip(grid.flat, panels, strict=False):
+    figure, grid = new_panels(len(panels), COLUMNS, 0.9 + 0.18 * len(names), sharey=True)
+    for axes, (name, split) in zip(grid, panels, strict=True):
         for row in table[(table["set"] == name) & (table["split"] == split)].itertuples():
             at, is_network = names.index((row.classifier, row.input)), row.classifier in MODELS
             low, high = (np.clip(100 * end, 0, 100) for end in (row.low, row.high))
@@ -269,11 +260,7 @@ def draw_points(table: pd.DataFrame) -> Figure:
             axes.plot(100 * row.accuracy_test, at, "o", ms=4, color=INK, mfc=INK if is_network else "none")
         axes.set(title=f"{name}, by {split}", xlabel="test accuracy (%)")
         axes.grid(axis="x")
-    for axes in grid.flat[len(panels) :]:
-        axes.remove()
     short = [classifier.replace(LINEAR, "LR") for classifier, _ in names]
-    grid[0, 0].set_yticks(
-        range(len(names)), [f"{name}, {words}" for name, (_, words) in zip(short, names, strict=True)]
-    )
-    grid[0, 0].invert_yaxis()
+    grid[0].set_yticks(range(len(names)), [f"{name}, {words}" for name, (_, words) in zip(short, names, strict=True)])
+    grid[0].invert_yaxis()
     return figure

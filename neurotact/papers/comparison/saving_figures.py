@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from neurotact.figures.style import INK, MUTED, add_legend, new_figure, printed, write_out_log_ticks
+from neurotact.figures.style import INK, MUTED, add_legend, new_figure, new_panels, printed, write_out_log_ticks
 from neurotact.papers.comparison.fronts import COSTS, NOTHING
 
 COLOURS = (
@@ -28,16 +28,12 @@ def draw_fronts(points: pd.DataFrame) -> Figure:
     points: of `fronts.fronts`.
     """
     names = list(points["set"].unique())
-    n_rows = -(-len(names) // 2)
-    figure = new_figure(0.9 + 2.9 * n_rows)
-    panels = figure.subplots(n_rows, min(2, len(names)), squeeze=False).ravel().tolist()
+    figure, panels = new_panels(len(names), 2, 2.9, 0.9)
     ways = [way for way in points["way"].unique() if way != NOTHING]
-    for axes, name in zip(panels, names, strict=False):
+    for axes, name in zip(panels, names, strict=True):
         _draw_set(axes, points[points["set"] == name], ways, SOPS)
         axes.set_title(name)
-    for spare in panels[len(names) :]:
-        spare.remove()
-    add_legend(figure, panels[: len(names)], ncols=4)
+    add_legend(figure, panels, ncols=4)
     return figure
 
 
