@@ -14,10 +14,11 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from datetime import date, time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, dataclass_transform, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, dataclass_transform, get_args, get_origin
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     Tag,
@@ -89,6 +90,14 @@ class Spec(BaseModel, metaclass=_InOurWords):
 
 
 SpecT = TypeVar("SpecT", bound=Spec)
+
+
+def _apart(names: Any) -> Any:
+    return tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else names
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(_apart)]
+"""Names, as a list or as one text with commas between them."""
 
 
 def digest(value: Any) -> str:

@@ -16,6 +16,7 @@ from neurotact.data.spikes import SpikeTrains
 from neurotact.figures.columns import in_unit
 from neurotact.figures.raster import name_populations, paint_events
 from neurotact.figures.style import (
+    INK,
     MUTED,
     PAIR_AXIS,
     PALE,
@@ -178,7 +179,8 @@ def _paint_matrix(axes: Axes, values: np.ndarray, colours: str) -> None:
     axes.pcolormesh(shares, cmap=colours, vmin=0, vmax=1, edgecolors="white", linewidth=0.8)
     for (row, column), share in np.ndenumerate(shares):
         text = "-" if np.isnan(share) else f"{share:.2f}"
-        axes.text(column + 0.5, row + 0.5, text, ha="center", va="center", fontsize=6.5, color=_ink_on(share))
+        ink = "white" if share > 0.6 else INK
+        axes.text(column + 0.5, row + 0.5, text, ha="center", va="center", fontsize=6.5, color=ink)
     axes.tick_params(length=0)
     axes.spines[["left", "bottom"]].set_visible(False)
 
@@ -186,7 +188,3 @@ def _paint_matrix(axes: Axes, values: np.ndarray, colours: str) -> None:
 def _say(axes: Axes, words: str) -> None:
     """A text in place of an empty drawing."""
     axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="bottom", color=MUTED)
-
-
-def _ink_on(share: float) -> str:
-    return "white" if share > 0.6 else "#1f1f1f"

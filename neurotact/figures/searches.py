@@ -35,7 +35,7 @@ def draw_best_so_far(trials: pd.DataFrame) -> Figure:
             if of_pair.empty:
                 continue
             found = pd.DataFrame({c: best_so_far(own) for c, own in of_pair.groupby("cell", sort=False)})
-            style = series_style(index) | {"marker": ""}
+            style: dict[str, Any] = series_style(index) | {"marker": ""}
             axes.step(np.arange(len(found)), found.median(axis=1), where="post", label=pair, lw=1.5, **style)
         axes.set(title=setting, xlabel="trial")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

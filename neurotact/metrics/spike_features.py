@@ -14,14 +14,8 @@ from neurotact.metrics.spike_trains import (
     events_of_raster,
     isi_cv,
     isi_mean_ms,
-    rates_Hz,
     spike_counts,
 )
-
-
-def mean_rates(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:
-    """Average firing rate of each afferent in Hz, `(trial, afferent)` (Table I, references 13 to 15)."""
-    return rates_Hz(spikes, sampling_rate_Hz)
 
 
 def mean_isis(spikes: Spikes, sampling_rate_Hz: float) -> np.ndarray:

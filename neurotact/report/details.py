@@ -74,7 +74,8 @@ def cell_details(folder: Path, done: list[Cell], classes: Classes) -> list[dict[
             restored = trained.restore(place)
             key = restored.task.model_dump_json()
             if key not in tests:
-                tests[key] = _Test(*_test_windows(restored, trains))
+                trials = trained.test_trials(restored, trains)
+                tests[key] = _Test(*tasks.examples_of(trains, trials, restored.task.window))
             if len(tests[key].windows):
                 if key not in shown:
                     shown[key] = _middle(tests[key])
@@ -125,10 +126,6 @@ def write_sops(table: pd.DataFrame, folder: Path, title: str) -> None:
     """Write `sops.csv`, `sops.json` and `sops.md` into a run folder."""
     for suffix in (".csv", ".json", ".md"):
         write_table(table, folder / f"sops{suffix}", SOPS_ABOUT.format(title=title))
-
-
-def _test_windows(restored: Restored, trains: SpikeTrains) -> tuple[Examples, Windows]:
-    return tasks.examples_of(trains, trained.test_trials(restored, trains), restored.task.window)
 
 
 def _middle(test: _Test) -> tuple[int, int]:

@@ -109,7 +109,11 @@ def write(study: StudySpec, folder: Path) -> Path:
         n_done=len(results),
         n_cells=len(course.digests if course else every),
         tables={"results": results, "encoding": encoding, **extra, **left},
-        figures=chain(drawn, _searches(study, trials), extra_drawings(study, results, extra, classes)),
+        figures=chain(
+            drawn,
+            search.drawings(trials, study.search) if study.search else (),
+            extra_drawings(study, results, extra, classes),
+        ),
         downloads=DOWNLOADS,
         specs=_specs(study, trains),
         counted=counted(results),
@@ -236,10 +240,6 @@ def drawings(
     yield from network_drawings(study, folder, done, results, classes, levels, trials)
 
 
-def _searches(study: StudySpec, trials: pd.DataFrame) -> Iterator[Drawn]:
-    return search.drawings(trials, study.search) if study.search else iter(())
-
-
 def means_table(results: pd.DataFrame) -> Table:
     """Means over seeds, and over splits where several were run, ± SD of each network."""
     measures = [measure for measure in MEASURES if measure in results]
@@ -350,7 +350,3 @@ def _entry(column: str, value: Any) -> str:
     if column in MEASURES:
         return _spread(column, value, float("nan"))
     return str(value)
-
-
-def _number(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -48,7 +48,7 @@ class Configuration(NamedTuple):
     @property
     def way(self) -> Way:
         """What the referee knows of it."""
-        return Way(self.chosen_by, self.choice_error, _or_inf(self.cost))
+        return Way(self.chosen_by, self.choice_error, math.inf if math.isnan(self.cost) else self.cost)
 
 
 class ProtocolAnswer(NamedTuple):
@@ -144,10 +144,6 @@ def _configuration(index: int, row: pd.Series, view: View, choice: str) -> Confi
 
 def _error(row: pd.Series, measure: str) -> float:
     return float(row[f"{measure}_sd"]) / math.sqrt(row["rows"])
-
-
-def _or_inf(cost: float) -> float:
-    return math.inf if math.isnan(cost) else cost
 
 
 def headline(found: ProtocolAnswer, view: View) -> str:

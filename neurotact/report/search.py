@@ -99,17 +99,14 @@ def drawings(trials: pd.DataFrame, search: SearchSpec) -> Iterator[Drawn]:
     yield Drawn("searches", "Gain of the searches", figure, caption, caption)
     keys = hyperparameters(trials)
     winners = searches_figures.winners(trials)
-    figure = searches_figures.draw_winners(trials, winners, {key: search.space[_of_space(key)] for key in keys})
+    spaces = {key: search.space[key.removeprefix("searched ")] for key in keys}
+    figure = searches_figures.draw_winners(trials, winners, spaces)
     words = [f"{key} {_text(winners[key].mode().iloc[0])}" for key in keys]
     caption = (
         f"Share of each value in the best trials of the cells ({len(winners)} cells), and its share of all "
         f"trials (line). Most frequent: {', '.join(words)}."
     )
     yield Drawn("search-winners", "Best hyperparameters", figure, caption, caption)
-
-
-def _of_space(column: str) -> str:
-    return column.removeprefix("searched ")
 
 
 def _text(value: Any) -> str:

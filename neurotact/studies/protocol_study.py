@@ -132,7 +132,7 @@ def resolve(
     first = next(sweeps.points(study.sweep))
     # Swept keys may have no default: the first point supplies their values while the defaults of the others are set.
     whole = specs.build(model, specs.override(study.parameters, first), source=f"parameters of {path}")
-    given = _without(whole.model_dump(mode="json", exclude_none=True), [key for key in swept if "." not in key])
+    given = whole.model_dump(mode="json", exclude_none=True, exclude={key for key in swept if "." not in key})
     study = study.model_copy(update={"parameters": given})
     list(cells(study))  # A wrong value in a sweep raises an error here, before any cell runs.
     return study
@@ -168,7 +168,3 @@ def swept_values(study: ProtocolStudy, cell: ProtocolCell) -> dict[str, Any]:
             value = value.get(name) if isinstance(value, Mapping) else None
         named[end if ends.count(end) == 1 else key] = str(value) if isinstance(value, (list, dict)) else value
     return named
-
-
-def _without(table: dict[str, Any], keys: list[str]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if key not in keys}

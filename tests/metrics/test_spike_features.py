@@ -8,7 +8,7 @@ from levels import examples
 
 from neurotact.errors import InputError
 from neurotact.metrics import spike_features as features
-from neurotact.metrics.spike_trains import events_of_raster, fano_factor
+from neurotact.metrics.spike_trains import events_of_raster, fano_factor, rates_Hz
 
 
 @st.composite
@@ -19,7 +19,7 @@ def rasters(draw) -> np.ndarray:
 
 
 EVERY = {
-    "rates": lambda x: features.mean_rates(x, 2000.0),
+    "rates": lambda x: rates_Hz(x, 2000.0),
     "isis": lambda x: features.mean_isis(x, 2000.0),
     "variations": features.isi_variations,
     "fano": lambda x: features.bin_fano_factors(x, 3),

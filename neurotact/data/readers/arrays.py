@@ -180,7 +180,8 @@ def _at(
         plain = {name.rpartition("/")[2].lower(): name for name, shape in file.shapes.items() if shape == (n,)}
         found = next((plain[alias] for alias in ALIASES[what] if alias in plain), None)
         if found is None and what == LABEL:
-            _check_trial_axis(file, [each for each in file.shapes if _is_label(each)], signals, order)
+            labels = [each for each in file.shapes if each.rpartition("/")[2].lower() in ALIASES[LABEL]]
+            _check_trial_axis(file, labels, signals, order)
         return found
     if file.shapes[_existing(file, named)] != (n,):
         if what == LABEL:
@@ -190,10 +191,6 @@ def _at(
             f"{TRIAL if what == LABEL else TAXEL}"
         )
     return named
-
-
-def _is_label(name: str) -> bool:
-    return name.rpartition("/")[2].lower() in ALIASES[LABEL]
 
 
 def _check_trial_axis(file: ArrayFile, labels: Sequence[str], signals: str, order: tuple[str, ...]) -> None:

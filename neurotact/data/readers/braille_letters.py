@@ -23,7 +23,6 @@ from neurotact.data.spikes import SpikeTrains, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError
 
-SOURCE = "Braille letters (Zenodo 6556273)"
 N_TAXELS = 12
 POLARITIES = ("ON", "OFF")
 AFFERENTS = tuple(f"{polarity} taxel{i + 1}" for polarity in POLARITIES for i in range(N_TAXELS))

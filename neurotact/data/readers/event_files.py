@@ -325,7 +325,8 @@ def _structured(arrays: Mapping[str, np.ndarray], spec: EventSpec, names: Mappin
         if any(each.dtype.kind not in "iufb" or each.ndim != 1 for each in fields.values()):
             raise InputError(f"{places[-1]}: its fields must hold one number each; save t, x, y and p")
         part = _of_columns(fields, spec, {**names, LABEL: "", "trial": ""}, places[-1], "us")
-        parts.append(part._replace(conditions=pd.DataFrame({LABEL: [_label_of(key)]})))
+        label = re.sub(r"_\d+$", "", key)  # a key such as felt_3
+        parts.append(part._replace(conditions=pd.DataFrame({LABEL: [label]})))
     return _joined(parts, places)
 
 
@@ -341,8 +342,3 @@ def _places_of(columns: Mapping[str, np.ndarray], where: Path) -> np.ndarray:
             raise InputError(f"{where}: '{name}' must hold whole numbers from 0 on; number columns and rows")
         places = places + scale * values.astype(np.int64)
     return places
-
-
-def _label_of(key: str) -> str:
-    """The class in an array's key: the part before a last underscore and a number, as in felt_3."""
-    return re.sub(r"_\d+$", "", key)

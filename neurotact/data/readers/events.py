@@ -14,7 +14,7 @@ from neurotact.data.spikes import SpikeTrains, TrialSpikes, from_trials
 from neurotact.data.windows import LONGEST_STEPS
 from neurotact.errors import InputError, some
 from neurotact.files import check_size
-from neurotact.spec import Spec
+from neurotact.spec import Names, Spec
 
 MOST_AFFERENTS = 65_536
 ROW = 2**31
@@ -44,20 +44,15 @@ class EventSpec(Spec):
     """Length of every trial, later events are dropped; up to the last event of all when absent."""
     polarity: Literal["separate", "merge", "on", "off"] = "separate"
     """One population per polarity; one for both; or only the events of one polarity."""
-    polarities: tuple[str, ...] = ()
+    polarities: Names = ()
     """Names of the polarities, from the lowest value; OFF and ON when absent."""
-    channels: tuple[str, ...] = ()
+    channels: Names = ()
     """Names of the channels, from channel 0."""
     n_channels: int | None = Field(default=None, ge=1, le=MOST_AFFERENTS)
     """Number of channels, including those without events; up to the highest with an event when absent."""
 
     sensor: str | None = Field(default=None, pattern=r"^[1-9]\d{0,4}x[1-9]\d{0,4}$")
     """Columns and rows of the grid of x, y, t, p events (`34x34`); up to the last with an event when absent."""
-
-    @field_validator("polarities", "channels", mode="before")
-    @classmethod
-    def _apart(cls, names: object) -> object:
-        return tuple(name.strip() for name in names.split(",")) if isinstance(names, str) else names
 
     @field_validator("polarities", "channels")
     @classmethod

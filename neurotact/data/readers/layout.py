@@ -4,17 +4,17 @@ import re
 import unicodedata
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from neurotact.data.readers import ros, split_stamps
 from neurotact.data.readers.clock import Unit, is_time_of_day, seconds_of, unit_in
 from neurotact.data.readers.headings import open_table
 from neurotact.data.readers.tables import NOT_FINITE, TextTable, columns_at, finite
 from neurotact.errors import InputError, nearest, some
-from neurotact.spec import Spec
+from neurotact.spec import Names, Spec
 
 TIME_COLUMN = re.compile(r"(times?|timestamps?|ts?|elapsed|seconds|millis|micros|x_value)(?![a-z0-9])", re.IGNORECASE)
 """The beginning of a name that time stamps have."""
@@ -31,15 +31,14 @@ CHOICE = ", or choose other columns with `columns`"
 RANGE = re.compile(r"(\d+)(?:-(\d+))?", re.ASCII)
 
 
-class LayoutSpec(Spec):
-    """The columns of each text file, counted from 1, including the time column; or the array of each file of arrays."""
+class ColumnsSpec(Spec):
+    """The columns of a text file of samples, counted from 1."""
 
-    columns: tuple[str, ...] = ()
+    columns: Names = ()
     """The taxels, by names or by numbers (`1-5`); all but the time column when absent."""
     time_column: str | None = None
     """The name or the number of the column of time stamps, or of whole seconds and of the rest of the second, as in
-    `sec,nanosec`; when absent, the first one whose name says so, or that holds times of day. In a file of arrays, the
-    name of the array of stamps."""
+    `sec,nanosec`; when absent, the first one whose name says so, or that holds times of day."""
     time_unit: Unit | None = None
     """Unit of the stamps; when absent, that at the end of the column's name (`t_ms`), else the one that fits touch."""
     max_gap_ms: float | None = Field(default=None, gt=0)
@@ -50,15 +49,18 @@ class LayoutSpec(Spec):
     header_lines: int | None = Field(default=None, ge=0, le=10_000)
     """Lines before the first sample; the last of them names the columns if it has as many cells. When absent, the lines
     that begin with `#`, and a first line without a single number."""
+
+
+class LayoutSpec(ColumnsSpec):
+    """The columns of each text file, with the time column; or the array of each file of arrays.
+
+    In a file of arrays `time_column` is the name of the array of stamps.
+    """
+
     array: str | None = None
     """The array of each NPZ or MATLAB file that is its trial; when absent, each array is a trial."""
     transpose: bool = False
     """Whether arrays are (taxel, time)."""
-
-    @field_validator("columns", mode="before")
-    @classmethod
-    def _apart(cls, columns: Any) -> Any:
-        return tuple(part.strip() for part in columns.split(",")) if isinstance(columns, str) else columns
 
 
 class Table(NamedTuple):

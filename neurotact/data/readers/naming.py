@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 import pandas as pd
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from neurotact.data.readers.headings import named_table
 from neurotact.data.readers.tables import NUMBER, columns_of
 from neurotact.data.recordings import LABEL
 from neurotact.errors import InputError, nearest
-from neurotact.spec import Spec
+from neurotact.spec import Names, Spec
 
 FILE = "file"
 FIELD = re.compile(r"\{([^{}]*)\}")
@@ -26,18 +26,13 @@ class NamingSpec(Spec):
     as fit. Values that are numbers in every file become numbers; `label` stays text.
     """
 
-    levels: tuple[str, ...] = ()
+    levels: Names = ()
     """For each sub-folder, from the top: a condition (`speed`), or a pattern (`{speed}mm_per_s`). Deeper folders are
     read too. `label` alone if neither pattern nor table gives the label."""
     pattern: str | None = None
     """Pattern of the file's name; of the end of its path if the pattern holds a `/`."""
     table: str | None = Field(default=None)
     """A CSV file with the column `file`, the path or the name of each file, and a column for each condition."""
-
-    @field_validator("levels", mode="before")
-    @classmethod
-    def _apart(cls, levels: object) -> object:
-        return tuple(level.strip() for level in levels.split(",")) if isinstance(levels, str) else levels
 
     @model_validator(mode="after")
     def _names_each_condition_once(self) -> "NamingSpec":

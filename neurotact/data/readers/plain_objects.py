@@ -37,7 +37,7 @@ def read_plain(path: str | Path) -> Any:
                     f"{path}: holds more than lists, tables, text and numbers ({opcode.name} at byte {place}), which "
                     "could run any code; save plain values"
                 )
-            if opcode.name in REMEMBERED and int(argument) > len(content):  # memory for as many would be taken
+            if opcode.name in REMEMBERED and int(str(argument)) > len(content):  # memory for as many would be taken
                 raise ValueError(f"it numbers a value {argument}")
         return _Plain(io.BytesIO(content)).load()
     except InputError:

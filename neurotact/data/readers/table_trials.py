@@ -3,20 +3,21 @@
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, field_validator, model_validator
+from pydantic import model_validator
 
 from neurotact.data.readers import annotations, split_stamps
 from neurotact.data.readers.clock import Unit, is_time_of_day, row_times, seconds_of, unit_in
+from neurotact.data.readers.layout import ColumnsSpec
 from neurotact.data.readers.tables import TextTable, finite_called, values_of
 from neurotact.data.recordings import LABEL
 from neurotact.data.trial_choice import LeaveOut, TrialChoice, Where
 from neurotact.errors import InputError, some
 from neurotact.files import existing
-from neurotact.spec import Spec
+from neurotact.spec import Names
 
 SEGMENT = "segment"
 """The condition that numbers the segments of a continuous recording."""
@@ -24,12 +25,14 @@ SEGMENT = "segment"
 log = logging.getLogger("neurotact")
 
 
-class TableSpec(Spec):
+class TableSpec(ColumnsSpec):
     """What the columns are."""
 
+    columns: Names = ()
+    """The taxels, by names or by numbers; all columns of numbers that change within a trial when absent."""
     label: str | None = None
     """The class of each sample's trial; when absent, a column called label, class, y or target."""
-    trial: tuple[str, ...] = ()
+    trial: Names = ()
     """The columns that tell trials apart; when absent, one called trial, recording or touch."""
     segments: bool = False
     """Whether each stretch of samples of one class is a trial: a continuous recording with a class for each sample."""
@@ -39,25 +42,6 @@ class TableSpec(Spec):
     """Conditions of the trials to read, such as `{ speed = 300 }`."""
     leave_out: LeaveOut = {}
     """Classes that are no touch, such as `rest`, or conditions of trials that are not read."""
-    columns: tuple[str, ...] = ()
-    """The taxels, by names or by numbers; all columns of numbers that change within a trial when absent."""
-    time_column: str | None = None
-    """The time stamps, or whole seconds and the rest of the second (`sec,nanosec`); when absent, the first column whose
-    name says so."""
-    time_unit: Unit | None = None
-    """Their unit; when absent, that at the end of the column's name, else the one that fits touch."""
-    max_gap_ms: float | None = Field(default=None, gt=0)
-    """The longest interval between stamps; five median ones when absent."""
-    drop_repeats: bool = False
-    """Whether rows with the time stamp of the row before are dropped, however many they are."""
-    decimal: Literal[".", ","] = "."
-    header_lines: int | None = Field(default=None, ge=0, le=10_000)
-    """Lines above the first sample; the last of them names the columns. Found when absent."""
-
-    @field_validator("columns", "trial", mode="before")
-    @classmethod
-    def _apart(cls, names: Any) -> Any:
-        return tuple(part.strip() for part in names.split(",")) if isinstance(names, str) else names
 
     @model_validator(mode="after")
     def _has_one_source_of_trials(self) -> "TableSpec":

@@ -229,7 +229,7 @@ def draw_energy(table: pd.DataFrame) -> Figure:
             rows = own[own["classifier"].map(_family) == family].sort_values("energy_estimate_nJ")
             nJ, share = rows["energy_estimate_nJ"].to_numpy(), 100 * rows["accuracy_test"].to_numpy()
             front = pareto_front(nJ, share)
-            style = {"color": COLOURS[place % len(COLOURS)], "marker": MARKS[place % len(MARKS)]}
+            style: dict[str, Any] = {"color": COLOURS[place % len(COLOURS)], "marker": MARKS[place % len(MARKS)]}
             filled = style["color"] if family == SPIKING else "none"
             axes.plot(nJ, share, ls="", ms=5 if family == SPIKING else 4, mfc=filled, label=family, **style)
             axes.plot(nJ[front], share[front], lw=1.6 if family == SPIKING else 0.8, color=style["color"])

@@ -4,6 +4,7 @@ The instants of MAX, H1 and H2 belong to the commanded movement, not to the curv
 a register and one adder are enough (compliance paper, Secs. 2 and 4, Fig. 8).
 """
 
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -14,28 +15,9 @@ FEATURES = ("AR", "MAX", "H1", "H2")
 
 COMBINATIONS = {
     f"d{number}": names
-    for number, names in enumerate(
-        (
-            ("AR",),
-            ("MAX",),
-            ("H1",),
-            ("H2",),
-            ("AR", "MAX"),
-            ("AR", "H1"),
-            ("AR", "H2"),
-            ("MAX", "H1"),
-            ("MAX", "H2"),
-            ("H1", "H2"),
-            ("AR", "MAX", "H1"),
-            ("AR", "MAX", "H2"),
-            ("AR", "H1", "H2"),  # printed as "AR, H1 and H1"; H2 is the one missing from the other rows
-            ("MAX", "H1", "H2"),
-            ("AR", "MAX", "H1", "H2"),
-        ),
-        start=1,
-    )
+    for number, names in enumerate((some for n in range(1, 5) for some in combinations(FEATURES, n)), start=1)
 }
-"""The features of each label of the compliance paper's Table 2."""
+"""The features of each label of the compliance paper's Table 2, where d13 is misprinted as "AR, H1 and H1"."""
 
 
 class Instants(NamedTuple):

@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
+from sklearn.metrics import confusion_matrix
 
 from neurotact.figures.style import (
     INK,
@@ -335,10 +336,7 @@ def draw_confusion(truth: np.ndarray, predicted: np.ndarray, components: int) ->
 @printed
 def _confusion(truth: np.ndarray, predicted: np.ndarray) -> Figure:
     classes = sorted(set(truth) | set(predicted), key=lambda label: int(label.removeprefix("OBJ-")))
-    place = {label: i for i, label in enumerate(classes)}
-    counts = np.zeros((len(classes), len(classes)))
-    np.add.at(counts, ([place[t] for t in truth], [place[p] for p in predicted]), 1)
-    shares = 100 * counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    shares = 100 * confusion_matrix(truth, predicted, labels=classes, normalize="true")
     figure = new_figure(5.4, 5.8)
     axes = figure.subplots()
     image = axes.imshow(shares, cmap="Blues", vmin=0, vmax=100)

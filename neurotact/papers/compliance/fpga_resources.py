@@ -13,6 +13,7 @@ import pandas as pd
 
 from neurotact.errors import InputError
 from neurotact.files import existing
+from neurotact.papers.compliance.curve_features import COMBINATIONS
 
 ZYNQ_XC7Z020 = {
     "lutram": 17_400,
@@ -23,11 +24,6 @@ ZYNQ_XC7Z020 = {
     "f_mux": 26_600 + 13_300,
 }
 """The resources of the Zynq XC7Z020: the maxima of Eq. 3 (F7 and F8 multiplexers together)."""
-
-FEATURES_IN = {"d1": 1, "d2": 1, "d3": 1, "d4": 1, "d11": 3, "d12": 3, "d13": 3, "d14": 3, "d15": 4} | {
-    f"d{i}": 2 for i in range(5, 11)
-}
-"""Number of features of each label of Table 2."""
 
 MODULE_12_BIT = {"flip_flops": 14, "lut": 19}
 """One d5 module of 12 bits, from the rows for finger and palm: half of the resources of M00 (Table 4, second row)."""
@@ -107,7 +103,7 @@ def published_resources() -> pd.DataFrame:
     table = pd.read_csv(existing(Path(__file__).with_name("compliance_resources.csv")), keep_default_na=False)
     table["components"] = table["components"].replace("", 0).astype(int)
     sensors = table["sensor"].str.count("and") + 1
-    features = table["combination"].map(FEATURES_IN) * table["moments"] * sensors
+    features = table["combination"].map(COMBINATIONS).str.len() * table["moments"] * sensors
     table["inputs"] = table["components"].where(table["components"] > 0, features)
     cell = published_accuracy()[["table", "sensor", "bits", "moments", "accuracy"]]
     # Table 4 belongs to Table 3, Table 6 to Table 5.

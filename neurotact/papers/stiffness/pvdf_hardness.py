@@ -168,10 +168,6 @@ def _splits(parameters: Parameters, arrays: Arrays) -> list[Split]:
     return splits_of(*given, equal_examples(arrays["presses"]))
 
 
-def _signal_ms(arrays: Arrays) -> float:
-    return 1e3 * arrays["presses"].shape[1] / float(arrays["sampling_rate_Hz"])
-
-
 def _slfn_rows(classifier: SLFN, parameters: Parameters, arrays: Arrays) -> list[dict]:
     _, samples, channels = arrays["presses"].shape
     labels = arrays["labels"]
@@ -184,7 +180,8 @@ def _slfn_rows(classifier: SLFN, parameters: Parameters, arrays: Arrays) -> list
         for choice in chosen:
             sizes = {"samples": samples, "channels": channels, "order": order, "n_classes": n_classes}
             neurons = round(choice.neurons)
-            unit = unit_cost(classifier, **sizes, neurons=neurons, signal_ms=_signal_ms(arrays))
+            signal_ms = 1e3 * samples / float(arrays["sampling_rate_Hz"])
+            unit = unit_cost(classifier, **sizes, neurons=neurons, signal_ms=signal_ms)
             published = preprocessing_flops(SET_OF[order], samples, channels)
             published += slfn_flops(classifier, choice.neurons, width, n_classes)
             row = {

@@ -33,7 +33,7 @@ from neurotact.metrics import spike_feature_flops as spent
 from neurotact.metrics import spike_features
 from neurotact.metrics.flops import Cost, Dense, Layer, NearestPoints, Standardise, SupportVectorMachines, cost
 from neurotact.metrics.spike_distances import van_rossum, victor_purpura
-from neurotact.metrics.spike_trains import Events, events_of_raster, spike_counts
+from neurotact.metrics.spike_trains import Events, events_of_raster, rates_Hz, spike_counts
 from neurotact.networks.definition.specs import RSNNSpec
 from neurotact.networks.training import fitting
 from neurotact.networks.training.tasks import Task
@@ -193,7 +193,7 @@ def feature_table(name: str, seen: Seen) -> tuple[np.ndarray, list[Layer]]:
     """Features of every trial, `(trial, feature)`, and their cost."""
     events, rate_Hz, n_steps = seen.events, seen.rate_Hz, seen.n_steps
     of = events.n_afferents, seen.spikes
-    rates, counting = spike_features.mean_rates(events, rate_Hz), spent.Rates(*of)
+    rates, counting = rates_Hz(events, rate_Hz), spent.Rates(*of)
     if name == "rate":
         return rates, [counting]
     if name == "rate, CV":

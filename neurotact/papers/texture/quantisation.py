@@ -42,7 +42,7 @@ from neurotact.metrics import synops
 from neurotact.networks.definition.rounding import Grid
 from neurotact.networks.definition.rsnn import RSNN
 from neurotact.networks.definition.specs import RSNNSpec
-from neurotact.networks.exit.early_exit import FULL_WINDOW, ExitRule
+from neurotact.networks.exit.early_exit import FULL_WINDOW
 from neurotact.networks.training import fitting
 from neurotact.networks.training.fitting import Trained
 from neurotact.networks.training.tasks import Sides, Task
@@ -286,7 +286,7 @@ def _encoder(parameters: Parameters, training: Recordings) -> AfferentSpec:
 
 def _measured(chain: Chain, chosen: Formats, windows: np.ndarray, given: Given) -> dict[str, float]:
     labels = given.test.labels
-    full, early = (_inferred(chain, chosen, windows, rule) for rule in (FULL_WINDOW, chain.rule))
+    full, early = (integer.infer(windows, chosen, chain.network.neuron, rule) for rule in (FULL_WINDOW, chain.rule))
     sops = synops.of_network(chain.network, early.input_spikes, early.hidden_spikes).total
     return {
         "accuracy_test": float((full.labels == labels).mean()),
@@ -294,10 +294,6 @@ def _measured(chain: Chain, chosen: Formats, windows: np.ndarray, given: Given) 
         "exit_steps": float(early.steps.mean()),
         "exit_sops_total": float(sops.mean()),
     }
-
-
-def _inferred(chain: Chain, chosen: Formats, windows: np.ndarray, rule: ExitRule) -> integer.Decided:
-    return integer.infer(windows, chosen, chain.network.neuron, rule)
 
 
 def _row(
