@@ -17,6 +17,8 @@ export NEUROTACT_REQUIRE_NATIVE = 1
 endif
 # The extra `test` is installed below: a test that is skipped for want of one of its packages is an error.
 export NEUROTACT_REQUIRE_EXTRAS = 1
+# Half of what collecting the tests takes is compiling them: it is kept for the next run.
+export PYTHONDONTWRITEBYTECODE =
 # Tests of a file share what they make: a file stays with a worker.
 PYTEST := $(BIN)/pytest -n 2 --dist loadfile
 

@@ -18,6 +18,8 @@ from neurotact.backend import hold_torch_to_avx2
 hold_torch_to_avx2()  # before torch is imported: as the command line does
 
 ROOT = Path(__file__).parents[1]
+# Scripts and helpers hold no tests, nor examples in docstrings, for which they would be imported.
+collect_ignore = [str(path) for path in Path(__file__).parent.rglob("*.py") if not path.name.startswith("test_")]
 
 # A change is judged by the same examples each time; only the slow level (`make test-slow`) draws others.
 for name, n_examples in (("quick", levels.QUICK), ("thorough", levels.THOROUGH), ("random", levels.THOROUGH)):

@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import typer
-from levels import thinned
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from typer.main import get_command
@@ -343,7 +342,8 @@ def test_a_page_that_asks_another_host_is_found(page, asks, site, tmp_path):
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
-@thinned("notebook", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
+@pytest.mark.thorough
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=[path.stem for path in NOTEBOOKS])
 def test_a_notebook_runs_and_names_pages_that_exist(notebook):
     cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
     told = "".join(line for cell in cells if cell["cell_type"] == "markdown" for line in cell["source"])

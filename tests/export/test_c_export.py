@@ -6,6 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 from compiled import chosen, compare, spikes_of
+from levels import thinned
 from made_chains import ADAPTING, make_chain, make_encoder, make_signal
 
 from neurotact.deploy import c_export, proof
@@ -50,7 +51,7 @@ def made(kind: str):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@thinned("kind", [*KINDS], every=3)
 @pytest.mark.parametrize("variant", ["float", "integer"])
 def test_c_says_what_its_twin_says(kind, variant, tmp_path):
     chain = made(kind)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from compiled import chosen
 from driven import COUNTED, Do, Driven, Told, checksum, streamed
+from levels import thinned
 from made_chains import ADAPTING, make_chain, make_signal
 
 from neurotact.backend import native
@@ -100,7 +101,7 @@ def same(one: Told, other: Told) -> bool:
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@thinned("kind", [*KINDS], every=4)
 def test_c_in_float_treats_missing_values_as_a_stream_does(kind, driven):
     exported, n_decisions, troubles = driven(kind), 0, np.zeros(7, int)
     for seed in range(4):

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from levels import thinned
 from matplotlib.text import Text
 
 from neurotact.data.spikes import from_rasters
@@ -137,7 +138,7 @@ def test_a_level_far_below_the_points_is_told_and_does_not_squeeze_them():
         assert (f"guessing: {100 * level:.3g} %, below" in words) != is_drawn
 
 
-@pytest.mark.parametrize("n_settings", [1, 2, 3, 5])
+@thinned("n_settings", [3, 1, 2, 5])
 def test_a_panel_for_each_setting(n_settings):
     figure = network_figures.draw_trade_off(make_results(settings=tuple("abcde"[:n_settings])))
     render(figure)

@@ -7,7 +7,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from levels import examples
+from levels import examples, thinned
 from torch import Tensor
 
 from neurotact.errors import InputError
@@ -178,7 +178,7 @@ def test_values_and_gradients_are_the_reference_s(
 
 @native_only
 @pytest.mark.parametrize("kind", LEAKING)
-@pytest.mark.parametrize(("hidden", "classes"), [(16, 8), (30, 12), (48, 30), (64, 32), (32, 60), (70, 27)])
+@thinned(("hidden", "classes"), [(16, 8), (30, 12), (48, 30), (64, 32), (32, 60), (70, 27)], every=3)
 @pytest.mark.parametrize("membrane", ["eq4", "immediate"])
 def test_every_form_of_the_kernels_agrees_in_float32(kind, hidden, classes, membrane):
     for isa in native.isas():
@@ -338,7 +338,7 @@ def test_a_window_cut_short_is_one_of_that_length(kind):
 
 @each_backend
 @pytest.mark.parametrize("kind", LEAKING)
-@pytest.mark.parametrize("dropout", [0.0, 0.3])
+@thinned("dropout", [0.3, 0.0])
 def test_a_network_learns_which_half_of_a_window_is_busy(kind, backend, dropout):
     """Both classes send as many spikes: only a readout that knows when can tell them apart from one hidden neuron."""
     draw = torch.Generator().manual_seed(0)
