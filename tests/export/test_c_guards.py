@@ -115,7 +115,7 @@ def test_c_in_float_treats_missing_values_as_a_stream_does(kind, driven):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", IN_INTEGERS)
+@thinned("kind", [*IN_INTEGERS], every=4)
 def test_c_in_integers_holds_what_is_missing_and_starts_again(kind, driven):
     exported, n_decisions = driven(kind, "integer"), 0
     chain, formats = exported.chain, exported.formats

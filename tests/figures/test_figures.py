@@ -236,7 +236,7 @@ NAMES = [r"$\frac{$", "$5 & $6", r"\alpha $x_1$", "a\x00b", "a\x1bb", "a\nb", "x
 
 
 @pytest.mark.parametrize("name", NAMES, ids=range(len(NAMES)))
-@pytest.mark.parametrize("suffix", style.SUFFIXES)
+@thinned("suffix", [*style.SUFFIXES])
 def test_a_name_is_shown_as_it_is_and_never_read_as_a_formula(tmp_path, name, suffix):
     raster = np.eye(4, 2, dtype=np.uint8)[None]
     trains = from_rasters(raster, 1000.0, (f"SA-I {name}", f"RA-I {name}"), pd.DataFrame({"label": [name]}))

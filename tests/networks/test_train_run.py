@@ -18,7 +18,7 @@ import safetensors.torch
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from levels import examples
+from levels import examples, thinned
 
 from neurotact import cli, files, spec
 from neurotact.data.hdf5 import save_spikes
@@ -65,9 +65,7 @@ def whole(spikes) -> dict[str, bytes]:
     return left
 
 
-@pytest.mark.parametrize(
-    "network", [NETWORK, spec.load(RSNNSpec, "default", {"training.epochs": 3})], ids=["own", "default"]
-)
+@thinned("network", [NETWORK, spec.load(RSNNSpec, "default", {"training.epochs": 3})], ids=["own", "default"])
 def test_the_number_of_threads_changes_no_byte(spikes, network):
     """Nor, so, does the number of trainings that run side by side in processes of one thread each."""
     left, before = [], torch.get_num_threads()
@@ -331,12 +329,13 @@ def damage(folder: Path, what: str) -> None:
         path.write_bytes(safetensors.torch.save(tensors))
 
 
-@pytest.mark.parametrize(
+@thinned(
     "what",
     [
         "truncated", "junk", "NaN", "another weight", "asked truncated", "asked junk", "asked absent",
         "asked of another kind",
     ],
+    every=4,
 )  # fmt: skip
 def test_a_damaged_folder_is_refused_and_begun_again_with_force(monkeypatch, spikes, whole, folder, what):
     interrupt(monkeypatch, 2, spikes, folder)
